@@ -41,6 +41,7 @@ LONG = {
     "app": "the app in a real browser",
     "sessions": "twenty people at one server: latency, memory and descriptors",
     "kills": "200 kills each of server, batch and convert while they write",
+    "long_log": "jointid convert on 45 minutes at 1 kHz with 600 sine runs",
     "batch": "a fleet of studies",
 }
 

@@ -23,11 +23,11 @@ CASES = {
     "none": ("none", 0.0),
     "mild friction, 0.05 and 0.012 N·m": ("mild", 0.0),
     "heavy friction, 0.4 and 0.08 N·m": ("heavy", 0.0),
-    "no friction, 1.5 ms of delay untold": ("none", 0.0015),
+    "no friction, 1.5 ms of delay not stated": ("none", 0.0015),
     "heavy friction and the delay": ("heavy", 0.0015),
 }
 HEADINGS = (
-    "what spoils the data", "estimator", "K off by", "D off by", "in standard errors", "model chosen"
+    "disturbance", "estimator", "K off by", "D off by", "in standard errors", "model chosen"
 )  # fmt: skip
 
 

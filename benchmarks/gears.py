@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from benchmarks.harness import Cell, Table, written
 from benchmarks.independent_robot import Array, Robot, simulate
@@ -153,7 +154,8 @@ def found(case: Case, runs: int, first: int = 0) -> list[Found]:
 COLUMNS = {
     "gears": "", "runs": ".0f", "laws right": ".0f", "play off, most %": ".1f",
     "Dahl off, most %": ".1f", "torque off, most %": ".2f", "K off, most %": ".2f",
-    "D off, most %": ".2f", "most |z| K": ".1f", "most |z| D": ".1f", "95 % holds": ".1f",
+    "D off, most %": ".2f", "most |z| K": ".1f", "most |z| D": ".1f",
+    "95 % holds": ".1f", "p of 95 %": ".3f",
     "silent wrong": ".0f", "with alarm": ".0f", "in aim": ".0f",
     "CPU s, median": ".2f", "CPU s, most": ".2f", "models": "", "alarms": "",
 }  # fmt: skip
@@ -166,6 +168,12 @@ def in_aim(each: Found, laws: Mapping[str, Any]) -> bool:
     near = all(each.error(name) < AIMS[name] for name in laws if name in AIMS)
     exact = each.torque_error() < 0.01 and float(np.abs(each.outcome.z).max()) < 3
     return near and exact and each.kinds_right()
+
+
+def intervals(z: Array) -> Row:
+    """How often the 95 % intervals hold, and the probability of a share so far from 95 % by chance."""
+    held = int((z <= NORMAL_95).sum())
+    return {"95 % holds": 100 * held / z.size, "p of 95 %": float(binomtest(held, z.size, 0.95).pvalue)}
 
 
 def row(name: str, made: GearCase, runs: int) -> Row:
@@ -190,7 +198,7 @@ def row(name: str, made: GearCase, runs: int) -> Row:
         "D off, most %": float(error[:, n:].max()),
         "most |z| K": float(z[:, :n].max()),
         "most |z| D": float(z[:, n:].max()),
-        "95 % holds": 100 * float((z <= NORMAL_95).mean()),
+        **intervals(z),
         "silent wrong": sum(each.outcome.silent_wrong for each in every),
         "with alarm": sum(bool(each.outcome.alarms) for each in every),
         "in aim": sum(in_aim(each, made.laws) for each in good),
@@ -253,13 +261,14 @@ LINEAR = {
     "three joints": Case(joints=3),
 }
 LINEAR_COLUMNS = {
-    "linear robots": "", "runs": ".0f", "called nonlinear": ".0f", "95 % holds": ".1f",
+    "linear robots": "", "runs": ".0f", "called nonlinear": ".0f",
+    "95 % holds": ".1f", "p of 95 %": ".3f",
     "CPU s, auto": ".2f", "CPU s, linear": ".2f", "times, median": ".2f", "times, most": ".2f",
 }  # fmt: skip
 
 
 def linear_row(name: str, case: Case, runs: int) -> Row:
-    called, times, spent, holds = 0, [], [], []
+    called, times, spent, sizes = 0, [], [], []
     for first in range(0, runs, 16):
         part = [case.campaign(run) for run in range(first, min(first + 16, runs))]
         logs = simulate([(each.robot, each.experiment) for each in part])
@@ -267,7 +276,7 @@ def linear_row(name: str, case: Case, runs: int) -> Row:
             fits, cpu = timed(each, records)
             called += any(gear.kind != "linear" for gear in fits[0].gears)
             z = (np.concatenate([fits[0].K, fits[0].D]) - each.robot.answer) / fits[0].standard_error
-            holds.append(np.abs(z) <= NORMAL_95)
+            sizes.append(np.abs(z))
             spent.append(cpu)
             times.append(cpu[0] / cpu[1])
     auto, linear = np.median(spent, axis=0)
@@ -275,7 +284,7 @@ def linear_row(name: str, case: Case, runs: int) -> Row:
         "linear robots": name,
         "runs": runs,
         "called nonlinear": called,
-        "95 % holds": 100 * float(np.mean(holds)),
+        **intervals(np.array(sizes)),
         "CPU s, auto": float(auto),
         "CPU s, linear": float(linear),
         "times, median": float(np.median(times)),

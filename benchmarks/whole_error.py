@@ -54,10 +54,10 @@ SILENT = 4.0
 """Standard errors."""
 NORMAL_95 = 1.95996
 ALARM = ("warning", "problem")
-HARDLY_KNOWN, MISSED = "hardly known", "miss a resonance"
+HARDLY_KNOWN, MISSED = "poorly determined", "miss a resonance"
 """Parts of titles that say what the records lack."""
 WELL_KNOWN = 0.01
-"""Relative Cramér-Rao bound up to which "hardly known" is a false alarm."""
+"""Relative Cramér-Rao bound up to which "poorly determined" is a false alarm."""
 AT_ONCE = 16
 """Studies that are simulated together, to bound the memory."""
 

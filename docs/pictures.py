@@ -15,7 +15,8 @@ from browsing import FLAGS, ROOT, Server
 from jointid.cli import app
 
 DOCS = ROOT / "docs"
-PAGES = {"study": "/", "elasticity": "/Elasticity", "cut": "/Cut"}
+PAGES = {"study": ("/", 1000), "elasticity": ("/Elasticity", 1290), "cut": ("/Cut", 1000)}
+"""Path and height of the picture, pixels."""
 SETTLED_MS = 6000
 """Time for the last figures of a page, once its title is there."""
 
@@ -27,8 +28,8 @@ def main() -> None:
         server = Server(ROOT, Path(data))
         try:
             browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=FLAGS)
-            page = browser.new_page(viewport={"width": 1440, "height": 1000})
-            for name, path in PAGES.items():
+            for name, (path, height) in PAGES.items():
+                page = browser.new_page(viewport={"width": 1440, "height": height})
                 page.goto(server.address + path)
                 page.locator("h1").first.wait_for(timeout=60_000)
                 page.wait_for_timeout(SETTLED_MS)

@@ -12,6 +12,7 @@ from .estimation.elasticity import Friction as Friction
 from .estimation.estimators.joint_equations import spring_equations as spring_equations
 from .estimation.identify_elasticity import identify_elasticity as identify_elasticity
 from .estimation.identify_motion import identify_motion as identify_motion
+from .files.application import __version__ as __version__
 from .files.study_files import load_study as load_study
 from .files.study_saving import save_study as save_study
 from .gears.gear import Gear as Gear
@@ -40,4 +41,3 @@ from .transfer_matrix import TransferMatrix as TransferMatrix
 from .transfer_matrix import estimate_transfer_matrix as estimate_transfer_matrix
 from .transfer_matrix import single_record_response as single_record_response
 from .verdict.findings import Finding as Finding
-from .version import __version__ as __version__

@@ -28,7 +28,7 @@ from jointid.verdict.motion_findings import motion_findings
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
 STATES = (USABLE, WITH_CARE, NOT_USABLE)
-"""What may be done with an answer."""
+"""States of an answer, best first."""
 
 
 def answer_state(levels: Iterable[str]) -> str:
@@ -57,7 +57,7 @@ class Analysis:
     findings: tuple[Finding, ...]
     """Findings on the data and the answer, most important first."""
     unit: StiffnessUnit = AT_MOTOR
-    """How K and D are shown."""
+    """Unit and side of K and D."""
 
     def shown_in(self, name: str) -> Analysis:
         """Return this analysis with K and D shown in a unit of ``jointid.answer.STIFFNESS_UNITS``.
@@ -101,7 +101,7 @@ class Analysis:
 
     @property
     def caution(self) -> str:
-        """What limits a usable answer, as a sentence; empty otherwise."""
+        """Limit of a usable answer, as a sentence; empty otherwise."""
         return f"Usable with care: {self.state_reason}." if self.state == WITH_CARE else ""
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -67,7 +68,7 @@ class StiffnessUnit:
 
     @property
     def side(self) -> str:
-        """Where K and D are seen from."""
+        """Side of the gear at which K and D are given."""
         return "seen from the motor" if self.gear_ratio is None else "at the joint"
 
     def units(self, n: int) -> list[str]:
@@ -80,6 +81,28 @@ class StiffnessUnit:
         n = values.size // 2
         side = np.ones(n) if self.gear_ratio is None else self.gear_ratio**2
         return np.asarray(values * np.concatenate([side * _RADIANS[self.angle], side]))
+
+    def of_gear(self, joint: int) -> GearScale:
+        """Factors for the wind-up and the torque of one gear, from 0."""
+        ratio = 1.0 if self.gear_ratio is None else abs(float(self.gear_ratio[joint]))
+        per_rad, angle = (1e3, "mrad") if self.angle == "rad" else (1 / _RADIANS[self.angle], self.angle)
+        side = "motor side" if self.gear_ratio is None else "joint side"
+        return GearScale(
+            per_rad / ratio, ratio, ratio**2 * _RADIANS[self.angle], angle, f"N·m/{self.angle}", side
+        )
+
+
+class GearScale(NamedTuple):
+    """Factors from values of a gear in SI units at the motor to those shown."""
+
+    wind_up: float
+    torque: float
+    stiffness: float
+    angle: str
+    """Unit of the wind-up."""
+    unit: str
+    """Of the stiffness."""
+    side: str
 
 
 _RADIANS = {"rad": 1.0, "arcmin": np.pi / 10800, "°": np.pi / 180}
@@ -107,7 +130,7 @@ class Quantity:
 
 
 def elasticity_quantities(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[Quantity, ...]:
-    """K1 ... Kn and D1 ... Dn with the whole standard error."""
+    """K1 ... Kn and D1 ... Dn with the total standard error."""
     values = (unit.shown(np.concatenate([fit.K, fit.D])), unit.shown(fit.standard_error))
     return _quantities(elasticity_labels(fit.n), *values, unit.units(fit.n))
 
@@ -144,38 +167,47 @@ def friction_note(fit: ElasticityFit) -> str:
     )
 
 
-def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:
-    """Terms of gear catalogues for one joint, from 0, with values and units; motor side."""
-    gear, curve = fit.gears[joint], fit.torsion_curves[joint]
-    torque = gear.tried_Nm
-    terms = {
-        "Law": " + ".join(gear.laws),
-        "Largest torque": f"{significant(torque, 2)} N·m" if torque else "–",
-    }
+def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -> dict[str, str]:
+    """Terms of gear catalogues for one joint, from 0, with values and units."""
+    gear, curve, scale = fit.gears[joint], fit.torsion_curves[joint], unit.of_gear(joint)
+
+    def wind_up(rad: float, digits: int = 3) -> str:
+        return f"{significant(scale.wind_up * rad, digits)} {scale.angle}"
+
+    def torques(*Nm: float, digits: int = 3) -> str:
+        return ", ".join(significant(scale.torque * value, digits) for value in Nm) + " N·m"
+
+    def stiffnesses(*K: float) -> str:
+        return ", ".join(significant(scale.stiffness * value, 3) for value in K) + f" {scale.unit}"
+
+    largest = torques(gear.tried_Nm, digits=2) if gear.tried_Nm else "–"
+    terms = {"Law": " + ".join(gear.laws), "Largest torque": largest}
     small = "K outside the play" if gear.backlash_rad else "K at small torque"
-    terms[small] = f"{with_error(gear.K, float(fit.standard_error[joint]))} N·m/rad"
+    K, error = scale.stiffness * gear.K, scale.stiffness * float(fit.standard_error[joint])
+    terms[small] = f"{with_error(K, error)} {scale.unit}"
     if gear.kind in ("hardening", "piecewise"):
         edge = gear.tried_rad
         slope = float(np.diff(gear.torque([edge, 1.001 * edge]))[0]) / (0.001 * edge)
-        terms[f"K at {significant(torque, 2)} N·m"] = f"{significant(slope, 3)} N·m/rad"
+        terms[f"K at {largest}"] = stiffnesses(slope)
     if gear.K2:
-        terms["K1, K2, K3"] = ", ".join(significant(K, 3) for K in (gear.K, gear.K2, gear.K3))
-        terms["K1, K2, K3"] += " N·m/rad"
-        terms["T1, T2"] = f"{significant(gear.T1_Nm, 3)}, {significant(gear.T2_Nm, 3)} N·m"
+        terms["K1, K2, K3"] = stiffnesses(gear.K, gear.K2, gear.K3)
+        terms["T1, T2"] = torques(gear.T1_Nm, gear.T2_Nm)
     if gear.backlash_rad:
-        terms["Backlash"] = f"{significant(1e3 * gear.backlash_rad, 3)} mrad"
+        terms["Backlash"] = wind_up(gear.backlash_rad)
     if gear.hysteresis_Nm:
-        terms["Hysteresis (± torque)"] = f"{significant(gear.hysteresis_Nm, 3)} N·m"
+        terms["Hysteresis (± torque)"] = torques(gear.hysteresis_Nm)
     lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0
-    if lost:
-        terms["Lost motion"] = f"{significant(1e3 * lost, 3)} mrad"
-    else:
-        noise = curve.deflection_noise_rad
-        least = (
-            f"noise {significant(1e3 * float(np.median(noise)), 1)} mrad" if noise.size else "no curve"
-        )
-        terms["Lost motion"] = f"not seen ({least})"
+    noise = curve.deflection_noise_rad
+    least = f"noise {wind_up(float(np.median(noise)), 1)}" if noise.size else "no curve"
+    terms["Lost motion"] = wind_up(lost) if lost else f"not seen ({least})"
     return terms
+
+
+def gear_text(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -> str:
+    """The terms of ``gear_terms`` as a line."""
+    terms = gear_terms(fit, joint, unit).items()
+    parts = [f"{name if name[0] in 'KT' else name.lower()} {value}" for name, value in terms]
+    return f"Joint {joint + 1}: {'; '.join(parts)}"
 
 
 def effect_values(fit: ElasticityFit) -> dict[str, tuple[Floats, Floats]]:
@@ -202,7 +234,7 @@ def model_name(fit: ElasticityFit) -> str:
 
 
 def without(fit: ElasticityFit) -> str:
-    """Return "without friction and delay", or what else the fit removes from the data, or nothing."""
+    """Return "without friction and delay" or other effects that the fit removes; "" without any."""
     removed = fitted_parts(fit)
     if "torque_scale" in fit.parameters.layout:
         removed.append("torque scale error")
@@ -210,7 +242,7 @@ def without(fit: ElasticityFit) -> str:
 
 
 def fitted_parts(fit: ElasticityFit) -> list[str]:
-    """Names of what was fitted in addition to K, D, inertias and torque scales."""
+    """Names of the effects fitted in addition to K, D, inertias and torque scales."""
     found = ["friction"] * (fit.friction is not None) + ["delay"] * (fit.delay is not None)
     return found + [EFFECTS[name].name for name in EFFECTS if name in fit.parameters.layout]
 
@@ -228,7 +260,7 @@ def answer_sentence(
     ----------
     fit : ElasticityFit
     nominal : Elasticity, optional
-        Values that the controller assumes.
+        K and D in the controller at present.
     torque_stated : bool
         Whether the uncertainty of the torque scale is part of the errors. If not, the sentence says so.
     unit : StiffnessUnit, optional
@@ -261,12 +293,12 @@ def _compared(fit: ElasticityFit, nominal: Elasticity, j: int, *, short: bool) -
     ratio = float(fit.K[j] / nominal.K[j])
     error = float(fit.standard_error[j] / nominal.K[j])
     if abs(ratio - 1) <= max(_AGREEMENT, 2 * error):
-        return "is as stiff as " + ("assumed" if short else "the controller assumes")
+        return "has its nominal stiffness"
     if 0.67 < ratio < 1.5:
         kind = "stiffer" if ratio > 1 else "softer"
-        tail = "" if short else " than the controller assumes"
+        tail = "" if short else " than nominal"
         return f"is {_two_digits(100 * abs(ratio - 1), 100 * error)} % {kind}{tail}"
-    tail = "" if short else " as the controller assumes"
+    tail = "" if short else " as nominal"
     return f"is {_two_digits(ratio, error)} times as stiff{tail}"
 
 

@@ -9,13 +9,13 @@ _MOST = 3000
 class JointIdError(ValueError):
     """Input that cannot be used.
 
-    ``str(error)`` is the whole message for a person: what is wrong, where (file, row, column, value,
+    ``str(error)`` is the whole message for a person: the fault, its place (file, row, column, value,
     unit) and what to do. A program reads the place from the attributes, never from the message.
 
     Parameters
     ----------
     message : str
-        What is wrong and where.
+        The fault and its place.
     file : str, optional
         File at fault, as the message names it.
     line : int, optional

@@ -33,7 +33,7 @@ class Study:
     inertia : Inertia
         Motor side, for records without a pose.
     nominal : Elasticity, optional
-        K and D that the controller assumes.
+        Nominal K and D: those in the controller at present.
     name : str, default ""
     origin : {"", "simulated", "measured"}
         Origin of the records; empty when not stated.
@@ -222,7 +222,7 @@ class Study:
         object.__setattr__(self, "pose_angles_rad", MappingProxyType(angles))
 
     def of_pose(self, pose: str) -> np.ndarray:
-        """Which sine records were measured in a pose, shape (r,); "" means those without one."""
+        """Mask of the sine records in a pose, shape (r,); "" selects those without one."""
         return np.array([(record.pose or "") == pose for record in self.sine_records], dtype=bool)
 
     @property

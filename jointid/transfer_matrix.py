@@ -18,8 +18,9 @@ from jointid.wording import counted
 
 _SINGULAR = 1e-8
 """Smallest singular value of the torques over the largest; below it, records are the same experiment."""
-_ORDER = 3
-"""Of the local polynomials of H and of the ends."""
+_ORDERS = (7, 5, 3)
+"""Of the local polynomials of H and of the ends, the highest that the lines allow: of order 3, a sharp
+resonance is several standard errors off."""
 _LINES, _NARROW = 8, 0.6
 """Half width of a local band: spectral lines of the longest record, and at least Hz."""
 _UNKNOWN = 0.5
@@ -166,23 +167,36 @@ def _local(
     spectra: Sequence[tuple[Floats, Complexes, Complexes]], centre: float, half: float
 ) -> tuple[Complexes, Complexes, float]:
     """H, its covariance and the condition of the torques from the lines around a frequency."""
+    for order in _ORDERS:
+        try:
+            return _polynomial(spectra, centre, half, order)
+        except JointIdError as error:
+            reason = error
+    raise reason
+
+
+def _polynomial(
+    spectra: Sequence[tuple[Floats, Complexes, Complexes]], centre: float, half: float, order: int
+) -> tuple[Complexes, Complexes, float]:
+    """The same by polynomials of one order."""
     rows, values, ends = [], [], []
     for f, acceleration, torque in spectra:
         near = np.abs(f - centre) <= half
-        if near.sum() <= _ORDER:
+        if near.sum() <= order:
             continue
-        x = np.vander((f[near] - centre) / half, _ORDER + 1, increasing=True)
-        rows.append((torque[near, :, None] * x[:, None]).reshape(len(x), torque.shape[1] * (_ORDER + 1)))
+        x = np.vander((f[near] - centre) / half, order + 1, increasing=True)
+        rows.append((torque[near, :, None] * x[:, None]).reshape(len(x), torque.shape[1] * (order + 1)))
         values.append(acceleration[near])
         ends.append(x)
+    too_few = f"At {centre:.4g} Hz the records have too few spectral lines: record longer."
     if not rows:
-        raise JointIdError(f"At {centre:.4g} Hz the records have too few spectral lines: record longer.")
+        raise JointIdError(too_few)
     A, y = np.concatenate(rows), np.concatenate(values)
     n = y.shape[1]
     A = np.hstack([A, block_diag(*ends)])
     freedom = len(A) - A.shape[1]
     if freedom < n + 1:
-        raise JointIdError(f"At {centre:.4g} Hz the records have too few spectral lines: record longer.")
+        raise JointIdError(too_few)
     size = np.linalg.norm(A, axis=0)
     if not np.all(size > 0):
         raise JointIdError(f"At {centre:.4g} Hz the torque of a joint is zero in every record.")
@@ -193,7 +207,7 @@ def _local(
     found = inverse @ y
     rest = y - A @ found
     noise = rest.T @ rest.conj() / freedom
-    constant = np.arange(n) * (_ORDER + 1)
+    constant = np.arange(n) * (order + 1)
     spread = (inverse @ inverse.conj().T)[np.ix_(constant, constant)]
     covariance = np.einsum("ik,jl->ijkl", noise, spread).reshape(n * n, n * n)
     H = found[constant].T

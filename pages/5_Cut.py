@@ -3,7 +3,7 @@
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.cut.robot import cut_robot
+from jointid.cut.robot import NOMINAL_NAMES, cut_robot
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.animation import show_animation
 from jointid.ui.cut.panels import (
@@ -15,7 +15,7 @@ from jointid.ui.cut.panels import (
     show_rule,
 )
 from jointid.ui.cut.pictures import show_figure_7
-from jointid.ui.cut.settings import ask, nominal_name
+from jointid.ui.cut.settings import ask
 from jointid.ui.cut.time_series import show_time_series
 from jointid.ui.cut.tolerance import show_tolerance
 from jointid.ui.cut.tool_stiffness import show_tool_stiffness
@@ -26,7 +26,7 @@ from jointid.ui.shared.page import open_page
 page = open_page("Cut")
 st.title("Cut", anchor=False)
 analysis = page.analysis()
-show_own_path(analysis)
+show_own_path(page, analysis)
 stage = st.container()  # the drawing, above the controls
 try:
     robot = cut_robot(analysis)
@@ -35,7 +35,7 @@ try:
 except JointIdError as error:
     show_error(error)
     st.stop()
-name = nominal_name(settings.assumption)
+name = NOMINAL_NAMES[settings.assumption]
 with stage:
     st.header(headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)

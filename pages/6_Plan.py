@@ -17,7 +17,6 @@ from jointid.ui.study.plan_form import (
     suggestion,
 )
 from jointid.ui.study.setpoints_form import show_set_points
-from jointid.ui.study.uncertainty_panels import on_demand
 from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted
 
@@ -34,9 +33,11 @@ st.write(
 )
 try:
     settings = ask(analysis, page.digest)
-    found = suggestion(page.digest, page.method, settings, analysis)
 except JointIdError as error:
     show_error(error)
+    st.stop()
+found = suggestion(page, settings, analysis)
+if found is None:
     st.stop()
 count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
@@ -66,6 +67,5 @@ try:
         show_set_points(page, plan, analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
-with motions, on_demand("Predict a sweep and a multisine", "motions") as expander:
-    if expander.open:
-        show_motion_plan(page, analysis)
+with motions:
+    show_motion_plan(page, analysis)

@@ -24,15 +24,15 @@ st.latex(
     \end{gathered}"""
 )
 try:
-    settings = ask()
-    if settings is not None:
-        count = settings.records * (2 if settings.added else 1)
+    simulation = ask()
+    if simulation is not None:
         bar = st.progress(0.0, "Preparing")
         st.button("Stop", help="Stops the simulation and discards it.")
         study = simulated_study(
-            settings,
+            simulation,
             lambda done: (
-                bar.progress(min(done, 1.0), f"Simulating {count} records: {done:.0%}") and None
+                bar.progress(min(done, 1.0), f"Simulating {simulation.records} records: {done:.0%}")
+                and None
             ),
         )
         keep(study, "simulated")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import TypeVar
 
@@ -27,10 +28,13 @@ from jointid import (
     RobotModel,
     SineRecord,
     Study,
+    analyse,
     save_study,
     simulate_motion,
     simulate_records,
 )
+from jointid.fleet.row import Row, row_of
+from jointid.fleet.table import write_rows
 
 Record = TypeVar("Record", SineRecord, MotionRecord)
 HERE = Path(__file__).parent
@@ -80,8 +84,8 @@ def heavy_friction() -> Study:
     return Study(
         name="Worn cell: heavy friction, torque lag not stated",
         origin="simulated",
-        description="The same robot with 0.4 and 0.08 N·m of Coulomb friction, and a torque that lags "
-        "by 1.5 ms plus half a sample of hold without the log saying so.",
+        description="The robot of the sample paper with 0.4 and 0.08 N·m of Coulomb friction and a "
+        "torque lag of 1.5 ms plus half a sample of hold, which the log does not state.",
         records=_compact(records),
         inertia=CUTTING_POSE,
         nominal=Elasticity(K=[20.0, 3.5], D=[0.10, 0.015]),
@@ -192,6 +196,60 @@ def six_axes() -> Study:
     )
 
 
+def swapped_torques() -> Study:
+    """The paper's robot with the torque columns of the joints exchanged: what a failed study shows."""
+    records = simulate_records(
+        CUTTING_POSE,
+        PAPER,
+        np.geomspace(4.0, 28.0, 6).round(2),
+        excitation=Excitation(velocity_rad_s=8.0, duration_s=1.5),
+        controller=Controller(bandwidth_hz=8.0, sample_rate_hz=1000.0),
+        friction=MotorFriction(coulomb=[0.05, 0.012]),
+        measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.02, 0.01]),
+        seed=6,
+    )
+    return Study(
+        name="Wrong on purpose: torques of the joints exchanged",
+        origin="simulated",
+        description="The paper's robot, logged with the torque columns of joints 1 and 2 exchanged: an "
+        "answer that is not usable, with its cause and a remedy.",
+        records=_compact([replace(r, tau_Nm=r.tau_Nm[:, ::-1]) for r in records]),
+        inertia=CUTTING_POSE,
+        nominal=Elasticity(K=[20.0, 3.5], D=[0.10, 0.015]),
+    )
+
+
+def fleet() -> list[Row]:
+    """Five measurements of each of eight alike robots; one is soft, one loses 4 % of K1 a year."""
+    rng, rows = np.random.default_rng(7), []
+    for robot in range(8):
+        own = rng.normal(1.0, 0.02, 4)
+        own[0] -= 0.25 * (robot == 5)
+        for year in range(5):
+            worn = np.array([1 - 0.04 * year * (robot == 2), 1, 1, 1])
+            K, D = np.split(np.concatenate([PAPER.K, PAPER.D]) * own * worn, 2)
+            records = simulate_records(
+                CUTTING_POSE,
+                Elasticity(K, D),
+                np.geomspace(4.0, 28.0, 6).round(2),
+                excitation=Excitation(velocity_rad_s=8.0, duration_s=1.5),
+                controller=Controller(bandwidth_hz=8.0, sample_rate_hz=1000.0),
+                friction=MotorFriction(coulomb=[0.05, 0.012]),
+                measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.3, 0.1]),
+                seed=100 + 10 * robot + year,
+            )
+            study = Study(
+                name=f"Cell {robot + 1}, {2021 + year}",
+                origin="simulated",
+                robot=f"cell {robot + 1}",
+                date=date(2021 + year, 3, 1 + robot),
+                records=_compact(records),
+                inertia=CUTTING_POSE,
+            )
+            rows.append(row_of(analyse(study), study=f"cell_{robot + 1}_{2021 + year}.zip"))
+    return rows
+
+
 def _compact(records: Sequence[Record]) -> list[Record]:
     return [
         replace(r, theta_rad=r.theta_rad.round(7), tau_Nm=r.tau_Nm.round(5), time_s=r.time_s.round(9))
@@ -207,6 +265,8 @@ if __name__ == "__main__":
         ("worn_cell.zip", heavy_friction()),
         ("motions.zip", motions()),
         ("six_axes.zip", six_axes()),
+        ("swapped_torques.zip", swapped_torques()),
     ]:
         save_study(study, HERE / name, overwrite=True)
         print(f"{name}: {len(study.records)} records")
+    write_rows(HERE / "fleet.parquet", fleet())

@@ -18,7 +18,16 @@ from normal_run import COLLECTED, of_long_run
 from plants import PAPER, PARALLELOGRAM, ROBOTS
 from threadpoolctl import threadpool_limits
 
-from jointid import Controller, Elasticity, Excitation, Measurement, Study, simulate_records
+from jointid import (
+    Analysis,
+    Controller,
+    Elasticity,
+    Excitation,
+    Measurement,
+    Study,
+    analyse,
+    simulate_records,
+)
 from jointid.files.study_files import save_study
 from jointid.importing.read.reader_process import ReaderProcess
 
@@ -112,15 +121,26 @@ def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def quick_files() -> Iterator[None]:
+    """Do not wait for the disk: no test cuts the power."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def quick_app_tests() -> Iterator[None]:
-    """Do once a session what AppTest does in every run.
+    """Do once a session what AppTest does in every run, and start no processes for its computations.
 
     It looks for components in every installed package, compiles every page, and asks a thousand times a
-    second whether the page is complete.
+    second whether the page is complete. Each of its runs counts as another person on the same server.
     """
     from streamlit.components.v2 import manifest_scanner
     from streamlit.runtime.scriptrunner.script_cache import ScriptCache
     from streamlit.testing.v1 import local_script_runner
+
+    from jointid.background.pool import Pool
+    from jointid.ui.shared import background
 
     compiled = functools.cache(functools.partial(ScriptCache.get_bytecode, ScriptCache()))
     ask = local_script_runner.require_widgets_deltas
@@ -132,6 +152,7 @@ def quick_app_tests() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         scan = manifest_scanner.scan_component_manifests
         patch.setattr(manifest_scanner, "scan_component_manifests", functools.cache(scan))
+        patch.setattr(background, "_pool", functools.partial(Pool, 0))
         patch.setattr(ScriptCache, "get_bytecode", lambda _, path: compiled(path))
         patch.setattr(local_script_runner, "require_widgets_deltas", wait)
         yield
@@ -170,6 +191,11 @@ def main_module() -> Iterator[None]:
 def studies() -> dict[int, Study]:
     """Studies of one, two and three joints."""
     return {joints: simulated(joints) for joints in (1, 2, 3)}
+
+
+@pytest.fixture(scope="session")
+def analyses(studies: dict[int, Study]) -> dict[int, Analysis]:
+    return {joints: analyse(study) for joints, study in studies.items()}
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,7 @@ import datetime
 import os
 import subprocess
 import sys
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,8 @@ import numpy as np
 from plants import campaign, motion
 
 from jointid import Elasticity, Inertia, SineRecord, Study, save_study
+from jointid.fleet import worker
+from jointid.fleet.jobs import Done, Job
 
 ROOT = Path(__file__).parents[1]
 RATE_HZ = 400.0
@@ -85,6 +88,16 @@ def poison(folder: Path) -> dict[str, Path]:
     names = {"nan": "nan", "missing": "missing"}
     names |= {name: f"{name}.zip" for name in ("broken", "hangs", "crashes")}
     return {name: folder / file for name, file in names.items()}
+
+
+class Here:
+    """Worker processes that are this process, where processes are not what a test is about."""
+
+    def __init__(self, *_: object, **__: object) -> None: ...
+
+    def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
+        for job in jobs:
+            yield Done(job, worker.study_row(job.source, job.study, job.method, job.known))
 
 
 def with_poison(folder: Path) -> dict[str, str]:

@@ -57,8 +57,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_what_is_interrupted_goes_on_where_it_stopped": (),
     },
     "test_gears.py": {
-        "test_a_play_of_a_sixth_of_the_deflection_is_found": (),
-        "test_play_is_not_taken_for_slopes": (),
+        "test_play_is_not_taken_for_slopes": ("2",),
         "test_simulated_records_obey_their_law": ("hysteresis", "backlash"),
         "test_the_cut_agrees_with_an_independent_integration": (
             "parallelogram-hardening", "parallelogram-hysteresis",
@@ -121,7 +120,6 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_an_initial_state_does_not_change_the_answer": (),
         "test_inertias_need_not_be_known": (),
         "test_motions_of_two_joints": ("*-moves", "None-sweep", "inf-random"),
-        "test_offsets_and_drift_do_not_change_the_answer": (),
         "test_without_noise_k_and_d_are_exact": ("1000.0*",),
     },
     "test_motion_records.py": {
@@ -166,7 +164,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_no_scale_helps_where_rest_exceeds_the_limit": (),
         "test_over_a_limit_nothing_is_written": ("acceleration*",),
         "test_the_played_motion_gives_k_and_d_back": ("multisine",),
-        "test_the_set_points_of_a_file_give_k_and_d_back": ("sines",),
+        "test_the_set_points_of_a_file_give_k_and_d_back": ("sines-rsi",),
     },
     "test_sine_fit.py": {
         "test_stated_covariance_is_the_scatter_of_the_phasors": (
@@ -174,7 +172,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "test_six_axes.py": {
-        "test_heavy_friction_does_not_hide_the_springs": (),
+        "test_heavy_friction_does_not_hide_the_springs": ("8-*",),
     },
     "test_tolerance.py": {
         "test_and_with_every_option_of_the_servo": ("serial",),
@@ -212,6 +210,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_the_sdist_makes_the_same_wheel": (),
     },
     "test_whole_error.py": {
+        "test_play_and_hysteresis_are_found_together": ("0.02-*",),
         "test_tables_have_their_columns": (),
     },
     "test_workspace.py": {

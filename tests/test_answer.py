@@ -47,14 +47,14 @@ def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
 @pytest.mark.parametrize(
     ("K", "nominal", "said"),
     [
-        ([44.0, 7.5], [20.0, 3.5], "Joint 1 is 2.2 times as stiff as the controller assumes"),
+        ([44.0, 7.5], [20.0, 3.5], "Joint 1 is 2.2 times as stiff as nominal"),
         ([44.0, 7.5], [20.0, 3.5], "joint 2 is 2.1 times as stiff."),
-        ([7.5, 7.5], [3.5, 3.5], "Every joint is 2.1 times as stiff as the controller assumes."),
-        ([43.0], [40.0], "Joint 1 is 7.5 % stiffer than the controller assumes."),
-        ([36.0], [40.0], "Joint 1 is 10 % softer than the controller assumes."),
-        ([10.0], [40.0], "Joint 1 is 0.25 times as stiff as the controller assumes."),
-        ([40.2], [40.0], "Joint 1 is as stiff as the controller assumes."),
-        ([43.0, 3.5], [20.0, 3.5], "joint 2 is as stiff as assumed."),
+        ([7.5, 7.5], [3.5, 3.5], "Every joint is 2.1 times as stiff as nominal."),
+        ([43.0], [40.0], "Joint 1 is 7.5 % stiffer than nominal."),
+        ([36.0], [40.0], "Joint 1 is 10 % softer than nominal."),
+        ([10.0], [40.0], "Joint 1 is 0.25 times as stiff as nominal."),
+        ([40.2], [40.0], "Joint 1 has its nominal stiffness."),
+        ([43.0, 3.5], [20.0, 3.5], "joint 2 has its nominal stiffness."),
     ],
 )
 def test_against_the_nominal_stiffness(K: list[float], nominal: list[float], said: str) -> None:
@@ -63,7 +63,7 @@ def test_against_the_nominal_stiffness(K: list[float], nominal: list[float], sai
 
 def test_a_difference_within_the_uncertainty_is_none() -> None:
     sentence = answer_sentence(fit([43.5], error=1.0), Elasticity([42.0], [0.1]))
-    assert sentence == "Joint 1 is as stiff as the controller assumes."
+    assert sentence == "Joint 1 has its nominal stiffness."
 
 
 def test_without_a_nominal_stiffness() -> None:

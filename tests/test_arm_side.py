@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from examples import tries
 
-from jointid import ArmSideFit, JointIdError, MotionRecord, identify_arm_side
+from jointid import (
+    ArmSideFit,
+    Inertia,
+    JointIdError,
+    MotionRecord,
+    identify_arm_side,
+    load_study,
+    save_study,
+)
 from jointid.arm_side.band_limited import GaussianFilter
 from jointid.arm_side.mixed_model import Estimate
+from jointid.importing import apply_mapping, find_runs, guess_mapping, read_log, study_from_logs
 from tests.arm_side_robot import ARC_SECOND, ROBOT, SENSORS, Truth, motion_record
 
 TRUTH = Truth(K=np.array([3e6, 5e6, 4e6]), skew_s=np.full(SENSORS, 3e-3), payload_kg=150.0)
@@ -74,18 +84,25 @@ def test_one_record_predicts_the_deflection_of_another() -> None:
     assert np.all(np.sqrt(np.mean(left**2, axis=0)) < 12 * ARC_SECOND)
 
 
-def test_six_seconds_of_a_record_predict_all_of_it() -> None:
-    whole = record(4)
+def rows_of(whole: MotionRecord, rows: slice | np.ndarray, joints: int = 6) -> MotionRecord:
     assert whole.arm_rad is not None
-    rows = slice(0, 1500)
-    half = MotionRecord(
-        time_s=whole.time_s[rows],
-        theta_rad=whole.theta_rad[rows],
-        tau_Nm=whole.tau_Nm[rows],
-        arm_rad=whole.arm_rad[rows],
-    )
-    found = identify_arm_side(half, ROBOT)
+    signals = (whole.theta_rad, whole.tau_Nm, whole.arm_rad)
+    theta, tau, arm = (each[rows, :joints] for each in signals)
+    return MotionRecord(time_s=whole.time_s[rows], theta_rad=theta, tau_Nm=tau, arm_rad=arm)
+
+
+PARTS = tries([slice(0, 1500)], long=[slice(0, 1500), slice(3000, None), slice(0, 2000)])
+
+
+@pytest.mark.parametrize("rows", PARTS, ids=str)
+def test_a_part_of_a_record_agrees_with_the_whole_and_predicts_it_or_is_refused(rows: slice) -> None:
+    whole = record()
+    assert whole.arm_rad is not None
+    found = identify_arm_side(rows_of(whole, rows), ROBOT)
     np.testing.assert_allclose(found.skew_s[:SENSORS], TRUTH.skew_s, atol=5e-5)
+    kept = np.isfinite(found.K)
+    assert np.all(np.abs(found.K - fit().K)[kept] < 3 * found.standard_error[kept])
+    assert all(found.reasons[j] for j in np.flatnonzero(~kept))
     left = whole.theta_rad / ROBOT.gear_ratio - whole.arm_rad - found.predict(whole)
     assert np.all(left[:, :SENSORS].std(axis=0) < 15 * ARC_SECOND)
 
@@ -93,14 +110,7 @@ def test_six_seconds_of_a_record_predict_all_of_it() -> None:
 def test_jitter_of_the_clock_is_resampled() -> None:
     r = record()
     keep = np.sort(np.random.default_rng(0).choice(r.time_s.size, 4500, replace=False))
-    assert r.arm_rad is not None
-    thinned = MotionRecord(
-        time_s=r.time_s[keep],
-        theta_rad=r.theta_rad[keep],
-        tau_Nm=r.tau_Nm[keep],
-        arm_rad=r.arm_rad[keep],
-    )
-    found = identify_arm_side(thinned, ROBOT)
+    found = identify_arm_side(rows_of(r, keep), ROBOT)
     np.testing.assert_allclose(found.K[:SENSORS], fit().K[:SENSORS], rtol=0.03)
 
 
@@ -142,36 +152,10 @@ def test_records_without_any_sensor_or_with_other_joints_are_refused() -> None:
     blind = MotionRecord(time_s=r.time_s, theta_rad=r.theta_rad, tau_Nm=r.tau_Nm)
     with pytest.raises(JointIdError, match="sensor"):
         identify_arm_side(blind, ROBOT)
-    assert r.arm_rad is not None
-    few = MotionRecord(
-        time_s=r.time_s, theta_rad=r.theta_rad[:, :3], tau_Nm=r.tau_Nm[:, :3], arm_rad=r.arm_rad[:, :3]
-    )
     with pytest.raises(JointIdError, match="3 joints"):
-        identify_arm_side(few, ROBOT)
-    short = MotionRecord(
-        time_s=r.time_s[:40], theta_rad=r.theta_rad[:40], tau_Nm=r.tau_Nm[:40], arm_rad=r.arm_rad[:40]
-    )
+        identify_arm_side(rows_of(r, slice(None), 3), ROBOT)
     with pytest.raises(JointIdError, match="too short"):
-        identify_arm_side(short, ROBOT)
-
-
-def test_parts_of_a_record_agree_with_the_whole_within_their_errors_or_are_refused() -> None:
-    r = record()
-    assert r.arm_rad is not None
-    for rows in (slice(3000, None), *tries((), long=(slice(0, 2000),))):
-        part = identify_arm_side(
-            MotionRecord(
-                time_s=r.time_s[rows],
-                theta_rad=r.theta_rad[rows],
-                tau_Nm=r.tau_Nm[rows],
-                arm_rad=r.arm_rad[rows],
-            ),
-            ROBOT,
-        )
-        kept = np.isfinite(part.K)
-        assert np.all(np.abs(part.K - fit().K)[kept] < 3 * part.standard_error[kept])
-        np.testing.assert_allclose(part.skew_s[:SENSORS], TRUTH.skew_s, atol=5e-5)
-        assert all(part.reasons[j] for j in np.flatnonzero(~kept))
+        identify_arm_side(rows_of(r, slice(40)), ROBOT)
 
 
 def test_the_rigid_model_has_a_part_in_the_error_and_a_repeated_record_none() -> None:
@@ -181,3 +165,22 @@ def test_the_rigid_model_has_a_part_in_the_error_and_a_repeated_record_none() ->
     np.testing.assert_allclose(added, 0.03 * exact.K[:SENSORS])
     with pytest.raises(JointIdError, match="torque_std"):
         identify_arm_side(record(), ROBOT, torque_std=-0.1)
+
+
+def test_a_log_with_sensors_behind_the_gears(tmp_path: Path) -> None:
+    """Names find the sensors, degrees become radians at the joint, and a study keeps them."""
+    names = [f"motor_{n}_{k}_{u}" for n, u in (("pos", "rad"), ("torque", "Nm")) for k in range(1, 7)]
+    names += [f"link_pos_{k}_deg" for k in range(1, SENSORS + 1)]
+    arm_rad = np.asarray(record().arm_rad)
+    degrees = np.rad2deg(arm_rad[:, :SENSORS])
+    rows = np.column_stack([record().time_s, record().theta_rad, record().tau_Nm, degrees])
+    np.savetxt(tmp_path / "log.csv", rows, "%.12g", ",", header=",".join(["t", *names]), comments="")
+    (table,) = read_log(tmp_path / "log.csv")
+    log = apply_mapping(table, guess_mapping(table).mapping)
+    study = study_from_logs(log, find_runs(log), Inertia(M=np.ones(6), M2=np.eye(6)))
+    save_study(study, tmp_path / "study")
+    (saved,) = load_study(tmp_path / "study").records
+    assert isinstance(saved, MotionRecord)
+    np.testing.assert_allclose(np.asarray(saved.arm_rad), arm_rad, atol=1e-11)
+    found = identify_arm_side(saved, ROBOT)
+    np.testing.assert_allclose(found.K, fit().K, rtol=1e-6)

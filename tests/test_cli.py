@@ -22,10 +22,10 @@ from jointid import Study, analyse, load_study, resonances, save_study
 from jointid.cli import app
 from jointid.cli.files import robot_from
 from jointid.cli.options import gears
-from jointid.cli.output import finite
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
-from jointid.files.application import sample_studies
+from jointid.exporting.identification_files import with_infinite_as
+from jointid.files.application import __version__, sample_studies
 from jointid.files.atomic_write import write_file
 from jointid.files.digest import study_digest
 from jointid.importing.study import study_name
@@ -117,7 +117,8 @@ def test_a_file_or_folder_goes_before_a_sample_of_its_name(here: Path, one_joint
 
 
 def test_the_samples_are_listed(here: Path) -> None:
-    names = ["paper", "manutec_r3", "motions", "single_joint", "six_axes", "worn_cell"]
+    names = ["paper", "manutec_r3", "motions", "single_joint", "six_axes"]
+    names += ["swapped_torques", "worn_cell"]
     assert list(sample_studies()) == names
     shown = re.sub(r"[\s│]+", " ", ok("identify", "--help"))
     assert f"sample: {', '.join(names)}" in shown
@@ -250,12 +251,26 @@ def test_a_simulated_study_gives_its_parameters_back(here: Path) -> None:
 def test_simulated_gears_have_their_laws(here: Path) -> None:
     made = ["simulate", "s.zip", "--count", "8", "--periods", "6", "--gear", "1: cubic=9000"]
     ok(*made, "--gear", "2:backlash=0.004")
-    laws = json.loads(ok("identify", "s.zip", "--json"))["gears"]
+    ok(
+        "export",
+        "s.zip",
+        "-o",
+        "s.json",
+        "-o",
+        "s.gears.csv",
+        "-o",
+        "s.gears.txt",
+        "-o",
+        "s.torsion.csv",
+    )
+    laws = json.loads((here / "s.json").read_text("utf-8"))["gears"]
     assert laws["kind"] == ["hardening", "backlash"]
-    ok("export", "s.zip", "-o", "s.gears.csv", "-o", "s.gears.txt", "-o", "s.torsion.csv")
     assert "double gear2(" in (here / "s.gears.txt").read_text("utf-8")
     assert "torque_m2_Nm" in (here / "s.gears.csv").read_text("utf-8")
     assert "law_Nm" in (here / "s.torsion.csv").read_text("utf-8")
+    ok("export", "s.zip", "-o", "s.st", "-o", "s.c", "-o", "s.m", "-o", "s.py")
+    assert "K : ARRAY[1..2] OF LREAL := [" in (here / "s.st").read_text("utf-8")
+    assert "static const double D[2] = {" in (here / "s.c").read_text("utf-8")
     np.testing.assert_allclose(laws["cubic"], [9000, 0], rtol=0.02)
     np.testing.assert_allclose(laws["backlash_rad"], [0, 0.004], rtol=0.02)
     again = [*made[:-2], "--overwrite", "--gear"]
@@ -302,11 +317,11 @@ def test_cut_says_what_its_rule_means(study: Path, one_joint: Path) -> None:
 
 
 def test_cut_of_six_axes_bends_its_own_robot() -> None:
-    document = json.loads(ok("cut", "six_axes", "--zones-mm", "1,10", "--json"))
+    document = json.loads(ok("cut", "six_axes", "--zones-mm", "10", "--json"))
     assert document["rule"] == "own robot"
-    for row in document["cuts"]:
-        assert row["sag_mm"] > row["gravity_mm"] > 0
-        assert row["rigid_mm"] > row["assumed_mm"] > 20 * row["identified_mm"] > 0
+    (row,) = document["cuts"]
+    assert row["sag_mm"] > row["gravity_mm"] > 0
+    assert row["rigid_mm"] > row["assumed_mm"] > 20 * row["identified_mm"] > 0
 
 
 def test_cut_without_a_study_shows_the_papers_values() -> None:
@@ -506,6 +521,13 @@ def program(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[bytes]:
     return subprocess.run(command, capture_output=True, cwd=cwd, env=environment, check=False)
 
 
+def test_the_package_itself_is_the_program(tmp_path: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "jointid", "--version"]
+    run = subprocess.run(command, capture_output=True, cwd=tmp_path, env=environment, check=True)
+    assert __version__ in run.stdout.decode()
+
+
 def test_as_a_process(one_joint: Path, tmp_path: Path) -> None:
     good = program("identify", str(one_joint), "--json", cwd=tmp_path)
     assert good.returncode == 0
@@ -588,7 +610,7 @@ def test_files_are_written_completely_or_not_at_all(tmp_path: Path) -> None:
 
 
 def test_json_has_null_for_what_is_no_number() -> None:
-    assert finite({"a": [1.0, float("nan")], "b": (float("inf"), "x", 3)}) == {
+    assert with_infinite_as(None, {"a": [1.0, float("nan")], "b": (float("inf"), "x", 3)}) == {
         "a": [1.0, None],
         "b": [None, "x", 3],
     }

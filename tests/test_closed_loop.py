@@ -372,7 +372,7 @@ def test_a_joint_that_would_reverse_is_refused():
 
 
 def test_encoder_counts_and_noise_are_as_asked():
-    settings = {"excitation": Excitation(duration_s=2.0), "friction": MotorFriction(0.02)}
+    settings = {"excitation": Excitation(duration_s=1.0), "friction": MotorFriction(0.02)}
     clean = simulate_records(SERIAL, PAPER, [5.0], **settings)
     seen = simulate_records(
         SERIAL, PAPER, [5.0], **settings, measurement=Measurement(4096, torque_noise_Nm=[0.02, 0.05])

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from app_pages import upload
 from streamlit.testing.v1 import AppTest
 
 from jointid import Analysis, JointIdError, Study, analyse
 from jointid.answer import StiffnessUnit
-from jointid.files.study_files import pack_study
 from jointid.uncertainty.comparison import compare
 
 
@@ -74,10 +74,8 @@ def test_the_softer_of_two_robots_is_named_first(
     inertia = replace(
         first.study.inertia, M=0.9 * first.study.inertia.M, M2=0.9 * first.study.inertia.M2
     )
-    soft = pack_study(replace(first.study, records=records, inertia=inertia))
-    at = app.run()
-    at.file_uploader(key="uploaded").set_value(("soft.zip", soft, "application/zip"))
-    at = at.run().switch_page("pages/11_Compare.py").run()
+    soft = replace(first.study, records=records, inertia=inertia)
+    at = upload(app.run(), soft, "soft.zip").switch_page("pages/11_Compare.py").run()
     at = at.selectbox(key="compare_study").set_value("paper").run()
     assert not at.exception, at.exception[0].stack_trace
     assert at.header[0].value.startswith("soft.zip is softer.")
@@ -97,9 +95,7 @@ def test_every_table_of_k_keeps_the_unit_of_the_answer(
     app: AppTest, studies: dict[int, Study], page: str, details: str
 ) -> None:
     geared = replace(studies[2], gear_ratio=[100.0, -90.0])
-    at = app.run()
-    at.file_uploader(key="uploaded").set_value(("geared.zip", pack_study(geared), "application/zip"))
-    at = at.run()
+    at = upload(app.run(), geared, "geared.zip")
     at = at.selectbox(key="unit").set_value("N·m/arcmin at the joint").run()
     if details:
         at.session_state["details"] = details

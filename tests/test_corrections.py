@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from streamlit.testing.v1 import AppTest
+from app_pages import opened_app, upload
 
 from jointid import (
     Analysis,
@@ -23,7 +23,6 @@ from jointid import (
 from jointid.corrections.changes import corrected, label
 from jointid.exporting import from_json, from_toml, identification, to_json, to_toml
 from jointid.files.digest import study_digest
-from jointid.files.study_files import pack_study
 from jointid.reporting.report import make_report, to_html
 from jointid.ui.shared import workspace
 from jointid.verdict.evidence import Change
@@ -184,10 +183,7 @@ def test_a_finding_is_remedied_and_taken_back_on_the_page(
     right: Study, sample_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
-    at = AppTest.from_file(str(Path(__file__).parents[1] / "app.py"), default_timeout=60).run()
-    wrong = pack_study(each(right, FAULTS["torques exchanged"]))
-    at.file_uploader(key="uploaded").set_value(("mine.zip", wrong, "application/zip"))
-    at = at.run()
+    at = upload(opened_app().run(), each(right, FAULTS["torques exchanged"]))
     assert "Not usable" in at.error[0].value
     (fix,) = (b for b in at.button if b.label.startswith("Fix it"))
     assert fix.label == "Fix it: Exchange the torques of joints 1 and 2"
@@ -199,7 +195,7 @@ def test_a_finding_is_remedied_and_taken_back_on_the_page(
     assert not at.error
     assert at.selectbox(key="study").value == "mine.zip, corrected"
     assert any("Exchange the torques" in caption.value for caption in at.caption)
-    again = AppTest.from_file(str(Path(__file__).parents[1] / "app.py"), default_timeout=60)
+    again = opened_app()
     for name in ("w", "study"):
         value = at.query_params[name]
         again.query_params[name] = value if isinstance(value, str) else value[0]

@@ -26,7 +26,6 @@ from jointid.figures.cut import (
     path_error_over_time,
     torque_over_time,
 )
-from jointid.figures.cut_shapes import Shape, shape_svg
 from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.figures.style import DARK, LIGHT
 from jointid.files.digest import study_digest
@@ -34,6 +33,7 @@ from jointid.reporting.drawing import to_svg
 from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts as cut_cached
 from jointid.ui.cut.animation import animation_data, tracks
+from jointid.ui.cut.pictures import cut_drawing
 from jointid.ui.cut.settings import CutSettings, usual
 from jointid.ui.shared.cached import DEFAULT_METHOD
 
@@ -357,8 +357,9 @@ class TestShapes:
     SQUARE = np.repeat([[0.0, 0.0], [0.01, 0.0], [0.01, 0.02], [0.0, 0.02]], 4, axis=0)
 
     def test_a_picture_maps_metres_to_pixels_upright(self) -> None:
-        shape = Shape(self.SQUARE, self.SQUARE, "#0072B2")
-        root = ElementTree.fromstring(shape_svg([shape], window_m=(0.0, 0.0, 0.019, 0.019)))
+        tracks = [(self.SQUARE, "#0072B2")]
+        drawing = cut_drawing(self.SQUARE, tracks, (0.0, 0.0, 0.019, 0.019), "a square")
+        root = ElementTree.fromstring(to_svg(drawing))
         paths = [element.attrib["d"] for element in root]
         assert len(paths) == 2
         corners = np.array(re.findall(r"([-\d.]+) ([-\d.]+)", paths[1]), float)

@@ -31,8 +31,6 @@ from jointid import (
     Inertia,
     JointIdError,
     PlanarArm,
-    Study,
-    analyse,
     motor_response,
     resonances,
 )
@@ -66,11 +64,6 @@ from jointid.exporting import (
 from jointid.files.digest import study_digest
 
 OMEGA = 2 * np.pi * np.array([0.5, 3.0, 9.9, 16.6, 26.6, 80.0])
-
-
-@pytest.fixture(scope="module")
-def analyses(studies: dict[int, Study]) -> dict[int, Analysis]:
-    return {n: analyse(study) for n, study in studies.items()}
 
 
 @pytest.fixture(scope="module")

@@ -11,27 +11,30 @@ import subprocess
 import sys
 import time
 import zipfile
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet
 import pytest
-from fleet_studies import batch, poison, small_study, with_poison, write_studies
+from fleet_studies import Here, batch, poison, small_study, with_poison, write_studies
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from jointid import JointIdError, analyse, load_study, save_study
 from jointid.background.child_process import Child, Ended
+from jointid.cli import app
 from jointid.files import container_limits as contained
 from jointid.files import study_parts
 from jointid.files.application import sample_studies
 from jointid.files.digest import study_digest
-from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet
+from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet, worker
 from jointid.fleet.content import content_digest, packed
-from jointid.fleet.jobs import WORKER, Done, Job, Local
+from jointid.fleet.jobs import WORKER, Job, Local
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.fleet.run import journal_path
@@ -54,15 +57,6 @@ def paths(folder: Path) -> list[Path]:
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every process of this computer is this one, where processes are not what a test is about."""
-
-    class Here:
-        def __init__(self, _workers: int, _limits: Limits) -> None: ...
-
-        def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
-            for job in jobs:
-                yield Done(job, study_row(job.source, job.study, job.method, job.known))
-
     monkeypatch.setattr("jointid.fleet.run.Local", Here)
 
 
@@ -227,7 +221,7 @@ def test_nothing_to_do_is_said(tmp_path: Path) -> None:
     for paths, text in (([tmp_path], "holds no study"), ([f"{tmp_path}/*.zip"], "matches no study")):
         with pytest.raises(JointIdError, match=text):
             find_studies(paths)
-    with pytest.raises(JointIdError, match="No study is named"):
+    with pytest.raises(JointIdError, match="No study is given"):
         find_studies([])
     # What is named outright gets its row, which says what is wrong.
     assert find_studies([tmp_path / "gone.zip"]) == (tmp_path / "gone.zip",)
@@ -383,7 +377,11 @@ def test_every_row_is_exact_and_a_second_run_analyses_only_what_changed(
 
 @posix
 def test_six_poisoned_studies_stop_nothing(
-    paths: list[Path], truth: dict[str, Row], tmp_path: Path, request: pytest.FixtureRequest
+    paths: list[Path],
+    truth: dict[str, Row],
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     bad = poison(tmp_path) | {"greedy": tmp_path / "greedy.zip"}
     bad["greedy"].write_bytes(paths[0].read_bytes())
@@ -396,14 +394,14 @@ def test_six_poisoned_studies_stop_nothing(
         *paths[6:],
     ]
     out = tmp_path / "r.parquet"
-    command = batch(
-        *mixed, "--out", out, "--workers", 2, "--timeout", 2, env=with_poison(tmp_path / "p")
-    )
-    printed, said = command.communicate(timeout=120)
-    assert command.returncode == 0, said
-    assert f"{COUNT + 6} studies, {COUNT} of them with an answer" in printed
-    assert "Failed: 6" in said
-    assert f"{bad['nan']}: records/01.csv" in said
+    with monkeypatch.context() as context:
+        context.setenv("PYTHONPATH", with_poison(tmp_path / "p")["PYTHONPATH"])
+        options = ["--out", str(out), "--workers", "2", "--timeout", "2"]
+        ended = CliRunner().invoke(app, ["batch", *map(str, mixed), *options])
+    assert ended.exit_code == 0, ended.stderr
+    assert f"{COUNT + 6} studies, {COUNT} of them with an answer" in ended.stdout
+    assert "Failed: 6" in ended.stderr
+    assert f"{bad['nan']}: records/01.csv" in ended.stderr
     rows = read_fleet(out)
     assert [row.study for row in rows] == [str(p) for p in mixed]
     require_exact(rows, truth)
@@ -506,6 +504,36 @@ def test_what_is_interrupted_goes_on_where_it_stopped(
     rows = read_fleet(out)
     require_exact(rows, truth)
     assert set(kept) <= set(rows)  # their very times: nothing was done twice
+    assert not journal.exists()
+
+
+@pytest.mark.usefixtures("here")
+def test_the_rows_of_an_interrupted_batch_are_kept(
+    paths: list[Path], truth: dict[str, Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by the processes of the test above, in this one."""
+    out = tmp_path / "r.parquet"
+    journal = journal_path(out)
+
+    def interrupted(*job: Any) -> Row | None:
+        if journal_lines(out) == 3:
+            raise KeyboardInterrupt
+        return study_row(*job)
+
+    with monkeypatch.context() as context:
+        context.setattr(worker, "study_row", interrupted)
+        ended = CliRunner().invoke(app, ["batch", *map(str, paths), "--out", str(out)])
+    assert ended.exit_code == 130
+    assert "resumes the batch" in ended.stderr
+    assert not out.exists()
+    lines = journal.read_bytes().splitlines()
+    journal.write_bytes(b"\n".join([*lines, lines[-1][:40]]))  # as if the power had failed in a line
+    kept = [from_plain(json.loads(line)) for line in lines[1:]]
+    summary = analyse_fleet(paths, out)
+    assert (len(kept), summary.skipped, summary.good) == (3, 3, COUNT)
+    rows = read_fleet(out)
+    require_exact(rows, truth)
+    assert set(kept) <= set(rows)
     assert not journal.exists()
 
 

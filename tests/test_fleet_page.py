@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from app_pages import opened_app, shown
-from fleet_studies import small_study
+from app_pages import opened_app, shown, upload
+from fleet_studies import Here, small_study
 from streamlit.testing.v1 import AppTest
 
 from jointid import JointIdError, Study, analyse
@@ -186,8 +186,9 @@ def test_values_that_no_batch_writes_are_refused(change: dict[str, object]) -> N
 
 @pytest.fixture
 def app(app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
-    """The page; it reads tables in this process, which takes less time to begin than another."""
+    """The page; it works in this process, which takes less time to begin than another."""
     monkeypatch.setattr(fleet_files, "read_untrusted", read_fleet)
+    monkeypatch.setattr(fleet_files, "Local", Here)
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
     return app
 
@@ -259,9 +260,7 @@ def test_a_table_shows_spread_drift_and_what_stands_out(app: AppTest) -> None:
 
 def test_a_row_links_to_the_study_that_lies_in_the_workspace(app: AppTest) -> None:
     study = small_study(3)
-    at = shown(app.run())
-    at.file_uploader(key="uploaded").set_value(("mine.zip", pack_study(study), "application/zip"))
-    at = shown(at.run())
+    at = upload(app.run(), study)
     at.session_state["chosen"] = "paper"
     at = shown(at.switch_page(PAGE).run())
     here = replace(row(0, 40.0), digest=study_digest(study))

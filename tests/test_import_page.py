@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from app_pages import shown
+from app_pages import figures, shown
 from log_makers import cell_log, comma_log, mat_scope
 from streamlit.testing.v1 import AppTest
 
@@ -16,8 +16,12 @@ from jointid import Inertia, JointIdError
 from jointid.arrays import Floats
 from jointid.figures.log_spans import log_spans
 from jointid.importing import (
+    Channel,
+    JointMapping,
     MappedLog,
+    Mapping,
     Segment,
+    TimeColumn,
     find_segments,
     guess_mapping,
     mapping_to_json,
@@ -91,14 +95,10 @@ def confirm(at: AppTest, what: str = "drive data") -> AppTest:
     return shown(at.run())
 
 
-def figures(at: AppTest) -> int:
-    return len(at.get("plotly_chart"))
-
-
-def send(at: AppTest, M: str, M2: str) -> AppTest:
+def send(at: AppTest, M: str, M2: str, button: str = "Open as study") -> AppTest:
     at.text_input(key="import M").set_value(M)
     at.text_input(key="import M2").set_value(M2)
-    widget(at, "button", "Open as study").click()
+    widget(at, "button", button).click()
     return shown(at.run())
 
 
@@ -121,6 +121,19 @@ class TestMapping:
         assert widget(at, "selectbox", "Torque of joint 1").value == "effort"
         assert figures(at) == 2
         assert any("To check" in m.value for m in at.markdown)
+
+    def test_a_sensor_behind_the_gear_is_offered(self, page: AppTest) -> None:
+        data = comma_log().replace(b"t,position,effort", b"t,motor_position,effort,link_position")
+        data = b"\n".join(
+            line if k == 0 or not line else line + b",%g" % (k % 7)
+            for k, line in enumerate(data.split(b"\n"))
+        )
+        at = drop(page, ("run.csv", data))
+        assert widget(at, "selectbox", "Position of joint 1").value == "motor_position"
+        sensor = widget(at, "selectbox", "Arm-side position of joint 1")
+        assert sensor.value == "link_position"
+        at = shown(sensor.set_value("none").run())
+        assert widget(at, "selectbox", "Arm-side position of joint 1").value == "none"
 
     def test_a_role_that_no_column_fits_is_asked_for(self, page: AppTest) -> None:
         data = comma_log().replace(b"t,position,effort", b"t,velocity,abc")
@@ -398,6 +411,11 @@ class TestStudy:
         at = send(at, "0.001", "0.003")
         assert "6 records" in " ".join(m.value for m in at.markdown)
 
+    def test_the_report_is_one_click_from_the_log(self, page: AppTest) -> None:
+        at = send(drop(page, ("one.csv", long_log())), "0.001", "0.003", "Open its report")
+        assert at.title[0].value == "Report and export"
+        assert at.session_state["chosen"]
+
     def test_the_same_import_again_opens_the_study_that_is_there(self, page: AppTest) -> None:
         at = send(drop(page, ("one.csv", long_log())), "0.001", "0.003")
         first = at.session_state["chosen"]
@@ -489,6 +507,19 @@ class TestCorrectedRuns:
         spans = log_spans(log, kept[:2], kept[2:]).layout.shapes
         assert [span.x0 for span in spans] == [s.start_s for s in kept]
         assert spans[0].fillcolor == spans[1].fillcolor != spans[2].fillcolor
+
+
+def test_the_picture_shows_a_torque_of_unknown_scale_as_logged() -> None:
+    """Percent of a rated torque that nobody stated are no newton metres."""
+    joint = JointMapping(Channel("q", "rad"), Channel("load", "%", 1.0, "joint", -1), gear_ratio=50)
+    mapping = Mapping(TimeColumn("t", "s"), (joint,))
+    percent = np.linspace(-3, 4, 99)
+    log = MappedLog(np.arange(99.0), np.ones((99, 1)), -percent[:, None] / 100 / 50)
+    assumed = replace(mapping, assumed=("scale of torque of joint 1",))
+    for of, title, largest in ((mapping, "Torque 1 (N·m)", 4e-2 / 50), (assumed, "Torque 1 (%)", 4.0)):
+        figure = log_spans(log, (), mapping=of)
+        assert figure.layout.yaxis3.title.text == title
+        assert np.abs(np.array(figure.data[-1].y, float)).max() == pytest.approx(largest)
 
 
 def test_inertia_units_are_taken_as_said(page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:

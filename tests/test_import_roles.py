@@ -89,7 +89,56 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
         (["t", "A1.Moment.Ist", "A1.Position.Ist"], [("A1.Position.Ist", "A1.Moment.Ist")]),
         (["t", "I_q", "theta"], [("theta", "I_q")]),
         (["t", "0.joint-pos-cmd", "0.joint-pos-fb", "0.torque"], [("0.joint-pos-fb", "0.torque")]),
+        (
+            ["t", *(n for f in ("AIPos", "ASPos", "MACur", "GearTorque") for n in many(f + ".A{}", 2))],
+            [("AIPos.A0", "MACur.A0"), ("AIPos.A1", "MACur.A1")],
+        ),
+        (
+            ["t", *(f"Drive {k}.{n} actual value{c}" for k in (1, 2)
+                    for n, c in (("Position", " 1"), ("Position", " 2"), ("Torque", "")))],
+            [(f"Drive {k}.Position actual value 1", f"Drive {k}.Torque actual value") for k in (1, 2)],
+        ),
+        (
+            ["t", *(f"servo_{k}.{n}" for k in (1, 2)
+                    for n in ("r482[0]: Gn_XIST1", "r80[0]: Torque actual"))],
+            [(f"servo_{k}.r482[0]: Gn_XIST1", f"servo_{k}.r80[0]: Torque actual") for k in (1, 2)],
+        ),
+        (
+            ["t", *(f"Axis {k} {n}" for k in (1, 2)
+                    for n in ("1718 Motor position", "4947 Torque reference"))],
+            [(f"Axis {k} 1718 Motor position", f"Axis {k} 4947 Torque reference") for k in (1, 2)],
+        ),
+        (
+            ["t", "Position(deg) J1", "Current(A) J1", "Disturbance torque(A) J1"],
+            [("Position(deg) J1", "Current(A) J1")],
+        ),
+        (
+            ["t", *(f"axis0.{n}" for n in ("encoder.pos_estimate", "motor.current_control.Iq_measured",
+                                           "controller.input_pos", "controller.input_torque"))],
+            [("axis0.encoder.pos_estimate", "axis0.motor.current_control.Iq_measured")],
+        ),
+        (
+            ["t", "Position actual value (0x6064)", "Torque actual value (0x6077)",
+             "Position demand value (0x6062)", "Torque demand (0x6074)"],
+            [("Position actual value (0x6064)", "Torque actual value (0x6077)")],
+        ),
+        (
+            ["t", *(f"/jtc/state/{s}/{n}[0]" for s in ("desired", "actual", "error")
+                    for n in ("positions", "effort"))],
+            [("/jtc/state/actual/positions[0]", "/jtc/state/actual/effort[0]")],
+        ),
+        (
+            ["t", *(f"{k}-axis {n}" for k in "ST"
+                    for n in ("feedback pulse", "command pulse", "torque(%)"))],
+            [(f"{k}-axis feedback pulse", f"{k}-axis torque") for k in "ST"],
+        ),
+        (["t", "J1 FB pulse(pls)", "J1 Current FB(%)", "J1 Droop(pls)"],
+         [("J1 FB pulse", "J1 Current FB")]),
+        (["t", "Axis_1:PCTRL_S_ACT", "Axis_1:ICTRL_ISQ_ACT", "Axis_1:LOAD_TORQUE"],
+         [("Axis_1:PCTRL_S_ACT", "Axis_1:ICTRL_ISQ_ACT")]),
+        (["t", "link_pos_1", "motor_pos_1", "motor_torque_1"], [("motor_pos_1", "motor_torque_1")]),
         # Where nothing fits, the role stays empty.
+        (["t", "position command", "torque"], [("", "torque")]),
         (["t", "torque", "velocity"], [("", "torque")]),
         (["t", "motor speed", "winding temperature"], [("", "")]),
         (["t", "cycle counter", "motor current"], [("", "motor current")]),
@@ -104,6 +153,30 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
 )  # fmt: skip
 def test_names_of_controllers(names: list[str], expected: list[tuple[str, str]]) -> None:
     assert pairs(*names) == expected
+
+
+def test_positions_behind_the_gear_are_proposed_beside_those_of_the_motor() -> None:
+    for behind, motor in (("link_pos_{}", "motor_pos_{}"), ("q{}", "theta{}")):
+        names = [f.format(k) for k in (1, 2) for f in (behind, motor, "motor_torque_{}")]
+        guess = guess_mapping(table_named("t", *names)).mapping
+        assert [j.position.column for j in guess.joints] == [motor.format(k) for k in (1, 2)]
+        assert [j.arm.column for j in guess.joints if j.arm] == [behind.format(k) for k in (1, 2)]
+        assert mapping_from_json(mapping_to_json(guess)) == guess
+
+
+def test_positions_without_a_unit_share_one() -> None:
+    """A small motion of one joint does not make it radians beside others in degrees."""
+    table = table_named("t", "jPos[0]", "jPos[1]", "nTorque[0]", "nTorque[1]")
+    large = LogColumn("jPos[1]", numbers(40 * table.column("jPos[1]").values))
+    table = LogTable("log", tuple(large if c.name == "jPos[1]" else c for c in table.columns))
+    assert [j.position.unit for j in guess_mapping(table).mapping.joints] == ["deg", "deg"]
+
+
+def test_durations_as_matlab_writes_them() -> None:
+    rows = [f"{1e-3 * k:.3f} sec,{np.sin(k):.6f},{np.cos(k):.6f}" for k in range(200)]
+    (table,) = read_log("\n".join(["Time,q,tau", *rows]).encode(), "timetable.csv")
+    np.testing.assert_allclose(table.column("Time").values, 1e-3 * np.arange(200), atol=1e-9)
+    assert table.column("Time").unit == "s"
 
 
 def test_objects_of_cia_402_are_thousandths_of_the_rated_torque() -> None:

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from examples import examples
+from examples import examples, tries
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from plants import PAPER, PARALLELOGRAM
@@ -306,7 +306,7 @@ def test_nothing_to_find_is_no_segment() -> None:
     assert all(s.periods < 10 for s in find_segments(MappedLog(time, square, square)))
 
 
-@examples(10, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(tries(5, long=10), derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_sequence_of_runs(data: st.DataObject) -> None:
     count = data.draw(st.integers(1, 4))

@@ -34,8 +34,10 @@ from jointid import JointIdError
 from jointid.arrays import Floats
 from jointid.background.child_process import Limits
 from jointid.importing import LogTable, read_log, read_logs
+from jointid.importing.columns import log_table
 from jointid.importing.columns.units import split_unit
 from jointid.importing.read import optional_imports
+from jointid.importing.read.formats import excel as workbooks
 from jointid.importing.read.reader_process import ReaderProcess
 
 
@@ -339,20 +341,42 @@ def test_missing_files_and_wrong_sources(tmp_path: Path) -> None:
         read_log(7)  # type: ignore[arg-type]
 
 
-def test_workbook_bomb_is_refused() -> None:
-    """A few kilobytes that stand for a sheet of 200 million cells."""
+def bomb(cell: bytes) -> bytes:
+    """A workbook of a few kilobytes whose second sheet has a value in one cell far away."""
+    row = cell.lstrip(b"ABCDEFGHIJKLMNOPQRSTUVWXYZ")
+    far = b'<row r="%b"><c r="%b"><v>1</v></c></row></sheetData>' % (row, cell)
     book = zipfile.ZipFile(io.BytesIO(excel()))
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as bomb:
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as changed:
         for name in book.namelist():
             data = book.read(name)
             if name.endswith("sheet2.xml"):
-                data = data.replace(
-                    b"</sheetData>", b'<row r="1048576"><c r="XFD1048576"><v>1</v></c></row></sheetData>'
-                )
-            bomb.writestr(name, data)
+                data = data.replace(b"</sheetData>", far)
+            changed.writestr(name, data)
+    return buffer.getvalue()
+
+
+def test_workbook_bomb_is_refused() -> None:
+    """A sheet of 17 thousand million cells."""
     with pytest.raises(JointIdError, match=r"more than the limit|cannot be read|memory"):
-        read_log(buffer.getvalue(), "bomb.xlsx")
+        read_log(bomb(b"XFD1048576"), "bomb.xlsx")
+
+
+def test_large_workbook_is_refused_before_it_is_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the numbers that its sheets stand for, and by the size of its parts."""
+    pytest.importorskip("python_calamine")
+    path = tmp_path / "bomb.xlsx"
+    path.write_bytes(bomb(b"Z9000"))
+    monkeypatch.setattr(log_table, "MAX_VALUES", 200_000)
+    with pytest.raises(JointIdError, match=r"bomb\.xlsx holds 0\.2\d* million numbers, more than"):
+        workbooks.read(path.name, str(path))
+    monkeypatch.setattr(log_table, "MAX_VALUES", 1 << 20)
+    assert workbooks.read(path.name, str(path))
+    monkeypatch.setattr(workbooks, "_MAX_UNPACKED", 1 << 10)
+    with pytest.raises(JointIdError, match=r"unpacks to .* MiB, more than the limit"):
+        workbooks.read(path.name, str(path))
 
 
 def test_reader_that_takes_too_long_is_ended(tmp_path: Path) -> None:

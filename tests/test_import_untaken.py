@@ -74,14 +74,23 @@ def test_sines_beside_a_sweep_are_kept() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seconds", "noise"),
-    [(4, 0.0), (4, 0.05), (40, 0.0), (40, 0.05), pytest.param(120, 0.0, marks=pytest.mark.long)],
+    ("seconds", "noise", "growth"),
+    [
+        (4, 0.0, "linear"),
+        (4, 0.05, "linear"),
+        (40, 0.0, "linear"),
+        (40, 0.05, "linear"),
+        (4, 0.0, "exponential"),
+        (40, 0.05, "exponential"),
+        pytest.param(120, 0.0, "linear", marks=pytest.mark.long),
+    ],
 )
-def test_no_piece_of_a_sweep_is_a_sine(seconds: float, noise: float) -> None:
+def test_no_piece_of_a_sweep_is_a_sine(seconds: float, noise: float, growth: str) -> None:
     """Each piece by itself: between some there are gaps, and noise hides the drift of others."""
     rng = np.random.default_rng(1)
     time = np.arange(0, seconds + 2, 2e-3)
-    hz = 1 + 19 * np.clip((time - 1) / seconds, 0, 1)
+    place = np.clip((time - 1) / seconds, 0, 1)
+    hz = 1 + 19 * place if growth == "linear" else 20**place
     wave = np.exp(2j * np.pi * np.cumsum(hz) * 2e-3) * ((time > 1) & (time < seconds + 1))
     moved = np.outer(wave / hz**2, [1.0, 0.6j]).imag
     moved += noise * moved.std() * rng.standard_normal(moved.shape)
@@ -126,3 +135,15 @@ def test_notes_travel_with_the_segments() -> None:
     found = find_segments(MappedLog(time, wave, wave))
     assert found.notes
     assert pickle.loads(pickle.dumps(found)).notes == copy.copy(found).notes == found.notes
+
+
+def test_a_multisine_of_a_strong_and_a_weak_line_is_no_single_sine() -> None:
+    """A beat of 6 % changes the phasors by less than a pattern does; beside it there are no sines."""
+    weak = Run(8.0, 160, BOTH, others=((8.9, 0.06 * BOTH),))
+    runs = [Run(5.0, 30, FIRST), weak, Run(11.0, 40, SECOND)]
+    log, _ = log_of(runs, noise=1e-3, seed=5)
+    np.testing.assert_allclose(
+        [line for segment in find_segments(log) for line in segment.lines_hz],
+        [5.0, 8.0, 8.9, 11.0],
+        rtol=1e-3,
+    )

@@ -51,7 +51,7 @@ HOMES = {
 
 FLOORS = [
     ["errors"],
-    ["arrays", "wording", "version"],
+    ["arrays", "wording"],
     ["small_matrices", "background", "parsing"],
     ["records", "joints"],
     ["robot_models"],
@@ -69,8 +69,21 @@ FLOORS = [
     ["fleet", "figures"],
     ["reporting"],
     ["cli", "ui"],
+    ["__main__"],
 ]
 """Modules and rooms of the package from the ground up; every one has its floor."""
+
+LINES = 350
+LONGER = {
+    "jointid/estimation/estimators/maximum_likelihood.py": 361,
+    "jointid/estimation/model_selection.py": 535,
+    "jointid/joints.py": 430,
+    "jointid/phasors/extract.py": 363,
+}
+"""Most lines of a module, and of those that are longer: these numbers only fall."""
+
+ARROWS = 184
+"""Most pairs of rooms of which one imports the other."""
 
 
 @cache
@@ -188,6 +201,7 @@ def test_rooms_of_one_floor_import_in_one_direction() -> None:
     """No circle between rooms, even where every module alone imports downwards."""
     rooms = {name_of(file): room(file) for file in FILES}
     arrows = {(rooms[a], rooms[b]) for a in graph() for b in graph()[a] if rooms[a] != rooms[b]}
+    assert len(arrows) <= ARROWS
     arrows = {(a, b) for a, b in arrows if "jointid" not in (a, b)}  # the root is no room
     assert not {(a, b) for a, b in arrows if (b, a) in arrows}
 
@@ -206,7 +220,14 @@ def test_rooms_of_the_user_interface_share_only_what_is_shared() -> None:
 def test_a_room_is_seen_at_a_glance() -> None:
     sizes = Counter(room(file) for file in FILES)
     assert sizes["jointid"] <= 12
-    assert max(sizes.values()) <= 17, sizes.most_common(3)
+    assert max(sizes.values()) <= 16, sizes.most_common(3)
+
+
+def test_a_module_is_read_in_one_go() -> None:
+    lines = {f.relative_to(ROOT).as_posix(): f.read_text("utf-8").count("\n") for f in FILES}
+    longer = {file: count for file, count in lines.items() if count > LONGER.get(file, LINES)}
+    assert not longer
+    assert not {file for file in LONGER if lines.get(file, 0) <= LINES}, "no longer an exception"
 
 
 def test_the_library_does_not_go_through_its_own_front_door() -> None:

@@ -27,6 +27,7 @@ from jointid import (
     SineRecord,
     Study,
     analyse,
+    load_study,
     save_study,
     simulate_records,
 )
@@ -79,11 +80,6 @@ def outline(html: str) -> Outline:
     parser.feed(html)
     assert parser.open == []
     return parser
-
-
-@pytest.fixture(scope="module")
-def analyses(studies: dict[int, Study]) -> dict[int, Analysis]:
-    return {n: analyse(study) for n, study in studies.items()}
 
 
 @pytest.fixture(scope="module")
@@ -140,6 +136,16 @@ def test_sections_figures_and_path_errors_are_there(html: str, analyses: dict[in
 def test_records_of_the_study_are_listed(html: str, studies: dict[int, Study]) -> None:
     for record in studies[2].records:
         assert record.label in html
+
+
+def test_a_study_from_a_file_gives_the_same_bytes(
+    studies: dict[int, Study], tmp_path: Path, html: str, report: Report
+) -> None:
+    pytest.importorskip("reportlab")
+    save_study(studies[2], tmp_path / "study.zip")
+    again = make_report(analyse(load_study(tmp_path / "study.zip")))
+    assert to_html(again) == html
+    assert to_pdf(again) == to_pdf(report)
 
 
 def test_another_process_gives_the_same_bytes(

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from app_pages import KEYS, opened
 from streamlit.testing.v1 import AppTest
 
 from jointid import Study, analyse
@@ -23,16 +24,6 @@ from jointid.files.digest import study_digest
 from jointid.ui.shared.results import result_cache
 from jointid.ui.study import downloads
 
-KEYS = {1: "one joint", 2: "paper", 3: "three joints"}
-
-
-def opened(app: AppTest, joints: int) -> AppTest:
-    app.query_params["study"] = KEYS[joints]
-    at = app.switch_page("pages/7_Report.py").run()
-    assert not at.exception, at.exception[0].stack_trace
-    assert not at.error
-    return at
-
 
 def offered(at: AppTest) -> list[str]:
     return [button.proto.label for button in at.get("download_button")]
@@ -40,7 +31,7 @@ def offered(at: AppTest) -> list[str]:
 
 @pytest.mark.parametrize("joints", KEYS)
 def test_every_file_is_offered(app: AppTest, joints: int) -> None:
-    at = opened(app, joints)
+    at = opened(app, "pages/7_Report.py", joints)
     assert at.title[0].value == "Report and export"
     labels = offered(at)
     assert {"JSON", "TOML", "MATLAB (.mat)", "Phasors (.csv)", "Transfer matrix H (.csv)"} <= set(labels)
@@ -52,7 +43,7 @@ def test_the_report_is_made_on_demand_and_kept(
     app: AppTest, studies: dict[int, Study], joints: int
 ) -> None:
     result_cache.clear()
-    at = opened(app, joints)
+    at = opened(app, "pages/7_Report.py", joints)
     at = at.button(key="make_report").click().run()
     assert not at.exception
     assert not at.error
@@ -62,8 +53,9 @@ def test_the_report_is_made_on_demand_and_kept(
         ("report", digest, at.selectbox(key="estimator").value, at.selectbox(key="unit").value)
     )
     assert made is not None
-    assert made.pdf.startswith(b"%PDF-")
-    assert digest in made.html
+    html, pdf = made
+    assert pdf.startswith(b"%PDF-")
+    assert digest in html
     again = at.run()
     assert "Report as PDF" in offered(again)
     assert not [button for button in again.button if button.key == "make_report"]
@@ -81,7 +73,7 @@ def test_the_files_hold_the_analysis(studies: dict[int, Study], joints: int) -> 
 
 
 def test_a_stiffness_goes_through_the_gear_by_its_square(app: AppTest) -> None:
-    at = opened(app, 2)
+    at = opened(app, "pages/7_Report.py", 2)
     at = at.text_input(key="gears").set_value("100, -80").run()
     assert not at.exception
     assert not at.error
@@ -98,7 +90,7 @@ def test_a_stiffness_goes_through_the_gear_by_its_square(app: AppTest) -> None:
     ("entered", "said"), [("100, 80, 60", "3 values"), ("0, 80", "is 0"), ("hundred", "not a number")]
 )
 def test_what_is_no_gear_ratio_is_said(app: AppTest, entered: str, said: str) -> None:
-    at = opened(app, 2)
+    at = opened(app, "pages/7_Report.py", 2)
     at = at.text_input(key="gears").set_value(entered).run()
     assert not at.exception
     assert said in at.error[0].value

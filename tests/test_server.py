@@ -148,7 +148,7 @@ def test_descriptors_come_back_after_visitors_leave(server: Server) -> None:
     time.sleep(5 * PATIENCE_S)  # and those of other tests
     before = descriptors(server)
     for _ in range(2):
-        visitors = [Session(server.address) for _ in range(8)]
+        visitors = [Session(server.address) for _ in range(3)]
         for visitor in visitors:
             visitor.run("")
         assert descriptors(server) >= before + 3 * len(visitors)  # one event loop each

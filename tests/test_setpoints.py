@@ -225,10 +225,12 @@ def test_ros_gets_velocities_and_accelerations() -> None:
         assert not found[:, [0, 1, 3, 5]].any()
 
 
-@pytest.mark.parametrize("kind", ["sines", "multisine"])
-def test_the_set_points_of_a_file_give_k_and_d_back(kind: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "name"), [*(("sines", name) for name in FORMATS), ("multisine", "rsi")]
+)
+def test_the_set_points_of_a_file_give_k_and_d_back(kind: str, name: str) -> None:
     """Another robot follows the file exactly; its log goes through the importer."""
-    found = read("rsi", set_points(played(kind), WIDE, "rsi").text(), START_DEG)
+    found = read(name, set_points(played(kind), WIDE, name).text(), START_DEG)
     theta = np.radians(found.position_deg[:, [2, 4]] - START_DEG[[2, 4]]) * RATIO
     torque, _ = followed(found.time_s, theta, PARALLELOGRAM, PAPER)
     noise = np.random.default_rng(1).standard_normal((2, *theta.shape))

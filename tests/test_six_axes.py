@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from jointid import (
     Controller,
@@ -11,7 +12,6 @@ from jointid import (
     Measurement,
     MotorFriction,
     RobotModel,
-    SineRecord,
     extract_phasors,
     identify_elasticity,
     simulate_records,
@@ -28,21 +28,19 @@ ELASTICITY = Elasticity(K, 0.003 * K)
 FRICTION = MotorFriction(coulomb=[1.0, 1.2, 1.0, 0.35, 0.35, 0.3], viscous=0.004)
 
 
-def records() -> tuple[SineRecord, ...]:
-    return simulate_records(
+@pytest.mark.parametrize(("frequencies", "rate_hz"), [(8, 1000.0), (14, 2000.0)])
+def test_heavy_friction_does_not_hide_the_springs(frequencies: int, rate_hz: float) -> None:
+    """Plain least squares is off by tens of per cent; the start is not."""
+    records = simulate_records(
         INERTIA,
         ELASTICITY,
-        np.geomspace(3, 40, 14),
+        np.geomspace(3, 40, frequencies),
         excitation=Excitation(periods=6, settle_s=0.5),
-        controller=Controller(sample_rate_hz=2000.0),
+        controller=Controller(sample_rate_hz=rate_hz),
         friction=FRICTION,
         measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=0.01),
     )
-
-
-def test_heavy_friction_does_not_hide_the_springs() -> None:
-    """Plain least squares is off by tens of per cent; the start is not."""
-    phasors = extract_phasors(records())
+    phasors = extract_phasors(records)
     plain = identify_elasticity(phasors, INERTIA, method="least-squares")
     assert np.abs(plain.K / K - 1).max() > 0.6
     layout = ParameterLayout.of(6)

@@ -31,6 +31,7 @@ from jointid import (
     motor_response,
 )
 from jointid.uncertainty.poses import fits_by_pose
+from jointid.uncertainty.torque_prediction import predict_torques
 from jointid.uncertainty.validation import (
     amplitude_dependence,
     compensated_phasors,
@@ -96,6 +97,37 @@ def test_prediction_fails_where_the_springs_change() -> None:
     assert fit.misfit > 10
     bad = predict_left_out(mixed, SERIAL, fit)
     assert bad.relative_error.max() > 5 * predict_left_out(phasors, SERIAL, good).relative_error.max()
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_prediction_of_torques_errs_as_stated(n: int) -> None:
+    inertia, _ = ROBOTS[n]
+    fits = [identify_elasticity(drawn(n, seed), inertia) for seed in range(6)]
+    assert 0.6 < np.mean([predict_torques(fit).misfit for fit in fits]) < 1.5
+
+
+def test_prediction_of_torques_finds_springs_that_change_with_the_pose() -> None:
+    """The second of two poses has another inertia, as given, and softer springs."""
+
+    def relative_error(K1: float) -> float:
+        other = Elasticity(K=[K1, 7.5], D=[0.1, 0.015])
+        parts = [
+            plant_phasors(inertia, springs, *campaign(FREQUENCIES[k::2], 2))
+            for k, (inertia, springs) in enumerate(((SERIAL, PAPER), (PARALLELOGRAM, other)))
+        ]
+        both = Phasors(
+            **{
+                name: np.concatenate([getattr(part, name) for part in parts])
+                for name in parts[0].__dataclass_fields__ if name != "labels"
+            },
+            labels=parts[0].labels + parts[1].labels,
+        )  # fmt: skip
+        inertias = [SERIAL] * parts[0].omega.size + [PARALLELOGRAM] * parts[1].omega.size
+        fit = identify_elasticity(both, inertias, method="weighted")
+        return float(np.median(predict_torques(fit).relative_error))
+
+    assert relative_error(float(PAPER.K[0])) < 1e-6
+    assert relative_error(0.8 * float(PAPER.K[0])) > 0.02
 
 
 def test_prediction_with_friction() -> None:

@@ -598,9 +598,9 @@ def test_one_frequency_is_told_and_no_senseless_one_suggested(count: int, level:
 def test_value_that_is_hardly_known_is_a_warning() -> None:
     torques = 0.2 * TORQUES
     wild = steady_records(SERIAL, PAPER, FREQUENCIES, torques, noise=(0.02, 0.4), periods=9.3)
-    (vague,) = said(analysed(wild, method="weighted").findings, "hardly known")
+    (vague,) = said(analysed(wild, method="weighted").findings, "poorly determined")
     assert vague.level == "warning"
-    assert not said(of_sound_data(), "hardly known")
+    assert not said(of_sound_data(), "poorly determined")
 
 
 def test_noise_is_no_contradiction_to_the_frequency() -> None:

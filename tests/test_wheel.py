@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from jointid.version import __version__
+from jointid.files.application import __version__
 
 ROOT = Path(__file__).parents[1]
 
@@ -70,7 +70,7 @@ def test_what_is_installed_finds_its_own_app_and_samples(installed: Path, tmp_pa
     )
     app = installed / "jointid" / "app"
     names = ["paper.zip", "manutec_r3.zip", "motions.zip", "single_joint"]
-    names += ["six_axes.zip", "worn_cell.zip"]
+    names += ["six_axes.zip", "swapped_torques.zip", "worn_cell.zip"]
     assert run.stdout.splitlines() == [str(app), *(str(app / "sample_data" / name) for name in names)]
 
 

@@ -42,7 +42,7 @@ KINDS = {
 }
 RUNS = 1
 """Of each kind of study; the benchmark makes fifty."""
-FREQUENCIES, LOWEST, PERIODS = 8, 0.5, tries(5.0, long=10.5)
+FREQUENCIES, LOWEST, PERIODS = 8, tries(0.7, long=0.5), tries(4.0, long=10.5)
 """At most so many, and no very long records of wide bands; the benchmark has up to 18, from 0.3 on.
 
 Records of nonlinear robots, which take long to simulate, have few periods in a normal run.

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from app_pages import APP, opened_app, shown
+from app_pages import APP, opened_app, shown, upload
 from streamlit.testing.v1 import AppTest
 
 from jointid import Study
 from jointid.files.store import Store
-from jointid.files.study_files import pack_study
 from jointid.ui.shared import workspace
 
 
@@ -26,11 +25,6 @@ def begun(**address: str) -> AppTest:
     at = opened_app()
     for name, value in address.items():
         at.query_params[name] = value
-    return shown(at.run())
-
-
-def upload(at: AppTest, study: Study, name: str = "mine.zip") -> AppTest:
-    at.file_uploader(key="uploaded").set_value((name, pack_study(study), "application/zip"))
     return shown(at.run())
 
 

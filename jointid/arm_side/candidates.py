@@ -27,7 +27,7 @@ _ROUNDS = 4
 
 @dataclass(frozen=True)
 class Scale:
-    """What is known of a joint before its fit."""
+    """Data of a joint before its fit."""
 
     compliance: float
     """Scale of the compliance for priors that are relative to it, rad/(N·m)."""

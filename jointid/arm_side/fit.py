@@ -46,7 +46,7 @@ class ArmSideFit:
     skew_error_s: Floats
     """Standard error of ``skew_s``, shape (n,), s."""
     reasons: tuple[str, ...]
-    """Why K is refused, (n,); empty where it is not."""
+    """Reason why K is refused, (n,); empty otherwise."""
     residual_rad: Floats
     """Root mean square of measured minus fitted deflection in the band, shape (n,), rad."""
     robot: RobotModel

@@ -24,7 +24,7 @@ LARGEST_ERROR = 0.25
 _SLIP = 0.02
 """Lowest velocity, in parts of the joint's largest: below it friction in the gear has no direction."""
 _OTHER_SLIPS = (0.0, 0.1)
-"""Other choices of that limit; what they change enters the error."""
+"""Other choices of that limit; the change of the result is part of the error."""
 _PARTS = (6, 10)
 """Numbers of parts of the time, each left out in turn: the same part of every record."""
 _FEWEST = 60

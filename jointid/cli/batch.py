@@ -56,8 +56,8 @@ def batch(
 ) -> None:
     """Analyse many studies into one table, a row per study.
 
-    A study that cannot be read, takes too long or ends its process becomes a row with its error; the
-    others continue. The same command resumes an interrupted batch: finished rows are in OUT.journal
+    A study that cannot be read, exceeds a limit or crashes becomes a row with its error; the others
+    continue. The same command resumes an interrupted batch: finished rows are in OUT.journal
     until the table is complete. Unchanged studies are not analysed again. Exit code 0: every study has a
     row, with or without an error; 1: nothing was done; 130: interrupted.
     """
@@ -67,7 +67,9 @@ def batch(
     for text in studies:
         named(text)
     if workers is not None and scheduler is not None:
-        raise typer.BadParameter("--workers is of this computer, a --scheduler has its own: give one.")
+        raise typer.BadParameter(
+            "--workers applies to this computer, --scheduler to a cluster: give one of them."
+        )
     require_ending("--out", out, ".parquet", ".pq")
     limits = Limits(time_s=timeout, memory_bytes=_bytes(memory))
     count = [0, 0]
@@ -135,7 +137,7 @@ def _document(summary: Summary) -> dict[str, Any]:
         "kept": summary.kept,
         "verdicts": dict(summary.verdicts),
         "time_s": summary.time_s,
-        "studies_per_s": _rate(summary.studies - summary.skipped, summary.time_s),
+        "studies_per_s": summary.rate,
         "failures": [
             {"study": row.study, "failure": row.failure, "error": row.error} for row in summary.failures
         ],
@@ -146,7 +148,7 @@ def _print_summary(summary: Summary) -> None:
     new = summary.studies - summary.skipped
     print(f"{summary.out}: {counted(summary.studies, 'study')}, {summary.good} of them with an answer")
     print(", ".join(f"{n} {answer_state([level])}" for level, n in summary.verdicts.items()))
-    print(f"Analysed now: {new} in {summary.time_s:.1f} s, {_rate(new, summary.time_s):.3g} per second")
+    print(f"Analysed now: {new} in {summary.time_s:.1f} s, {summary.rate:.3g} per second")
     if summary.skipped:
         print(f"Reused from an earlier run: {summary.skipped}")
     if summary.kept:
@@ -160,52 +162,25 @@ def _print_summary(summary: Summary) -> None:
         typer.echo(f"… and {more} more: see the column error of {summary.out}", err=True)
 
 
-def _rate(count: int, time_s: float) -> float:
-    return count / time_s if time_s > 0 else 0.0
-
-
 @contextmanager
 def _progress_display() -> Iterator[Callable[[Progress], None]]:
-    """Show a progress bar on a terminal, else lines for a log file."""
-    if not sys.stderr.isatty():
-        yield _lines()
+    """Show a progress bar on a terminal, else a line now and then for a log file."""
+    if sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import BarColumn, TextColumn
+        from rich.progress import Progress as Bars
+
+        columns = BarColumn(), TextColumn("{task.description}")
+        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+            task = bars.add_task("Analysing", total=None)
+            yield lambda p: bars.update(task, total=p.studies, completed=p.done, description=p.text)
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bars
-
-    columns = (
-        TextColumn("Analysing"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}, {task.fields[failed]} failed, left"),
-        TimeRemainingColumn(),
-    )
-    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task("", total=None, rate="", failed=0)
-        yield lambda p: bars.update(
-            task,
-            total=p.studies,
-            completed=p.done,
-            rate=f"{_rate(p.done - p.skipped, p.time_s):.3g} per second",
-            failed=p.failed,
-        )
-
-
-def _lines() -> Callable[[Progress], None]:
     last = time.monotonic()
 
     def show(progress: Progress) -> None:
         nonlocal last
-        if time.monotonic() - last < _REPORT_EVERY_S or progress.done == progress.skipped:
-            return
-        last = time.monotonic()
-        rate = _rate(progress.done - progress.skipped, progress.time_s)
-        left = (progress.studies - progress.done) / rate
-        typer.echo(
-            f"{progress.done} of {counted(progress.studies, 'study')}, {progress.failed} failed, "
-            f"{rate:.3g} per second, about {left:.0f} s left",
-            err=True,
-        )
+        if time.monotonic() - last >= _REPORT_EVERY_S and progress.done > progress.skipped:
+            last = time.monotonic()
+            typer.echo(progress.text, err=True)
 
-    return show
+    yield show

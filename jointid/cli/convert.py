@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,7 +21,7 @@ from jointid.cli.options import (
     nominal,
     require_ending,
 )
-from jointid.cli.output import made, print_json, print_table, progress, status
+from jointid.cli.output import made, print_json, print_table, progress
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
@@ -57,7 +57,7 @@ def convert(
     ] = None,
     pose: Annotated[
         list[str] | None,
-        typer.Option(help="Pose of the logs, by its name in the inertia file: once, or once per log."),
+        typer.Option(help="Name of the pose in the inertia file: once for all logs, or once per log."),
     ] = None,
     separate: Annotated[
         bool,
@@ -72,13 +72,15 @@ def convert(
     name: Annotated[
         str, typer.Option(help="Name of the study; default: from the inertia file, else from the logs.")
     ] = "",
-    which: Annotated[str, typer.Option("--robot", help="Name of the robot, for a fleet table.")] = "",
+    which: Annotated[
+        str, typer.Option("--robot", help="Name of the robot, for the table of jointid batch.")
+    ] = "",
     date: Annotated[str, typer.Option(help="Date of the measurement, such as 2026-11-20.")] = "",
     note: Annotated[str, typer.Option(help="Remark shown with the answer.")] = "",
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Make a study of the sines, or of any other motion, in any controller's logs."""
+    """Convert logs of any controller, with sines or other motions, into a study."""
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(
             "Give --guess FILE first, look at the mapping it writes, then convert with --mapping FILE."
@@ -93,21 +95,15 @@ def convert(
     from jointid.importing.map.simultaneous_logs import join_logs
     from jointid.importing.study import parse_date
 
-    with status("Reading", quiet=as_json):
+    with progress("Reading", quiet=as_json):
         chosen = mapping_from_json(mapping.read_bytes()) if mapping is not None else None
         tables, together = join_logs([read_log(log) for log in logs], chosen, separate=separate)
     if guess is not None:
         guessed = guess_mapping(tables[0])
         write_file(guess, (mapping_to_json(guessed.mapping) + "\n").encode())
         if as_json:
-            print_json(
-                {
-                    "mapping": json.loads(mapping_to_json(guessed.mapping)),
-                    "reasons": [
-                        {"what": r.what, "text": r.text, "sure": r.sure} for r in guessed.reasons
-                    ],
-                }
-            )
+            mapped = json.loads(mapping_to_json(guessed.mapping))
+            print_json({"mapping": mapped, "reasons": [asdict(r) for r in guessed.reasons]})
             return
         rows = [[r.what, "" if r.sure else "look", r.text] for r in guessed.reasons]
         print_table(["entry", "", "reason"], rows)

@@ -22,17 +22,24 @@ def cut(
     zones_mm: Annotated[str, typer.Option(help="Corner zones, mm.")] = "1,5,10",
     assumed: Annotated[
         str,
-        typer.Option(help="The servo before assumes: study (nominal), rigid, soft or stiff."),
+        typer.Option(
+            help="K in the servo before identification: study (its nominal K), rigid (no compensation), "
+            "soft (0.4 K) or stiff (3 K)."
+        ),
     ] = "",
-    drive: Annotated[str, typer.Option(help="parallelogram or serial; by default the study's.")] = "",
-    svg: Annotated[Path | None, typer.Option(help="Write Figure 7 to this file.")] = None,
+    drive: Annotated[
+        str, typer.Option(help="Drive of the arm: parallelogram or serial; by default the study's.")
+    ] = "",
+    svg: Annotated[
+        Path | None, typer.Option(help="Write the picture of the cut paths to this file, .svg.")
+    ] = None,
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Simulate the paper's cut with the servo before and after identification."""
-    from jointid.cut.outcome import millimetres
+    """Simulate the cut of the paper before and after identification."""
+    from jointid.cut.outcome import millimetres, remainder
     from jointid.cut.path_deflection import has_own_path
-    from jointid.cut.robot import DEMONSTRATION, cut_robot, demonstration
+    from jointid.cut.robot import DEMONSTRATION, NOMINAL_NAMES, cut_robot, demonstration
 
     zones = numbers(zones_mm)
     if drive not in ("", "parallelogram", "serial"):
@@ -50,7 +57,8 @@ def cut(
         if svg is None and has_own_path(analysis):
             _print_own_path(analysis, zones, as_json)
             return
-    choice = assumed or ("study" if robot.nominal else "soft" if study is None else "rigid")
+    own = "study" if robot.nominal else "soft" if study is None else "rigid"
+    choice: Any = assumed or own
     with progress("Cutting", quiet=as_json) as tell:
         document, outcomes = cut_results(robot, choice, zones, tell)
     document["assumption"] = choice
@@ -61,10 +69,13 @@ def cut(
         from jointid.reporting.figures import cut_figure
 
         named_cuts = [(f"corner zone {zone:g} mm", o) for zone, o in zip(zones, outcomes, strict=True)]
-        before = "nominal" if choice == "study" else choice
         rows = [
-            (f"Before: {before}", LIGHT.nominal, [(label, o.before) for label, o in named_cuts]),
-            ("After", LIGHT.identified, [(label, o.after) for label, o in named_cuts]),
+            (
+                f"Before: {NOMINAL_NAMES[choice]}",
+                LIGHT.nominal,
+                [(label, o.before) for label, o in named_cuts],
+            ),
+            ("After: identified", LIGHT.identified, [(label, o.after) for label, o in named_cuts]),
         ]
         write_file(svg, to_svg(cut_figure(rows), title=f"Cuts of {study or 'the paper'}").encode())
     if as_json:
@@ -73,9 +84,9 @@ def cut(
     robots = "with the paper's K and D on the example arm"
     if study is not None and robot.rule != "demonstration":
         robots = "with the identified K and D"
-    print(f"Largest path error, simulated {robots}; servo before: {choice}")
+    print(f"Largest path error, simulated {robots}. Servo before: {NOMINAL_NAMES[choice]}.")
     print(f"{document['meaning']}\n")
-    columns = ["corner zone", "before", "after (95 % stay below)"]
+    columns = ["corner zone", "before", "after (95th percentile)"]
     cells = [
         [f"{zone:g} mm", millimetres(o.before_m), millimetres(o.after_m)]
         for zone, o in zip(zones, outcomes, strict=True)
@@ -87,10 +98,12 @@ def cut(
     print_table(columns, cells, right=tuple(range(len(columns))))
     for problem in dict.fromkeys(o.problem for o in outcomes if o.problem):
         print(f"\nThe path error after identification is not known: {problem}")
+    if not (largest := outcomes[-1]).springs_matter:
+        print(remainder(largest, friction=robot.friction))
 
 
 def _print_own_path(analysis: Any, zones_mm: Sequence[float], as_json: bool) -> None:
-    """Print how far the study's own robot bends along the path."""
+    """Print the deflection of the study's own robot along the path."""
     from jointid.cut.path_deflection import meaning, own_path_deflections, rows_of
 
     found = own_path_deflections(analysis, [1e-3 * zone for zone in zones_mm])

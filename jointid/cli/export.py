@@ -29,11 +29,15 @@ _CONTENTS: dict[str, Callable[[Analysis, Identification, list[float]], str | byt
     ".toml": lambda _, found, __: exporting.to_toml(found),
     ".mat": lambda analysis, *_: exporting.to_mat(analysis),
     ".zip": lambda analysis, *_: _packed(analysis),
+    ".st": lambda _, found, __: exporting.code_listing(found, "Structured Text"),
+    ".c": lambda _, found, __: exporting.code_listing(found, "C"),
+    ".m": lambda _, found, __: exporting.code_listing(found, "MATLAB"),
+    ".py": lambda _, found, __: exporting.code_listing(found, "Python"),
     ".xml": lambda _, found, ratio: exporting.mujoco_snippet(found, ratio),
     ".urdf": lambda _, found, ratio: exporting.urdf_snippet(found, ratio),
     ".sdf": lambda _, found, ratio: exporting.sdf_snippet(found, ratio),
 }
-"""What a file holds, by the ending of its name."""
+"""Contents of a file, by the ending of its name."""
 
 
 @reported
@@ -44,9 +48,10 @@ def export(
         typer.Option(
             "--output",
             "-o",
-            help="Files; the ending selects the format: .json, .toml (identification), .mat, "
+            help="Files; the ending selects the format: .json, .toml (identification), .mat (MATLAB), "
             ".phasors.csv, .H.csv, .torsion.csv (curves), .gears.csv (laws of gears), .gears.txt (the "
-            "same for Modelica), .zip (the study), .xml (MuJoCo), .urdf, .sdf.",
+            "same for Modelica), .st, .c, .m, .py (K and D as code), .zip (the study), .xml (MuJoCo), "
+            ".urdf, .sdf.",
         ),
     ],
     gear_ratio: Annotated[

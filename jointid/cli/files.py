@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jointid.analysis import Analysis
-from jointid.cli.output import status
+from jointid.cli.output import progress
 from jointid.errors import JointIdError
 from jointid.files.application import sample_studies
 from jointid.study import Study
@@ -43,7 +43,7 @@ def analysed(path: Path, method: str, *, quiet: bool, **changes: Any) -> Analysi
     from jointid.analysis import analyse
 
     study = replace(loaded(path), **changes)
-    with status("Analysing", quiet=quiet):
+    with progress("Analysing", quiet=quiet):
         return analyse(study, method=method)
 
 

@@ -37,7 +37,13 @@ def identify(
 
 
 def _print_tables(analysis: Analysis) -> None:
-    from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, further_quantities, model_name
+    from jointid.answer import (
+        ERROR_BARS,
+        UNSTATED_TORQUE_SCALE,
+        further_quantities,
+        gear_text,
+        model_name,
+    )
     from jointid.uncertainty.error_parts import error_table
     from jointid.uncertainty.prior_rows import PRIOR_HEADER
     from jointid.wording import plain
@@ -50,7 +56,9 @@ def _print_tables(analysis: Analysis) -> None:
     print(f"\nModel: {model_name(fit)}. K and D {analysis.unit.side}.")
     rows = [[q.name, *q.shown, value] for q, value in zip(fitted, known, strict=True)]
     print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
-    print(f"{ERROR_BARS} Its parts:")
+    print("Valid within the records, motor side:")
+    print(*(gear_text(fit, j) for j in range(fit.n)), sep="\n")
+    print(f"\n{ERROR_BARS} Its parts:")
     header, rows = error_table(fit)
     print_table(header, rows, right=tuple(range(1, len(header))))
     print("Inertias and torque scales, σ = standard deviation of the given value:")

@@ -93,13 +93,15 @@ METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHOD
 JSON = typer.Option("--json", help="Print only JSON.")
 OVERWRITE = typer.Option("--overwrite", help="Replace an existing study or file.")
 INERTIA_STD = typer.Option(
-    help="How well M and M2 are known: relative standard deviation, 0.03 for 3 %, 0 exact, inf unknown."
+    help="Relative standard deviation of M and M2: 0.03 for 3 %; 0: exact; inf: unknown."
 )
 UNIT = typer.Option(
-    help=f"Unit of K, and side of the gear: {', '.join(STIFFNESS_UNITS)}. At the joint: if the study "
-    "states gear_ratio.",
+    help=f"Unit of K, and side of the gear: {', '.join(STIFFNESS_UNITS)}. At the joint only if "
+    "the study states gear_ratio.",
     show_default=next(iter(STIFFNESS_UNITS)),
 )
-TORQUE_STD = typer.Option(help="The same for the torque constant of each joint.")
-NOMINAL_K = typer.Option("--nominal-K", help="The controller's stiffness, N·m/rad.")
-NOMINAL_D = typer.Option("--nominal-D", help="The controller's damping, N·m·s/rad.")
+TORQUE_STD = typer.Option(help="Relative standard deviation of the torque constants, likewise.")
+NOMINAL_K = typer.Option(
+    "--nominal-K", help="Nominal stiffness: that in the controller at present, N·m/rad."
+)
+NOMINAL_D = typer.Option("--nominal-D", help="Nominal damping, N·m·s/rad.")

@@ -1,9 +1,8 @@
 """Output: tables for people, JSON for machines, progress on standard error."""
 
 import json
-import math
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,19 +12,11 @@ from jointid.wording import counted
 
 
 def print_json(document: dict[str, Any]) -> None:
-    """Print a document as JSON on standard output."""
-    print(json.dumps(finite(document), indent=2, ensure_ascii=False, allow_nan=False))
+    """Print a document as JSON on standard output; numbers that JSON cannot hold become null."""
+    from jointid.exporting.identification_files import with_infinite_as
 
-
-def finite(value: Any) -> Any:
-    """Return the document with null for numbers that JSON cannot hold."""
-    if isinstance(value, Mapping):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    finite = with_infinite_as(None, document)
+    print(json.dumps(finite, indent=2, ensure_ascii=False, allow_nan=False))
 
 
 def print_table(header: list[str], rows: list[list[str]], *, right: tuple[int, ...] = ()) -> None:
@@ -44,20 +35,8 @@ def print_table(header: list[str], rows: list[list[str]], *, right: tuple[int, .
 
 
 @contextmanager
-def status(what: str, *, quiet: bool) -> Iterator[None]:
-    """Show the present step on a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(what):
-        yield
-
-
-@contextmanager
 def progress(what: str, *, quiet: bool) -> Iterator[Callable[[float], None]]:
-    """Show a progress bar with the remaining time on a terminal."""
+    """Show a progress bar on a terminal: the present step until its share done is known."""
     if quiet or not sys.stderr.isatty():
         yield lambda fraction: None
         return
@@ -65,8 +44,8 @@ def progress(what: str, *, quiet: bool) -> Iterator[Callable[[float], None]]:
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=1.0)
-        yield lambda fraction: bar.update(task, completed=fraction)
+        task = bar.add_task(what, total=None)
+        yield lambda fraction: bar.update(task, total=1.0, completed=fraction)
 
 
 def made(study: Study, path: Path, as_json: bool, **more: Any) -> None:

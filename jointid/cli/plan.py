@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from jointid.analysis import Analysis, analyse
 from jointid.cli.files import loaded
 from jointid.cli.options import JSON, METHOD, STUDY, numbers
-from jointid.cli.output import print_json, print_table, status
+from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.study import Study
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ def plan(
     torque_limit: Annotated[str, TORQUE_LIMIT] = "",
     velocity_limit: Annotated[str, VELOCITY_LIMIT] = "",
     motion: Annotated[
-        str, typer.Option(help="Predict sweep, multisine, random or moves in place of sines.")
+        str, typer.Option(help="Plan another motion than sines: sweep, multisine, random or moves.")
     ] = "",
     position_limit: Annotated[
         str, typer.Option(help="Largest angles of a motion, ± rad; default: the study's.")
@@ -45,7 +44,10 @@ def plan(
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Suggest the next records and predict the standard errors after each."""
+    """Suggest the next records and predict the standard errors after each.
+
+    Limits are one number for all joints, or numbers with commas: 2.5,2.8.
+    """
     if motion:
         texts = position_limit, velocity_limit, torque_limit
         limits = [numbers(text) if text else None for text in texts]
@@ -54,24 +56,23 @@ def plan(
         return
     from jointid.uncertainty.validation import second_amplitude
 
-    _, fit, suggestion = suggested(
+    analysis, suggestion = suggested(
         study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
     )
-    document = _document(suggestion) | {"second_amplitude": second_amplitude(fit)}
+    document = _document(suggestion) | {"second_amplitude": second_amplitude(analysis.fit)}
     if as_json:
         print_json(document)
         return
+    from jointid.uncertainty.planned_records import phasor_text
+
     names = document["parameters"]
-    rows = [["today", "", "", *map(_percent, document["relative_error_today"])]]
+    rows = [["present", "", "", *map(_percent, document["relative_error_today"])]]
     for k, record in enumerate(document["records"], start=1):
-        pairs = zip(record["torque_Nm"], record["torque_phase_deg"], strict=True)
-        torques = ", ".join(f"{size:.3g} ∠ {phase:.0f}°" for size, phase in pairs)
+        torques = ", ".join(map(phasor_text, suggestion.records.relative[0][k - 1].tolist()))
         errors = map(_percent, record["relative_error_after"])
         rows.append([f"record {k}", f"{record['frequency_hz']:.3g}", torques, *errors])
-    print("Records to make next, and the relative standard errors after each\n")
-    print_table(
-        ["", "Hz", "torque amplitudes (N·m)", *names], rows, right=(1, *range(3, 3 + len(names)))
-    )
+    print("Suggested records, and the relative standard errors after each\n")
+    print_table(["", "Hz", "torques (N·m)", *names], rows, right=(1, *range(3, 3 + len(names))))
     if advice := document["second_amplitude"]:
         print(f"\n{advice}")
 
@@ -85,9 +86,8 @@ def suggested(
     velocity_limit: str,
     *,
     quiet: bool,
-) -> tuple[Study, ElasticityFit, Suggestion]:
+) -> tuple[Analysis, Suggestion]:
     """Read a study, fit it and suggest the next records."""
-    from jointid.phasors.extract import extract_phasors
     from jointid.uncertainty.plan import suggest_records
 
     torque = numbers(torque_limit) if torque_limit else None
@@ -98,26 +98,19 @@ def suggested(
             "Sines are planned from the noise of sines, and this study has records of other motions. "
             "jointid plan --motion sweep plans a motion; set points need a study of sines."
         )
-    with status("Planning", quiet=quiet):
-        phasors = extract_phasors(known.sine_records)
-        fit = identify_elasticity(
-            phasors,
-            known.inertias,
-            method=method,
-            inertia_std=known.inertia_std,
-            torque_std=known.torque_std,
-        )
+    with progress("Planning", quiet=quiet):
+        analysis = analyse(known, method=method)
         suggestion = suggest_records(
-            phasors,
+            analysis.phasors,
             known.inertias,
-            fit,
+            analysis.fit,
             count=count,
             duration_s=duration_s,
             torque_limit_Nm=torque,
             velocity_limit_rad_s=velocity,
             highest_hz=0.25 / max(record.interval_s for record in known.records),
         )
-    return known, fit, suggestion
+    return analysis, suggestion
 
 
 def _plan_motion(
@@ -128,7 +121,6 @@ def _plan_motion(
     count: int,
     as_json: bool,
 ) -> None:
-    from jointid.analysis import analyse
     from jointid.arrays import per_joint
     from jointid.simulation.motion import Motion
     from jointid.uncertainty.motion_plan import MotionLimits, largest_motion, plan_motion
@@ -138,7 +130,7 @@ def _plan_motion(
     own = largest.position_rad, largest.velocity_rad_s, largest.torque_Nm
     pairs = zip(own, limits, strict=True)
     chosen = [each if given is None else per_joint("limit", given, n) for each, given in pairs]
-    with status("Planning", quiet=as_json):
+    with progress("Planning", quiet=as_json):
         fit = analyse(known, method=method).fit
         interval = known.records[0].interval_s
         inertia = known.inertias[0]
@@ -165,12 +157,15 @@ def _plan_motion(
         [name, *map(_percent, (float(a), float(b), float(c)))]
         for name, a, b, c in zip(found.names, today, found.alone, found.together, strict=True)
     ]
-    print_table(["", "today", "motion alone", "together"], rows, right=(1, 2, 3))
+    print_table(["", "present", "motion alone", "together"], rows, right=(1, 2, 3))
 
 
 def _document(suggestion: Suggestion) -> dict[str, Any]:
     """Suggested records, and the relative standard errors of K and D after each."""
+    from jointid.uncertainty.planned_records import phase_deg
+
     records, errors = suggestion.records, suggestion.relative_error
+    torque, angle = records.relative
     return {
         "parameters": list(suggestion.names),
         "relative_error_today": errors[0].tolist(),
@@ -178,10 +173,10 @@ def _document(suggestion: Suggestion) -> dict[str, Any]:
             {
                 "frequency_hz": float(records.frequency_hz[k]),
                 "duration_s": float(records.duration_s[k]),
-                "torque_Nm": np.abs(records.torque_Nm[k]).tolist(),
-                "torque_phase_deg": np.degrees(np.angle(records.torque_Nm[k])).tolist(),
-                "angle_rad": np.abs(records.angle_rad[k]).tolist(),
-                "angle_phase_deg": np.degrees(np.angle(records.angle_rad[k])).tolist(),
+                "torque_Nm": np.abs(torque[k]).tolist(),
+                "torque_phase_deg": phase_deg(torque[k]).tolist(),
+                "angle_rad": np.abs(angle[k]).tolist(),
+                "angle_phase_deg": phase_deg(angle[k]).tolist(),
                 "relative_error_after": errors[k + 1].tolist(),
             }
             for k in range(records.frequency_hz.size)

@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from jointid.errors import JointIdError
-from jointid.version import __version__
+from jointid.files.application import __version__
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -7,7 +7,7 @@ import typer
 
 from jointid.cli.files import analysed, require_spared
 from jointid.cli.options import JSON, METHOD, STUDY, UNIT, require_ending
-from jointid.cli.output import status, written
+from jointid.cli.output import progress, written
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
 
@@ -18,9 +18,7 @@ def report(
     output: Annotated[
         list[Path] | None, typer.Option("--output", "-o", help="Files, .html or .pdf.")
     ] = None,
-    with_cut: Annotated[
-        bool, typer.Option("--cut/--no-cut", help="Include the cut of Figure 7.")
-    ] = True,
+    with_cut: Annotated[bool, typer.Option("--cut/--no-cut", help="Include the simulated cut.")] = True,
     method: Annotated[str, METHOD] = "auto",
     unit: Annotated[str, UNIT] = "",
     as_json: Annotated[bool, JSON] = False,
@@ -34,7 +32,7 @@ def report(
     analysis = analysis.shown_in(unit) if unit else analysis
     from jointid.reporting.report import make_report, to_html, to_pdf
 
-    with status("Writing the report", quiet=as_json):
+    with progress("Writing the report", quiet=as_json):
         made = make_report(analysis, cut=with_cut)
         for file in files:
             pdf = file.suffix.lower() == ".pdf"

@@ -8,7 +8,7 @@ import typer
 
 from jointid.cli.files import require_spared
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers
-from jointid.cli.output import print_json, print_table, status
+from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.plan import COUNT, DURATION, TORQUE_LIMIT, VELOCITY_LIMIT, suggested
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
@@ -20,7 +20,7 @@ def setpoints(
     limits: Annotated[
         Path, typer.Option(parser=named, help="TOML with limits, gear ratios and start pose.")
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", parser=named, help="New file.")],
+    output: Annotated[Path, typer.Option("--output", "-o", parser=named, help="File of set points.")],
     file_format: Annotated[
         str, typer.Option("--format", help="csv, ros2 (JointTrajectory), ur, egm or rsi.")
     ] = "csv",
@@ -28,12 +28,15 @@ def setpoints(
     interval_ms: Annotated[
         float | None, typer.Option(help="Time between set points; default: the format's.")
     ] = None,
-    scale: Annotated[float, typer.Option(help="Factor on the motion.")] = 1.0,
-    repeats: Annotated[int, typer.Option(help="Repeats of all records.")] = 1,
+    scale: Annotated[float, typer.Option(help="Factor on all amplitudes.")] = 1.0,
+    repeats: Annotated[int, typer.Option(help="Number of passes through all records.")] = 1,
     ramp_s: Annotated[float, typer.Option(help="Length of the ramps, s.")] = 0.5,
     rest_s: Annotated[float, typer.Option(help="Rest between records, s.")] = 1.0,
     superposed: Annotated[
-        str, typer.Option(help="Superposed velocities of the joints, °/s: each record forward and back.")
+        str,
+        typer.Option(
+            help="Superposed velocities of the joints, °/s; each record then runs forward and back."
+        ),
     ] = "0",
     count: Annotated[int, COUNT] = 3,
     duration_s: Annotated[float, DURATION] = 4.0,
@@ -53,10 +56,11 @@ def setpoints(
     require_spared(output, overwrite, [study, limits])
     with limits.open("rb") as file:
         robot = limits_from_toml(file.read(1 << 21), limits.name)
-    known, fit, suggestion = suggested(
+    analysis, suggestion = suggested(
         study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
     )
-    with status("Playing on the simulated robot", quiet=as_json):
+    fit = analysis.fit
+    with progress("Playing on the simulated robot", quiet=as_json):
         experiment = planned_experiment(
             suggestion.records,
             fit.inertias[0],
@@ -73,7 +77,7 @@ def setpoints(
             robot,
             file_format,
             interval_ms=interval_ms,
-            study=known.name,
+            study=analysis.study.name,
         )
     write_file(output, points.text().encode())
     if as_json:

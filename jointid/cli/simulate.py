@@ -48,23 +48,25 @@ def simulate(
     from_hz: Annotated[float, typer.Option(help="Lowest frequency, Hz.")] = 3.0,
     to_hz: Annotated[float, typer.Option(help="Highest frequency, Hz.")] = 30.0,
     count: Annotated[
-        int | None, typer.Option(min=1, max=500, help="Number of frequencies of sines, 18 by default.")
+        int | None, typer.Option(min=1, max=500, help="Number of sine frequencies, 18 by default.")
     ] = None,
     periods: Annotated[
-        float | None, typer.Option(help="Length of each record of a sine, periods; 12.5 by default.")
+        float | None, typer.Option(help="Length of each sine record, periods; 12.5 by default.")
     ] = None,
     motion: Annotated[
         str, typer.Option(help="In place of sines: sweep, multisine, random or moves.")
     ] = "",
-    odd: Annotated[bool, typer.Option(help="Multisine on odd lines, which shows distortion.")] = False,
+    odd: Annotated[
+        bool, typer.Option(help="Multisine with odd harmonics only, which shows distortion.")
+    ] = False,
     duration: Annotated[
-        float | None, typer.Option(help="Length of each record of a motion, s; 20 by default.")
+        float | None, typer.Option(help="Length of each motion record, s; 20 by default.")
     ] = None,
     records: Annotated[
-        int | None, typer.Option(min=1, max=100, help="Records of a motion, 2 by default.")
+        int | None, typer.Option(min=1, max=100, help="Number of motion records, 2 by default.")
     ] = None,
     coulomb: Annotated[str, typer.Option(help="Coulomb friction of the motors, N·m.")] = "0",
-    viscous: Annotated[str, typer.Option(help="Viscous friction, N·m·s/rad.")] = "0",
+    viscous: Annotated[str, typer.Option(help="Viscous friction of the motors, N·m·s/rad.")] = "0",
     gear: Annotated[
         list[str] | None,
         typer.Option(
@@ -74,18 +76,18 @@ def simulate(
     ] = None,
     encoder_counts: Annotated[int, typer.Option(help="Counts per motor turn; 0 is ideal.")] = 65536,
     torque_noise: Annotated[str, typer.Option(help="Standard deviation of the torque, N·m.")] = "0.01",
-    delay_ms: Annotated[float, typer.Option(help="Torque delay, ms.")] = 0.0,
+    delay_ms: Annotated[float, typer.Option(help="Delay of the torque after its sample, ms.")] = 0.0,
     sample_rate_hz: Annotated[float, typer.Option(help="Sample rate of control and log, Hz.")] = 2000.0,
     inertia_error: Annotated[
         float,
-        typer.Option(help="Share by which the study's M and M2 differ from the robot's: 0.05 for 5 %."),
+        typer.Option(help="Relative error of M and M2 in the study: 0.05 for 5 %."),
     ] = 0.0,
-    torque_gain: Annotated[str, typer.Option(help="Logged torque over true torque.")] = "1",
+    torque_gain: Annotated[str, typer.Option(help="Ratio of logged to true torque.")] = "1",
     added: Annotated[
         str,
         typer.Option(
-            help="Second set of records with a payload: its exactly known addition to M2, rows "
-            "separated by ;"
+            help="Add records with a payload: its exactly known contribution to M2, kg·m², rows "
+            "separated by semicolons."
         ),
     ] = "",
     inertia_std: Annotated[float | None, INERTIA_STD] = None,
@@ -95,7 +97,10 @@ def simulate(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Simulate closed-loop experiments, sines or another motion, and save them as a study."""
+    """Simulate closed-loop experiments, sines or another motion, and save them as a study.
+
+    Options with a value per joint take one number for all, or numbers with commas: 43,7.5.
+    """
     import numpy as np
 
     from jointid.importing.robot_inertia import KnownRobot

@@ -15,7 +15,9 @@ from jointid.files.application import application_folder
 @reported
 def start_app(
     port: Annotated[int, typer.Option(min=1, max=65535, help="TCP port.")] = 8501,
-    path: Annotated[Path | None, typer.Option(help="Another app.py than the one installed.")] = None,
+    path: Annotated[
+        Path | None, typer.Option(help="app.py to start in place of the installed one.")
+    ] = None,
 ) -> None:
     """Start the app in the browser."""
     script = (path or application_folder() / "app.py").resolve()

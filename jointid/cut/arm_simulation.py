@@ -198,7 +198,7 @@ def require_resolved(arm: PlanarArm, K: Floats, D: Floats, dt: float, joint_angl
     fastest = float(max(frequency, decay))
     if dt * fastest > 0.5:
         raise JointIdError(
-            f"A step of {dt:g} s is too long for this arm, whose springs answer at {fastest:.4g} rad/s. "
+            f"A step of {dt:g} s is too long for this arm, whose fastest mode has {fastest:.4g} rad/s. "
             f"Use a dt of at most {0.5 / fastest:.2g} s, or check K (N·m/rad) and D (N·m·s/rad)."
         )
 

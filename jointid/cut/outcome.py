@@ -21,7 +21,7 @@ from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
-from jointid.wording import significant
+from jointid.wording import enumerated, significant
 
 EVERYDAY_SERVO = Servo(
     sample_rate_hz=2000.0, delay_samples=1, encoder_bits=16, differentiated_velocity=True
@@ -214,3 +214,26 @@ def millimetres(length_m: float) -> str:
     if length_m < _SMALLEST_SHOWN_M:
         return f"under {significant(1e3 * _SMALLEST_SHOWN_M, 1)} mm"
     return f"{significant(1e3 * length_m, 2 if length_m >= 1e-5 else 1)} mm"
+
+
+def remainder(
+    outcome: Outcome, servo: Servo = EVERYDAY_SERVO, friction: MotorFrictionLike | None = None
+) -> str:
+    """Describe the remaining error of an outcome whose error does not depend on that of K and D."""
+    left = millimetres(outcome.after_m)
+    if left.startswith("under"):
+        return f"The remaining error, {left}, is below the resolution of the simulation."
+    causes = {
+        "friction": friction is not None and servo.friction_compensation is None,
+        "delay": servo.delay_samples > 0,
+        "encoder": servo.encoder_bits is not None,
+    }
+    named = enumerated([name for name, acts in causes.items() if acts] or ["the controller's rate"])
+    text = (
+        f"The remaining error, {left}, comes from {named}, not from the springs: within the error bars "
+        f"of K and D it changes by {millimetres(outcome.spread_m)} (95th percentile shown); the page "
+        "Cut, tab Accuracy of K, shows the cost of an error of K."
+    )
+    if outcome.before_m < outcome.after_m:
+        text += " The smaller error before is a coincidence: the wrong springs cancel a part of it."
+    return text

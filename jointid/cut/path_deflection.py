@@ -23,7 +23,8 @@ from jointid.robot_models.model import RobotModel
 MEANING = (
     "The paper's rectangle, horizontal about the tool of this study's own robot in its pose{pose}: "
     "wind-up of the gears by gravity and inertia, without vibration and without forces of the process. "
-    "The deflection at the start of the path is taught and does not count."
+    "The sag at the start of the path is taught with the path and does not count. Servo: K that it "
+    "compensates; rigid: no compensation."
 )
 _STEP_S = 0.004
 _ROUNDS = 3
@@ -36,7 +37,7 @@ class PathDeflection:
     """Largest deflections of the tool along one path, m."""
 
     sag_m: float
-    """By gravity at the start of the path, which is taught."""
+    """Deflection by gravity at the start, taught with the path."""
     gravity_m: float
     """Change of the deflection by gravity along the path."""
     inertia_m: float
@@ -46,7 +47,7 @@ class PathDeflection:
     assumed_m: float | None
     """With a servo that assumes the study's nominal K; None without."""
     identified_m: float
-    """With a servo that assumes the identified K: 95 % stay below."""
+    """With a servo that assumes the identified K: 95th percentile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +85,9 @@ def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[P
     robot, q = study.robot_model, next(iter(study.pose_angles_rad.values()))
     draws = np.random.default_rng(0).multivariate_normal(fit.K, fit.covariance[: fit.n, : fit.n], _DRAWS)
     if not np.isfinite(draws).all() or np.any(draws <= 0):
-        raise JointIdError("K is too uncertain for a deflection of the tool. Mend the findings first.")
+        raise JointIdError(
+            "K is too uncertain for a deflection of the tool. Resolve the findings first."
+        )
     found = []
     for zone in zones_m:
         path = joint_path(robot, q, rectangle(zone_m=zone, centre_m=(0.0, 0.0)))
@@ -107,7 +110,7 @@ def rows_of(
     zones_mm: Sequence[float], found: Sequence[PathDeflection]
 ) -> tuple[list[str], list[list[str]]]:
     """Header and cells of the table of deflections."""
-    names = ["corner zone", "taught sag", "gravity", "inertia", "rigid servo", "nominal K"]
+    names = ["corner zone", "sag at start", "gravity", "inertia", "servo: rigid", "servo: nominal K"]
     rows = [
         [
             f"{zone:g} mm",
@@ -115,7 +118,7 @@ def rows_of(
         ]
         for zone, each in zip(zones_mm, found, strict=True)
     ]
-    return [*names, "identified K (95 % stay below)"], rows
+    return [*names, "servo: identified K (95th percentile)"], rows
 
 
 def has_own_path(analysis: Analysis) -> bool:
@@ -146,19 +149,18 @@ def joint_path(robot: RobotModel, q: ArrayLike, path: Toolpath) -> JointPath:
     target = np.zeros((time.size, 3))
     target[:, :2] = path.position(time)
     target += robot.tool_point(q)
-    angles = np.empty((time.size, robot.n))
+    angles, lever = np.empty((time.size, robot.n)), np.empty((time.size, 3, robot.n))
     now = np.array(q, float)
+    tool, jacobian = robot.tool_motion(now)
     for k, point in enumerate(target):
         for _ in range(_ROUNDS):
-            now = now + np.linalg.pinv(robot.tool_jacobian(now), rcond=1e-6) @ (
-                point - robot.tool_point(now)
-            )
-        angles[k] = now
-        if np.linalg.norm(point - robot.tool_point(now)) > _NEAR_M:
+            now = now + np.linalg.pinv(jacobian, rcond=1e-6) @ (point - tool)
+            tool, jacobian = robot.tool_motion(now)
+        angles[k], lever[k] = now, jacobian @ robot.coupling
+        if np.linalg.norm(point - tool) > _NEAR_M:
             raise JointIdError("The robot's tool does not reach the rectangle from this pose.")
     velocity = np.gradient(angles, _STEP_S, axis=0)
     still, C = np.zeros_like(angles), robot.coupling
     gravity = robot.torque(angles, still, still)
     moving = robot.torque(angles, velocity, np.gradient(velocity, _STEP_S, axis=0))
-    lever = np.array([robot.tool_jacobian(each) @ C for each in angles])
     return JointPath(lever, gravity @ C, (moving - gravity) @ C)

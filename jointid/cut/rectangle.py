@@ -53,9 +53,9 @@ def rectangle(
     centre_m : array_like, shape (2,)
         Centre of the rectangle, m.
     angle_rad : float
-        Turn of the rectangle about its centre, rad.
+        Rotation of the rectangle about its centre, rad.
     repetitions : int
-        How many times round.
+        Number of passes.
     settle_s : float
         Rest after the end, which shows residual vibration, s.
 

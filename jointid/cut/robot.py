@@ -37,6 +37,14 @@ PAPER = Elasticity(K=(43.0, 7.5), D=(0.10, 0.015))
 """The values that the paper identified, motor side, N·m/rad and N·m·s/rad."""
 SOFT, STIFF = 0.4, 3.0
 """K̂ / K of two wrongly tuned controllers; this software's own choice."""
+NOMINAL_NAMES: dict[Assumption, str] = {
+    "study": "nominal",
+    "rigid": "nominal (rigid)",
+    "soft": f"nominal ({SOFT:g} K)",
+    "stiff": f"nominal ({STIFF:g} K)",
+    "custom": "nominal (custom)",
+}
+"""Names of the controller before the identification."""
 
 DEMONSTRATION = (
     "The paper's values (K = 43, 7.5 N·m/rad, D = 0.10, 0.015 N·m·s/rad) on the example arm, as if they "
@@ -87,7 +95,7 @@ class CutRobot:
     covariance: Floats
     """Their covariance in the order K1, K2, D1, D2, shape (4, 4)."""
     nominal: Elasticity | None
-    """K and D that the study's controller assumes; None when not stated."""
+    """Nominal K and D of the study; None when not stated."""
     friction: CutFriction | None
     """Identified friction; None when it was not fitted."""
     scale: tuple[float, float] = (1.0, 1.0)
@@ -161,7 +169,7 @@ def reason_unusable(analysis: Analysis) -> str:
     """Reason why an identification gives no path error; empty otherwise."""
     for finding in analysis.findings:
         if finding.level == "problem":
-            return f"The answer cannot be used for a cut. Mend this finding first: {finding.title}."
+            return f"The answer cannot be used for a cut. Resolve this finding first: {finding.title}."
     fit = analysis.fit
     value = np.concatenate([fit.elasticity.K, fit.elasticity.D])
     error = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))

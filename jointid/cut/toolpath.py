@@ -186,7 +186,7 @@ class Toolpath:
         return point, ahead, span
 
     def _turning(self) -> np.ndarray:
-        """Which pieces change direction, shape (m,)."""
+        """Mask of the pieces that change direction, shape (m,)."""
         before, after = self.velocity_m_s[:-1], self.velocity_m_s[1:]
         cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
         size = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)

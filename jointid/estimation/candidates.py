@@ -65,7 +65,7 @@ class Model:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What the model has beside K and D: "friction", "delay", keys of ``EFFECTS``."""
+        """Parts of the model beside K and D: "friction", "delay", keys of ``EFFECTS``."""
         friction = ("friction",) if self.reversal is not None else ()
         return (*friction, *(("delay",) if self.delay else ()), *self.effects)
 
@@ -124,7 +124,7 @@ class Candidate:
     friction explain the fundamentals."""
     chosen: bool
     parts: tuple[str, ...] = ()
-    """What it has beside K and D, see ``Model.parts``."""
+    """Its parts beside K and D, see ``Model.parts``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,16 +221,17 @@ class Fits:
         return estimate.misfit if isinstance(estimate, LikelihoodEstimate) else np.inf
 
     def least(self, models: Sequence[Model]) -> Model:
-        """Model with the smallest criterion."""
-        criterion = self.criterion()
-        return min(models, key=lambda model: criterion[model])
+        """Model with the smallest criterion; of models with parts that are not significant, the same."""
+        judged, plain = self.criterion(), self.criterion(judged=False)
+        return min(models, key=lambda model: (judged[model], plain[model]))
 
-    def criterion(self) -> dict[Model, float]:
+    def criterion(self, *, judged: bool = True) -> dict[Model, float]:
         """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
 
         Schwarz's penalty ln(rows) for the parameters, Akaike's 2 for each degree of freedom of the free
-        friction. Infinite where other reversals explain the fundamentals, which give K and D: in many
-        harmonics noise hides what a wrong reversal leaves.
+        friction. ``judged`` makes it infinite where a part is not significant. Infinite where other
+        reversals explain the fundamentals, which give K and D: in many harmonics noise hides what a
+        wrong reversal leaves.
         """
         fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
         misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
@@ -238,7 +239,7 @@ class Fits:
         explained = {m.parts for m, e in fitted.items() if m.reversal and fundamental_chance(e) > _USUAL}
         for model, estimate in fitted.items():
             astray = model.parts in explained and fundamental_chance(estimate) < CHANCE
-            if astray or not self._is_significant(model, estimate):
+            if astray or (judged and not self._is_significant(model, estimate)):
                 continue
             free = estimate.parameter_count - estimate.p.size
             penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free
@@ -287,6 +288,7 @@ class Fits:
             return False
         if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
             least = _SIGNIFICANT**2 * (_FREE_PENALTY if model.reversal else 1.0) + size.size
+            least *= 1 + estimate.repeated  # such errors lower the cost of any part
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
         if part == "piecewise":  # a first slope near zero, or a steep one, is play or hysteresis
             p = estimate.named

@@ -1,4 +1,4 @@
-"""Result of an identification: stiffness and damping with their whole error."""
+"""Result of an identification: stiffness and damping with their total error."""
 
 from dataclasses import dataclass, replace
 
@@ -48,7 +48,7 @@ class ElasticityFit:
     D: Floats
     """Damping, shape (n,), N·m·s/rad."""
     covariance: Floats
-    """Covariance of (K1 ... Kn, D1 ... Dn), shape (2n, 2n), the whole error: of noise, times
+    """Covariance of (K1 ... Kn, D1 ... Dn), shape (2n, 2n), the total error: of noise, times
     ``inflation``, of the prior, of the choice of the model and, with friction, of its truncated
     harmonics."""
     residual: Complexes

@@ -22,7 +22,7 @@ from jointid.phasors.extract import Phasors
 from jointid.small_matrices import one_thread
 
 METHODS = {
-    "auto": "maximum likelihood, with the simplest model that the noise allows",
+    "auto": "maximum likelihood, with the simplest model consistent with the noise",
     "maximum-likelihood": "maximum likelihood; friction and delay on request",
     "weighted": "weighted least squares, weights from the noise of each record",
     "least-squares": "the paper's pseudo-inverse, equations (13)-(14)",

@@ -1,6 +1,7 @@
 """Identification from records of any motion, alone or together with sines, in one likelihood."""
 
 import contextlib
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -18,6 +19,7 @@ from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.model_selection import choose_model
+from jointid.estimation.motion_start import motion_start
 from jointid.joints import Inertia
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.extract import Phasors, extract_phasors
@@ -28,13 +30,13 @@ _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
+_FEW = 16
+"""Segments of motions that show the first noise."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
 """Least share of a joint's equations in a segment that free friction leaves, and the share from which
 the segment shows the noise; without such segments those with the largest share do."""
-_DEGREE = 5
-"""Of the polynomial of the ends in equation (8)."""
 
 
 def identify_motion(
@@ -93,6 +95,14 @@ def _checked(records: object) -> list[MotionRecord | SineRecord]:
                 f"{record.label or f'record {number}'} has {record.n} joints, the first record "
                 f"{each[0].n}: records that are analysed together must have the same joints."
             )
+    for i, j in itertools.combinations(range(each[0].n), 2):
+        angles = [record.theta_rad[:, [i, j]].T for record in each]
+        if all(np.array_equal(*pair) for pair in angles) and any(np.ptp(pair[0]) > 0 for pair in angles):
+            raise JointIdError(
+                f"theta_m{i + 1}_rad and theta_m{j + 1}_rad hold the same samples in every record: the "
+                "two joints cannot be separated. Check which column belongs to which joint, or add a "
+                f"record in which joint {j + 1} moves otherwise."
+            )
     return list(each)
 
 
@@ -113,7 +123,9 @@ def _identified(
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
     if _differ(again, phasors) and isinstance(choice.estimate, LikelihoodEstimate):
         phasors = again
-        choice = search(phasors, prior, _near(choice.estimate), noise=_noise(phasors, prior))
+        slow = choice.model if choice.model.is_slow else None
+        near = choice.estimate.named if slow else _near(choice.estimate)
+        choice = search(phasors, prior, near, noise=_noise(phasors, prior), first=slow)
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
     estimate, noise = choice.estimate, _noise(phasors, prior)
@@ -133,20 +145,21 @@ def _identified(
 
 
 def _with_first_noise(
-    phasors: Phasors, prior: InertiaPrior, start: Floats
+    phasors: Phasors, prior: InertiaPrior, start: Parameters
 ) -> tuple[Phasors, Floats | Parameters]:
     """Phasors with the noise that a fit with simple friction leaves, and its parameters."""
     if not phasors.motion.any():
         return phasors, start
     fits: list[tuple[Model, LikelihoodEstimate]] = []
-    noise = _noise(phasors, prior)
-    for reversal in (None, 0.0, 0.03, 0.1):
+    few, own = _few(phasors, prior)
+    noise = _noise(few, own)
+    for reversal in (None, 0.0, 0.03, 0.1)["coulomb" in start.layout :]:
         model = Model(reversal, delay=False)
         best = fits[-1][1] if fits else None
         with contextlib.suppress(JointIdError):
-            if best and stepped(phasors, prior, best, noise, model)[1] > _BETTER * best.misfit:
+            if best and stepped(few, own, best, noise, model)[1] > _BETTER * best.misfit:
                 break
-            found = fit_model(phasors, prior, best.named if best and reversal else start, noise, model)
+            found = fit_model(few, own, best.named if best and reversal else start, noise, model)
             if best and found.misfit > _BETTER * best.misfit:
                 break
             fits.append((model, found))
@@ -158,6 +171,15 @@ def _with_first_noise(
         found = replace(found, p=stepped(phasors, prior, found, _noise(phasors, prior), model)[0])
         phasors = _with_noise(phasors, prior, model, found)
     return phasors, _near(found)
+
+
+def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
+    """Evenly spread segments of long motions around one pose, and all sines."""
+    moves = np.flatnonzero(phasors.motion)
+    if moves.size <= _FEW or len(prior.M2) > 1:
+        return phasors, prior
+    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // _FEW)]))
+    return phasors.select(rows), prior.of_rows(rows)
 
 
 def _near(found: LikelihoodEstimate) -> Floats | Parameters:
@@ -260,48 +282,6 @@ def _require_motion(phasors: Phasors) -> None:
             f"band of any record, so K{j + 1} and D{j + 1} cannot be found. Move joint {j + 1}, or "
             "widen band_hz."
         )
-
-
-def motion_start(phasors: Phasors, prior: InertiaPrior) -> Floats:
-    """K and D by least squares of equation (8), the polynomials of the ends eliminated, shape (2n,)."""
-    n, H = phasors.n, phasors.harmonics.shape[1]
-    s = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
-    normal = np.zeros((n, 3, 3))
-    known = np.any(phasors.harmonics != 0, axis=2)
-    known[~phasors.motion, 1:] = False
-    for row in range(phasors.omega.size):
-        at, z = s[row, known[row]], phasors.harmonics[row, known[row]]
-        M, arm = prior.M[prior.rotor[row]], np.linalg.inv(prior.M2[prior.pose[row]])
-        s2 = (at * at)[:, None]
-        torque = z[:, n:] - s2 * M * z[:, :n]
-        a, b = s2 * z[:, :n] - torque @ arm, s2 * torque
-        ends = np.zeros((2 * at.size, 0))
-        for j in range(n):
-            variance = np.einsum("hcc->hc", phasors.harmonic_covariance[row, known[row]]).real
-            scale = np.abs(s2[:, 0]) * np.sqrt(
-                variance[:, n + j] + np.abs(s2[:, 0] * M[j]) ** 2 * variance[:, j]
-            )
-            if phasors.motion[row]:
-                unit = at / np.abs(at).max()
-                ends = _real(1j * unit[:, None] ** np.arange(_DEGREE + 1) / scale[:, None])
-                ends, _ = np.linalg.qr(ends / np.linalg.norm(ends, axis=0))
-            rows = _real(np.stack([a[:, j], at * a[:, j], b[:, j]], axis=1) / scale[:, None])
-            rows -= ends @ (ends.T @ rows)
-            normal[j] += rows.T @ rows
-    start = np.zeros(2 * n)
-    middle = float(np.median(phasors.excited))
-    for j in range(n):
-        size = np.sqrt(np.maximum(np.diag(normal[j])[:2], 1e-300))
-        unit = normal[j, :2, :2] / np.outer(size, size) + 1e-12 * np.eye(2)
-        K, D = np.linalg.solve(unit, normal[j, :2, 2] / size) / size
-        if K <= 0:
-            K, D = prior.M2[0, j, j] * middle**2, 0.0
-        start[[j, n + j]] = K, max(D, 0.0)
-    return start
-
-
-def _real(values: Complexes) -> Floats:
-    return np.concatenate([values.real, values.imag])
 
 
 def _noise(phasors: Phasors, prior: InertiaPrior) -> Noise:

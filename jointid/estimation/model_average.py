@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtri, log_ndtr, ndtri_exp
@@ -81,6 +82,29 @@ def spread_of_links(estimate: LikelihoodEstimate, score: Score, prior: InertiaPr
     """
     wide, usual = (prior.link_std(estimate.named.K, times) for times in (LOWEST_LINK, _USUAL_LINK))
     return spread_by_prior(score, wide, usual, max(1.0, estimate.misfit))
+
+
+def spread_of_filters(estimate: LikelihoodEstimate, scores: Mapping[str, Score]) -> Floats:
+    """Covariance of K and D by filters in place of a part of a delay or of lags, shape (2n, 2n).
+
+    Filters of the position and of the logged torque change the amplitudes in opposite directions, by the
+    square of a time constant, which is roughly a joint's delay.
+    """
+    p, found = estimate.named, np.zeros_like(estimate.elasticity_covariance)
+    square = (p["lag"] if "lag" in p.layout else np.full(p.K.size, p.delay)) ** 2
+    for name, sign in (("position_filter", 1), ("torque_filter", -1)):
+        if name in scores and square.any():
+            score, along = scores[name], sign * square
+            pull = along @ score.information
+            information = pull @ along
+            common = replace(
+                score,
+                value=np.atleast_1d(pull @ score.value / information),
+                information=np.atleast_2d(information),
+                slope=(score.slope @ along)[:, np.newaxis],
+            )
+            found += spread_by_prior(common, np.full(1, np.inf), np.ones(1), max(1.0, estimate.misfit))
+    return found
 
 
 def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> Floats:

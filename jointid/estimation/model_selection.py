@@ -39,7 +39,7 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.estimators.score_tests import Score, scores
-from jointid.estimation.model_average import spread, spread_of_links
+from jointid.estimation.model_average import spread, spread_of_filters, spread_of_links
 from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
@@ -94,7 +94,7 @@ _FAR_LAWS = "cubic", "backlash", "hysteresis"
 _CLIMB, _MOST_CLIMBS = 0.7, 2
 """Ratio of misfits by which a part must lower one that is lost, and how many parts are tried for it."""
 _HALFWAY = 0.25
-"""Share of what a part must explain to be kept from which its score leads to a slow fit."""
+"""Share of the gain needed to keep a part from which its score leads to a slow fit."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
 _MANY_ROWS = 20_000
@@ -116,6 +116,7 @@ def choose_model(
     delay: bool,
     exactly: bool = False,
     gear: str = "auto",
+    first: Model | None = None,
 ) -> Choice:
     """Fit models from simple to rich until no further part is significant, and choose the best.
 
@@ -129,6 +130,8 @@ def choose_model(
         Exclude the optional parts; only the form of the friction reversals is chosen.
     gear : {"auto", "linear"}
         Whether nonlinear laws of the gears are among the optional parts.
+    first : Model, optional
+        The model of the start values, which is fitted first.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
@@ -151,6 +154,8 @@ def choose_model(
         Model(0.0 if friction else None, delay),
         Fits(optional, phasors.n, max(rows, 1)),
     )
+    if first is not None:
+        search.fit(first, linear)
     if search.may_rub:
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
     return _searched(search)
@@ -242,12 +247,18 @@ class _Search:
             found = fits.tried[rubbing]
             clear = by_start or fits.is_certain(rubbing, "friction")
             if isinstance(found, LikelihoodEstimate) and self._may_be_richer(found) and clear:
-                self.fit(replace(self.base, reversal=0.03), found.named)
+                free = replace(self.base, reversal=0.03)
+                if by_start and self._is_lost():  # sticking leads friction without it astray
+                    self.fit(free, self.start)
+                if self._is_lost():
+                    self.fit(free, found.named)
         if not by_start and (self._is_lost() or rubbing not in fits.tried):
             self.fit(self.base, self.start)
             if fits.misfit(self.base) > _DOUBTFUL and not distorted:
                 for start in self.free_start():  # wrong inertias may lead the linear estimate astray
                     self.fit(self.base, start)
+            if self._is_lost() and "delay" in fits.optional:  # the most frequent cause
+                self.fit(self.base.with_part("delay"), self.start)
             if self._is_lost() and "friction" in fits.optional and rubbing not in fits.tried:
                 self.fit(rubbing, self.start)
         rubs = NEEDED * min(map(fits.misfit, fits.tried)) < fits.misfit(self.base) < np.inf
@@ -285,7 +296,8 @@ class _Search:
             if len(similar) > 1 and not any(wider.is_slow for wider in similar):
                 for wider in similar:  # a delay, lags and filters, which their cost tells apart
                     self.fit(wider, found.named)
-                further = [fits.least(similar)]
+                lowest = min(map(fits.misfit, similar))
+                further = [fits.least([m for m in similar if fits.misfit(m) <= EXPLAINED * lowest])]
             else:
                 further = [model.with_part(part) for part in parts]
             for law in set(GEAR_LAWS).intersection(model.effects):  # the first law may be a wrong one
@@ -297,6 +309,7 @@ class _Search:
                 if falls:
                     model = wider
                     break
+        self._pruned(model)  # friction that it needed on the way may have lost its significance
         return fits.least(list(fits.tried))
 
     def _is_lost(self) -> bool:
@@ -515,8 +528,10 @@ class _Search:
         found, candidates = self.fits.tried[best], self.fits.candidates(best)
         scored = self.scores(best)
         whole = spread(self.fits, best, scored) + self._spread_of_reversals(best)
-        if isinstance(found, LikelihoodEstimate) and "link" in scored and not self.phasors.motion.any():
-            whole = whole + spread_of_links(found, scored["link"], self.prior)
+        if isinstance(found, LikelihoodEstimate):
+            if "link" in scored and not self.phasors.motion.any():
+                whole = whole + spread_of_links(found, scored["link"], self.prior)
+            whole = whole + spread_of_filters(found, scored)
         return Choice(best, found, candidates, whole)
 
     def _spread_of_reversals(self, best: Model) -> Floats:

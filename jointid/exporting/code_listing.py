@@ -36,7 +36,7 @@ def code_listing(found: Identification, language: str) -> str:
     """
     if language not in LANGUAGES:
         known = enumerated(list(LANGUAGES))
-        raise JointIdError(f"There is no code for {language!r}: choose one of {known}.")
+        raise JointIdError(f"The language {language!r} is not supported: choose one of {known}.")
     comment, line, brackets = LANGUAGES[language]
     n, error = found.n, found.standard_error
     study = " ".join(found.obtained.study.split()) or "study without a name"

@@ -10,12 +10,12 @@ from jointid.arrays import Floats, finite_array, frozen
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import Friction
 from jointid.estimation.identify_elasticity import require_method
+from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.gears.gear import Gear
 from jointid.joints import Elasticity, Inertia
 from jointid.uncertainty.error_parts import error_parts
 from jointid.uncertainty.prior_rows import PriorRow
-from jointid.version import __version__
 from jointid.wording import counted
 
 
@@ -66,8 +66,8 @@ class Identification:
     D: Floats
     """Damping, shape (n,), N·m·s/rad; may be negative."""
     covariance: Floats
-    """Covariance of K1 ... Kn, D1 ... Dn, shape (2n, 2n): the whole error. What the records do not
-    determine has an infinite variance and no covariance."""
+    """Covariance of K1 ... Kn, D1 ... Dn, shape (2n, 2n): the total error.
+    Undetermined parameters have an infinite variance and no covariance."""
     friction: Friction | None
     """Fitted friction of the motors, or None."""
     delay: float | None
@@ -82,7 +82,7 @@ class Identification:
     """Present values of the controller."""
     obtained: Obtained
     state: str = ""
-    """What may be done with the answer, one of ``jointid.study.STATES``; empty when not stated."""
+    """State of the answer, one of ``jointid.analysis.STATES``; empty when not stated."""
     answer: str = ""
     """The answer as a sentence with what limits it; of an unusable one, the reason."""
     error_parts: dict[str, Floats] = field(default_factory=dict)
@@ -96,29 +96,26 @@ class Identification:
 
     def __post_init__(self) -> None:
         n = self.inertia.n
-        for name in "KD":
-            object.__setattr__(self, name, _of_shape(name, getattr(self, name), (n,)))
-        covariance = _errors("covariance", self.covariance, (2 * n, 2 * n))
-        object.__setattr__(self, "covariance", covariance)
-        parts_of_error = {
+        checked: dict[str, object] = {name: _of_shape(name, getattr(self, name), (n,)) for name in "KD"}
+        checked["covariance"] = _errors("covariance", self.covariance, (2 * n, 2 * n))
+        checked["error_parts"] = {
             name: _errors(f"error_parts.{name}", error, (2 * n,))
             for name, error in self.error_parts.items()
         }
-        object.__setattr__(self, "error_parts", parts_of_error)
-        effects = {
+        checked["effects"] = {
             name: (_of_shape(name, values, (n,)), _errors(name, errors, (n,)))
             for name, (values, errors) in self.effects.items()
         }
-        object.__setattr__(self, "effects", effects)
-        if self.state not in ("", *STATES):
-            raise JointIdError(f'state = "{self.state:.60}": expected one of {", ".join(STATES)}.')
         if self.friction is not None:
-            friction = Friction(
+            checked["friction"] = Friction(
                 _of_shape("friction.coulomb", self.friction.coulomb, (n,)),
                 _of_shape("friction.viscous", self.friction.viscous, (n,)),
                 _errors("friction.standard_error", self.friction.standard_error, (2 * n,)),
             )
-            object.__setattr__(self, "friction", friction)
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+        if self.state not in ("", *STATES):
+            raise JointIdError(f'state = "{self.state:.60}": expected one of {", ".join(STATES)}.')
         for name in ("delay", "delay_error"):
             if getattr(self, name) is not None:
                 finite_array(f"{name} (s)", getattr(self, name), ndim=0)

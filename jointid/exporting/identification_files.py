@@ -1,31 +1,15 @@
 """An identification as JSON or TOML, and back, equal to the last bit.
 
-Both hold the same document, motor side, SI units:
-
-    format = 1
-    kind = "jointid identification"
-    state = "usable"                  # or "usable with care", "not usable"
-    answer = "..."                    # as a sentence
-    K = [43.014, 7.49998]             # N·m/rad
-    D = [0.1002, 0.014998]            # N·m·s/rad
-    covariance = [[...], ...]         # of K1 ... Kn, D1 ... Dn: the whole error
-    [error_parts] noise, prior, unseen, choice: parts of the standard errors
-    [friction] coulomb, viscous, standard_error     [delay] seconds, standard_error
-    [effects.NAME] values, standard_error
-    [gears] kind, K, cubic, backlash_rad, hysteresis_Nm, ..., tried_rad, tried_Nm: laws by joint
-    [inertia] M, M2, added     [poses.NAME] likewise, as fitted together with K and D     [nominal] K, D
-    [priors] name, unit, given, given_std, fitted, fitted_std, is_fitted, disagreement: every inertia and
-             torque scale; the disagreement in standard deviations of the given value
-    [obtained] version, digest, study, origin, method, model, inertia_std, ...
-
-``standard_error``, ``undetermined`` and ``units`` at the top are for people; readers ignore them. An
-infinite error, of what the records do not determine, is null in JSON and "not determined" in TOML; the
-infinite standard deviation of an unknown inertia is null and "unknown". Readers ignore the disagreement.
+Both hold the same document, motor side, SI units; ``EXAMPLE`` shows all its keys. Readers ignore
+``standard_error``, ``undetermined``, ``units`` and the disagreement of priors, which are for people. An
+infinite error, of an undetermined parameter, is null in JSON and "not determined" in TOML; the infinite
+standard deviation of an unknown inertia is null and "unknown".
 """
 
 import json
 import math
 import os
+import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -43,7 +27,6 @@ from jointid.files.study_saving import inertia_table
 from jointid.gears.gear import Gear
 from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.uncertainty.prior_rows import PriorRow
-from jointid.version import __version__
 from jointid.wording import UNDETERMINED, shown
 
 KIND = "jointid identification"
@@ -67,58 +50,66 @@ _TOML_WORDS = {
     "torque_std": _UNKNOWN,
 }
 """In place of null in TOML, where that is not "not determined"."""
-_FRICTION = {"coulomb": "[0.05, 0.01]", "viscous": "[0.002, 0.0005]", "standard_error": "[…]"}
-_ERROR_PARTS = {name: f"{name} = […]" for name in ("noise", "prior", "unseen", "choice")}
+EXAMPLE: dict[str, Any] = tomllib.loads("""
+format = 1
+kind = "jointid identification"
+side = "motor"
+state = "usable"                  # or "usable with care", "not usable"
+answer = "Joint 1 has a stiffness of 43.00 ± 0.02 N·m/rad."
+K = [43.0]                        # N·m/rad
+D = [0.1]                         # N·m·s/rad
+standard_error = [0.02, 0.001]
+covariance = [[4e-4, 0.0], [0.0, 1e-6]]     # of K1 ... Kn, D1 ... Dn: the total error
+units = {}
+undetermined = {}
+error_parts = {noise = [0.01, 0.001], prior = [0.0, 0.0], unseen = [0.0, 0.0], choice = [0.0, 0.0]}
+friction = {coulomb = [0.05], viscous = [0.002], standard_error = [0.001, 0.0001]}
+delay = {seconds = 0.0015, standard_error = 1e-7}
+effects.lag = {values = [0.001], standard_error = [0.0001]}
+gears = {}                        # fields of Gear, one value per joint
+inertia = {M = [0.0025], M2 = [[0.004]]}    # as fitted together with K and D
+poses.stretched = {M = [0.0025], M2 = [[0.008]]}
+nominal = {K = [20.0], D = [0.1]}
+
+[priors]                          # every inertia and torque scale
+name = ["J_m1"]
+unit = ["kg·m²"]
+given = [0.0025]
+given_std = [0.0001]
+fitted = [0.0025]
+fitted_std = [0.0001]
+is_fitted = [true]
+disagreement = [0.1]              # in standard deviations of the given value
+
+[obtained]
+version = "0.2.0"
+digest = "30db4de36afc859322bd330155b95746"
+study = "Waterjet cell"
+origin = "measured"
+method = "auto"
+model = "elasticity + friction"
+free_reversal = 0.0
+records = 36
+frequencies_hz = [3.0, 5.0]
+misfit = 1.1
+inertia_std = 0.05
+torque_std = 0.02
+changes = ["Left out: 05.csv."]
+""")
+"""A document with all keys."""
 _EFFECT = {"values": "values = […]", "standard_error": "standard_error = […]"}
 _GEARS = {field.name: f"{field.name} = […]" for field in fields(Gear)} | {"kind": "kind = […]"}
-_PRIORS = {
-    "name": 'name = ["J_m1"]',
-    "unit": 'unit = ["kg·m²"]',
-    "given": "given = [0.0025]",
-    "given_std": "given_std = [0.0001]",
-    "fitted": "fitted = [0.0025]",
-    "fitted_std": "fitted_std = [0.0001]",
-    "is_fitted": "is_fitted = [true]",
-    "disagreement": "disagreement = [0.1]",
-}
-_DELAY = {"seconds": "seconds = 0.0015", "standard_error": "standard_error = 1e-7"}
-_OBTAINED = {
-    "version": f'version = "{__version__}"',
-    "digest": 'digest = "…", 32 hexadecimal digits',
-    "study": 'study = "Waterjet cell"',
-    "origin": 'origin = "measured"',
-    "method": 'method = "auto"',
-    "model": 'model = "elasticity + friction"',
-    "free_reversal": "free_reversal = 0.0",
-    "records": "records = 36",
-    "frequencies_hz": "frequencies_hz = [3.0, 5.0]",
-    "misfit": "misfit = 1.1",
-}
-_CHANGES = {"changes": 'changes = ["Left out: 05.csv."]'}
-_DEVIATIONS = {"inertia_std": "inertia_std = 0.05", "torque_std": "torque_std = 0.02"}
-_TOP = {
-    "format": "format = 1",
-    "kind": f'kind = "{KIND}"',
-    "side": 'side = "motor"',
-    "state": 'state = "usable"',
-    "answer": 'answer = "Joint 1 has a stiffness of 43.00 ± 0.02 N·m/rad."',
-    "units": "[units]",
-    "K": "K = [43.0, 7.5]",
-    "D": "D = [0.10, 0.015]",
-    "standard_error": "standard_error = [0.01, 0.002, 0.001, 0.0001]",
-    "covariance": "covariance = [[…], …], one row and column for each of K1 … Kn, D1 … Dn",
-    "undetermined": "[undetermined]",
-    "error_parts": "[error_parts], noise = …, prior = …",
-    "effects": "[effects.lag], values = …, standard_error = …",
-    "priors": "[priors], name = …, given = …, fitted = …",
-    "gears": "[gears], K = …, cubic = …",
-    "friction": "[friction], coulomb = …, viscous = …, standard_error = …",
-    "delay": "[delay], seconds = …, standard_error = …",
-    "inertia": "[inertia], M = …, M2 = …",
-    "poses": "[poses.stretched], M = …, M2 = …",
-    "nominal": "[nominal], K = …, D = …",
-    "obtained": "[obtained], version = …, digest = …",
-}
+
+
+def _examples(table: str = "") -> dict[str, str]:
+    """Examples of the keys of the document or of a table in it."""
+    values = EXAMPLE[table] if table else EXAMPLE
+    return {
+        key: f"[{key}]"
+        if isinstance(value, dict)
+        else f"{key} = {json.dumps(value, ensure_ascii=False)}"
+        for key, value in values.items()
+    }
 
 
 def to_document(identification: Identification) -> dict[str, Any]:
@@ -142,7 +133,7 @@ def to_document(identification: Identification) -> dict[str, Any]:
     if i.error_parts:
         document["error_parts"] = {name: error.tolist() for name, error in i.error_parts.items()}
     if i.friction is not None:
-        document["friction"] = {name: getattr(i.friction, name).tolist() for name in _FRICTION}
+        document["friction"] = {name: getattr(i.friction, name).tolist() for name in EXAMPLE["friction"]}
     if i.delay is not None:
         document["delay"] = {"seconds": i.delay}
         if i.delay_error is not None:
@@ -158,29 +149,31 @@ def to_document(identification: Identification) -> dict[str, Any]:
     if i.poses:
         document["poses"] = {name: inertia_table(pose) for name, pose in i.poses.items()}
     if i.priors:
-        document["priors"] = {name: [getattr(row, name) for row in i.priors] for name in _PRIORS}
+        document["priors"] = {
+            name: [getattr(row, name) for row in i.priors] for name in EXAMPLE["priors"]
+        }
     if i.nominal is not None:
         document["nominal"] = {"K": i.nominal.K.tolist(), "D": i.nominal.D.tolist()}
-    document["obtained"] = {name: getattr(i.obtained, name) for name in _OBTAINED}
-    document["obtained"]["frequencies_hz"] = list(i.obtained.frequencies_hz)
-    if i.obtained.changes:
-        document["obtained"]["changes"] = list(i.obtained.changes)
-    stated = {name: getattr(i.obtained, name) for name in _DEVIATIONS}
-    document["obtained"] |= {name: std for name, std in stated.items() if std is not None}
-    finite: dict[str, Any] = _with_infinite_as(None, document)
+    obtained = {name: getattr(i.obtained, name) for name in EXAMPLE["obtained"]}
+    document["obtained"] = {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in obtained.items()
+        if value is not None and (name != "changes" or value)
+    }
+    finite: dict[str, Any] = with_infinite_as(None, document)
     return finite
 
 
-def _with_infinite_as(word: str | None, value: Any) -> Any:
-    """The document with ``word`` for None and for infinite numbers."""
+def with_infinite_as(word: str | None, value: Any) -> Any:
+    """Return a document with ``word`` for None and for numbers that are not finite."""
     if isinstance(value, dict):
         return {
-            key: _with_infinite_as(_TOML_WORDS.get(key, word) if word else None, item)
+            key: with_infinite_as(_TOML_WORDS.get(key, word) if word else None, item)
             for key, item in value.items()
         }
-    if isinstance(value, list):
-        return [_with_infinite_as(word, item) for item in value]
-    infinite = value is None or (isinstance(value, float) and math.isinf(value))
+    if isinstance(value, list | tuple):
+        return [with_infinite_as(word, item) for item in value]
+    infinite = value is None or (isinstance(value, float) and not math.isfinite(value))
     return word if infinite else value
 
 
@@ -201,7 +194,7 @@ def to_json(identification: Identification) -> str:
 
 def to_toml(identification: Identification) -> str:
     """Write an identification as TOML; ``from_toml`` returns the same one, bit for bit."""
-    return tomli_w.dumps(_with_infinite_as(UNDETERMINED, to_document(identification)))
+    return tomli_w.dumps(with_infinite_as(UNDETERMINED, to_document(identification)))
 
 
 def from_json(data: str | bytes, *, where: str = "JSON") -> Identification:
@@ -231,13 +224,13 @@ def from_json(data: str | bytes, *, where: str = "JSON") -> Identification:
         raise JointIdError(f"{where} is not valid JSON: {error!s:.200}.", file=where) from error
     if not isinstance(values, dict):
         raise JointIdError(f"{where} holds {shown(values)}; expected a {KIND}.", file=where)
-    return _identification(CheckedTable(where, values, _TOP))
+    return _identification(CheckedTable(where, values, _examples()))
 
 
 def from_toml(data: str | bytes, *, where: str = "TOML") -> Identification:
     """Read what ``to_toml`` wrote; parameters and errors as in ``from_json``."""
     raw = data.encode("utf-8", "surrogatepass") if isinstance(data, str) else data
-    return _identification(parse_toml(where, raw, _TOP))
+    return _identification(parse_toml(where, raw, _examples()))
 
 
 def load_identification(path: str | os.PathLike[str]) -> Identification:
@@ -271,30 +264,34 @@ def _identification(top: CheckedTable) -> Identification:
         raise top.error(f'side = "{side:.60}"; expected side = "motor".')
     known: dict[str, Any] = dict.fromkeys(("friction", "delay", "delay_error"))
     if "friction" in top:
-        table = top.table("friction", _FRICTION)
+        table = top.table("friction", _examples("friction"))
         parts: dict[str, Any] = {name: table.numbers(name) for name in ("coulomb", "viscous")}
         parts["standard_error"] = table.numbers("standard_error", words=_INFINITE)
         known["friction"] = Friction(**parts)  # checked and converted by Identification
     if "delay" in top:
-        table = top.table("delay", _DELAY)
+        table = top.table("delay", _examples("delay"))
         known["delay"] = table.number("seconds")
         if "standard_error" in table:
             known["delay_error"] = table.number("standard_error")
     known["inertia"] = read_inertia(top.table("inertia", INERTIA_KEYS))
     known["poses"] = read_poses(top)
-    how = top.table("obtained", _OBTAINED | _DEVIATIONS | _CHANGES)
+    how = top.table("obtained", _examples("obtained"))
     names = ("version", "digest", "study", "origin", "method", "model")
     texts: dict[str, Any] = {name: how.text(name) for name in names}
     stated: dict[str, Any] = {
-        name: how.deviation(name, words=_INFINITE) for name in _DEVIATIONS if name in how
+        name: how.deviation(name, words=_INFINITE)
+        for name in ("inertia_std", "torque_std")
+        if name in how
     }
     known["nominal"] = read_nominal(top)
     known |= {name: top.numbers(name) for name in "KD"}
     known["covariance"] = top.matrix("covariance", words=_INFINITE)
     known["state"], known["answer"] = top.text("state", ""), top.text("answer", "")
     if "error_parts" in top:
-        table = top.table("error_parts", _ERROR_PARTS)
-        known["error_parts"] = {k: table.numbers(k, words=_INFINITE) for k in _ERROR_PARTS if k in table}
+        table = top.table("error_parts", _examples("error_parts"))
+        known["error_parts"] = {
+            k: table.numbers(k, words=_INFINITE) for k in EXAMPLE["error_parts"] if k in table
+        }
     if "effects" in top:
         known["effects"] = {
             name: (table.numbers("values"), table.numbers("standard_error", words=_INFINITE))
@@ -307,7 +304,7 @@ def _identification(top: CheckedTable) -> Identification:
         rows = zip(*columns.values(), strict=False)
         known["gears"] = tuple(Gear(**dict(zip(columns, row, strict=True))) for row in rows)
     if "priors" in top:
-        known["priors"] = _prior_rows(top.table("priors", _PRIORS))
+        known["priors"] = _prior_rows(top.table("priors", _examples("priors")))
     known["obtained"] = Obtained(
         **texts,
         free_reversal=how.number("free_reversal"),

@@ -72,7 +72,9 @@ def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
         )
     N = np.array(np.broadcast_to(ratio, (i.n,)))
     if np.any(N == 0):
-        raise JointIdError(f"gear_ratio of joint {int(np.argmin(np.abs(N))) + 1} is 0: it must not be.")
+        raise JointIdError(
+            f"gear_ratio of joint {int(np.argmin(np.abs(N))) + 1} is 0: give motor turns per joint turn."
+        )
     twice = np.concatenate([N**2, N**2])
     none = np.zeros(i.n)
     # A small negative friction is noise; simulators refuse it.

@@ -28,14 +28,12 @@ if TYPE_CHECKING:
 
 Output = Literal["acceleration", "velocity", "position"]
 
-_INTEGRATIONS: dict[str, tuple[str, ...]] = {
-    "acceleration": (),
-    "velocity": ("velocity",),
-    "position": ("velocity", "position"),
+_SIGNALS = {
+    "acceleration": ("ddtheta_m", "rad/s²"),
+    "velocity": ("dtheta_m", "rad/s"),
+    "position": ("theta_m", "rad"),
 }
-"""Quantities to integrate from the acceleration, in order."""
-_UNITS = {"acceleration": "rad/s²", "velocity": "rad/s", "position": "rad"}
-_SYMBOLS = {"acceleration": "ddtheta_m", "velocity": "dtheta_m", "position": "theta_m"}
+"""Symbol and unit of each output; each is the integral of the one before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +91,12 @@ def state_space(
     B = np.vstack([none, motor])
     states = [f"{name}{j + 1}" for name in ("x", "dx") for j in range(n)]
     C, D = acceleration, motor
-    for level in _INTEGRATIONS[output]:
+    outputs = list(_SIGNALS)
+    for level in outputs[1 : outputs.index(output) + 1]:
         A = np.block([[A, np.zeros((len(A), n))], [C, np.zeros((n, n))]])
         B = np.vstack([B, D])
         C, D = np.hstack([np.zeros((n, len(A) - n)), eye]), none
-        states += [f"{_SYMBOLS[level]}{j + 1}" for j in range(n)]
+        states += [f"{_SIGNALS[level][0]}{j + 1}" for j in range(n)]
     return StateSpaceModel(
         A=A,
         B=B,
@@ -105,8 +104,8 @@ def state_space(
         D=D,
         states=tuple(states),
         inputs=tuple(f"tau_m{j + 1}" for j in range(n)),
-        outputs=tuple(f"{_SYMBOLS[output]}{j + 1}" for j in range(n)),
-        unit=_UNITS[output],
+        outputs=tuple(f"{_SIGNALS[output][0]}{j + 1}" for j in range(n)),
+        unit=_SIGNALS[output][1],
     )
 
 

@@ -75,7 +75,7 @@ def corner_detail(outcome: Outcome, corner: int = 0, *, dark: bool = False) -> g
 
 
 def path_error_histogram(distribution: PathErrorDistribution, *, dark: bool = False) -> go.Figure:
-    """Path errors of the robots that the fit's uncertainty allows, with median and 95 % point."""
+    """Path errors of the robots that the fit's uncertainty allows, with median and 95th percentile."""
     ink = colours(dark)
     error = 1e6 * distribution.max_contour_error_m
     unit, factor = ("mm", 1e-3) if error.max() >= 100 else ("µm", 1.0)
@@ -96,7 +96,7 @@ def path_error_histogram(distribution: PathErrorDistribution, *, dark: bool = Fa
     top = 1.08 * float(share.max())
     for name, value, dash in (
         ("median", distribution.median_m, "dot"),
-        ("95 % stay below", distribution.p95_m, "solid"),
+        ("95th percentile", distribution.p95_m, "solid"),
     ):
         x = np.full(2, 1e6 * factor * value)
         text = f"{name}: {x[0]:.3g} {unit}"

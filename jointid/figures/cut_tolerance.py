@@ -1,4 +1,4 @@
-"""How well the springs must be known: path error over the assumed stiffnesses."""
+"""Required accuracy of the springs: path error over the assumed stiffnesses."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -109,7 +109,7 @@ def tolerance_heatmap(
 
 
 def _ellipse(elasticity: Elasticity, covariance: Floats, colour: str, visible: float) -> list[Trace]:
-    """The identified point, and the ellipse of K̂/K that holds the truth with 95 % if it is visible."""
+    """The identified point, and the 95 % confidence ellipse of K̂/K if it is visible."""
     scale = 1 / elasticity.K
     relative = scale[:, None] * covariance[:2, :2] * scale
     value, vector = np.linalg.eigh(relative)
@@ -128,7 +128,7 @@ def _ellipse(elasticity: Elasticity, covariance: Floats, colour: str, visible: f
 
 
 def _place(x: Floats, y: Floats, ratios: Floats) -> tuple[float, float]:
-    """Where ratios lie on the map, as shares of its width and height."""
+    """Positions of ratios on the map, as shares of its width and height."""
     shares = [np.log(r / v[0]) / np.log(v[-1] / v[0]) for r, v in zip(ratios, (x, y), strict=True)]
     return float(shares[0]), float(shares[1])
 

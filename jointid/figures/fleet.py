@@ -12,6 +12,8 @@ from jointid.wording import with_error
 _MOST_BINS = 40
 _PAPER = {False: "#FFFFFF", True: "#0E1117"}
 """Edges of the bars, so that neighbours of the same height stay apart."""
+_MS = 1e3
+"""A date axis takes ms since 1970."""
 _WIDE = 6.0
 """Range of the figures in robust spreads from the median; values beyond are drawn at the edge."""
 
@@ -82,7 +84,7 @@ def drift_over_time(
     dated = np.isfinite(all_times_s) & (spread.value >= low) & (spread.value <= high)
     traces = [
         points(
-            _dates(all_times_s[dated]),
+            _MS * all_times_s[dated],
             spread.value[dated],
             "all robots",
             ink.quiet,
@@ -96,7 +98,7 @@ def drift_over_time(
     if shown is not None and shown.value.size:
         traces.append(
             points(
-                _dates(shown.time_s),
+                _MS * shown.time_s,
                 shown.value,
                 plain_text(shown.robot) or "no robot stated",
                 ink.identified,
@@ -110,7 +112,7 @@ def drift_over_time(
         )
         if np.isfinite(shown.slope_per_s):
             traces.append(
-                line(_dates(shown.time_s), shown.line(), "its trend", ink.identified, hoverinfo="skip")
+                line(_MS * shown.time_s, shown.line(), "its trend", ink.identified, hoverinfo="skip")
             )
         inside = [v for v in (shown.value.min(), shown.value.max()) if np.isfinite(v)]
         low, high = min([low, *inside]), max([high, *inside])
@@ -162,11 +164,6 @@ def _range(spread: Spread) -> tuple[float, float]:
 def _whole_step(highest: int) -> int:
     """Distance of about five ticks, of 1, 2 or 5 studies and their multiples: there are no halves."""
     return next(s for s in (m * int(10.0**k) for k in range(12) for m in (1, 2, 5)) if 5 * s >= highest)
-
-
-def _dates(seconds: Floats) -> Floats:
-    """Times as a date axis takes them, ms since 1970."""
-    return 1e3 * seconds
 
 
 def _label(robot: str, name: str) -> str:

@@ -6,16 +6,23 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from jointid.arrays import Floats
 from jointid.figures.style import Shape, Trace, colours, figure, line, linear_axis, span
 from jointid.figures.waveforms import thinned
-from jointid.importing import MappedLog, Segment
+from jointid.importing import MappedLog, Mapping, Segment
+from jointid.importing.columns.units import QUANTITIES
 
 _ROW_PX = 112
 _LADDER_PX = 120
 
 
 def log_spans(
-    log: MappedLog, kept: Sequence[Segment], dropped: Sequence[Segment] = (), *, dark: bool = False
+    log: MappedLog,
+    kept: Sequence[Segment],
+    dropped: Sequence[Segment] = (),
+    *,
+    mapping: Mapping | None = None,
+    dark: bool = False,
 ) -> go.Figure:
     """Draw angle and torque of every joint over time, with the segments as coloured spans.
 
@@ -25,15 +32,13 @@ def log_spans(
         Long logs are drawn by the extremes of every stretch.
     kept, dropped : sequence of Segment
         Used ones are blue and solid, others grey and dashed; their frequencies are in the top row.
+    mapping : Mapping, optional
+        Signals whose scale it assumes are drawn in the unit of their column.
     dark : bool, default False
         For a dark background.
     """
     ink = colours(dark)
-    rows = [
-        (f"{what} {j + 1} ({unit})", signals[:, j])
-        for j in range(log.n)
-        for what, unit, signals in (("Angle", "rad", log.theta_rad), ("Torque", "N·m", log.tau_Nm))
-    ]
+    rows = [row for j in range(log.n) for row in _rows(log, j, mapping)]
     height = 60 + _LADDER_PX + _ROW_PX * len(rows)
     ladder = _LADDER_PX / (_LADDER_PX + _ROW_PX * len(rows))
     axes: dict[str, Any] = {
@@ -62,6 +67,20 @@ def log_spans(
         "Time (s)", anchor=f"y{len(rows) + 1}", range=[float(log.time_s[0]), float(log.time_s[-1])]
     )
     return figure(traces, height=height, dark=dark, shapes=shapes, **axes)
+
+
+def _rows(log: MappedLog, j: int, mapping: Mapping | None) -> list[tuple[str, Floats]]:
+    """Titles and values of angle and torque of one joint."""
+    rows = [(f"Angle {j + 1} (rad)", log.theta_rad[:, j]), (f"Torque {j + 1} (N·m)", log.tau_Nm[:, j])]
+    if mapping is None:
+        return rows
+    joint = mapping.joints[j]
+    factors = (joint.rad_per_unit, joint.Nm_per_unit)
+    for k, (role, factor) in enumerate(zip(QUANTITIES, factors, strict=True)):
+        if f"scale of {role} of joint {j + 1}" in mapping.assumed:
+            channel, title = getattr(joint, role), rows[k][0].partition(" (")[0]
+            rows[k] = f"{title} ({channel.unit})", channel.sign * rows[k][1] / factor
+    return rows
 
 
 def _ladder(segments: Sequence[Segment], name: str, colour: str, dash: str) -> Trace:

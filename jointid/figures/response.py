@@ -95,26 +95,18 @@ def model_over_measurement(
 
 
 def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure:
-    """How independent the records are, and how far H is from symmetric, at each frequency."""
+    """Condition of the records and asymmetry of H at each frequency."""
     ink = colours(dark)
     f = matrix.omega / (2 * np.pi)
-    condition = points(
-        f,
-        matrix.condition,
-        "condition",
-        ink.measured,
-        hovertemplate="%{x:.4g} Hz<br>condition number %{y:.3g}<extra></extra>",
-        showlegend=False,
-    )
-    reciprocity = points(
-        f,
-        100 * matrix.reciprocity_error,
-        "reciprocity",
-        ink.measured,
-        hovertemplate="%{x:.4g} Hz<br>|H_ij − H_ji| is %{y:.3g} % of the largest element<extra></extra>",
-        showlegend=False,
-        yaxis="y2",
-    )
+    reciprocity = 100 * matrix.reciprocity_error
+    traces = []
+    for y, name, text, axis in (
+        (matrix.condition, "condition", "condition number %{y:.3g}", "y"),
+        (reciprocity, "reciprocity", "|H_ij − H_ji| is %{y:.3g} % of the largest element", "y2"),
+    ):
+        hover = f"%{{x:.4g}} Hz<br>{text}<extra></extra>"
+        style: Trace = {"hovertemplate": hover, "showlegend": False, "yaxis": axis}
+        traces.append(points(f, y, name, ink.measured, **style))
     top = max(2.0, float(matrix.condition.max()) * 1.2)
     title = "Condition number"
     scale = (
@@ -123,12 +115,12 @@ def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure
         else log_axis(title, range=[-0.05, float(np.log10(top))])
     )
     return figure(
-        [condition, reciprocity],
+        traces,
         height=380,
         dark=dark,
         xaxis=frequency_axis(f, anchor="y2"),
         yaxis=scale | {"domain": [0.56, 1.0]},
-        yaxis2=from_zero("Reciprocity (%)", 100 * matrix.reciprocity_error, domain=[0.0, 0.44]),
+        yaxis2=from_zero("Reciprocity (%)", reciprocity, domain=[0.0, 0.44]),
     )
 
 
@@ -142,7 +134,7 @@ def compared_models(
     analyses : tuple of Analysis
         Both with a transfer matrix; their first poses are drawn.
     names : tuple of str
-        What the studies are called.
+        Names of the studies.
     joint : int
         From 0.
     """

@@ -3,6 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
+from jointid.answer import AT_MOTOR, StiffnessUnit
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import (
     Axis,
@@ -19,7 +20,12 @@ from jointid.joints import Elasticity
 
 
 def dynamic_stiffness(
-    fit: ElasticityFit, joint: int, nominal: Elasticity | None = None, *, dark: bool = False
+    fit: ElasticityFit,
+    joint: int,
+    nominal: Elasticity | None = None,
+    *,
+    unit: StiffnessUnit = AT_MOTOR,
+    dark: bool = False,
 ) -> go.Figure:
     """b/a of one joint, record by record: its real part should be flat at K, its imaginary part ωD.
 
@@ -29,13 +35,15 @@ def dynamic_stiffness(
     joint : int
         From 0.
     nominal : Elasticity, optional
-        What the controller assumes, drawn as well.
+        Nominal values, drawn as well.
+    unit : StiffnessUnit, optional
+        Of both parts.
     """
-    ink = colours(dark)
+    ink, scale = colours(dark), unit.of_gear(joint)
     equations = fit.equations
     f = equations.omega / (2 * np.pi)
-    measured = equations.stiffness[:, joint]
-    error = stiffness_error(fit)[:, joint]
+    measured = scale.stiffness * equations.stiffness[:, joint]
+    error = scale.stiffness * stiffness_error(fit)[:, joint]
     known = np.isfinite(measured)
     f, measured, error = f[known], measured[known], error[known]
     band = np.geomspace(f.min() / 1.12, f.max() * 1.12, 100) if f.size else np.array([1.0, 10.0])
@@ -46,13 +54,14 @@ def dynamic_stiffness(
     traces = []
     for name, colour, dash, k, d in models:
         style = {"line": {"dash": dash}, "legendgroup": name}
-        flat = np.full(band.size, k)
-        rising = 2 * np.pi * band * d
-        value = f"{name}: K = {k:.4g} N·m/rad, D = {d:.3g} N·m·s/rad<extra></extra>"
+        flat = np.full(band.size, scale.stiffness * k)
+        rising = 2 * np.pi * band * scale.stiffness * d
+        shown = f"K = {flat[0]:.4g} {scale.unit}, D = {scale.torque**2 * d:.3g} N·m·s/rad"
+        value = f"{name}: {shown}<extra></extra>"
         style["hovertemplate"] = value
         traces.append(line(band, flat, name, colour, **style))
         traces.append(line(band, rising, name, colour, yaxis="y2", showlegend=False, **style))
-    hover = "%{x:.4g} Hz<br>%{y:.4g} ± %{customdata:.2g} N·m/rad<extra></extra>"
+    hover = "%{x:.4g} Hz<br>%{y:.4g} ± %{customdata:.2g} " + f"{scale.unit}<extra></extra>"
     shared = {"customdata": error, "error": {"array": error}, "hovertemplate": hover}
     dots = {"marker": {"symbol": joint_symbol(joint)}}
     traces.append(points(f, measured.real, "each record", ink.measured, **shared, **dots))
@@ -63,8 +72,12 @@ def dynamic_stiffness(
         height=460,
         dark=dark,
         xaxis=frequency_axis(f, anchor="y2"),
-        yaxis=linear_axis(f"Re b/a → K{joint + 1} (N·m/rad)", domain=[0.54, 1.0], rangemode="tozero"),
-        yaxis2=linear_axis(f"Im b/a → ωD{joint + 1} (N·m/rad)", domain=[0.0, 0.46], rangemode="tozero"),
+        yaxis=linear_axis(
+            f"Re b/a → K{joint + 1} ({scale.unit})", domain=[0.54, 1.0], rangemode="tozero"
+        ),
+        yaxis2=linear_axis(
+            f"Im b/a → ωD{joint + 1} ({scale.unit})", domain=[0.0, 0.46], rangemode="tozero"
+        ),
     )
 
 
@@ -97,5 +110,5 @@ def unexplained_torque(fit: ElasticityFit, joint: int, *, dark: bool = False) ->
     more: Axis = {}
     if sizes.size:  # the same for every joint
         more["range"] = [float(np.log10(sizes.min() / 1.5)), float(np.log10(sizes.max() * 1.5))]
-    axis = log_axis("Torque (N·m)", **more)
+    axis = log_axis("Motor torque (N·m)", **more)
     return figure(traces, height=320, dark=dark, xaxis=frequency_axis(f), yaxis=axis)

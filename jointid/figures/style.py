@@ -1,4 +1,4 @@
-"""What every figure shares: one colour per meaning (Okabe-Ito), axes with quantity and unit."""
+"""Style of all figures: one colour per meaning (Okabe-Ito), axes with quantity and unit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,10 @@
-"""Where the app is, with its pages and sample studies: in a checkout or in an installed package."""
+"""Version; folder of the app, its pages and sample studies, in a checkout or an installed package."""
 
 from importlib.resources import files
 from pathlib import Path
+
+__version__ = "0.2.0"
+"""Written here once: the build, the command line, results and workers read it."""
 
 
 def application_folder() -> Path:

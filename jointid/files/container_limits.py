@@ -85,7 +85,7 @@ def require_few_files(container: str, count: int) -> None:
 
 
 class Budget:
-    """How much may still be read from one container."""
+    """Bytes that may still be read from one container."""
 
     def __init__(self, container: str) -> None:
         self._container = container

@@ -69,7 +69,7 @@ class PeekedTable:
     """The first rows, or those around the refused one; the index is the line in the file, or the row.
     Empty when nothing could be read."""
     error: str = ""
-    """Why nothing could be read, else empty."""
+    """Reason for a failure to read; empty otherwise."""
     refused: bool = False
     """Whether the study is refused because of this file."""
     refused_at: int | None = None

@@ -236,7 +236,7 @@ def _held(folder: Path) -> Iterator[None]:
 
 
 def _recover(target: Path) -> None:
-    """Put back what a killed write moved away; remove it where the write had succeeded."""
+    """Restore the study that a killed write moved; remove it if the write had succeeded."""
     for old in target.parent.glob(f".{glob.escape(target.name)}.*.old"):
         with suppress(OSError):
             shutil.rmtree(old) if target.exists() else old.rename(target)

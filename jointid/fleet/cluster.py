@@ -20,9 +20,9 @@ from distributed.scheduler import KilledWorker
 
 from jointid.background.child_process import Child, Limits
 from jointid.errors import JointIdError
+from jointid.files.application import __version__
 from jointid.fleet.jobs import WORKER, Done, Job, ask_child, do_job
 from jointid.fleet.row import LOST, Row, failed_row, from_plain
-from jointid.version import __version__
 
 _CONNECT_S = 20.0  # longest wait for the scheduler and its first worker
 _POLL_S = 1.0

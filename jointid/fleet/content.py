@@ -61,7 +61,7 @@ def packed(path: Path) -> bytes:
                 if left < 0 or is_long(name, Path(file.name)):
                     raise JointIdError(
                         f"{path} cannot be sent to a cluster, {name} is too long. Analyse it on this "
-                        "computer, without a scheduler: here it is read in parts when it is Parquet."
+                        "computer, without a scheduler, where long Parquet files are read in parts."
                     )
                 with archive.open(zipfile.ZipInfo(name), "w") as member:
                     for chunk in chunks(file, size):

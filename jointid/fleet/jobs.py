@@ -63,7 +63,7 @@ def do_job(child: Child, job: Job) -> Done:
 def ask_child(
     child: Child, job: Job, request: dict[str, str], body: bytes = b""
 ) -> tuple[dict[str, Any], bytes]:
-    """Send a request about a job; the answer holds a row, "unchanged", or what was requested."""
+    """Send a request about a job; the answer holds a row, "unchanged", or the requested data."""
     about = {"study": job.study, "method": job.method, "known": job.known}
     try:
         return child.ask(request | about, body)

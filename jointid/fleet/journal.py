@@ -43,8 +43,8 @@ class Journal:
             os.fsync(self._file.fileno())
         except OSError as error:
             raise JointIdError(
-                f"{self.path} cannot be written: {error.strerror or error}. Its rows are kept: make "
-                "room, then give the same command again."
+                f"{self.path} cannot be written: {error.strerror or error}. Its rows are kept: free "
+                "space, then give the same command again."
             ) from error
 
     def clear(self) -> None:

@@ -11,11 +11,11 @@ import numpy as np
 
 from jointid.analysis import Analysis, answer_state
 from jointid.answer import model_name
+from jointid.files.application import __version__
 from jointid.files.digest import study_digest
-from jointid.version import __version__
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
-"""Why a study has no answer: unusable files; time limit; memory limit; its process ended; its workers
+"""Reasons for a missing answer: unusable files; time limit; memory limit; its process ended; its workers
 were lost; a fault of this software."""
 FAILURES = ("", REFUSED, TIME, MEMORY, CRASH, LOST, FAULT)
 VERDICTS = ("", "good", "warning", "problem")

@@ -10,12 +10,13 @@ from pathlib import Path
 from jointid.background.child_process import Limits as Limits
 from jointid.errors import JointIdError
 from jointid.estimation.identify_elasticity import require_method
+from jointid.files.application import __version__
 from jointid.fleet.jobs import Executor, Job, Local
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import Row
 from jointid.fleet.studies import find_studies, path_text
 from jointid.fleet.table import read_fleet, write_rows
-from jointid.version import __version__
+from jointid.wording import counted
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,16 @@ class Progress:
     """Elapsed time, s."""
     last: Row | None = None
     """The latest row; None at the beginning."""
+
+    @property
+    def text(self) -> str:
+        """Progress in words, with rate and remaining time once a study is analysed."""
+        text = f"{self.done} of {counted(self.studies, 'study')}, {self.failed} failed"
+        if self.done == self.skipped or not self.time_s:
+            return text
+        rate = (self.done - self.skipped) / self.time_s
+        left = (self.studies - self.done) / rate
+        return f"{text}, {rate:.3g} per second, about {left:.0f} s left"
 
 
 @dataclass(frozen=True)
@@ -59,6 +70,11 @@ class Summary:
     def good(self) -> int:
         """Number of studies with an answer."""
         return self.studies - len(self.failures)
+
+    @property
+    def rate(self) -> float:
+        """Studies analysed per second."""
+        return (self.studies - self.skipped) / self.time_s if self.time_s > 0 else 0.0
 
 
 def journal_path(out: Path) -> Path:
@@ -112,7 +128,7 @@ def analyse_fleet(
     """
     require_method(method)
     if workers is not None and scheduler is not None:
-        raise JointIdError("workers are of this computer, a scheduler has its own: give one of them.")
+        raise JointIdError("workers applies to this computer, scheduler to a cluster: give one of them.")
     begin, target = time.perf_counter(), Path(os.path.abspath(out))
     found = find_studies(studies)
     if not target.parent.is_dir():

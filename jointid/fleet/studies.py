@@ -38,7 +38,7 @@ def find_studies(paths: Iterable[str | os.PathLike[str]]) -> tuple[Path, ...]:
     """
     given = [os.fspath(path) for path in paths]
     if not given:
-        raise JointIdError("No study is named: give folders, .zip files or patterns.")
+        raise JointIdError("No study is given: name folders, .zip files or patterns.")
     found = dict.fromkeys(os.path.realpath(path) for text in given for path in _expanded(text))
     return tuple(Path(path) for path in found)
 

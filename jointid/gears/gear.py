@@ -39,7 +39,7 @@ class Gear:
     hysteresis_Nm: float = 0.0
     """Saturation level of the hysteresis, half the height of its loop, N·m."""
     presliding_rad: float = 0.0
-    """That level over its initial slope, rad."""
+    """The level of the hysteresis over its initial slope, rad."""
     loss_factor: float = 0.0
     """Structural damping, a torque of loss factor times K in phase with the velocity."""
     K2: float = 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -20,8 +20,10 @@ _MANY = 48
 """Harmonics from which the fast Fourier transform pays; the bins of motions are more."""
 _SINE_POINTS = 512
 """Samples of a sine."""
-_NEWTON, _CONVERGED = 24, 1e-6
-"""Most Newton steps for the wind-up, and what is left of the torque, over it, that ends them."""
+_NEWTON, _CONVERGED = 36, 1e-6
+"""Most Newton steps for the wind-up, and the relative torque residual that ends them."""
+_SLOW = 0.2
+"""Ratio of torque residuals of a step with earlier slopes from which they are evaluated again."""
 _CENTRED = 1e-9
 """Stiffness, over K, that holds a gear in the middle of a play that it never leaves."""
 _RESOLVED = 1e-9
@@ -38,20 +40,19 @@ class WoundGears:
     without mean torque: a large play has periodic motions that lean to one side.
     """
 
+    laws: GearLaws
     stiffness: Complexes
     """κ, shape (r, n, H)."""
     beyond: Complexes
     """Mean and phasors of g, shape (r, n, 1 + H)."""
     low: np.ndarray
     """Harmonics whose deflection follows from the torque, shape (r, n, m)."""
-    spread: Floats
-    """Parts of g by those of δ at the mean and these harmonics, shape (r, n, 1 + 2m, 1 + 2H)."""
-    inverse: Floats
-    """Parts of δ by those of the torque, shape (r, n, 1 + 2m, 1 + 2m)."""
     delta: Complexes
     """Mean and phasors of the deflection, shape (r, n, 1 + H + T), rad."""
     points: int
     """Samples over a period."""
+    earlier: Floats
+    """``inverse`` at a similar deflection."""
 
     @classmethod
     def solve(
@@ -63,8 +64,12 @@ class WoundGears:
         low: np.ndarray,
         free: Complexes,
         start: Complexes | None = None,
+        earlier: Floats | None = None,
     ) -> WoundGears:
         """Solve by Newton steps, from the linear deflection where no better one is known.
+
+        Their slopes are those of earlier steps as long as these lead on quickly: to invert the slopes
+        takes far longer than to evaluate the torque.
 
         Parameters
         ----------
@@ -78,6 +83,8 @@ class WoundGears:
             Deflection over g at the harmonics H + 1 to H + T, which nothing but the gear drives.
         start : ndarray, shape (r, n, 1 + H + T), optional
             The deflection at similar parameters.
+        earlier : ndarray, shape (r, n, 1 + 2m, 1 + 2m), optional
+            The latest inverse there.
         """
         H, m = f.shape[2], low.shape[2]
         points = _POINTS * max(H, _LEAST_HARMONICS)
@@ -90,33 +97,57 @@ class WoundGears:
             delta = np.concatenate([delta, np.zeros_like(free)], axis=2)
         kappa = np.concatenate([mean + (1 + _CENTRED) * laws.K, stiffness], axis=2)
         f = np.concatenate([mean, f], axis=2)
-        unknown = np.concatenate([solved, low], axis=2)
-        own = np.zeros((*low.shape[:2], 1 + 2 * m, 1 + 2 * m))
-        j = np.arange(1, 1 + m)
-        own[..., 0, 0], k = kappa[..., 0].real, kappa[..., 1 : 1 + m]
-        own[..., j, j] = own[..., m + j, m + j] = k.real
-        own[..., j, m + j], own[..., m + j, j] = -k.imag, k.imag
         size = np.abs(f).max(axis=2) + np.finfo(float).tiny
         before, least = delta.copy(), np.full(size.shape, np.inf)
         step = np.zeros((*size.shape, 1 + m), complex)
+        old = np.full(size.shape, earlier is None)  # whose slopes are of no use
+        fresh = np.zeros(size.shape, bool)  # whose last step is with slopes where it began
+        inverse = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m)) if earlier is None else earlier.copy()
         for turn in range(_NEWTON):
             beyond, slope, samples = beyond_linear(laws, delta, points)
             delta[..., 1 + H :], beyond = free * beyond[..., 1 + H :], beyond[..., : 1 + H]
-            spread = _spread(slope, m, H)
-            if laws.hysteretic:
-                spread = spread + _loop_spread(laws, samples, m, H)
-            inward = own + spread[..., _inner(m, H)].swapaxes(2, 3)
-            inverse = np.linalg.inv(np.where(unknown[..., None], inward, np.eye(1 + 2 * m)))
             left = np.where(solved, (f - kappa * delta[..., : 1 + H] - beyond)[..., : 1 + m], 0)
             size_left = np.linalg.norm(left, axis=2)
-            if turn == _NEWTON - 1 or not np.any(size_left > _CONVERGED * size):
+            is_open = size_left > _CONVERGED * size
+            if turn == _NEWTON - 1 or not np.any(is_open):
                 break
-            better = (size_left < least)[..., None]  # where it is not, half the step before
-            least = np.minimum(size_left, least)
-            before[..., : 1 + m] = np.where(better, delta[..., : 1 + m], before[..., : 1 + m])
-            step = np.where(better, _complex(inverse @ _parts(left)[..., None])[..., 0], 0.5 * step)
+            better = size_left < least
+            due = better & is_open & (old | (size_left > _SLOW * least))
+            if np.any(due):
+                inverse[due] = _inverse(laws, slope, samples, kappa, solved, due)
+            old = ~better & ~fresh  # to where that step began
+            fresh = np.where(better, due, fresh)
+            least = np.where(old, np.inf, np.minimum(size_left, least))
+            before[..., : 1 + m] = np.where(better[..., None], delta[..., : 1 + m], before[..., : 1 + m])
+            newton = _complex(inverse @ _parts(left)[..., None])[..., 0]
+            # Where it is not better, half the step before.
+            shorter = np.where(old[..., None], 0, 0.5 * step)
+            step = np.where(better[..., None], newton, shorter)
             delta[..., : 1 + m] = before[..., : 1 + m] + step
-        return cls(stiffness, beyond, low, spread, inverse, delta, points)
+        return cls(laws, stiffness, beyond, low, delta, points, inverse)
+
+    @property
+    def latest_inverse(self) -> Floats:
+        """``inverse`` if it is known already, else that of an earlier step."""
+        return np.asarray(vars(self).get("inverse", self.earlier))
+
+    @cached_property
+    def spread(self) -> Floats:
+        """Parts of g by those of δ at the mean and the low harmonics, (r, n, 1 + 2m, 1 + 2H)."""
+        return self._spread(self.low.shape[2])
+
+    def _spread(self, m: int) -> Floats:
+        _, slope, samples = beyond_linear(self.laws, self.delta, self.points)
+        return _whole_spread(self.laws, slope, samples, m, self.stiffness.shape[2])
+
+    @cached_property
+    def inverse(self) -> Floats:
+        """Parts of δ by those of the torque, shape (r, n, 1 + 2m, 1 + 2m)."""
+        m, H = self.low.shape[2], self.stiffness.shape[2]
+        solved = np.concatenate([self.low[..., :1] | True, self.low], axis=2)
+        mean = np.broadcast_to((1 + _CENTRED) * self.laws.K, (*self.low.shape[:2], 1))
+        kappa = np.concatenate([mean, self.stiffness], axis=2)
+        return _inverted(kappa, self.spread[..., _inner(m, H)], solved)
 
     @property
     def law(self) -> Complexes:
@@ -144,9 +175,7 @@ class WoundGears:
             whole = whole - self.beyond[..., 1:] * (np.asarray(stiffness)[..., 1:] / self.stiffness)
         return np.asarray(-whole / self.stiffness)
 
-    def noise(
-        self, laws: GearLaws, torque: Floats, moved: Floats
-    ) -> tuple[Complexes, Complexes, Floats]:
+    def noise(self, torque: Floats, moved: Floats) -> tuple[Complexes, Complexes, Floats]:
         """Change of w with noise of torque and ``moved`` at the same harmonic, and variance by others.
 
         Each (r, n, H). A gear that is far from linear, near a motion that leans or jumps, answers noise
@@ -154,16 +183,11 @@ class WoundGears:
 
         Parameters
         ----------
-        laws : GearLaws
-            As solved.
         torque, moved : ndarray, shape (r, n, H)
             Variance of the complex phasors of the torque, and of the deflection by the motions.
         """
         m, H = self.low.shape[2], self.stiffness.shape[2]
-        _, slope, samples = beyond_linear(laws, self.delta, self.points)
-        spread = _spread(slope, H, H)
-        if laws.hysteretic:
-            spread = spread + _loop_spread(laws, samples, H, H)
+        spread = self._spread(H)
         solved = np.concatenate([self.low[..., :1] | True, self.low, self.low], axis=2)
         into = np.where(solved[..., None, :], spread[..., _inner(m, H)], 0)
         by_torque = self.spread.swapaxes(2, 3) @ np.where(solved[..., None, :], self.inverse, 0)
@@ -183,6 +207,35 @@ class WoundGears:
             rest -= np.abs(own[-1]) ** 2 * variance
         rest = np.maximum(rest, 0) / np.abs(self.stiffness) ** 2
         return -own[0] / self.stiffness, -own[1] / self.stiffness, rest
+
+
+def _inverse(
+    laws: GearLaws,
+    slope: Floats,
+    samples: Floats,
+    kappa: Complexes,
+    solved: np.ndarray,
+    due: np.ndarray,
+) -> Floats:
+    """``WoundGears.inverse`` of some gears in some records, due (r, n), at samples of the deflection."""
+    m = solved.shape[2] - 1
+    if laws.hysteretic:
+        return np.asarray(_inverted(kappa, _whole_spread(laws, slope, samples, m, m), solved)[due])
+    return _inverted(kappa[due], _spread(slope[due], m, m), solved[due])
+
+
+def _inverted(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
+    """Inverse of κ (..., 1 + H) and a spread (..., 1 + 2m, 1 + 2m) where solved (..., 1 + m)."""
+    m = solved.shape[-1] - 1
+    inward = np.array(spread.swapaxes(-2, -1))
+    j, k = np.arange(1, 1 + m), kappa[..., 1 : 1 + m]
+    inward[..., 0, 0] += kappa[..., 0].real
+    inward[..., j, j] += k.real
+    inward[..., m + j, m + j] += k.real
+    inward[..., j, m + j] -= k.imag
+    inward[..., m + j, j] += k.imag
+    unknown = np.concatenate([solved, solved[..., 1:]], axis=-1)
+    return np.asarray(np.linalg.inv(np.where(unknown[..., None], inward, np.eye(1 + 2 * m))))
 
 
 def _started(laws: GearLaws, f: Complexes, stiffness: Complexes, points: int) -> Complexes:
@@ -305,6 +358,12 @@ def _spread(slope: Floats, m: int, H: int) -> Floats:
     near, far = sign * im[..., apart], im[..., together]
     found[..., cosines, 1 : 1 + H], found[..., sines, 1 + H :] = -near - far, near - far
     return found
+
+
+def _whole_spread(laws: GearLaws, slope: Floats, samples: Floats, m: int, H: int) -> Floats:
+    """As ``_spread``, with that of the hysteresis."""
+    spread = _spread(slope, m, H)
+    return spread + _loop_spread(laws, samples, m, H) if laws.hysteretic else spread
 
 
 def _coefficients(samples: Floats, H: int) -> Floats:

@@ -5,6 +5,7 @@ from .find.segment import Segment as Segment
 from .find.segments import common_frequencies as common_frequencies
 from .find.segments import find_runs as find_runs
 from .find.segments import find_segments as find_segments
+from .find.segments import measure_motion as measure_motion
 from .find.segments import measure_run as measure_run
 from .find.segments import measure_segment as measure_segment
 from .map.guess import Guess as Guess

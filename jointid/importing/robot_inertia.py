@@ -36,7 +36,7 @@ class KnownRobot:
     poses: Mapping[str, Inertia] = field(default_factory=dict)
     """Inertia of each named pose."""
     nominal: Elasticity | None = None
-    """Values that the controller assumes, if given."""
+    """Nominal K and D, if given."""
     name: str = ""
     inertia_std: float | None = None
     """Relative standard deviation of the inertias, if given."""

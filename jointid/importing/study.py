@@ -28,7 +28,7 @@ def segment_records(
 ) -> tuple[SineRecord | MotionRecord, ...]:
     """Cut the records out of a log: one per segment, or one per line of a multisine segment.
 
-    A segment of any other motion becomes a motion record.
+    A segment of any other motion becomes a motion record, with the angles behind the gears.
 
     Parameters
     ----------
@@ -61,8 +61,18 @@ def segment_records(
         }
         name = f"{log.name}: {place}".removeprefix(": ")
         if segment.is_motion:
+            arm = None if log.arm_rad is None else log.arm_rad[part]
+            # The band is that of the motors' torques; the stiffness behind the gears has its own.
+            band_hz = segment.band_hz if arm is None else None
             records.append(
-                MotionRecord(theta_rad=theta, tau_Nm=tau, band_hz=segment.band_hz, label=name, **shared)
+                MotionRecord(
+                    theta_rad=theta,
+                    tau_Nm=tau,
+                    arm_rad=arm,
+                    band_hz=band_hz,
+                    label=name,
+                    **shared,
+                )
             )
         for line in segment.lines_hz:
             label = name

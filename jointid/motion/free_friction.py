@@ -90,6 +90,14 @@ class FreeFriction:
         """Project columns (m, H, n, k) of some records (m,) out as well."""
         return replace(self, ends=(records, columns))
 
+    def moved(self, factor: Complexes) -> FreeFriction:
+        """The waveforms of the records times phase factors (r, H, n): at other times."""
+        groups = tuple(
+            (records, replace(each, shapes=each.shapes * factor[records][..., None]))
+            for records, each in self.groups
+        )
+        return replace(self, groups=groups)
+
     @property
     def shapes(self) -> int:
         """Number of waveforms; their rank may be smaller."""
@@ -146,12 +154,12 @@ class Columns:
         return self._solved(self.free.swapaxes(1, 2) @ rows)
 
     def rest(self, rows: Floats) -> Floats:
-        """Rows (g, m, c) without what is free."""
+        """Rows (g, m, c) without the free part."""
         part = self.free @ self.sizes(rows)
         return np.asarray(part if self.kept is not None else rows - part)
 
     def rank(self) -> float:
-        """Effective degrees of freedom of what is free."""
+        """Effective degrees of freedom of the free part."""
         own = np.count_nonzero(self.length)
         if self.kept is not None:
             return float(np.count_nonzero(self.kept) - own)
@@ -218,7 +226,7 @@ def _whitened(records: np.ndarray, waveforms: Waveforms, W: Complexes) -> Column
     W, shapes = W[records], waveforms.shapes
     if not waveforms.kept:
         return Columns.of(records, real_rows(W @ shapes))
-    # What is orthogonal to W F is W⁻ᴴ times what is orthogonal to F.
+    # The complement of W F is W⁻ᴴ times the complement of F.
     W, used = _inverse(W)
     rows = real_rows(W.conj().swapaxes(2, 3) @ shapes)
     return Columns.of(records, rows, real_rows(used[..., None] * (1 + 1j))[..., 0])

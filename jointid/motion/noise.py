@@ -17,7 +17,7 @@ from jointid.phasors.sensor_steps import quantum
 _BANDS = 24
 """Bands over which the spectrum is averaged."""
 _BEYOND, _NYQUIST = 1.3, 0.9
-"""Where noise is searched: from this multiple of the band's end to this share of half the rate."""
+"""Range of the search for noise: from this multiple of the band's end to this share of half the rate."""
 _LATEST = 0.5
 """Share of half the sample rate at which the search begins at the latest."""
 _REWEIGHTED = 10
@@ -63,25 +63,24 @@ def sensor_variances(
             most[j] = variance[n + j] + _SURE * error[1]
         steps = [quantum(part.theta[j, :_EXAMINED]) for part in parts]
         size = [max(float(np.abs(each[j]).max()) for each in pair) for pair in _signals(parts)]
-        repeated = max(map(_repeated_rounding, (part.theta[j] for part in parts), steps))
-        variance[j] = max(
-            variance[j] + repeated, max(steps) ** 2 / 12 + repeated, (_FLOOR * size[0]) ** 2
-        )
+        variance[j] = max(variance[j], max(steps) ** 2 / 12, (_FLOOR * size[0]) ** 2)
         variance[n + j] = max(variance[n + j], (_FLOOR * size[1]) ** 2)
         most[j] = max(most[j], variance[n + j])
     return variance, most
 
 
-def _repeated_rounding(theta: Floats, step: float) -> float:
-    """Variance that the rounding of a periodic motion adds, rad²: in every period its error is the same.
+def repeated_variances(parts: Sequence[UniformPart]) -> Floats:
+    """Variance of each angle's samples that the periods share, times the further periods, shape (n,).
 
-    Parameters
-    ----------
-    theta : ndarray, shape (N,)
-    step : float
-        Of the encoder, rad.
+    In every period of a periodic motion the rounding of the encoder is the same: the errors of the
+    periods add up.
     """
-    N = theta.size
+    each = [[_repeated_rounding(angle) for angle in part.theta] for part in parts]
+    return np.asarray(np.max(each, axis=0))
+
+
+def _repeated_rounding(theta: Floats) -> float:
+    N, step = theta.size, quantum(theta[:_EXAMINED])
     angle = theta - np.linspace(theta[0], theta[-1], N)
     angle = angle - angle.mean()
     if step == 0 or not angle.any():

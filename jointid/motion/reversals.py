@@ -11,6 +11,9 @@ from jointid.phasors.segment import Segment, bins_of
 
 _RESOLVED = 0.5
 """Polynomials of a stretch beyond its phase at the highest bin, which decides how many it needs."""
+_MOST = 0.6
+"""Largest share of a joint's equations that the stretches take: the longest, for in the shortest the
+unknown friction is an impulse, like noise."""
 _MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
 _STATIONARY = 0.5
@@ -60,10 +63,7 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
     columns = [np.zeros((H, n, 0), complex)]
     for j in np.flatnonzero(~stationary).tolist():
         stretches = _stretches(v[j], max(window * largest[j], blur[j]), blur[j])
-        if len(stretches) > 2 * (H - segment.lowest + 1):
-            stationary[j] = True  # they fill its equations
-            continue
-        unknown = _polynomials(stretches, N, H)
+        unknown = _polynomials(stretches, N, H, int(2 * _MOST * (H - segment.lowest + 1)))
         columns.append(unknown[:, None] * np.eye(n)[j, :, None])
         turns, signs = _steps(v[j], blur[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
@@ -116,7 +116,7 @@ def _stretches(v: Floats, threshold: float, blur: float) -> np.ndarray:
     return np.asarray(np.stack([begin, end], axis=1)[rests | (v[begin] * v[end] < 0)])
 
 
-def _polynomials(stretches: np.ndarray, N: int, H: int) -> Complexes:
+def _polynomials(stretches: np.ndarray, N: int, H: int, most: int) -> Complexes:
     """Transforms (H, k) of Legendre's polynomials on stretches (m, 2) of N steps.
 
     Of degree d, that is a spherical Bessel function of the phase over half a stretch, which vanishes
@@ -126,6 +126,8 @@ def _polynomials(stretches: np.ndarray, N: int, H: int) -> Complexes:
     length, middle = np.diff(stretches, axis=1)[:, 0], stretches.mean(axis=1)
     phase = np.pi * length / N
     count = np.ceil(phase * H + _RESOLVED)
+    longest = np.argsort(-length)
+    count[longest[np.cumsum(count[longest]) > most]] = 0
     found = [np.zeros((H, 0), complex)]
     for d in range(int(count.max(initial=0))):
         own = count > d

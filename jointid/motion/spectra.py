@@ -14,7 +14,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.motion.band import proposed_band
-from jointid.motion.noise import sensor_variances
+from jointid.motion.noise import repeated_variances, sensor_variances
 from jointid.motion.sampling import UniformPart, uniform_parts
 from jointid.motion.velocity import smooth_velocity
 from jointid.phasors.extract import Phasors
@@ -82,14 +82,15 @@ def _band_and_noise(
 
 
 def _noise(parts: list[UniformPart], band: tuple[float, float], M: Floats) -> tuple[Floats, Floats]:
-    """Variance of each sample (2n,); that of the torque is a start value; and its limits (2, n).
+    """Variance of each sample (2n,), that of the torque a start value; and three further ones (3, n).
 
-    Beyond the band the noise of the angle, and friction, may hide that of the torque.
+    These are the least and the most of the torque's, and the repeated part of the angle's. Beyond the
+    band the noise of the angle, and friction, may hide that of the torque.
     """
     variance, most = sensor_variances(parts, band[1], M)
     size = np.mean([(part.tau**2).mean(axis=1) for part in parts], axis=0)
     variance[M.size :] = np.maximum(variance[M.size :], _LEAST_TORQUE_NOISE**2 * size)
-    return variance, np.stack([_ACCURACY**2 * size, most])
+    return variance, np.stack([_ACCURACY**2 * size, most, repeated_variances(parts)])
 
 
 def _segments(
@@ -119,6 +120,7 @@ def _segments(
             velocity=velocity[:, begin:end],
             velocity_noise=noise,
             angle_variance=variance[:n],
+            repeated_variance=limits[2],
             least_torque_variance=limits[0],
             most_torque_variance=limits[1],
             held=part.held,

@@ -96,7 +96,7 @@ class Phasors:
 
     @property
     def motion(self) -> np.ndarray:
-        """Which rows come from motion records, shape (r,)."""
+        """Mask of the rows from motion records, shape (r,)."""
         return np.array([segment is not None for segment in self.segments], dtype=bool)
 
     @property
@@ -249,27 +249,14 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
 
 def no_phasors(n: int) -> Phasors:
     """Return the phasors of no record of n joints."""
-    z, real, square = (
-        np.zeros((0, n), complex),
-        np.zeros((0, 2 * n)),
-        np.zeros((0, 2 * n, 2 * n), complex),
-    )
-    none = np.zeros(0)
-    return Phasors(
-        omega=none,
-        q=z,
-        tau=z,
-        covariance=square,
-        degrees_of_freedom=none,
-        duration_s=none,
-        harmonics=np.zeros((0, 1, 2 * n), complex),
-        harmonic_covariance=square[:, None],
-        drift=z.real,
-        settling=real,
-        settling_noise=real,
-        frequency_found_hz=none,
-        labels=(),
-    )
+    c = 2 * n
+    real = {"omega": (), "degrees_of_freedom": (), "duration_s": (), "frequency_found_hz": ()}
+    real |= {"drift": (n,), "settling": (c,), "settling_noise": (c,)}
+    both = {"q": (n,), "tau": (n,), "covariance": (c, c), "harmonics": (1, c)}
+    both |= {"harmonic_covariance": (1, c, c)}
+    arrays = {name: np.zeros((0, *shape)) for name, shape in real.items()}
+    arrays |= {name: np.zeros((0, *shape), complex) for name, shape in both.items()}
+    return Phasors(**arrays, labels=())
 
 
 def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:

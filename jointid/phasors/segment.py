@@ -10,7 +10,7 @@ from jointid.arrays import Complexes, Floats
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """What the phasors of a stretch do not hold: its samples, for friction and the torque's images."""
+    """Samples of a stretch, for friction and the torque's images, which its phasors do not hold."""
 
     record: int
     """Index of the motion record that it comes from."""
@@ -23,6 +23,8 @@ class Segment:
     """Their standard deviation, shape (n,), rad/s."""
     angle_variance: Floats
     """Variance of each sample of the angles by noise, shape (n,), rad²."""
+    repeated_variance: Floats
+    """Part of it that the periods of the motion share, times the further periods, shape (n,), rad²."""
     least_torque_variance: Floats
     """The square of what sampling itself leaves of the torques, shape (n,), (N·m)²."""
     most_torque_variance: Floats

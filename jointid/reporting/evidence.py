@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.analysis import Analysis
-from jointid.answer import gear_terms, without
+from jointid.answer import gear_text, without
 from jointid.arrays import Floats
-from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, study_outcome
+from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, remainder, study_outcome
 from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M
 from jointid.cut.tracking import TrackingRun, track
@@ -56,14 +56,12 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
             )
         if pose not in analysis.transfer_matrices:
             continue
-        for first in range(0, n, 2):
-            joints = [j for j in (first, first + 1) if j < n]
+        for joints, width in _pairs(n):
             names = " and ".join(element_name(j, j) for j in joints)
             paper = {0: " (Figures 4 and 5 of the paper)" if n > 1 else " (Figure 4 of the paper)"}
-            width = (PAGE_WIDTH - _GAP) / 2 if n > 1 else PAGE_WIDTH
             yield Figure(
                 tuple(element_figure(analysis, j, pose=pose, width=width) for j in joints),
-                f"{next(numbers)} {names}{suffix}{paper.get(first, '')}.",
+                f"{next(numbers)} {names}{suffix}{paper.get(joints[0], '')}.",
             )
 
 
@@ -75,17 +73,19 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
         "elastic law, damping and hysteresis open the measured loops. The mean wind-up of a record is "
         "not observable and set to 0."
     )
-    width = (PAGE_WIDTH - _GAP) / 2 if fit.n > 1 else PAGE_WIDTH
-    for first in range(0, fit.n, 2):
-        joints = [j for j in (first, first + 1) if j < fit.n]
-        terms = ". ".join(
-            f"Joint {j + 1}: " + "; ".join(f"{k} {v}" for k, v in gear_terms(fit, j).items())
-            for j in joints
-        )
+    for joints, width in _pairs(fit.n):
+        terms = ". ".join(gear_text(fit, j, analysis.unit) for j in joints)
         yield Figure(
             tuple(torsion_figure(analysis, j, width=width) for j in joints),
-            f"{next(numbers)} Torsion curves, motor side. {terms}.",
+            f"{next(numbers)} Torsion curves, {analysis.unit.of_gear(0).side}. {terms}.",
         )
+
+
+def _pairs(n: int) -> Iterator[tuple[list[int], float]]:
+    """Joints whose figures are side by side, and the width of each."""
+    width = (PAGE_WIDTH - _GAP) / 2 if n > 1 else PAGE_WIDTH
+    for first in range(0, n, 2):
+        yield [j for j in (first, first + 1) if j < n], width
 
 
 def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:
@@ -123,6 +123,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
             if outcome.distribution is not None
             else f"and the robot has exactly these. {outcome.problem}"
         )
+        + ("" if outcome.springs_matter else f" {remainder(outcome, friction=outcome.robot.friction)}")
     )
     before, after = [], []
     for zone in ZONES_M:
@@ -135,7 +136,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         before.append((label, first))
         after.append((label, second))
     if before:
-        heading = "Before: rigid servo" if assumed is None else "Before: nominal K and D"
+        heading = f"Before: nominal {'(rigid)' if assumed is None else 'K and D'}"
         rows = [
             (heading, LIGHT.nominal, before),
             ("After: identified K and D", LIGHT.identified, after),
@@ -146,8 +147,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
             "(Figure 7 of the paper).",
         )
     yield Paragraph(
-        f"{outcome.robot.meaning} The paper prints no "
-        "geometry, no inertias, no zone sizes and no non-optimal parameters: arm, corner zones and the "
+        f"{outcome.robot.meaning} The paper states neither "
+        "geometry, inertias and zone sizes nor the non-optimal parameters: arm, corner zones and the "
         "servo's values before are assumptions of this software or of the study. Both robots are "
         "simulated.",
         "quiet",

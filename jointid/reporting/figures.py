@@ -95,21 +95,23 @@ def single_record_figure(analysis: Analysis, joint: int, *, pose: str = "") -> D
 def torsion_figure(analysis: Analysis, joint: int, *, width: float = PAGE_WIDTH / 2) -> Drawing:
     """Measured torque of one gear over its wind-up, and the fitted law; the joint from 0."""
     curve, gear = analysis.fit.torsion_curves[joint], analysis.fit.gears[joint]
-    x, y = (
-        1.08 * np.abs(v).max(initial=0.0) or 1.0 for v in (1e3 * curve.deflection_rad, curve.torque_Nm)
-    )
+    scale = analysis.unit.of_gear(joint)
+    wind_up, torque = scale.wind_up * curve.deflection_rad, scale.torque * curve.torque_Nm
+    x, y = (1.08 * np.abs(v).max(initial=0.0) or 1.0 for v in (wind_up, torque))
     frame = _Frame(36.0, 6.0, width - 42.0, 130, (-x, x), (-y, y))
     ticks = [_linear_ticks(limit) for limit in (x, y)]
     shapes = _frame(frame, ticks[0], _signed(ticks[0]), ticks[1], _signed(ticks[1]))
     for r in drawn_records(curve.amplitude_Nm):
-        loop = frame.place(1e3 * curve.deflection_rad[r, ::2], curve.torque_Nm[r, ::2])
+        loop = frame.place(wind_up[r, ::2], torque[r, ::2])
         shapes.append(Line(loop, LIGHT.measured, 0.5, opacity=0.6))
     tried = np.linspace(-gear.tried_rad, gear.tried_rad, 101)
-    law = frame.place(1e3 * tried, gear.torque(tried))
+    law = frame.place(scale.wind_up * tried, scale.torque * gear.torque(tried))
     shapes.append(Line(law, LIGHT.identified, 1.6))
-    shapes.append(Text(width / 2 + 15, 156, "Wind-up (mrad)", 7, "middle"))
+    shapes.append(Text(width / 2 + 15, 156, f"Wind-up ({scale.angle})", 7, "middle"))
     shapes.append(Text(8, 71, f"Torque of gear {joint + 1} (N·m)", 7, "middle", turned=True))
-    terms = "; ".join(f"{name}: {value}" for name, value in gear_terms(analysis.fit, joint).items())
+    terms = "; ".join(
+        f"{name}: {value}" for name, value in gear_terms(analysis.fit, joint, analysis.unit).items()
+    )
     return Drawing(
         width, 160, tuple(shapes), f"Torsion curve of joint {joint + 1}. {terms}.", least=0.75
     )

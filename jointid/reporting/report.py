@@ -15,6 +15,7 @@ from jointid.answer import (
     further_quantities,
 )
 from jointid.cut.outcome import Outcome, millimetres, whose
+from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
 from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks, torsion_blocks
@@ -24,7 +25,6 @@ from jointid.reporting.settings import digit_blocks, record_rows, settings_block
 from jointid.study import Study
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
-from jointid.version import __version__
 from jointid.wording import capitalised, plain
 
 __all__ = ["make_report", "to_html", "to_pdf"]
@@ -97,9 +97,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     if study.changes:
         yield Paragraph(f"Changed from the data as logged: {' '.join(study.changes)}")
     header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
-    caption = (
-        f"{capitalised(analysis.unit.side)}. {ERROR_BARS} Nominal: assumed by the controller at present."
-    )
+    caption = f"{capitalised(analysis.unit.side)}. {ERROR_BARS} Nominal: in the controller at present."
     rows: list[tuple[str, ...]] = []
     for k, found in enumerate(analysis.quantities):
         j = k % fit.n

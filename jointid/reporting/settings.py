@@ -9,11 +9,11 @@ from jointid.analysis import Analysis
 from jointid.answer import elasticity_quantities, further_quantities, model_name
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import METHODS
+from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.records import MotionRecord, SineRecord
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.study import Study
-from jointid.version import __version__
 from jointid.wording import UNDETERMINED, minus, plain, significant, with_error
 
 _MAX_ROWS = 100
@@ -29,7 +29,8 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     hold = hold if len(holds) == 1 else "differs by record"
     facts = [
         ("Software", f"jointid {__version__}"),
-        ("Study digest", f"{study_digest(study)}, the same for the same data and settings"),
+        ("Paper", "Identification of Joint Elasticity of Industrial Robots"),
+        ("Study digest", f"{study_digest(study)}, a checksum of data and settings"),
         ("Estimator", f"{fit.method}: {METHODS[fit.method]}"),
         ("Fitted", _model(analysis)),
         (
@@ -59,9 +60,10 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
                 )
                 for c in fit.candidates
             ),
-            "Models compared. The one with the smallest information criterion is chosen. A model "
-            "without a criterion could not be fitted, is excluded because friction or the absence of "
-            "a lag is certain, or adds a parameter within its own error.",
+            "Models compared; the one with the smallest information criterion is chosen. A dash: the "
+            "fit failed, the data require friction or exclude a lag, or an added parameter is smaller "
+            "than its standard error. Reversals free below 3 %: friction is free at "
+            "speeds below 3 % of the largest.",
         )
     names = elasticity_labels(fit.n)
     yield Table(
@@ -70,8 +72,9 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             (method, *map(with_error, other.estimate.tolist(), other.standard_error.tolist()))
             for method, other in analysis.fits.items()
         ),
-        "Other estimators on the sine records: the paper's least squares (13)–(14) and its explicit "
-        "solution (15), with the given inertias; without friction and delay.",
+        "Estimators on the sine records. The others than auto keep the given inertias and ignore "
+        "friction and delay: the paper's least squares (13)–(14), its explicit solution (15), and "
+        "weighted least squares.",
     )
     yield Table(
         ("correlation", *names),

@@ -1,6 +1,6 @@
 """Robots as URDF or MJCF, read by pinocchio from text without shapes and file references.
 
-pinocchio takes an unreadable mass for 0 and ignores what it does not know; the checks here precede it.
+pinocchio takes an unreadable mass for 0 and ignores unknown elements; the checks here precede it.
 """
 
 import os

@@ -213,6 +213,10 @@ class RobotModel(RobotDescription):
 
     def tool_jacobian(self, q: ArrayLike) -> Floats:
         """Velocity of the tool point over joint velocities, shape (3, n), m/rad, in world axes."""
+        return self.tool_motion(q)[1]
+
+    def tool_motion(self, q: ArrayLike) -> tuple[Floats, Floats]:
+        """``tool_point`` and ``tool_jacobian`` together."""
         (angles,) = self._checked(q=q, one=True)
         motion, tool = self._tool(angles)
         columns, j = np.zeros((3, self.n)), self.n - 1
@@ -220,7 +224,7 @@ class RobotModel(RobotDescription):
             z, arm = motion.axes[j], tool - motion.frames[j].origin
             columns[:, j] = z if self.links.sliding[j] else cross(z, arm)
             j = self.links.parent[j]
-        return columns
+        return tool, columns
 
     def tool_point(self, q: ArrayLike) -> Floats:
         """Position of the tool point at joint angles of shape (n,), shape (3,), m, in world axes."""

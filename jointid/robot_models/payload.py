@@ -1,4 +1,4 @@
-"""What a robot carries, and what balances its arm."""
+"""Payload of a robot, and the balancer of its arm."""
 
 from dataclasses import dataclass
 

@@ -57,7 +57,7 @@ def set_points(
     motion = Motion(*np.zeros((3, time.size, start.size)))
     for whole, part in zip(motion, experiment.motion(time), strict=True):
         whole[:, list(robot.moving)] = part / robot.gear_ratio
-    # What is checked is what is written, rounding included.
+    # The check sees the written values, rounding included.
     unit = 1.0 if chosen.degrees else np.radians(1.0)
     offset = 0.0 if chosen.from_start else start
     values = np.round(unit * (np.degrees(motion.position) + offset), chosen.decimals) + 0.0

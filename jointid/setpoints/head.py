@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable
 
+from jointid.files.application import __version__
 from jointid.setpoints.file_format import Format
 from jointid.setpoints.limit_check import LimitRow
 from jointid.setpoints.played import PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits
-from jointid.version import __version__
 
 _SAFETY = (
     "The check below uses a simulated robot, for small motions around the start pose. It does not",

@@ -1,1 +1,1 @@
-"""What the pages share; streamlit lives here and in the pages only."""
+"""User interface shared by the pages; only it and the pages import streamlit."""

@@ -1,1 +1,1 @@
-"""How far the answer can be trusted: inertias, resampling, poses, prediction."""
+"""Checks of the answer: inertias, resampling, poses, prediction."""

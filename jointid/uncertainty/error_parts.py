@@ -21,12 +21,12 @@ _PARTS = {
 
 @dataclass(frozen=True, eq=False)
 class ErrorPart:
-    """The part of the standard errors that one cause makes."""
+    """Part of the standard errors due to one cause."""
 
     key: str
     name: str
     error: Floats
-    """Of K1 ... Kn, D1 ... Dn, shape (2n,); the squares of all parts add up to the whole."""
+    """Of K1 ... Kn, D1 ... Dn, shape (2n,); the squares of all parts add up to the total."""
 
 
 def error_parts(fit: ElasticityFit) -> tuple[ErrorPart, ...]:
@@ -39,7 +39,7 @@ def error_parts(fit: ElasticityFit) -> tuple[ErrorPart, ...]:
 
 
 def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of a table: the whole standard error of K and D, and its parts.
+    """Header and rows of a table: the total standard error of K and D, and its parts.
 
     Parts that are zero throughout are left out.
     """
@@ -51,4 +51,4 @@ def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[lis
             rows.append([name, UNDETERMINED, *["–"] * len(parts)])
         else:
             rows.append([name, *(significant(size, 2) for size in sizes)])
-    return ["", "whole error", *(part.name for part in parts)], rows
+    return ["", "total error", *(part.name for part in parts)], rows

@@ -125,8 +125,8 @@ class PlanningModel:
     def standard_errors(self, information: Floats) -> Floats:
         """Standard errors of K and D, shape (2n,), from the information of records and the prior.
 
-        What the fit states beyond the bound (choice of the model, scatter of the records, an estimator
-        without weights) falls with it; the part from truncated friction harmonics stays.
+        Errors in the fit beyond the bound (choice of the model, scatter of the records, an estimator
+        without weights) fall with it; the part from truncated friction harmonics stays.
         """
         variance = np.diag(self.covariance(information)) * self._widening
         return np.asarray(np.sqrt(variance + np.square(self.fit.unseen_error)))

@@ -1,6 +1,6 @@
 """Experiment planning: expected accuracy of K and D with more records, and a choice of records."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.joints import Elasticity, Inertia, dynamic_arm_inertia, resonances
 from jointid.phasors.extract import Phasors
-from jointid.uncertainty.information import PlanningModel, planning_model
+from jointid.uncertainty.information import planning_model
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
 from jointid.wording import counted
 
@@ -29,6 +29,8 @@ _CANDIDATE_FREQUENCIES = 24
 """Default number of frequencies in the search, logarithmically spaced."""
 _MOST_RECORDS = 50
 """Largest number of suggested records."""
+_PARTS = 10
+"""Parts of the candidates, each followed by a report of progress."""
 _LOWEST, _HIGHEST = 0.1, 10.0
 """Limits of the suggested frequencies, over the lowest and the highest frequency of the records."""
 _UNKNOWN = 1e-9
@@ -79,7 +81,9 @@ def predict_standard_errors(
             f"The plan has {counted(planned.torque_Nm.shape[1], 'joint')}, the fit {fit.n}."
         )
     now = planning_model(phasors, inertia, fit, planned_inertia)
-    old, new = now.today, _planned_information(planned, now).sum(axis=0)
+    omega = 2 * np.pi * planned.frequency_hz
+    new = now.planned_information(omega, planned.angle_rad, planned.duration_s).sum(axis=0)
+    old = now.today
     today, alone, both = (now.standard_errors(matrix) for matrix in (old, new, old + new))
     return PredictedErrors(
         names=elasticity_labels(fit.n),
@@ -119,6 +123,7 @@ def suggest_records(
     frequencies_hz: ArrayLike | None = None,
     highest_hz: float | None = None,
     planned_inertia: Inertia | None = None,
+    progress: Callable[[float], object] = lambda done: None,
 ) -> Suggestion:
     """Choose the next records one by one (greedy), each the best of many candidates.
 
@@ -141,6 +146,8 @@ def suggest_records(
         Limit of the default frequencies, for instance a quarter of the sample rate.
     planned_inertia : Inertia, optional
         Inertia at the pose of the planned records; by default that of the first record.
+    progress : callable, optional
+        Called with the finished share, 0 to 1.
 
     Raises
     ------
@@ -165,17 +172,23 @@ def suggest_records(
     else:
         frequency = finite_array("frequencies_hz", frequencies_hz, ndim=1)
     candidates = _candidates(pose, fit.elasticity, frequency, torque, velocity, duration_s)
-    information = _planned_information(candidates, now)
-    total = now.today
+    frequency, angle, duration = candidates.frequency_hz, candidates.angle_rad, candidates.duration_s
+    parts, steps = [], _PARTS + _PARTS // 5 * count
+    for number, part in enumerate(np.array_split(np.arange(frequency.size), _PARTS), start=1):
+        omega = 2 * np.pi * frequency[part]
+        parts.append(now.planned_information(omega, angle[part], duration[part]))
+        progress(number / steps)
+    information, total = np.concatenate(parts), now.today
     known = np.where(np.isfinite(fit.standard_error), fit.standard_error, 0.0)
     size = np.maximum(np.abs(fit.estimate), known)  # for a damping near zero
     chosen, path = [], [now.standard_errors(total) / size]
-    for _ in range(count):
+    for number in range(1, count + 1):
         trials = np.array([now.standard_errors(total + one) / size for one in information])
         best = _best_trial(trials, total + information)
         chosen.append(best)
         path.append(trials[best])
         total = total + information[best]
+        progress((_PARTS + _PARTS // 5 * number) / steps)
     records = PlannedRecords(
         candidates.frequency_hz[chosen],
         candidates.torque_Nm[chosen],
@@ -199,13 +212,6 @@ def _best_trial(errors: Floats, information: Floats) -> int:
     size = np.where(size > 0, size, 1.0)
     scaled = information[fewest] / np.outer(size, size) + _UNKNOWN * np.eye(size.size)
     return int(fewest[np.linalg.slogdet(scaled)[1].argmax()])
-
-
-def _planned_information(planned: PlannedRecords, now: PlanningModel) -> Floats:
-    """Information of each planned record, shape (r, P, P)."""
-    return now.planned_information(
-        2 * np.pi * planned.frequency_hz, planned.angle_rad, planned.duration_s
-    )
 
 
 def _limit(name: str, value: ArrayLike | None, largest: Floats) -> Floats:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Complexes, Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia, motor_response
+from jointid.wording import significant
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +28,31 @@ class PlannedRecords:
     def velocity_rad_s(self) -> Floats:
         """Velocity amplitudes of the motors, shape (r, n)."""
         return np.asarray(np.abs(self.angle_rad) * 2 * np.pi * self.frequency_hz[:, None])
+
+    @property
+    def relative(self) -> tuple[Complexes, Complexes]:
+        """Torques and angles turned to phase 0 of the first driven joint's torque, each (r, n).
+
+        Only the phases between the joints matter.
+        """
+        size = np.abs(self.torque_Nm)
+        driven = size > 1e-6 * size.max(axis=1, keepdims=True)
+        first = np.take_along_axis(self.torque_Nm, driven.argmax(axis=1)[:, None], axis=1)
+        turn = np.exp(-1j * np.angle(first))
+        return np.where(driven, self.torque_Nm * turn, 0.0), self.angle_rad * turn
+
+
+def phase_deg(values: Complexes) -> Floats:
+    """Phase from 0° to 359.5°: an editable grid has no typographic minus."""
+    angle = np.degrees(np.angle(values)) % 360
+    return np.asarray(np.where(angle < 359.5, angle, 0.0))
+
+
+def phasor_text(value: complex) -> str:
+    """Format amplitude and phase, "1.9 ∠ 83°"."""
+    if value == 0:
+        return "0"
+    return f"{significant(abs(value), 3)} ∠ {round(float(phase_deg(np.array(value))))}°"
 
 
 def planned_records(

@@ -1,4 +1,4 @@
-"""What each given inertia and torque scale adds to the errors of K and D; confidence ellipses.
+"""Contribution of each given inertia and torque scale to the errors of K and D; confidence ellipses.
 
 With the information A of the records and B of the given values, a fit has the covariance C = (A + B)⁻¹,
 and its estimate moves by C B per unit of the given values. An error of one standard deviation in the

@@ -34,7 +34,7 @@ def finding_of(
     before, after : float
         Misfit of the records as logged and as the hypothesis corrects them.
     side : {"", "torque", "angle", "both"}
-        What the coupling of the joints shows to be scaled; empty when it does not.
+        The scaled signal according to the coupling of the joints; empty if undecided.
     duration_s : float
         Of the longest record.
     K : ndarray, shape (n,)
@@ -185,18 +185,17 @@ def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
 
 
 def _proof(before: float, after: float) -> str:
-    """What the correction changes, and whether something else is wrong, too."""
+    """Effect of the correction on the residual, and a hint at a second fault."""
     left = f"{number(np.sqrt(after), 2)} × noise"
-    logged = (
-        "allow no positive stiffness"
-        if np.isinf(before)
-        else f"leave {number(np.sqrt(before), 2)} × noise"
-    )
+    logged = "no fit with positive stiffness"
+    if np.isfinite(before):
+        logged = f"{number(np.sqrt(before), 2)} × noise"
+    proof = f"Residual as logged: {logged}; corrected: {left} (1 is ideal)."
     if after <= GOOD:
-        return f"As logged, the records {logged}; corrected, they leave {left} (1 is ideal)."
+        return proof
     return (
-        f"As logged, the records {logged}; corrected, they still leave {left} (1 is ideal): friction, "
-        "which this check omits, or a second fault. Correct this one first."
+        f"{proof} The rest is friction, which this check omits, or a second fault. Correct this one "
+        "first."
     )
 
 

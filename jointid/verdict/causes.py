@@ -94,7 +94,7 @@ OTHER_CAUSES = {
     1e-3: "M and M2 seem to be in g·m²",
     1e-6: "The position of all joints seems to be in µrad",
 }
-"""What makes the same factor in all joints, in place of the cause in the table."""
+"""Cause of the same factor in all joints, in place of that in the table."""
 
 
 def known_cause(factor: float, close: float) -> Cause | None:

@@ -15,7 +15,7 @@ from jointid.transfer_matrix import TransferMatrix
 from jointid.wording import minus, significant
 
 Action = Literal["", "edit mapping", "edit runs", "edit inertias"]
-"""What a remedy asks a person to do, apart from measuring again: the app knows where that is done."""
+"""Kind of edit that a remedy asks for, apart from a new measurement; the app knows its page."""
 
 
 ChangeKind = Literal["start", "frequency", "leave out", "delay", "hold", "scale", "order", "inertias"]
@@ -53,7 +53,7 @@ class Finding:
     """Importance, for the order: from 100 for problems, from 10 for warnings, 5 for "good", from 0 for
     notes; plus the relative change in K or D, if known."""
     action: Action = ""
-    """What the remedy edits; empty when nothing, or only the study's files."""
+    """Kind of edit of the remedy; empty for none, or for the study's files only."""
     changes: tuple[Change, ...] = field(default=(), compare=False)
     """Changes of the study that may remedy it, the most likely first."""
 

@@ -25,12 +25,12 @@ _REMEDIES = {
         "Check the sampling and output times of each drive.",
     ),
     "position_filter": (
-        "The positions {are filtered, or the torques act late by a filter"
+        "The positions {are filtered, or the torques are delayed by a filter"
         "|lead as if the torques were filtered}",
         "Log unfiltered positions if the drive allows it.",
     ),
     "torque_filter": (
-        "The torques {act late by a filter, or the positions are filtered"
+        "The torques {are delayed by a filter, or the positions are filtered"
         "|lead, or their log is filtered}",
         "Log the torque set point, or the current without a filter, if the drive allows it.",
     ),
@@ -39,7 +39,7 @@ _REMEDIES = {
         "The links have resonances above the band",
         "K and D hold for the gears alone; a controller for higher frequencies needs the links as well.",
     ),
-    "gravity": ("Gravity {holds the arm like a spring|pushes the arm away}", ""),
+    "gravity": ("Gravity acts as a {restoring|destabilising} spring on the arm", ""),
     "cubic": (
         "A gear {hardens|softens}",
         "K holds for small deflections. Measure at the amplitude that the work needs.",
@@ -49,7 +49,7 @@ _REMEDIES = {
         "K holds for small deflections. Measure at the amplitude that the work needs.",
     ),
     "backlash": ("A gear has backlash", "K holds outside the play. Check the gear's preload."),
-    "hysteresis": ("A gear has hysteresis", "K is the spring without its hysteresis."),
+    "hysteresis": ("A gear has hysteresis", "K excludes the hysteresis."),
 }
 """Title, with {one verb|another} for positive and negative values, and remedy by effect."""
 

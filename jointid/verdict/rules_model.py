@@ -73,7 +73,7 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
         worst = int(np.argmax(excess))
         size = percent(whole[worst]) if np.isfinite(fit.standard_error[worst]) else ""
         yield warning(
-            f"{some(unknown)} {'is' if len(unknown) == 1 else 'are'} hardly known",
+            f"{some(unknown)} {'is' if len(unknown) == 1 else 'are'} poorly determined",
             f"One standard error of {names[worst]} is {size} of its value."
             if size
             else f"These records do not determine {names[worst]} at all.",

@@ -65,14 +65,14 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
     label, n = evidence.phasors.labels[found.record], evidence.fit.n
     k = int(np.argmax(np.abs(np.log(np.maximum(found.stiffness, 1e-12)))))
     before = (
-        "no positive stiffness comes out"
+        "the fit has no positive stiffness"
         if np.isinf(found.misfit_with)
         else f"the residual is {number(np.sqrt(found.misfit_with), 2)} × noise"
     )
     detail = (
-        f"With it, {before}; without it, that of the other {evidence.phasors.omega.size - 1} records is "
-        f"{number(np.sqrt(found.misfit_without), 2)} × noise. Its own dynamic "
-        f"stiffness of joint {k + 1} is {number(float(found.stiffness[k]), 2)} times that of the "
+        f"With it, {before}; without it, the residual of the other {evidence.phasors.omega.size - 1} is "
+        f"{number(np.sqrt(found.misfit_without), 2)} × noise. Alone, it gives a dynamic "
+        f"stiffness of joint {k + 1} {number(float(found.stiffness[k]), 2)} times that of the "
         "others. "
     )
     title, cause, remedy = _told(found, label, n)

@@ -150,8 +150,8 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
     if pairs and (rows or np.any(phasors.covariance != 0)):
         yield warning(
             "A record is in the study twice",
-            f"{some(pairs)} have the same samples. {_concerned(len(pairs), 'pair')} Noise that is "
-            "counted twice makes the error bars up to 30 % too small.",
+            f"{some(pairs)} have the same samples. {_concerned(len(pairs), 'pair')} Counting noise "
+            "twice makes the error bars up to 30 % too small.",
             "Leave out one record of each pair on import, or delete its [[records]] entry in "
             "study.toml; or measure again.",
             0.4 * _worst_error(evidence),
@@ -257,7 +257,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
             share = percent(min(1.0, float(np.median(rounding[stepped, j] / variance[stepped, j]))))
             yield make(
                 f"The encoder of joint {j + 1} "
-                + ("limits the noise" if limited else "is coarse for the smallest motion"),
+                + ("dominates the noise" if limited else "is coarse for the smallest motion"),
                 f"Its step is {number(size, 2)} rad ({2 * np.pi / size:.0f} per revolution); "
                 f"the smallest sine has an amplitude of {number(counts.min(), 2)} steps. "
                 + (

@@ -27,7 +27,7 @@ _ROUNDING = 1e-15
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """What may be wrong with the records or the inertias of n joints."""
+    """A possible fault of the records or the inertias of n joints."""
 
     kind: str
     scale: Floats
@@ -91,7 +91,7 @@ class Scorer:
     M2: Floats
     """Shape (r, n, n)."""
     gravity: Floats
-    """What gravity adds to M2 at the frequency of each record, shape (r, n, n)."""
+    """Contribution of gravity to M2 at the frequency of each record, shape (r, n, n)."""
 
     @classmethod
     def of(cls, phasors: Phasors, inertias: Sequence[Inertia]) -> Scorer:

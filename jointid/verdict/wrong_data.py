@@ -80,7 +80,7 @@ def wrong_data(
 
 
 def _hypotheses(n: int, measured: Floats | None, inertias: Sequence[Inertia]) -> Iterator[Hypothesis]:
-    """What to try, the simplest first."""
+    """Hypotheses to try, the simplest first."""
     one = np.ones(n)
     for factor in (-1.0, *_FACTORS):  # all joints alike: the same as torque or as angle
         if factor in (-1.0, 1e3, *SUBTLE) or factor in (c.factor for c in CAUSES if c.is_common):
@@ -139,7 +139,7 @@ def _ratio(measured: Floats | None, inertias: Sequence[Inertia]) -> Floats:
 
 
 def _on_sides(factor: Floats) -> list[Hypothesis]:
-    """What makes these factors between torque and acceleration, if a gear does."""
+    """Gear that causes these factors between torque and acceleration, if any."""
     one = np.ones(factor.size)
     if np.all(factor == 1):
         return []

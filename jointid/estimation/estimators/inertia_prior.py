@@ -88,7 +88,7 @@ class InertiaPrior:
             One for all records, or one per record when they come from several poses; a prior is
             returned as it is.
         records, joints : int
-            What the inertias must fit.
+            Numbers of records and joints.
         inertia_std, torque_std : float, optional
             Relative standard deviations; None is 0.
 
@@ -257,7 +257,7 @@ class InertiaPrior:
     def gravities(self, lower: Floats) -> Floats:
         """Gravity stiffness with each M2, shape (p, n, n), at lower triangles of shape (u, t).
 
-        What the common unknown changes in M2, it changes in the gravity.
+        A change of M2 by the common unknown changes the gravity alike.
         """
         if not self.shared_gravity.any():
             return self.gravity

@@ -5,7 +5,7 @@ The torque through a gear is known from the balance at its motor, f = τ − Mθ
     f = K e + c e³ + F z(δ) + D δ̇,   δ = e + (b/2) sign f
 
 (cubic stiffness c, total backlash b, hysteresis of level F with Dahl's z) is wound up by
-δ = f/(K + sD) + w; w is what the law adds to the linear deflection. Coulomb friction at the arm is
+δ = f/(K + sD) + w; w is the contribution of the law to the deflection. Coulomb friction at the arm is
 F_a sign θ̇_a, presliding friction at the motor F_p z(θ). All enter the residual as phasors.
 """
 
@@ -75,7 +75,7 @@ class JointLaws:
     """1/M + M2⁻¹ of each joint, shape (n,)."""
     sines: bool
     """Whether no record is another motion."""
-    latest: list[Complexes] = field(default_factory=list)
+    latest: list[WoundGears] = field(default_factory=list)
     """Wind-up as last solved, from which the next solution starts."""
 
     @classmethod
@@ -161,9 +161,10 @@ class JointLaws:
             return None
         kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
-            start, free = self.latest[-1] if self.latest else None, self._beyond_measured(p)
-            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, start)
-        self.latest[:] = [found.delta] if np.isfinite(found.delta).all() else []
+            start = (self.latest[-1].delta, self.latest[-1].latest_inverse) if self.latest else ()
+            free = self._beyond_measured(p)
+            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, *start)
+        self.latest[:] = [found] if np.isfinite(found.delta).all() else []
         return found
 
     def _beyond_measured(self, p: Parameters) -> Complexes:
@@ -211,11 +212,11 @@ class JointLaws:
         return {name: slope.swapaxes(1, 2) for name, slope in found.items()}
 
     def noise(
-        self, wound: WoundGears, p: Parameters, torque: Floats, moved: Floats
+        self, wound: WoundGears, torque: Floats, moved: Floats
     ) -> tuple[Complexes, Complexes, Floats]:
         """``WoundGears.noise`` with all arrays (r, H, n)."""
         variances = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (torque, moved))
-        first, second, rest = wound.noise(_laws(_values(p)), *variances)
+        first, second, rest = wound.noise(*variances)
         return first.swapaxes(1, 2), second.swapaxes(1, 2), rest.swapaxes(1, 2)
 
     def arm_friction(self, torque: Complexes, arm: Complexes) -> Complexes:

@@ -23,7 +23,11 @@ from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import Problem, fitted_layout, make_problem
 from jointid.estimation.estimators.residual import with_law_noise
-from jointid.estimation.estimators.whitened_residual import WhitenedResidual, widened_covariance
+from jointid.estimation.estimators.whitened_residual import (
+    WhitenedResidual,
+    repeated_covariance,
+    widened_covariance,
+)
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
@@ -44,6 +48,8 @@ _LEAST_DAMPING = 1e-12
 _IDLE, _MOST_IDLE = 0.02, 3
 """Decrease of the cost, over the misfit, that changes nothing, and how many in a row end the
 iteration."""
+_MOTION_IDLE = 0.1
+"""The same of motions with a law of the gears."""
 _POOR, _STUCK = 10.0, 3e-3
 """Misfit of a model that does not explain the data, and decrease over the cost that will not help it."""
 _LAW_STUCK = 2e-2
@@ -53,7 +59,7 @@ _LOST = 100.0
 _ROUGH_IDLE, _ROUGH_TOLERANCE = 1.0, 0.1
 """The same as ``_IDLE`` and ``_TOLERANCE`` for such a model."""
 _TOLERANCE = 1e-2
-"""Step in standard errors at which the iteration ends: far below what the noise resolves."""
+"""Step in standard errors at which the iteration ends, far below the resolution of the noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +72,9 @@ class LikelihoodEstimate(Estimate):
     """Cost of the prior, beside ``cost`` of the data."""
     fundamental: tuple[float, float]
     """Misfit of the fundamentals, and their degrees of freedom."""
+    repeated: float
+    """Variance of errors that repeat in every period of a motion, times the further periods, over that
+    of the noise."""
     inflation: float
     """Factor on the fundamental's variance in ``covariance`` that accounts for the model's misfit."""
     prior_covariance: Floats
@@ -162,7 +171,8 @@ def maximum_likelihood(
             covariance[own, own] = np.where(np.diag(normal)[own] > 0, covariance[own, own], 0.0)
     misfit = Misfit.at(problem, p, normal)
     by_prior = _prior_part(problem, p, covariance)
-    covariance = widened_covariance(fitted, covariance, by_prior)
+    repeated, share = repeated_covariance(fitted, covariance)
+    covariance = widened_covariance(fitted, covariance, by_prior) + repeated
     return LikelihoodEstimate(
         layout=problem.layout,
         p=p,
@@ -173,6 +183,7 @@ def maximum_likelihood(
         expected_cost=misfit.expected_cost,
         parameter_count=misfit.rank + p.size,
         phasors=clean,
+        repeated=share,
         inflation=max(1.0, first.fundamental[0]),
         fundamental=misfit.fundamental,
         inertias=tuple(
@@ -186,7 +197,7 @@ def maximum_likelihood(
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """How far the residual at some parameters exceeds its noise."""
+    """Ratio of the residual at some parameters to its noise."""
 
     cost: float
     """Σ rᴴV⁻¹r."""
@@ -271,6 +282,9 @@ def _minimise(
     cost, gradient, normal = quadratic(problem, p, scale)
     slow = any(name in problem.layout for name in GEAR_LAWS)
     left, stuck = (_LAW_EVALUATIONS, _LAW_STUCK) if slow else (_EVALUATIONS, _STUCK)
+    harder = 10
+    if slow and problem.motion is not None:  # their Jacobian leaves small effects out
+        harder, least = 100, max(least, _MOTION_IDLE)
     for _ in range(_ITERATIONS):
         size = np.sqrt(np.diag(normal))
         size = np.where(size > NO_EFFECT, size, 1.0)
@@ -291,7 +305,7 @@ def _minimise(
             hopeless |= misfit > _POOR and -expected < stuck * cost
             if damping > 1e8 or left <= 0 or hopeless:
                 return p, normal
-            damping = max(10 * damping, 1e-6)
+            damping = max(harder * damping, 1e-6)
         fall = cost - new[0]
         idle = idle + 1 if fall < least * misfit or (misfit > _POOR and fall < stuck * cost) else 0
         p, (cost, gradient, normal) = trial, new

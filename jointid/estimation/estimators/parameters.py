@@ -85,6 +85,9 @@ by e^{-sd}, ``torque_filter`` T by 1/(1 + sT), or by 1 − sT where T is negativ
 ARM_EFFECTS = ("arm_viscous", "link", "gravity")
 """Effects on the arm's dynamic stiffness."""
 
+FILTERS = ("position_filter", "torque_filter")
+"""Effects that differ from a delay by the square of their time constants only."""
+
 GEAR_LAWS = ("cubic", "piecewise", "backlash", "hysteresis")
 """Nonlinear laws of the gear."""
 

@@ -14,6 +14,7 @@ from jointid.estimation.estimators.joint_laws import JointLaws
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import (
     ARM_EFFECTS,
+    FILTERS,
     LAWS,
     ParameterLayout,
     Parameters,
@@ -37,6 +38,9 @@ _FLATTEST = 0.1
 """Least slope of a piecewise linear gear, over K."""
 LOWEST_LINK = 4.0
 """Mode of a link over the joint's resonance, of the widest prior: a lower one is no term −s⁴c."""
+_FILTER_SHARE, _LEAST_FILTER = 0.3, 0.05
+"""Start value of a filter's time constant beside a delay or lags: over the delay, which it is taken off,
+and over the period at the highest frequency / 2π. At zero its effect is that of the delay."""
 _BENDS = {"piecewise": 0.73, "second_bend": 1.33}
 """Changes of slope in place of a cubic stiffness, over it times the largest deflection squared."""
 
@@ -59,6 +63,7 @@ class Problem:
     main: np.ndarray  # (G,), groups of the fundamentals of sines and of all bins of motions
     ends: EndTerms | None = None
     motion: Complexes | None = None  # (2, r, H, n), velocity and acceleration of motions
+    repeated: Floats | None = None  # (r, n), part of the angles' variance that adds up over periods
     images: Complexes | float = 0.0  # (r, H, 1), angle per torque over rotor inertia, s²
     law_noise: tuple[Complexes, Complexes, Floats] | None = None  # of ``WoundGears.noise``, (r, H, n)
 
@@ -96,6 +101,11 @@ class Problem:
         """Gravity stiffness with each M2, shape (p, n, n), N·m/rad."""
         return self.prior.gravities(p["M2"]) if "M2" in self.layout else self.prior.gravity
 
+    @property
+    def highest_rad_s(self) -> float:
+        """Highest fundamental of the sines, or frequency of the motions."""
+        return float(np.abs(self.s[self.known & self.main[self.group]]).max())
+
     def by_group(self, values: Floats) -> Floats:
         """Sums over the groups, shape (G,), of values (r, H)."""
         sums = np.bincount(self.group.ravel(), values.ravel(), self.main.size)
@@ -125,12 +135,23 @@ class Problem:
         matrices = self.prior.symmetric(p["M2"]), self.arm_inertia(p)
         return bool(np.all(np.linalg.eigvalsh(np.concatenate(matrices)) > 0))
 
-    def start(self, values: Parameters) -> Floats:
-        """Start vector, shape (P,): the given values, means of the prior, zero for the rest."""
+    def start(self, values: Parameters, filter_share: float = 0.0) -> Floats:
+        """Start vector, shape (P,): the given values, means of the prior, zero for the rest.
+
+        ``filter_share`` is the time constant of a further filter beside a delay or lags, over the
+        period at the highest frequency / 2π; by default it follows from the delay.
+        """
         means = {name: mean for name, (mean, _) in self.prior.blocks().items()}
         shapes = {block.name: block.shape for block in self.layout.blocks}
         given = {block.name: values[block.name] for block in values.layout.blocks}
         same = {name: value for name, value in given.items() if shapes.get(name) == value.shape}
+        timing = next((name for name in ("lag", "delay") if name in shapes), None)
+        for name in FILTERS:
+            if timing and name in shapes and name not in same:
+                late, shortest = same.get(timing, np.zeros(())), 1 / self.highest_rad_s
+                least = np.maximum(_FILTER_SHARE * np.abs(late).mean(), _LEAST_FILTER * shortest)
+                means[name] = np.full(self.n, filter_share * shortest or least)
+                same[timing] = late - means[name][0]
         for name, share in _SHAPES.items():
             if name in self.layout and self.laws is not None:
                 means[name] = share * self.laws.units(values)[name]
@@ -219,6 +240,10 @@ def make_problem(
             main = np.where(moves[..., 0], np.any(motion[1] != 0, axis=2), main)
         arm = inverse(prior.M2)[prior.pose]
         laws = JointLaws.of(s, angle, z[..., n:] - torque, variance, arm, prior.M[prior.rotor], main)
+    repeated = np.zeros((len(s), n))
+    for row, segment in enumerate(phasors.segments):
+        if segment is not None:
+            repeated[row] = 4 / segment.samples * segment.repeated_variance
     known = np.any(z != 0, axis=2)
     group, groups = row_groups(phasors, known)
     return Problem(
@@ -230,6 +255,7 @@ def make_problem(
         main=groups,
         ends=EndTerms.of(phasors, s),
         motion=motion,
+        repeated=repeated if repeated.any() else None,
         images=torque_images(phasors),
         prior=prior,
         friction=friction,

@@ -32,7 +32,6 @@ from jointid.estimation.estimators.problem import (
 )
 from jointid.gears.harmonic_balance import WoundGears
 from jointid.joints import motor_impedance
-from jointid.motion.friction import FrictionWaveforms
 from jointid.small_matrices import inverse, lifted
 
 
@@ -60,6 +59,8 @@ class Residual:
     """e^{-sδ} of each joint, shape (r, H, n)."""
     advance: Complexes
     """Position over logged position, shape (r, H, n)."""
+    friction: Complexes
+    """Friction at the motors without its free part, shape (r, H, n), N·m."""
     torque: Complexes
     """Torque through the gears by the balance at the motors, shape (r, H, n), N·m."""
     waveform: Complexes
@@ -91,10 +92,8 @@ class Residual:
         CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
         q = (problem.z[..., :n] - held_torque_angle(problem, p)) * advance
         torque = lag * p.torque_scale * problem.z[..., n:] - own * q
-        if problem.friction is not None:
-            torque -= sliding_friction(problem.friction, p, s.shape[1])
-        if "motor_presliding" in problem.layout and problem.laws is not None:
-            torque -= p["motor_presliding"] * problem.laws.presliding(p["bristle"], s.shape[1])
+        friction = _friction(problem, p)
+        torque -= friction
         waveform, law, wound = torque, (np.zeros_like(q), np.zeros_like(q)), None
         if problem.laws is not None:
             waveform, angle = _without_ends(problem, p, torque, q, own)
@@ -108,7 +107,9 @@ class Residual:
         V = lifted(E @ CE, E, problem.noise.covariance)
         if problem.law_noise is not None:
             V += (X * problem.law_noise[2][..., None, :]) @ X.conj().swapaxes(2, 3)
-        return cls(problem, p, r, V, E, CE, gear, arm, X, lag, advance, torque, waveform, law, wound)
+        return cls(
+            problem, p, r, V, E, CE, gear, arm, X, lag, advance, friction, torque, waveform, law, wound
+        )
 
     def without_ends(self) -> tuple[Complexes, Complexes]:
         """Torque through the gears and motor angles, those of motions without the terms of the ends."""
@@ -137,6 +138,12 @@ class Residual:
         """Motor angle, freed of a filter, shape (r, h, n) like the ideal torque, rad."""
         angle = self.problem.z[..., : self.problem.n] - held_torque_angle(self.problem, self.p)
         return np.asarray((angle * self.advance)[:, : self.fundamentals])
+
+    def by_position_filter(self, friction: Complexes) -> Complexes:
+        """Change of a friction torque (r, H, n) with the time constants of the position filter."""
+        problem, T = self.problem, self.p.effect("position_filter")
+        first = np.abs(problem.s[:, :1, None])
+        return np.asarray(problem.s[..., None] / (1 + (first * T) ** 2) * friction)
 
     def jacobian(self, smooth: Complexes) -> Complexes:
         """∂r/∂p at other signals than those measured, shape (r, H, n, P).
@@ -222,17 +229,21 @@ class Residual:
             "lag": lag,
             "torque_filter": lag / (1 + s * np.abs(p.effect("torque_filter"))),
             "torque_scale": tau,
-            "position_filter": -motor_stiffness(problem, p) * s * smooth[..., :n],
+            "position_filter": -motor_stiffness(problem, p) * s * smooth[..., :n]
+            - self.by_position_filter(self.friction),
             "M": -s * s * q,
         }
         if problem.friction is not None:
-            columns["coulomb"] = -problem.friction.coulomb
+            earlier = friction_advance(problem, p)
+            columns["coulomb"] = -problem.friction.coulomb * earlier
             for c in range(problem.friction.curve.shape[3]):
-                columns[f"curve {c}"] = -problem.friction.curve[..., c]
+                columns[f"curve {c}"] = -problem.friction.curve[..., c] * earlier
         if "motor_presliding" in layout and problem.laws is not None:
             shape = problem.laws.presliding(p["bristle"], s.shape[1])
             slope = problem.laws.presliding_slope(p["bristle"], shape)
-            columns["motor_presliding"], columns["bristle"] = -shape, -p["motor_presliding"] * slope
+            earlier = friction_advance(problem, p)
+            columns["motor_presliding"] = -shape * earlier
+            columns["bristle"] = -p["motor_presliding"] * slope * earlier
         return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
 
     def _differentiate_arm(self, J: Complexes, f: Complexes, turns: SignSlope | None) -> None:
@@ -293,7 +304,7 @@ def with_law_noise(problem: Problem, vector: Floats) -> Problem:
     balance = _balance(motor_stiffness(problem, at.p), at.lag * at.p.torque_scale)
     parts = balance, _moved(balance, at.arm)
     variances = (((E @ problem.noise.covariance) * E.conj()).sum(axis=3).real for E in parts)
-    return replace(problem, law_noise=problem.laws.noise(at.wound, at.p, *variances))
+    return replace(problem, law_noise=problem.laws.noise(at.wound, *variances))
 
 
 def _balance(own: Complexes, gain: Complexes) -> Complexes:
@@ -338,7 +349,25 @@ def _through(X: Complexes, arm: Complexes, q: Complexes, law: tuple[Complexes, C
     return np.asarray((X @ (q - w + (arm @ P[..., None])[..., 0])[..., None])[..., 0])
 
 
-def sliding_friction(friction: FrictionWaveforms, p: Parameters, h: int) -> Complexes:
-    """Coulomb friction and its curve at the first h harmonics, shape (r, h, n), N·m."""
-    curve = (friction.curve[:, :h] * p.curve).sum(axis=3)
-    return np.asarray(p.coulomb * friction.coulomb[:, :h] + curve)
+def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
+    """Friction over that at the logged motion, shape (r, H, n).
+
+    A motor turns back before its filtered position does: earlier by the delay of the filter at the
+    fundamental, which decides the sign of the velocity.
+    """
+    if "position_filter" not in problem.layout:
+        return 1.0
+    first = np.abs(problem.s[:, :1, None])
+    return np.exp(problem.s[..., None] * np.arctan(first * p["position_filter"]) / first)
+
+
+def _friction(problem: Problem, p: Parameters) -> Complexes:
+    """Coulomb friction, its curve and presliding at the motors, shape (r, H, n), N·m."""
+    H = problem.s.shape[1]
+    found = np.zeros((*problem.s.shape, problem.n), complex)
+    if problem.friction is not None:
+        found += p.coulomb * problem.friction.coulomb[:, :H]
+        found += (problem.friction.curve[:, :H] * p.curve).sum(axis=3)
+    if "motor_presliding" in problem.layout and problem.laws is not None:
+        found += p["motor_presliding"] * problem.laws.presliding(p["bristle"], H)
+    return np.asarray(found * friction_advance(problem, p))

@@ -1,4 +1,4 @@
-"""Score tests: what one more part would lower the cost by, without its fit."""
+"""Score tests: reduction of the cost by one more part, without its fit."""
 
 from __future__ import annotations
 
@@ -11,19 +11,21 @@ from jointid.arrays import Floats
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, quadratic
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS
+from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import with_law_noise
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
 
+_FILTER = 3e-3
+"""Time constant of a filter where its score is evaluated beside a delay, as of ``Problem.start``."""
 _RIDGE = 1e-12
 """Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
 
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What a further part of the model would change, to second order (Rao's score test)."""
+    """Effect of a further part of the model, to second order (Rao's score test)."""
 
     gain: float
     """Decrease of the cost."""
@@ -34,7 +36,7 @@ class Score:
     possible: tuple[float, Floats]
     """Gain and shift by the values alone that have a sign that they can have."""
     value: Floats
-    """Its most likely parameters, shape (count,)."""
+    """Its most likely parameters, shape (count,); squares of a filter's beside a delay or lags."""
     information: Floats
     """Inverse covariance of its parameters, shape (count, count)."""
     slope: Floats
@@ -53,13 +55,17 @@ def scores(
     noise: Noise,
     parts: Sequence[str],
 ) -> dict[str, Score]:
-    """Score of each further part, "friction", "delay" or a key of ``EFFECTS``, by one evaluation."""
+    """Score of each further part, "friction", "delay" or a key of ``EFFECTS``, by one evaluation.
+
+    Beside a delay or lags, filters act by the square of their time constant: their slope at zero is that
+    of the delay. It is evaluated where the time constant is not zero, and the square extrapolates.
+    """
     fitted = estimate.layout
     effects = [name for name in EFFECTS if name in fitted or name in parts]
     delay = "delay" in fitted or "delay" in parts
     layout = fitted_layout(prior, friction, delay, effects)
     problem = make_problem(phasors, prior, layout, estimate.named.K, friction, noise)
-    p = problem.start(estimate.named)
+    p = problem.start(estimate.named, _FILTER)
     if any(name in fitted for name in GEAR_LAWS):
         problem = with_law_noise(problem, p)
     _, gradient, normal = quadratic(problem, p, np.ones(problem.s.shape[1]))
@@ -67,27 +73,34 @@ def scores(
     normal, gradient = normal / np.outer(size, size), gradient / size
     base = np.concatenate([np.arange(layout.size)[layout[block.name]] for block in fitted.blocks])
     inner = normal[np.ix_(base, base)] + _RIDGE * np.eye(base.size)
+    late = "delay" in fitted or "lag" in fitted
+    per_unit = 2 * _FILTER / problem.highest_rad_s
     found = {}
     for name in parts:
+        squared = late and name in FILTERS
+        positive = name in EFFECTS and (
+            EFFECTS[name].positive or (squared and name == "position_filter")
+        )
         own = np.arange(layout.size)[layout.of_part(name)]
         step, gain, through, left = _further_step(gradient, normal, inner, base, own)
         shift = through @ step
         shift, possible = shift / size[base], (gain, shift / size[base])
-        if name in EFFECTS and EFFECTS[name].positive and np.any(step > 0):
+        if positive and np.any(step > 0):
             some = own[step < 0]
             step_of_some, gain_of_some, through_some, _ = _further_step(
                 gradient, normal, inner, base, some
             )
             possible = gain_of_some, through_some @ step_of_some / size[base]
         of_joints = slice(2 * prior.n)
+        unit = size[own] / per_unit if squared else size[own]
         found[name] = Score(
             gain,
             own.size,
             shift[of_joints],
             (possible[0], possible[1][of_joints]),
-            value=-step / size[own],
-            information=2 * left * np.outer(size[own], size[own]),
-            slope=-(through * size[own] / size[base][:, np.newaxis])[of_joints],
+            value=-step / unit,
+            information=2 * left * np.outer(unit, unit),
+            slope=-(through * unit / size[base][:, np.newaxis])[of_joints],
         )
     return found
 

@@ -10,7 +10,7 @@ from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.problem import Problem, motor_stiffness
-from jointid.estimation.estimators.residual import Residual
+from jointid.estimation.estimators.residual import Residual, friction_advance
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.motion.free_friction import FreeFriction, Projection, real_rows
 from jointid.small_matrices import inverse, whitener
@@ -51,6 +51,8 @@ class WhitenedResidual:
         weight = problem.noise.inverse_bias[:, None] * scale
         W = _whitener(problem, at.V * weight[..., None, None])
         free = problem.free
+        if free.groups and "position_filter" in problem.layout:
+            free = free.moved(np.asarray(friction_advance(problem, at.p)))
         if problem.ends is not None:
             free = free.with_columns(problem.ends.records, problem.ends.columns(at.X @ at.arm))
         projection = free.projection(W)
@@ -67,8 +69,16 @@ class WhitenedResidual:
 
     def columns(self, signals: Complexes | None = None) -> Floats:
         """Jacobian of the rows, shape (r, 2Hn, P), at the smoothed signals or at others (r, H, 2n)."""
-        J = self.at.jacobian(self.smoothed() if signals is None else signals)
+        J = self._jacobian(self.smoothed() if signals is None else signals)
         return self.projection.rest(real_rows(self.W @ J))
+
+    def _jacobian(self, signals: Complexes) -> Complexes:
+        """∂r/∂p, shape (r, H, n, P), with the free friction that moves with a position filter."""
+        J, layout = self.at.jacobian(signals), self.at.problem.layout
+        if self.free.groups and "position_filter" in layout:
+            moved = self.at.by_position_filter(self.free_friction())
+            J[..., layout["position_filter"]] -= moved[..., None] * np.eye(moved.shape[2])
+        return J
 
     def smoothed(self) -> Complexes:
         """Signals nearest to those measured, in units of noise, without residual: z − C Eᴴ V⁻¹r.
@@ -97,7 +107,7 @@ class WhitenedResidual:
         heard = np.any(np.abs(problem.z) ** 2 > _CLEAR**2 * variance, axis=2)
         heard[:, 0] = True
         W = self.W * heard[..., None, None]
-        J = self.at.jacobian(self.smoothed())
+        J = self._jacobian(self.smoothed())
         return self.free.projection(W).rest(real_rows(W @ J))
 
     def misfit_by_harmonic(self, rank: int) -> Floats:
@@ -188,6 +198,26 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
     ratio = np.divide(scatter, size, out=np.ones_like(size), where=size > 0)
     factor = np.sqrt(np.maximum(ratio, 1.0))
     return np.asarray(covariance + noise * (np.outer(factor, factor) - 1))
+
+
+def repeated_covariance(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, float]:
+    """Covariance by rounding that repeats in every period, shape (P, P), and its share of the noise.
+
+    Each segment's part of it is in ``covariance`` as if the segments were independent; their scatter
+    does not show the rest.
+    """
+    problem = residual.at.problem
+    if problem.repeated is None:
+        return np.zeros_like(covariance), 0.0
+    n, finite = problem.n, np.isfinite(np.diag(covariance))
+    errors = (residual.W @ residual.at.E[..., :n]) * np.sqrt(problem.repeated)[:, None, None]
+    columns = residual.heard_columns
+    half = columns.shape[1] // 2
+    whole = (columns[:, :half] + 1j * columns[:, half:]).reshape(*errors.shape[:3], -1)
+    pulls = (errors.conj().swapaxes(2, 3) @ whole).reshape(-1, whole.shape[3])
+    C = np.where(np.outer(finite, finite), covariance, 0.0)
+    share = 2 * float((np.abs(errors) ** 2).sum()) / max(problem.rows, 1)
+    return 2 * C @ (pulls.conj().T @ pulls).real @ C, share
 
 
 def _shifts(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, Floats]:

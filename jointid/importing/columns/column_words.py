@@ -3,6 +3,7 @@
 import re
 import unicodedata
 from dataclasses import dataclass
+from itertools import pairwise
 
 from jointid.importing.columns.log_table import LogColumn
 from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
@@ -15,29 +16,32 @@ _LINES = {  # English, German, French, Italian, Spanish; without accents
     "istposition istwinkel istlage lageistwert motorwinkel gelenkwinkel achswinkel drehwinkel "
     "encoder enc inc ink inkr inkremente increments drehgeber geber resolver axis achse joint "
     "gelenk posizione angolo posicion angulo angulaire actpos poscurr axispos measured actual "
-    "act fbk feedback",
+    "act fbk fb feedback pulse pulses xist",
     "torque": "torque torques trq tau tq mom mmt moment momente eff gelenkmoment lastmoment drehmoment "
-    "motormoment istmoment effort efforts couple coppia par moteur load last current curr strom "
-    "motorstrom iq i amp courant corrente corriente torcurr axistorque acttorque",
+    "motormoment istmoment effort efforts couple coppia par moteur load last current curr cur strom "
+    "motorstrom iq isq i amp courant corrente corriente torcurr axistorque acttorque",
     "velocity": "velocity velocities vel speed speeds dq qd qdot omega w drehzahl geschwindigkeit "
     "geschw vitesse velocita velocidad rate rpm dot acceleration acc accel beschleunigung qdd ddq jerk "
     "dtau dtheta",
-    "command": "command cmd commanded soll sollwert sollposition sollmoment sollwinkel reference ref "
+    "command": "command cmd commanded demand input "
+    "soll sollwert sollposition sollmoment sollwinkel reference ref "
     "desired des target ziel setpoint setp consigne stell vorgabe planned nominal feedforward ff "
     "vorsteuerung d",
-    "no": "error err fehler deviation abweichung schleppfehler deflection limit limits min max offset "
+    "no": "disturbance stoermoment droop "
+    "error err fehler deviation abweichung schleppfehler deflection limit limits min max offset "
     "temperature temp temperatur pressure druck status flag success id",
-    "other": "voltage spannung volt power leistung state mode digital input output force kraft "
+    "other": "voltage spannung volt power leistung state mode digital output force kraft "
     "busvoltage pwm ext external hat filtered estimate estimated",
-    "motor": "motor motorside mot rotor antrieb antriebsseitig motorseitig motormoment motorwinkel "
+    "motor": "motor motorside mot mtr rotor antrieb antriebsseitig motorseitig motormoment motorwinkel "
     "moteur motore drive",
     "joint": "joint j link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
     "lastseitig",
     "behind": "joint link linkside jointside arm armside loadside output abtrieb abtriebsseitig gelenk "
     "gelenkmoment gelenkwinkel lastseitig",
     "any": "joint axis achse gelenk ist istwert act actual measured fbk fb feedback load last th",
-    "path": "axes drives value values main plc prg gvl robot channel",
-    "current": "current curr strom motorstrom iq i amp courant corrente corriente",
+    "path": "axes drives value values main plc prg gvl robot channel state "
+    "controller control encoder foc ictrl pctrl",
+    "current": "current curr cur strom motorstrom iq isq i amp courant corrente corriente",
 }
 WORDS = {kind: set(line.split()) for kind, line in _LINES.items()}
 _ALL_WORDS = set().union(*WORDS.values())
@@ -46,6 +50,10 @@ _SOFT = WORDS["any"] | WORDS["current"]
 _QUANTITY = set().union(*(WORDS[k] for k in ("time", "position", "torque", "velocity"))) - WORDS["any"]
 _COSTS = (("velocity", 4.0), ("command", 1.5), ("no", 4.0), ("other", 1.0), ("sample", 1.5))
 """Evidence against a position and a torque."""
+_NOT_MEASURED = WORDS["command"] - {"d", "ff"} | {"error", "err", "deviation", "fehler"}
+"""Words of a whole path: "state/desired/positions" is no motion."""
+_COUNTED = WORDS["joint"] | WORDS["motor"] | {"axes", "servo", "a", "q"} - {"arm", "load", "output"}
+"""Words before the number of a joint."""
 
 # CiA 402 (IEC 61800-7-201): objects of the drive profile; those of axis k begin at 6000h + 800h (k - 1).
 _OBJECTS = {
@@ -60,6 +68,14 @@ _OBJECT = re.compile(
 )
 
 
+_PARAMETER = re.compile(
+    r"(?<![A-Za-z0-9])(?:[rp]\d{1,5}(?:\[\d+\])?(?=:)|[SP]-\d-\d{4}|[1-9]\d{3}(?= [A-Za-z]))"
+)
+"""Numbers of parameters and signals, not of joints: "r61:", "S-0-0051", "1718 Motor position"."""
+_ALIASES = {"aipos": "axis actual pos", "aspos": "axis target pos", "macur": "motor current"}
+"""Signals of KUKA's sensor interface."""
+
+
 @dataclass(frozen=True, eq=False)
 class NamedColumn:
     """A column and the meaning of its name."""
@@ -67,6 +83,8 @@ class NamedColumn:
     column: LogColumn
     group: str
     """Identifier of the joint: the name without the words for quantities."""
+    number: int | None
+    """Number of the joint: after a word for a joint, else the last; None without one."""
     score: dict[str, float]
     """Evidence for "position" and for "torque"; negative values are evidence against."""
 
@@ -74,7 +92,7 @@ class NamedColumn:
 def described(column: LogColumn) -> NamedColumn:
     """Score a column as position and as torque from its name and unit, and identify its joint."""
     words = words_of(column.name)
-    stated = _of_quantity(column.name)
+    stated = _of_quantity(column.name) | _NOT_MEASURED & set(words)
     current = stated & WORDS["current"]
     if current and stated & WORDS["position"] - WORDS["any"] <= {"q"}:
         stated = stated - {"q"}  # the q axis of the motor, not an angle
@@ -90,13 +108,15 @@ def described(column: LogColumn) -> NamedColumn:
             points += 0.2
         elif column.unit:
             points -= 4.0
-        if current and role == "torque":
-            points -= 0.5
+        if role == "torque":  # a load torque may be an estimate of what the current does not explain
+            points -= 0.5 * bool(current) + 0.6 * ("load" in words)
         for kind, cost in _COSTS:
             points -= cost * bool(stated & WORDS[kind] - WORDS[role])
         if clock := stated & WORDS["time"]:
             points -= 1.0 if clock <= {"t"} else 4.0
-        points -= 0.25 * bool("motor" in words and role == "position")
+        if role == "position":
+            points -= 2.5 * bool(stated & WORDS["command"])  # a torque's command is nearly the torque
+            points -= 0.25 * bool("motor" in words)
         score[role] = points
     if stated & WORDS["torque"] - _SOFT:
         score["position"] -= 4.0  # "q7_tau" is the torque of a joint
@@ -104,7 +124,10 @@ def described(column: LogColumn) -> NamedColumn:
         score = dict.fromkeys(score, min(0.0, score["torque"]))
     # Without the words for quantities, the rest of the name identifies the joint.
     left = [w for w in words if w.isdigit() or w not in _ALL_WORDS]
-    return NamedColumn(column, re.sub(r"^0+(?=\d)", "", " ".join(left)), score)
+    digits = [int(w) for w in words if w.isdigit()]
+    counted = [int(b) for a, b in pairwise(words) if a in _COUNTED and b.isdigit()]
+    number = next(iter([*counted, *digits[-1:]]), None)
+    return NamedColumn(column, re.sub(r"^0+(?=\d)", "", " ".join(left)), number, score)
 
 
 def _of_quantity(name: str) -> set[str]:
@@ -130,14 +153,14 @@ def drive_object(name: str) -> str:
 
 def words_of(name: str) -> tuple[str, ...]:
     """Lower-case words and numbers of a name: "ActPos_A1" is act, pos, a, 1."""
-    name = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
+    name = _PARAMETER.sub(" ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name))
     if drive_object(name):
         name = _OBJECT.sub(_object_words, name.lower())
     plain = unicodedata.normalize("NFKD", re.sub(r"\b[iI]_?[qQ](?![a-z])", "iq", name))
     plain = "".join(c for c in plain if not unicodedata.combining(c)).lower()
     for letter, word in (("θ", "theta"), ("τ", "tau"), ("φ", "phi"), ("ϑ", "theta"), ("ß", "ss")):
         plain = plain.replace(letter, word)
-    return tuple(_TOKEN.findall(plain))
+    return tuple(word for token in _TOKEN.findall(plain) for word in _ALIASES.get(token, token).split())
 
 
 def _object_words(found: re.Match[str]) -> str:
@@ -145,14 +168,3 @@ def _object_words(found: re.Match[str]) -> str:
     axis = (code - 0x6000) // 0x800
     words = _OBJECTS.get(code - axis * 0x800, "")
     return f"{words} {axis + 1 if axis else ''} " if words else found[0]
-
-
-def number_in(group: str) -> int | None:
-    """Return the last number in a joint's identifier, if there is one."""
-    found = re.findall(r"\d+", group)
-    return int(found[-1]) if found else None
-
-
-def by_number(group: str) -> tuple[int, str]:
-    """Sort key: "2" before "10"."""
-    return (number_in(group) or 0, group)

@@ -49,7 +49,7 @@ class LogTable:
     columns : sequence of LogColumn
         At least two; repeated names get a number.
     notes : sequence of str
-        What the reader omitted or repaired, as sentences for the user.
+        Omissions and repairs of the reader, as sentences for the user.
     first_row : int
         Number of the first row in the file.
     row_word : str

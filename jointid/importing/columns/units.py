@@ -67,7 +67,7 @@ _SPELLINGS = {
     "deg": "deg ° degs degree degrees grad degré degrés grados gradi °deg",
     "rev": "rev revs revolution revolutions turn turns u umdr umdrehung umdrehungen tr tours r",
     "counts": "count counts cnt cnts inc incs incr increment increments ink inkr inkremente inkrement "
-    "ticks pulse pulses puls pulses impulse imp lsb digit digits",
+    "ticks pulse pulses puls pls impulse imp lsb digit digits",
     "N·m": "nm n·m n*m n.m n-m newtonmeter newtonmeters newtonmetre newtonmetres newton-meter",
     "mN·m": "mnm mn·m mn*m mn.m",
     "kN·m": "knm kn·m kn*m kn.m",

@@ -24,14 +24,13 @@ _MIN_EXPLAINED = 0.9  # share of the motion that the lines must explain
 
 
 def multisines(
-    time: Floats, signals: Floats, progress: Callable[[float], None]
+    time: Floats, signals: Floats, free: np.ndarray, progress: Callable[[float], None]
 ) -> Iterator[tuple[int, int, list[float]]]:
     """Yield begin and end of the spans in which several lines are constant, and these lines in Hz.
 
-    ``time`` (N,) is evenly spaced; ``signals`` (N, 2n) are positions, then torques. ``progress``
-    gets the share done.
+    ``time`` (N,) is evenly spaced; ``signals`` (N, 2n) are positions, then torques. Runs lie where
+    ``free`` (N,) is true, and are removed from it. ``progress`` gets the share done.
     """
-    free = np.ones(len(time), bool)
     lengths = [len(time), *(1 << k for k in reversed(range(len(time).bit_length())))]
     lengths = [length for length in lengths if length >= _SHORTEST]
     for number, length in enumerate(lengths):
@@ -40,8 +39,7 @@ def multisines(
             window = slice(begin, begin + length)
             if not free[window].all():
                 continue
-            width = max(1, length // _LONGEST)
-            lines = _narrow_lines(_averaged(time[window], width), _averaged(signals[window], width))
+            lines = excited_lines(time[window], signals[window], _MIN_IN_LINES)
             if len(lines) < 2:
                 continue
             part = _free_around(free, begin, begin + length)
@@ -55,13 +53,18 @@ def multisines(
             yield part.start + first, part.start + last, lines
 
 
-def _narrow_lines(time: Floats, signals: Floats) -> list[float]:
-    """Lines of a window if they hold nearly all of the power around them."""
-    theta, tau = np.hsplit(signals, 2)
+def excited_lines(time: Floats, signals: Floats, share: float = 0.0) -> list[float]:
+    """Return the excited lines of a span, Hz; none if too little of the power around them is on them.
+
+    Shapes and order as in ``multisines``; long spans are averaged.
+    """
+    width = max(1, len(time) // _LONGEST)
+    time = _averaged(time, width)
+    theta, tau = np.hsplit(_averaged(signals, width), 2)
     lines = find_lines(time, theta, tau)
-    if not 2 <= len(lines) < MOST_LINES or in_lines(time, theta, lines) < _MIN_IN_LINES:
+    if len(lines) > 1 and (len(lines) == MOST_LINES or in_lines(time, theta, lines) < share):
         return []
-    return lines_worth(time, theta, tau, lines)
+    return lines_worth(time, theta, tau, lines) if len(lines) > 1 else lines
 
 
 def _averaged(values: Floats, width: int) -> Floats:

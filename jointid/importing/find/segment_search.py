@@ -1,20 +1,14 @@
-"""Search for segments in a part of a log without gaps: candidates, then steady and settled runs.
-
-For candidates, every frequency of a fine geometric grid is fitted, with offset and drift, in windows of
-a few periods that slide by one period. The share of the motion that the sine explains separates sines
-from rest, noise and travel. Low frequencies are searched in averaged samples, so that a long log needs
-few passes.
-"""
+"""Search for segments in a part of a log without gaps: candidates, then steady and settled runs."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from jointid.arrays import Floats, true_runs
 from jointid.importing.find.lines import evenly_sampled, fit_lines
-from jointid.importing.find.multisines import multisines
+from jointid.importing.find.multisines import excited_lines, multisines
 from jointid.importing.find.segment import (
     FEWEST_PERIODS,
     HARMONICS,
@@ -23,6 +17,7 @@ from jointid.importing.find.segment import (
     line_sizes,
     measured,
 )
+from jointid.importing.find.sine_candidates import SHARE, WINDOW_PERIODS, Candidate, sine_candidates
 from jointid.importing.find.steady_state import (
     Frames,
     frames_of,
@@ -35,7 +30,7 @@ from jointid.importing.map.mapped_log import MappedLog
 from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
 
-_CHANCE_SHARE = 25.0  # share of the variance × samples, above what a fit to noise explains
+_CHANCE_SHARE = 25.0  # share of the variance × samples, above that of a fit to noise
 _SAME_FREQUENCY = 0.15  # relative difference below which a candidate and a run mean one sine
 _MAX_OTHERS = 0.05  # power of other lines over that of a single sine
 _OTHERS_BAND = 2.5  # times the frequency of a sine, below which other lines count
@@ -46,101 +41,10 @@ _MERGE_CHANGE = 0.06  # relative change of the phasors within both
 _MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the shorter part
 _HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
-_MULTISINE_WORK = 0.15  # share of the work, for the progress
-_CANDIDATE_WORK = 0.4  # the same up to the end of the search for candidates
-
-WINDOW_PERIODS = 4
-"""Periods in one window: with fewer, a sine is like any other motion."""
-SHARE = 0.6
-"""Least share of the motion that a sine must explain."""
-
-_GRID = 1.06  # ratio of neighbouring frequencies; half a step costs 2 % of the share
-_FEWEST_PER_PERIOD = 8  # samples; at higher frequencies a window is too short to exclude noise
-_COARSE_PER_PERIOD = 16  # samples per period that averaging leaves
-_CHUNK = 1 << 21  # numbers of the windows in memory at a time
-_ROUND_OFF = 1e-12  # variance over the mean square below which a signal is constant
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A span in which one frequency explains most of the motion."""
-
-    begin: int
-    """First sample, of the original ones."""
-    end: int
-    """One past the last sample."""
-    frequency: float
-    """Cycles per sample, within a few per cent."""
-    score: float
-    """Number of periods, weighted by the share of the motion explained."""
-
-
-def sine_candidates(signals: Floats, progress: Callable[[float], None]) -> list[Candidate]:
-    """Find all spans that a sine explains, at every frequency that explains them, the best first.
-
-    Neighbouring frequencies explain the same span: take the best, then the rest. Signals (N, n) are
-    evenly sampled; in each window the signal counts that a sine explains best. ``progress`` gets the
-    share done.
-    """
-    found: list[Candidate] = []
-    mean = signals - np.median(signals, axis=0)
-    power = mean**2
-    samples = len(signals)
-    width = 1
-    highest = 1 / _FEWEST_PER_PERIOD
-    lowest = (WINDOW_PERIODS + 0.5) / samples
-    frequency = highest
-    while frequency > lowest:
-        progress(1 - frequency / highest)  # with averaging, the cost is proportional to the frequency
-        while frequency * width * 2 * _COARSE_PER_PERIOD <= 1 and len(mean) >= 8:
-            mean, power = _halved(mean), _halved(power)
-            width *= 2
-        found += _at_frequency(mean, power, width, frequency)
-        frequency /= _GRID
-    return sorted(found, key=lambda c: -c.score)
-
-
-def _halved(values: Floats) -> Floats:
-    even = len(values) // 2 * 2
-    return np.asarray(0.5 * (values[0:even:2] + values[1:even:2]))
-
-
-def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> Iterator[Candidate]:
-    period = 1 / (frequency * width)
-    length = round(WINDOW_PERIODS * period)
-    hop = max(1, round(period))
-    if len(mean) < length:
-        return
-    share = _shares(mean, power, length, hop, 2 * np.pi / period)
-    for first, last in true_runs(share >= SHARE):
-        begin, end = first * hop * width, ((last - 1) * hop + length) * width
-        score = float((share[first:last] - 0.5).sum()) * hop / period
-        score += WINDOW_PERIODS * float(share[first:last].mean() - 0.5)
-        yield Candidate(begin, end, frequency, score)
-
-
-def _shares(mean: Floats, power: Floats, length: int, hop: int, x: float) -> Floats:
-    """Share of the variance about offset and drift that a sine explains, best signal of each window."""
-    clock = np.arange(length, dtype=float) - (length - 1) / 2
-    columns: Floats = sine_basis(x * clock, clock)[:, ::-1]  # drift and offset first
-    basis, _ = np.linalg.qr(columns)
-    count = (len(mean) - length) // hop + 1
-    best = np.zeros(count)
-    step = max(1, _CHUNK // length)
-    for signal, square in zip(mean.T, power.T, strict=True):
-        windows = np.lib.stride_tricks.sliding_window_view(signal, length)[::hop]
-        squares = np.concatenate([[0.0], np.cumsum(square)])
-        start = hop * np.arange(count)
-        total = squares[start + length] - squares[start]
-        for begin in range(0, count, step):
-            part = slice(begin, begin + step)
-            energy = (windows[part] @ basis) ** 2
-            about_line = total[part] - energy[:, 0] - energy[:, 1]
-            moves = about_line > _ROUND_OFF * np.maximum(total[part], 1e-300)
-            explained = energy[:, 2:].sum(axis=1)
-            share = np.divide(explained, about_line, out=np.zeros_like(explained), where=moves)
-            best[part] = np.maximum(best[part], share)
-    return best
+_BEATS = 2.0  # of the closest lines of a multisine, beside which they may look like a sine
+_MIN_SETTLED = 0.5  # of a steady run of one line
+_MULTISINE_WORK = 0.2  # share of the work, for the progress
+_CANDIDATE_WORK = 0.3
 
 
 def _repeats(candidate: Candidate, tried: Candidate) -> bool:
@@ -159,23 +63,34 @@ class SegmentSearch:
         self._interval = float(self._time[-1] - self._time[0]) / (self._time.size - 1)
 
     def segments(self, progress: Callable[[float], None]) -> list[Segment]:
-        """Find multisines first, then single sines in the rest; ``progress`` gets the share done."""
+        """Find single sines, and multisines where no clear sine is; ``progress`` gets the share done."""
         progress(0.0)
-        taken = np.zeros(self._time.size, bool)
-        found: list[Segment] = []
+        candidates = sine_candidates(self._even, lambda share: progress(_CANDIDATE_WORK * share))
+        blocked, clear = np.zeros((2, self._time.size), bool)
+        work = 1 - _CANDIDATE_WORK - _MULTISINE_WORK
+        singles = [
+            *self._singles(
+                candidates, blocked, clear, lambda share: progress(_CANDIDATE_WORK + work * share)
+            )
+        ]
+        multisine_runs, several = [], np.zeros(self._time.size, bool)
         for begin, end, lines in multisines(
-            self._grid, self._even, lambda share: progress(_MULTISINE_WORK * share)
+            self._grid, self._even, ~clear, lambda share: progress(1 - _MULTISINE_WORK * (1 - share))
         ):
-            taken[begin:end] = True
-            found.append(self._settled(begin, end, lines))
-        work = _CANDIDATE_WORK - _MULTISINE_WORK
-        candidates = sine_candidates(self._even, lambda share: progress(_MULTISINE_WORK + work * share))
-        for candidate in self._best_first(candidates, taken, progress):
-            for begin, end, near in self._steady(candidate):
-                if not taken[begin:end].any() and (segment := self._single(begin, end, near)):
-                    found.append(segment)
-                    taken[self._rows(segment)] = True
-        return self._merged(sorted(found, key=lambda s: s.start_s))
+            several[begin:end] = True
+            multisine_runs.append(self._settled(begin, end, lines))
+        found: list[Segment] = []
+        if multisine_runs:  # parts of a multisine have looked like sines
+            blocked = several.copy()
+            for candidate, runs in singles:
+                kept = [run for run in runs if not several[self._rows(run)].any()]
+                for rows in [candidate] if kept == runs else map(self._rows, kept):
+                    blocked[rows] = True
+                found += kept
+            singles = [*self._singles(candidates, blocked, clear, lambda share: None)]
+        found += [run for _, runs in singles for run in runs]
+        found = [r for r in found if not any(_is_beat_of(r, m) for m in multisine_runs)]
+        return self._merged(sorted(found + multisine_runs, key=lambda s: s.start_s))
 
     def _merged(self, found: list[Segment]) -> list[Segment]:
         """Merge neighbours that are parts of one run: a single sine continues through both."""
@@ -203,28 +118,50 @@ class SegmentSearch:
         whole = grown(y, noise, change=_MERGE_CHANGE) == (0, len(y))
         return self._settled(begin, end, [longer.frequency_hz]) if whole else None
 
-    def _best_first(
-        self, candidates: list[Candidate], taken: np.ndarray, progress: Callable[[float], None]
-    ) -> Iterator[Candidate]:
-        """Yield the free parts of each candidate, best first; the caller extends ``taken``."""
-        done = np.zeros(self._time.size, bool)
+    def _singles(
+        self,
+        candidates: list[Candidate],
+        blocked: np.ndarray,
+        clear: np.ndarray,
+        progress: Callable[[float], None],
+    ) -> Iterator[tuple[slice, list[Segment]]]:
+        """Yield the free parts of candidates that hold sines, the best first, and these sines.
+
+        Parts are added to ``blocked``, sines without any other line to ``clear``; both have shape (N,).
+        """
         failed: list[Candidate] = []
         for number, candidate in enumerate(candidates):
-            progress(_CANDIDATE_WORK + (1 - _CANDIDATE_WORK) * number / len(candidates))
+            progress(number / len(candidates))
             begin, end = candidate.begin, min(candidate.end, self._time.size)
-            for first, last in true_runs(~(taken[begin:end] | done[begin:end])):
+            for first, last in true_runs(~blocked[begin:end]):
                 part = replace(candidate, begin=begin + first, end=begin + last)
                 too_short = (last - first) * part.frequency < FEWEST_PERIODS
                 if too_short or any(_repeats(part, tried) for tried in failed):
                     continue
-                rows = slice(part.begin, part.end)
-                before = taken[rows].sum()
-                yield part
-                if taken[rows].sum() > before:
+                runs = []
+                for low, high, near in self._steady(part):
+                    if not blocked[low:high].any() and (run := self._single(low, high, near)):
+                        rows = self._rows(run)
+                        runs.append(run)
+                        blocked[rows] = True
+                        clear[low:high] |= part == candidate and self._is_clear(part, rows, high - low)
+                if runs:
                     # The edges of a run that was found look like sines of other frequencies.
-                    done[rows] = True
+                    blocked[part.begin : part.end] = True
+                    yield slice(part.begin, part.end), runs
                 else:
                     failed.append(part)
+
+    def _is_clear(self, candidate: Candidate, settled: slice, samples: int) -> bool:
+        """Whether the settled part of a run of some samples is one line and no part of a beat.
+
+        A beat goes on beyond the run, and its phasors have settled in a small part only.
+        """
+        beyond = (candidate.end - candidate.begin - samples) * candidate.frequency
+        most = settled.stop - settled.start >= _MIN_SETTLED * samples
+        if beyond > 2 * WINDOW_PERIODS or not most:
+            return False
+        return len(excited_lines(self._grid[settled], self._even[settled])) == 1
 
     def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int, float]]:
         """Runs of one excitation pattern within a candidate, transients included, and their Hz."""
@@ -321,6 +258,16 @@ class SegmentSearch:
         noise = float(np.median(above)) / np.log(2) * near.size if above.size > near.size else 0.0
         excess, total = max(near.sum() - noise, 0.0), float((line**2).sum())
         return float(excess / total) if total > 0 else np.inf
+
+
+def _is_beat_of(run: Segment, multisine: Segment) -> bool:
+    """Whether a short run beside a multisine is part of a beat of its lines."""
+    lines = np.array(multisine.lines_hz)
+    apart = float(np.diff(lines).min())
+    reach = _BEATS / apart
+    beside = multisine.start_s - reach < run.stop_s and run.start_s < multisine.stop_s + reach
+    near = np.abs(lines - run.frequency_hz).min() < apart
+    return bool(beside and near and run.stop_s - run.start_s < reach)
 
 
 def _steps(signals: Floats) -> Floats:

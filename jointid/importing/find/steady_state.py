@@ -261,12 +261,14 @@ def _split(y: Complexes, apart: int) -> list[tuple[int, int]]:
     if not tries.size:
         return whole
     one = float(_misfit(y))
+    if one < SETTLED_CHANGE:
+        return whole
     # Frames across the change belong to neither.
     left = np.array([_misfit(y[: k - apart // 2]) for k in tries])
     right = np.array([_misfit(y[k + apart // 2 :]) for k in tries])
     two = np.sqrt((left**2 * tries + right**2 * (len(y) - tries)) / len(y))
     best = int(np.argmin(two))
-    if one < SETTLED_CHANGE or one**2 < _SPLIT_GAIN * two[best] ** 2:
+    if one**2 < _SPLIT_GAIN * two[best] ** 2:
         return whole
     k = int(tries[best])
     before, after = (0, k - apart // 2), (k + apart // 2, len(y))

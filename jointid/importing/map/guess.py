@@ -1,7 +1,7 @@
 """Guess which columns are positions and torques, each guess with its reason."""
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,16 +9,22 @@ from jointid.errors import JointIdError
 from jointid.importing.columns.column_words import (
     WORDS,
     NamedColumn,
-    by_number,
     described,
     drive_object,
-    number_in,
     words_of,
 )
 from jointid.importing.columns.log_table import LogColumn, LogTable
-from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, TORQUE_UNITS
+from jointid.importing.columns.units import ANGLE_UNITS, POSITION_SCALES, QUANTITIES, TORQUE_UNITS
 from jointid.importing.map.guess_time import guess_time
-from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR, Channel, JointMapping, Mapping
+from jointid.importing.map.mapping import (
+    ARM,
+    JOINT,
+    MAX_JOINTS,
+    MOTOR,
+    Channel,
+    JointMapping,
+    Mapping,
+)
 from jointid.importing.map.reasons import Reason, scale_reason
 from jointid.importing.map.unnamed_columns import pairs_by_shape
 from jointid.importing.map.unwrap import unwrapped
@@ -27,6 +33,9 @@ from jointid.wording import counted
 NO_COLUMN = LogColumn("", np.zeros(0))
 """In the place of a column that nothing indicates."""
 _OTHER = {"position": "torque", "torque": "position"}
+_CLEAR = 1.5  # score of a position whose name or unit says so
+_LINK = {"link", "linkside", "arm", "armside", "load", "loadside", "lastseitig", "abtrieb", "secondary"}
+"""Words for a sensor behind the gear, beside one at the motor."""
 _MAX_LESS_CLEAR = 0.5  # score below the least clear pair, up to which an unpaired column is reported
 _Group = dict[str, NamedColumn]
 """The clearest column of each role of one joint."""
@@ -70,8 +79,10 @@ def guess_mapping(table: LogTable) -> Guess:
         pairs = _first_two(table, columns, reasons)
     if len(pairs) > MAX_JOINTS:
         reasons.append(Reason("joints", f"{len(pairs)} pairs fit; the first {MAX_JOINTS} are proposed."))
-    found = enumerate(pairs[:MAX_JOINTS], start=1)
-    joints = tuple(_joint(number, *pair, reasons) for number, pair in found)
+    pairs = pairs[:MAX_JOINTS]
+    degrees = any(_angle_unit(position)[:2] == ("deg", False) for position, _ in pairs)
+    found = [_joint(number, *pair, degrees, reasons) for number, pair in enumerate(pairs, start=1)]
+    joints = _with_arms(found, columns, reasons)
     hold = "A log does not say whether the torque is held from sample to sample."
     reasons.append(Reason("torque hold", hold))
     ends = [f"{role} of joint {j + 1}" for j in range(len(joints)) for role in QUANTITIES]
@@ -83,9 +94,10 @@ def guess_mapping(table: LogTable) -> Guess:
 def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[LogColumn, LogColumn]]:
     """Position and torque of each joint, joints in the order of their numbers, else of the file."""
     best: _Groups = {}
+    behind = {id(entry) for entry in _behind(columns)}
     for entry in columns:
-        for role, other in _OTHER.items():
-            if entry.score[role] <= max(0.0, entry.score[other]):
+        for role in _OTHER:
+            if not _fits(entry, role) or id(entry) in behind:
                 continue
             group = best.setdefault(entry.group, {})
             if role not in group or entry.score[role] > group[role].score[role]:
@@ -93,8 +105,9 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
     complete = {key: group for key, group in best.items() if len(group) == 2}
     by_their_number = _join_by_number(best, complete)
     keys = [*complete]
-    if all(number_in(key) is not None for key in keys):
-        keys.sort(key=by_number)
+    numbers = {key: complete[key]["position"].number for key in keys}
+    if None not in numbers.values():
+        keys.sort(key=lambda key: (numbers[key] or 0, key))
     pairs = []
     for number, key in enumerate(keys, start=1):
         group = complete[key]
@@ -106,11 +119,47 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
             if key in by_their_number:
                 why = f"{said} is paired by its number alone: check that both belong to one joint."
             elif clear:
-                why = f"The name or unit of {said} says {role}."
+                why = f"The name or unit of {said} indicates {role}."
             reasons.append(Reason(f"{role} of joint {number}", why, clear))
         pairs.append((group["position"].column, group["torque"].column))
     reasons += _lone_columns(best.values(), complete.values())
     return pairs
+
+
+def _fits(entry: NamedColumn, role: str) -> bool:
+    return entry.score[role] > max(0.0, entry.score[_OTHER[role]])
+
+
+def _behind(columns: Sequence[NamedColumn]) -> list[NamedColumn]:
+    """Clear positions behind the gear, each beside a position of the same joint at the motor."""
+    found = []
+    positions = [c for c in columns if _fits(c, "position") and c.score["position"] >= _CLEAR]
+    for entry in positions:
+        words = set(words_of(entry.column.name))
+        beside = [set(words_of(c.column.name)) for c in positions if c.group == entry.group]
+        link = words & _LINK and any(not other & _LINK for other in beside)
+        angle = "q" in words and any("theta" in other for other in beside)
+        found += [entry] if (link or angle) and not words & WORDS["motor"] else []
+    return found
+
+
+def _with_arms(
+    joints: Sequence[JointMapping], columns: Sequence[NamedColumn], reasons: list[Reason]
+) -> tuple[JointMapping, ...]:
+    """Add the sensors behind the gears that names state; none of them is certain."""
+    found, groups = [*joints], {c.column.name: c.group for c in columns}
+    for entry in _behind(columns):
+        for j, joint in enumerate(found):
+            unit = _angle_unit(entry.column)[0]
+            if (
+                groups.get(joint.position.column) == entry.group
+                and not joint.arm
+                and unit not in POSITION_SCALES
+            ):
+                found[j] = replace(joint, arm=Channel(entry.column.name, unit, None, JOINT))
+                why = f'The name of "{entry.column.name}" says that it is behind the gear.'
+                reasons.append(Reason(f"{ARM} of joint {j + 1}", why))
+    return tuple(found)
 
 
 def _first_two(
@@ -125,21 +174,23 @@ def _first_two(
             f"a log needs a position and a torque. Columns found: {', '.join(table.names[:20])}."
         )
     pair = []
-    for role, other in (("position", "torque"), ("torque", "position")):
+    for role in _OTHER:
         fit = max(varying, key=lambda c, r=role: c.score[r])  # type: ignore[misc]
-        if fit.score[role] > max(0.0, fit.score[other]):
+        if _fits(fit, role):
             pair.append(fit.column)
             why = f'"{fit.column.name}" fits best as {role}; no name pairs it with another column.'
         else:
             pair.append(NO_COLUMN)
-            why = f"No name or unit says which column is the {role}: choose it."
+            why = f"No name or unit identifies the {role}: choose its column."
         reasons.append(Reason(f"{role} of joint 1", why))
     return [(pair[0], pair[1])]
 
 
-def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Reason]) -> JointMapping:
+def _joint(
+    number: int, position: LogColumn, torque: LogColumn, degrees: bool, reasons: list[Reason]
+) -> JointMapping:
     ends = [f"{role} of joint {number}" for role in QUANTITIES]
-    units = (_angle_unit(position), _torque_unit(torque))
+    units = (_angle_unit(position, degrees), _torque_unit(torque))
     sides = (_position_side(position, torque), _torque_side(torque))
     for what, guesses in (("unit", units), ("side", sides)):
         for end, (_, sure, why) in zip(ends, guesses, strict=True):
@@ -161,9 +212,10 @@ def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Re
     return JointMapping(channels[0], channels[1])
 
 
-def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
+def _angle_unit(column: LogColumn, degrees: bool = False) -> tuple[str, bool, str]:
+    """Unit, whether it is stated, and why; ``degrees`` if values of another joint suggest degrees."""
     if column.unit in ANGLE_UNITS:
-        return column.unit, True, f'The file says "{column.unit}".'
+        return column.unit, True, f'The file states "{column.unit}".'
     values = column.values[np.isfinite(column.values)]
     if not values.size:
         return "rad", False, "Radians, until a column is chosen."
@@ -174,38 +226,40 @@ def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
     largest = float(np.abs(values).max())
     if largest > 20:
         return "deg", False, f"Values up to {largest:.4g} suggest degrees."
+    if degrees:
+        return "deg", False, "Values of another joint suggest degrees."
     return "rad", False, f"Values up to {largest:.4g} suggest radians."
 
 
 def _torque_unit(column: LogColumn) -> tuple[str, bool, str]:
     if column.unit in TORQUE_UNITS:
-        return column.unit, True, f'The file says "{column.unit}".'
+        return column.unit, True, f'The file states "{column.unit}".'
     if drive_object(column.name):
         return "‰", False, "Torque and current of CiA 402 are thousandths of the rated value."
     if WORDS["current"] & set(words_of(column.name)):
-        return "A", False, "The name says current; ampere is assumed."
+        return "A", False, "The name indicates current; ampere is assumed."
     return "N·m", False, "The file names no unit; newton metres are assumed."
 
 
 def _torque_side(torque: LogColumn) -> tuple[str, bool, str]:
     words = set(words_of(torque.name))
     if WORDS["motor"] & words:
-        return MOTOR, True, "The name says motor."
+        return MOTOR, True, "The name indicates motor."
     if torque.unit in ("A", "mA", "%", "‰") or WORDS["current"] & words:
         return MOTOR, True, "Currents and shares of the rated torque belong to the motor."
     if "effort" in words:
         return JOINT, False, "An effort is given at the joint by convention."
     if WORDS["behind"] & words:
-        return JOINT, False, "The name says joint, link or output: behind the gear."
+        return JOINT, False, "The name indicates joint, link or output: behind the gear."
     return MOTOR, False, _NO_SIDE
 
 
 def _position_side(position: LogColumn, torque: LogColumn) -> tuple[str, bool, str]:
     words = set(words_of(position.name))
     if WORDS["motor"] & words:
-        return MOTOR, True, "The name says motor."
+        return MOTOR, True, "The name indicates motor."
     if WORDS["joint"] & words:
-        return JOINT, False, "The name says joint or axis."
+        return JOINT, False, "The name indicates joint or axis."
     if position.unit == "deg":
         return JOINT, False, "Controllers show joint angles in degrees."
     if "effort" in words_of(torque.name):
@@ -219,13 +273,13 @@ def _join_by_number(best: _Groups, complete: _Groups) -> set[str]:
     """Pair unpaired positions and torques that share a number, in both; return the new keys."""
     lone: dict[str, dict[int, list[str]]] = {role: {} for role in _OTHER}
     for key, group in best.items():
-        number = number_in(key)
+        number = next(iter(group.values())).number
         if len(group) == 1 and number is not None:
             (role,) = group
             lone[role].setdefault(number, []).append(key)
     if (0 in lone["position"]) != (0 in lone["torque"]):
         return set()  # one kind counts from 0, the other from 1
-    taken = {number_in(key) for key in complete}
+    taken = {group["position"].number for group in complete.values()}
     joined = set()
     for number in [k for k in lone["position"] if k in lone["torque"] and k not in taken]:
         pair: _Group = {}
@@ -266,7 +320,7 @@ def propose_joint(
     for (role, (units, scales)), first in zip(QUANTITIES.items(), like, strict=True):
         end = f"{role} of joint {number}"
         fit = max(free, key=lambda c, r=role: c.score[r], default=None)  # type: ignore[misc]
-        if fit is not None and fit.score[role] <= max(0.0, fit.score[_OTHER[role]]):
+        if fit is not None and not _fits(fit, role):
             fit = None
         text, said = "No other column fits: choose one, or reduce the number of joints.", ""
         if fit is not None:
@@ -275,7 +329,7 @@ def propose_joint(
             said = fit.column.unit
         reasons.append(Reason(end, text))
         unit = said if said in units else first.unit
-        why = f'The file says "{said}".' if unit == said else f"As for joint 1: {unit}."
+        why = f'The file states "{said}".' if unit == said else f"As for joint 1: {unit}."
         reasons.append(Reason(f"unit of {end}", why, unit == said))
         reasons.append(Reason(f"side of {end}", f"As for joint 1: {first.side} side."))
         if meaning := scales.get(unit):

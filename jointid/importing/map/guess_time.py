@@ -37,10 +37,11 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
         return TimeColumn("", SAMPLES, 1000.0)
     score, column, late = best
     named = score >= 2
-    text = f'"{column.name}" increases' + (" and its name or unit says time." if named else ".")
+    text = f'"{column.name}" increases' + (" and its name or unit indicates time." if named else ".")
     if late:
         text = (
-            f'The name or unit of "{column.name}" says time, but it steps back {counted(late, "time")}. '
+            f'The name or unit of "{column.name}" indicates time, but it steps back '
+            f"{counted(late, 'time')}. "
             "Duplicate rows are left out; a line with an unclear order is an error."
         )
     reasons.append(Reason("time", text, named and not late))
@@ -77,7 +78,7 @@ def _no_time(table: LogTable) -> str:
 def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
     unit = _time_unit(column)
     if unit in TIME_UNITS:
-        reasons.append(Reason("unit of time", f'The file says "{unit}".', True))
+        reasons.append(Reason("unit of time", f'The file states "{unit}".', True))
         return TimeColumn(column.name, unit)
     values = column.values[np.isfinite(column.values)]
     steps = np.diff(values)

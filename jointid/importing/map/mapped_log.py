@@ -26,6 +26,8 @@ class MappedLog:
     torque_hold: bool = False
     torque_delay_s: float = 0.0
     name: str = ""
+    arm_rad: Floats | None = None
+    """Angles behind the gears, shape (N, n), rad; NaN columns for joints without a second sensor."""
     notes: tuple[str, ...] = ()
     """Omissions and repairs, as sentences for the user."""
     interval_s: float = field(init=False)
@@ -83,7 +85,8 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
     -------
     MappedLog
         θ_motor = sign · ratio · θ_joint and τ_motor = sign · τ_joint / ratio for channels on the
-        joint side. Rows with a missing value and copies are left out; notes count them and name gaps.
+        joint side; arm-side positions stay at the joint. Rows with a missing value and copies are left
+        out; notes count them and name gaps.
         Signals with separate clocks are interpolated at the times of the slowest, with a note.
 
     Raises
@@ -125,6 +128,8 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
     rows = rows[used]
     notes += repairs
     n = mapping.n
+    arms = [j for j, joint in enumerate(mapping.joints) if joint.arm]
+    arm = np.full((rows.size, n), np.nan, order="F") if arms else None
     theta, tau = np.empty((rows.size, n), order="F"), np.empty((rows.size, n), order="F")
     for j, joint in enumerate(mapping.joints):
         position = unwrapped(raw[j][rows], joint.position)
@@ -133,10 +138,14 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
             notes.append(position.note(joint.position, f", first at {table.row_word} {first}"))
         theta[:, j] = position.values * joint.rad_per_unit
         tau[:, j] = raw[n + j][rows] * joint.Nm_per_unit
+        if arm is not None and joint.arm:
+            behind = unwrapped(raw[2 * n + arms.index(j)][rows], joint.arm)
+            arm[:, j] = behind.values * joint.arm.rad_per_unit
     return MappedLog(
         time_s=time_s,
         theta_rad=theta,
         tau_Nm=tau,
+        arm_rad=arm,
         torque_hold=mapping.torque_hold,
         torque_delay_s=mapping.torque_delay_s,
         name=table.name,

@@ -12,6 +12,8 @@ from jointid.wording import listed, nearest, shown
 
 MOTOR, JOINT = "motor", "joint"
 """The sides of a gear."""
+ARM = "arm-side position"
+"""Name of the role of a sensor behind the gear."""
 MAX_JOINTS = 20
 
 
@@ -84,6 +86,13 @@ class Channel:
     side: str = MOTOR
     sign: int = 1
 
+    @property
+    def rad_per_unit(self) -> float:
+        """Angle at its own side of the gear, rad, for one unit of a position."""
+        scale = 1.0 if self.scale is None else self.scale
+        factor = 1 / scale if self.unit == "counts" else scale
+        return self.sign * ANGLE_UNITS[self.unit] * factor
+
 
 @dataclass(frozen=True)
 class JointMapping:
@@ -95,6 +104,8 @@ class JointMapping:
     gear_ratio : float, default 1.0
         Motor turns over joint turns; negative when they turn against each other. Used for
         channels on the joint side only.
+    arm : Channel, optional
+        Position of a second sensor, behind the gear.
 
     Raises
     ------
@@ -105,25 +116,29 @@ class JointMapping:
     position: Channel
     torque: Channel
     gear_ratio: float = 1.0
+    arm: Channel | None = None
 
     def __post_init__(self) -> None:
         for what in QUANTITIES:
             object.__setattr__(self, what, _checked_channel(what, getattr(self, what)))
+        if self.arm is not None:
+            arm = _checked_channel("position", self.arm)
+            object.__setattr__(self, "arm", replace(arm, side=JOINT) if arm.column else None)
         ratio = float(finite_array("gear_ratio", self.gear_ratio, ndim=0))
         if ratio == 0:
             raise JointIdError("gear_ratio = 0: give motor turns per joint turn, such as 100.")
         object.__setattr__(self, "gear_ratio", ratio)
 
     @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Position and torque, and the arm-side position if there is one."""
+        return (self.position, self.torque, *([self.arm] if self.arm else []))
+
+    @property
     def rad_per_unit(self) -> float:
         """Motor angle, rad, for one unit of the position column."""
-        channel = self.position
-        factor = ANGLE_UNITS[channel.unit]
-        if channel.unit == "counts":
-            factor /= channel.scale or 1.0
-        elif channel.scale is not None:
-            factor *= channel.scale
-        return channel.sign * factor * (self.gear_ratio if channel.side == JOINT else 1.0)
+        of_gear = self.gear_ratio if self.position.side == JOINT else 1.0
+        return self.position.rad_per_unit * of_gear
 
     @property
     def Nm_per_unit(self) -> float:
@@ -178,7 +193,7 @@ class Mapping:
         delay = float(finite_array("torque_delay_s (s)", self.torque_delay_s, ndim=0))
         seen: dict[str, str] = {self.time.column: "time"} if self.time.column else {}
         for number, joint in enumerate(self.joints, start=1):
-            for what, channel in (("position", joint.position), ("torque", joint.torque)):
+            for what, channel in zip((*QUANTITIES, ARM), joint.channels, strict=False):
                 role = f"{what} of joint {number}"
                 if channel.column and channel.column in seen:
                     raise JointIdError(
@@ -200,10 +215,11 @@ class Mapping:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of all columns that are used: time (if any), positions, torques."""
+        """Names of all columns that are used: time (if any), positions, torques, arm-side positions."""
         positions = [joint.position.column for joint in self.joints]
         torques = [joint.torque.column for joint in self.joints]
-        return tuple(name for name in (self.time.column, *positions, *torques) if name)
+        arms = [joint.arm.column for joint in self.joints if joint.arm]
+        return tuple(name for name in (self.time.column, *positions, *torques, *arms) if name)
 
     @property
     def open_roles(self) -> tuple[str, ...]:
@@ -292,7 +308,8 @@ def mapping_from_json(text: str | bytes) -> Mapping:
 
 def _joint_from(number: int, values: object) -> JointMapping:
     joint = _keys(f"joint {number}", values, JointMapping)
-    for what in ("position", "torque"):
+    joint = {key: value for key, value in joint.items() if key != "arm" or value is not None}
+    for what in ("position", "torque", *({"arm"} & joint.keys())):
         where = f"{what} of joint {number}"
         given = _keys(where, joint.get(what), Channel)
         for key in ("column", "unit"):

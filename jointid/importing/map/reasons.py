@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from jointid.importing.columns.units import QUANTITIES
-from jointid.importing.map.mapping import Mapping
+from jointid.importing.map.mapping import ARM, Mapping
 from jointid.wording import counted, enumerated
 
 
@@ -62,6 +62,8 @@ def value_of(mapping: Mapping, what: str) -> str:
     of = mapping.joints[int(joint) - 1]
     if entry == "gear ratio":
         return f"gear ratio {of.gear_ratio:g}"
+    if entry == ARM:
+        return f'{ARM} in "{of.arm.column}"' if of.arm else ""
     kind, _, role = entry.rpartition(" of ")
     if role not in QUANTITIES:
         return ""

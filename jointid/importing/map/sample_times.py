@@ -170,13 +170,13 @@ _LONGEST_STEP = 2.5  # step in usual steps of a signal, above which it is not in
 
 
 def on_one_clock(mapping: Mapping, time: Floats, signals: Sequence[Floats]) -> tuple[list[Floats], str]:
-    """Interpolate signals (N,), positions then torques, at the times of the one with the fewest samples.
+    """Interpolate signals (N,) at the times of the one with the fewest samples.
 
     More samples than the slowest signal has would repeat its noise and make errors look small. Signals
-    are NaN where they were not sampled. A held torque keeps its last value; all others follow a cubic
-    spline, positions of single-turn encoders after unwrapping. Returns the signals, finite at the times
-    of the slowest, or the given ones if they share a clock; and a sentence on what was done, "" for
-    nothing.
+    are in the order of the mapping's columns, and NaN where they were not sampled. A held torque keeps
+    its last value; all others follow a cubic spline, positions of single-turn encoders after
+    unwrapping. Returns the signals, finite at the times of the slowest, or the given ones if they share
+    a clock; and a sentence on the choice, "" for nothing.
     """
     known = [np.isfinite(time) & np.isfinite(signal) for signal in signals]
     if min(int(k.sum()) for k in known) < _FEWEST:
@@ -197,7 +197,7 @@ def on_one_clock(mapping: Mapping, time: Floats, signals: Sequence[Floats]) -> t
             turned = unwrapped(values, mapping.joints[j].position)
             values = turned.values
             notes += [" " + turned.note(mapping.joints[j].position)] if turned.jumps.size else []
-        held = j >= mapping.n and mapping.torque_hold
+        held = mapping.n <= j < 2 * mapping.n and mapping.torque_hold
         full = np.full(time.size, np.nan)
         full[known[slowest] & within] = (
             values[within[rows]] if j == slowest else _values_at(at, time[rows], values, held)

@@ -231,7 +231,7 @@ def joined_table(tables: Sequence[LogTable]) -> LogTable:
     """
     parts = [part for index, table in enumerate(tables) if (part := joint_log(index, table)) is not None]
     if len(parts) < len(tables) or len(parts) < 2:
-        raise JointIdError("Only logs of one joint each, two or more, can be joined.")
+        raise JointIdError("Only two or more logs of one joint each can be joined.")
     first = parts[0]
     common = []
     for part in parts:

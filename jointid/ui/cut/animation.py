@@ -39,7 +39,7 @@ def show_animation(outcome: Outcome, nominal_name: str, *, dark: bool) -> None:
     ----------
     outcome : Outcome
     nominal_name : str
-        What the controller before the identification is called.
+        Name of the controller before the identification.
     dark : bool
     """
     _component(key="cut_animation", data=animation_data(outcome, nominal_name, dark=dark))

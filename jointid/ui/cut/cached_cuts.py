@@ -4,14 +4,17 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from typing import TypeVar
 
+import streamlit as st
+
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
 from jointid.cut.outcome import ZONES_M, Outcome, Prediction, gear_cuts, predicted_cut
+from jointid.cut.path_deflection import PathDeflection, own_path_deflections
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
 from jointid.ui.cut.settings import CutSettings, usual
-from jointid.ui.shared.background import awaited
+from jointid.ui.shared.background import awaited, run_in_background
 from jointid.ui.shared.results import result_cache
 
 Found = TypeVar("Found")
@@ -111,3 +114,15 @@ def overview(digest: str, method: str, analysis: Analysis) -> Outcome | None:
     if robot.rule == "demonstration":
         return None
     return outcome(digest, method, usual(robot), analysis)
+
+
+@st.cache_resource(max_entries=32, show_spinner="Following the path with the robot's model")
+def own_path(digest: str, method: str, _analysis: Analysis) -> list[PathDeflection]:
+    """Deflections of the study's own robot along the path, for each of ``ZONES_M``.
+
+    Raises
+    ------
+    JointIdError
+        As in :func:`jointid.cut.path_deflection.own_path_deflections`.
+    """
+    return run_in_background(own_path_deflections, _analysis, ZONES_M)

@@ -7,14 +7,12 @@ import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.analysis import NOT_USABLE
-from jointid.cut.outcome import EVERYDAY_SERVO, Outcome, millimetres
-from jointid.cut.path_deflection import has_own_path, meaning, own_path_deflections, rows_of
-from jointid.cut.robot import CutFriction, CutRobot
-from jointid.cut.servo import Servo
-from jointid.figures.cut_shapes import Shape, window
+from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, remainder
+from jointid.cut.path_deflection import PathDeflection, has_own_path, meaning, rows_of
+from jointid.cut.robot import CutRobot
 from jointid.figures.style import colours
 from jointid.ui.cut import cached_cuts
-from jointid.ui.cut.pictures import key_line, picture
+from jointid.ui.cut.pictures import key_line, picture, window
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import table
 from jointid.ui.shared.messages import show_error, show_note, show_warning
@@ -22,7 +20,6 @@ from jointid.ui.shared.page import Page
 from jointid.wording import counted, significant
 
 CUT_PAGE = "pages/5_Cut.py"
-_ZONES_MM = (1.0, 5.0, 10.0)
 
 
 def show_rule(robot: CutRobot) -> None:
@@ -30,18 +27,29 @@ def show_rule(robot: CutRobot) -> None:
     (st.caption if robot.rule == "direct" else st.info)(robot.meaning)
 
 
-def show_own_path(analysis: Analysis) -> None:
+def show_own_path(page: Page, analysis: Analysis) -> None:
     """Show how far a robot with a model of its own bends along the path; nothing without."""
     if not has_own_path(analysis):
         return
     try:
-        header, rows = rows_of(_ZONES_MM, own_path_deflections(analysis, [1e-3 * z for z in _ZONES_MM]))
+        found = cached_cuts.own_path(page.digest, page.method, analysis)
     except JointIdError as error:
         show_error(error)
         return
-    st.subheader("Tool deflection of this study's robot", anchor=False)
+    st.header(_own_headline(found[-1]), anchor=False)
+    header, rows = rows_of([1e3 * zone for zone in ZONES_M], found)
     table({name: list(cells) for name, cells in zip(header, zip(*rows, strict=True), strict=True)})
     st.caption(meaning(analysis))
+
+
+def _own_headline(found: PathDeflection) -> str:
+    """Deflection of the study's own robot at the largest zone, before and after."""
+    before = found.rigid_m if found.assumed_m is None else found.assumed_m
+    servo = "a servo for rigid joints" if found.assumed_m is None else "the nominal K"
+    return (
+        f"Tool deflection of this robot: {millimetres(before)} with {servo}, "
+        f"{millimetres(found.identified_m)} with the identified K"
+    )
 
 
 def headline(outcome: Outcome) -> str:
@@ -98,44 +106,6 @@ def _springs(elasticity: Elasticity) -> str:
     return f"K = {_three(elasticity.K)} N·m/rad, D = {_three(elasticity.D)} N·m·s/rad"
 
 
-def remainder(
-    outcome: Outcome,
-    servo: Servo,
-    friction: CutFriction | None,
-    where: str = "the tab Accuracy of K shows",
-) -> str:
-    """Describe the remaining error where the springs no longer matter.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        One whose error does not depend on how well the springs are known.
-    servo : Servo
-        The controller of this cut.
-    friction : CutFriction or None
-        At the motors.
-    where : str
-        Place of the errors of K and their cost, seen from this sentence.
-    """
-    left = millimetres(outcome.after_m)
-    if left.startswith("under"):
-        return f"The remaining error, {left}, is below the resolution of the simulation."
-    causes = []
-    if friction is not None and servo.friction_compensation is None:
-        causes.append("friction")
-    if servo.delay_samples:
-        causes.append("delay")
-    if servo.encoder_bits is not None:
-        causes.append("encoder")
-    *first, last = causes or ["the controller's rate"]
-    named = f"{', '.join(first)} and {last}" if first else last
-    return (
-        f"The remaining error, {left}, comes from {named}, not from the springs: within the error bars "
-        f"of K and D it changes by {millimetres(outcome.spread_m)} (95th percentile shown); "
-        f"{where} the cost of an error of K."
-    )
-
-
 def promise(outcome: Outcome, settings: CutSettings) -> str:
     """Explain the path error after the identification."""
     if outcome.distribution is None:
@@ -143,22 +113,12 @@ def promise(outcome: Outcome, settings: CutSettings) -> str:
     if not outcome.springs_matter:
         return (
             f"the servo assumes the identified values. "
-            f"{remainder(outcome, settings.servo, settings.friction)}{_less_before(outcome)}"
+            f"{remainder(outcome, settings.servo, settings.friction)}"
         )
     return (
         "the servo assumes the identified values; those of the robot are drawn from their "
         f"uncertainty. 95 of 100 such robots stay {_below(outcome.after_m)}, half of them "
         f"{_below(outcome.distribution.median_m)}."
-    )
-
-
-def _less_before(outcome: Outcome) -> str:
-    """Why the cut before may have the smaller error."""
-    if outcome.before_m >= outcome.after_m:
-        return ""
-    return (
-        " The smaller error before is a coincidence: the wrong springs cancel a part of the remaining "
-        "error."
     )
 
 
@@ -227,17 +187,33 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
     laws = "; ".join(f"joint {j}: {' and '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
     ink = colours(page.dark)
     servos = ("Servo assumes K and D", ink.nominal), ("Servo assumes the curve", ink.identified)
-    around = window([run.tool_m for run in runs], 0.002)
+    around = window(runs)
     for place, run, (servo, colour) in zip(st.columns(2), runs, servos, strict=True):
         error = millimetres(run.max_contour_error_m)
         what = f"{servo}: path error {error}"
         with place.container(border=True, horizontal=True, vertical_alignment="center"):
-            st.html(picture([Shape(run.wanted_m, run.tool_m, colour)], what, around, "max-width:7rem"))
+            st.html(picture([(run, colour)], what, around, "max-width:7rem"))
             st.metric(servo, error)
     st.caption(
         f"Largest path error of a robot with the identified gears ({laws}). The other cuts on this page "
         "have linear gears. Beyond the torques of the records the laws are extrapolated."
     )
+
+
+def _own_or_demonstration(page: Page, analysis: Analysis) -> None:
+    """Tool deflection of a robot with a model of its own; a link to the example arm for others."""
+    if not has_own_path(analysis):
+        st.page_link(CUT_PAGE, label="What K and D are worth in millimetres, on an example arm")
+        return
+    try:
+        found = cached_cuts.own_path(page.digest, page.method, analysis)
+    except JointIdError as error:
+        show_note(f"The tool deflection is not known. {error}")
+        return
+    with st.container(border=True):
+        st.header(_own_headline(found[-1]), anchor=False)
+        st.caption(f"Corner zone {1e3 * ZONES_M[-1]:g} mm. {meaning(analysis)}")
+        st.page_link(CUT_PAGE, label="All corner zones")
 
 
 def outcome_panel(page: Page, analysis: Analysis) -> None:
@@ -249,21 +225,17 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             show_note(f"The path error is not known. {error}")
         return
     if outcome is None:
-        arm = "" if has_own_path(analysis) else ", on an example arm"
-        st.page_link(CUT_PAGE, label=f"What knowing K and D is worth in millimetres{arm}")
+        _own_or_demonstration(page, analysis)
         return
     ink = colours(page.dark)
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
     servo = "nominal values" if outcome.assumed is not None else "rigid joints"
-    shapes = [
-        Shape(outcome.before.wanted_m, outcome.before.tool_m, ink.nominal),
-        Shape(outcome.after.wanted_m, outcome.after.tool_m, ink.identified),
-    ]
-    around = window([run.tool_m for run in (outcome.before, outcome.after)], 0.002)
+    cuts = [(outcome.before, ink.nominal), (outcome.after, ink.identified)]
+    around = window([outcome.before, outcome.after])
     what = f"Cut with {servo} (path error {before}) and with identified values ({after})"
     with st.container(border=True):
         left, words = st.columns([1, 4], vertical_alignment="center")
-        left.html(picture(shapes, what, around, "max-width:9rem"))
+        left.html(picture(cuts, what, around, "max-width:9rem"))
         with words:
             st.header(headline(outcome), anchor=False)
             st.html(
@@ -282,9 +254,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             )
             promised = "The identified values are too uncertain for a prediction."
             if not outcome.springs_matter:
-                promised = remainder(
-                    outcome, EVERYDAY_SERVO, outcome.robot.friction, "the page Cut shows"
-                )
+                promised = remainder(outcome, EVERYDAY_SERVO, outcome.robot.friction)
             elif outcome.distribution is not None:
                 promised = (
                     "95 of 100 robots within the uncertainty of the identified values stay "

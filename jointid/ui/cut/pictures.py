@@ -4,19 +4,21 @@ from base64 import b64encode
 from collections.abc import Sequence
 from html import escape
 
+import numpy as np
 import streamlit as st
 
 from jointid import TrackingRun
+from jointid.arrays import Floats
 from jointid.cut.outcome import ZONES_M, Outcome, millimetres
-from jointid.figures.cut_shapes import Shape, shape_svg, window
 from jointid.figures.style import LIGHT, Colours, colours
-from jointid.reporting.drawing import to_svg
+from jointid.reporting.drawing import Drawing, Line, to_svg
 from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.page import Page
 from jointid.wording import capitalised
 
+_WIDTH, _STRIDE, _MARGIN_M = 190.0, 4, 0.002
 _COLUMN = "min-width:0;text-align:center;font-size:0.9rem;line-height:1.35"
 
 
@@ -56,7 +58,7 @@ def _figure_7_html(
     every = [run for _, runs in pairs if not isinstance(runs, str) for run in runs]
     if not every:
         return "".join(f"<p>{escape(text)}</p>" for _, text in pairs if isinstance(text, str))
-    around = window([track for run in every for track in (run.wanted_m, run.tool_m)], 0.002)
+    around = window(every)
     parts = []
     for row, name in enumerate(names):
         colour = ink.identified if row else ink.nominal
@@ -71,10 +73,9 @@ def _figure_7_html(
             if isinstance(runs, str):
                 parts.append(f'<div style="{_COLUMN}">{label}<br>{escape(runs)}</div>')
                 continue
-            shape = _shape(zone, runs, row, ink)
-            what = f"{name}, {label}: {shape.caption[0]}"
-            image = picture([shape], what, around)
-            parts.append(f'<div style="{_COLUMN}">{image}<br><b>{shape.caption[0]}</b><br>{label}</div>')
+            error = millimetres(runs[row].max_contour_error_m)
+            image = picture([(runs[row], colour)], f"{name}, {label}: {error}", around)
+            parts.append(f'<div style="{_COLUMN}">{image}<br><b>{error}</b><br>{label}</div>')
         parts.append("</div>")
     return "".join(parts)
 
@@ -88,21 +89,40 @@ def key_line(colour: str) -> str:
 
 
 def picture(
-    shapes: Sequence[Shape],
+    runs: Sequence[tuple[TrackingRun, str]],
     description: str,
-    window_m: tuple[float, float, float, float],
+    around: tuple[float, float, float, float],
     style: str = "",
 ) -> str:
-    """SVG as an image element: inline SVG does not pass streamlit's cleaning of HTML."""
-    data = b64encode(shape_svg(shapes, window_m=window_m).encode()).decode()
+    """Cuts in their colours as an image element: inline SVG does not pass streamlit's cleaning."""
+    tracks = [(run.tool_m, colour) for run, colour in runs]
+    svg = to_svg(cut_drawing(runs[0][0].wanted_m, tracks, around, description))
+    data = b64encode(svg.encode()).decode()
     return (
         f'<img src="data:image/svg+xml;base64,{data}" alt="{escape(description)}" '
         f'style="width:100%;{style}">'
     )
 
 
-def _shape(zone: float, runs: tuple[TrackingRun, TrackingRun], row: int, ink: Colours) -> Shape:
-    run = runs[row]
-    error = millimetres(run.max_contour_error_m)
-    colour = ink.identified if row else ink.nominal
-    return Shape(run.wanted_m, run.tool_m, colour, (error, f"zone {1e3 * zone:g} mm"))
+def cut_drawing(
+    wanted_m: Floats,
+    tracks: Sequence[tuple[Floats, str]],
+    around: tuple[float, float, float, float],
+    description: str,
+) -> Drawing:
+    """Paths of the tool, shape (k, 2), m, each with its colour, over the reference path."""
+    x, y, width, height = around
+    scale = _WIDTH / width
+    drawn = [(wanted_m, "#999999", 5.0, 0.55), *((track, colour, 2.0, 1.0) for track, colour in tracks)]
+    lines = [
+        Line((track[::_STRIDE] - (x, y + height)) * (scale, -scale), colour, size, opacity=opacity)
+        for track, colour, size, opacity in drawn
+    ]
+    return Drawing(_WIDTH, height * scale, tuple(lines), description)
+
+
+def window(runs: Sequence[TrackingRun]) -> tuple[float, float, float, float]:
+    """Box around cuts and their reference path: x, y, width and height, m."""
+    paths = np.concatenate([path for run in runs for path in (run.wanted_m, run.tool_m)])
+    low, high = paths.min(axis=0) - _MARGIN_M, paths.max(axis=0) + _MARGIN_M
+    return float(low[0]), float(low[1]), float(high[0] - low[0]), float(high[1] - low[1])

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any
 
 import streamlit as st
 
 from jointid import Elasticity, JointIdError
-from jointid.arrays import Floats
 from jointid.cut.arm import Drive
 from jointid.cut.outcome import EVERYDAY_SERVO
 from jointid.cut.rectangle import rectangle
@@ -17,10 +16,10 @@ from jointid.cut.robot import CUTTING_POINT_M, Assumption, CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.cut.toolpath import Toolpath
 from jointid.ui.shared.charts import choose_segment
+from jointid.ui.shared.entries import enter_number
 from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
 from jointid.wording import counted
 
-Number = TypeVar("Number", int, float)
 NOMINAL: dict[str, Assumption] = {
     "Study's own": "study",
     "Rigid": "rigid",
@@ -34,6 +33,29 @@ _BEGUN = "cut_custom_begun"
 """Key of the study for which the custom controller's fields were filled."""
 _ZONE_MM, _SIDES_MM, _SPEED_MM_S = 10.0, (28.0, 45.0), 300.0
 """Figure 7's path at its largest zone; sides and speed are the paper's."""
+_NUMBERS: dict[str, dict[str, tuple[Any, ...]]] = {
+    "Path": {
+        "width": ("Width (mm)", _SIDES_MM[0], (2.0, 150.0)),
+        "height": ("Height (mm)", _SIDES_MM[1], (2.0, 150.0)),
+        "speed": ("Speed (mm/s)", _SPEED_MM_S, (10.0, 1000.0)),
+    },
+    "Controller": {
+        "rate": ("Control rate (Hz)", EVERYDAY_SERVO.sample_rate_hz, (500.0, 8000.0)),
+        "delay": (
+            "Delay (samples)",
+            EVERYDAY_SERVO.delay_samples,
+            (0, 5),
+            "From measurement to the resulting torque. The feedforward runs ahead by this time.",
+        ),
+        "bits": (
+            "Encoder (bits per turn), 0: ideal",
+            EVERYDAY_SERVO.encoder_bits or 0,
+            (0, 24),
+            "With an encoder, the velocity is the difference of two positions.",
+        ),
+    },
+}
+"""Label, default, limits and explanation of each number, by its heading."""
 _FRICTION = ("As this study found", "None", "Custom")
 _DRIVES: dict[str, Drive | None] = {
     "As this study": None,
@@ -41,7 +63,7 @@ _DRIVES: dict[str, Drive | None] = {
     "Serial": "serial",
 }
 _HINT = (
-    "What the servo assumes before the identification. The study's own: its nominal values. Rigid: no "
+    "K and D in the servo before the identification. The study's own: its nominal values. Rigid: no "
     "compensation of the springs. 0.4 K and 3 K: the identified stiffnesses times 0.4 or 3. The paper "
     "does not state its non-optimal parameters; these are our choice."
 )
@@ -132,7 +154,7 @@ def _restore_own(names: Sequence[str]) -> None:
 
 
 def ask(robot: CutRobot, digest: str) -> CutSettings:
-    """Draw the controls and return what was chosen.
+    """Draw the controls and return the choice.
 
     Parameters
     ----------
@@ -166,30 +188,12 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
         )
     K, D = _ask_custom(robot, digest) if assumption == "custom" else ("", "")
     with st.expander("Path, controller and drive"):
-        one, two, three = st.columns(3)
-        with one:
-            st.markdown("**Path**")
-            width = _number("Width (mm)", _SIDES_MM[0], (2.0, 150.0), "width")
-            height = _number("Height (mm)", _SIDES_MM[1], (2.0, 150.0), "height")
-            speed = _number("Speed (mm/s)", _SPEED_MM_S, (10.0, 1000.0), "speed")
-        with two:
-            st.markdown("**Controller**")
-            rate = _number("Control rate (Hz)", EVERYDAY_SERVO.sample_rate_hz, (500.0, 8000.0), "rate")
-            delay = _number(
-                "Delay (samples)",
-                EVERYDAY_SERVO.delay_samples,
-                (0, 5),
-                "delay",
-                "From measurement to the resulting torque. The feedforward runs ahead by this time.",
-            )
-            bits = _number(
-                "Encoder (bits per turn), 0: ideal",
-                EVERYDAY_SERVO.encoder_bits or 0,
-                (0, 24),
-                "bits",
-                "With an encoder, the velocity is the difference of two positions.",
-            )
-        with three:
+        places = st.columns(3)
+        number: dict[str, float] = {}
+        for place, (heading, entries) in zip(places, _NUMBERS.items(), strict=False):
+            place.markdown(f"**{heading}**")
+            number |= {key: enter_number(place, f"cut_{key}", *of) for key, of in entries.items()}
+        with places[2]:
             st.markdown("**Robot**")
             source = st.selectbox(
                 "Friction at the motors",
@@ -225,12 +229,12 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
         custom_K=_one_per_joint("Nominal K", K) if custom else (),
         custom_D=_one_per_joint("Nominal D", D) if custom else (),
         zone_m=1e-3 * zone,
-        width_m=1e-3 * width,
-        height_m=1e-3 * height,
-        speed_m_s=1e-3 * speed,
-        rate_hz=rate,
-        delay_samples=int(delay),
-        encoder_bits=int(bits) if bits >= 4 else 0,
+        width_m=1e-3 * number["width"],
+        height_m=1e-3 * number["height"],
+        speed_m_s=1e-3 * number["speed"],
+        rate_hz=number["rate"],
+        delay_samples=int(number["delay"]),
+        encoder_bits=int(number["bits"]) if number["bits"] >= 4 else 0,
         friction=friction,
         compensated=compensated,
         drive=_DRIVES[drive] or robot.arm.drive,
@@ -240,7 +244,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
 def _ask_custom(robot: CutRobot, digest: str) -> tuple[str, str]:
     """Ask for nominal K and D in the study's units; defaults are its nominal or identified values."""
     start = robot.of_the_study(robot.nominal or robot.elasticity)
-    values = numbers_out(_rounded(start.K)), numbers_out(_rounded(start.D))
+    values = [numbers_out(float(f"{x:.5g}") for x in of) for of in (start.K, start.D)]
     changed = st.session_state.get(_BEGUN, digest) != digest
     st.session_state[_BEGUN] = digest
     whose = "the example arm" if robot.rule == "demonstration" else "this study's robot"
@@ -260,30 +264,8 @@ def _ask_custom(robot: CutRobot, digest: str) -> tuple[str, str]:
     return texts[0], texts[1]
 
 
-def _rounded(values: Floats) -> list[float]:
-    """Values with five digits."""
-    return [float(f"{value:.5g}") for value in values]
-
-
 def _one_per_joint(name: str, text: str) -> tuple[float, ...]:
     values = numbers_in(name, text)
     if len(values) != 2:
         raise JointIdError(f"{name}: {counted(len(values), 'value')} for 2 joints. Give one per joint.")
     return values
-
-
-def nominal_name(assumption: Assumption) -> str:
-    """Return the name of the controller before the identification in a figure."""
-    return {
-        "study": "nominal",
-        "rigid": "nominal (rigid)",
-        "soft": "nominal (0.4 K)",
-        "stiff": "nominal (3 K)",
-        "custom": "nominal (custom)",
-    }[assumption]
-
-
-def _number(
-    label: str, value: Number, limits: tuple[Number, Number], key: str, hint: str | None = None
-) -> Number:
-    return st.number_input(label, *limits, value, key=f"cut_{key}", bind="query-params", help=hint)

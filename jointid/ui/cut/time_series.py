@@ -1,15 +1,16 @@
 """The cut over time, one corner of it, and the predicted path error."""
 
+from functools import partial
+
 import streamlit as st
 
-from jointid.cut.outcome import Outcome
+from jointid.cut.outcome import Outcome, remainder
 from jointid.figures.cut import (
     corner_detail,
     path_error_histogram,
     path_error_over_time,
     torque_over_time,
 )
-from jointid.ui.cut.panels import remainder
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import choose_segment, plot, side_by_side
 from jointid.ui.shared.page import Page
@@ -24,30 +25,24 @@ def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> Non
             "Path error: distance to the nearest point of the path. Tracking error: distance to "
             "the reference position at that time."
         )
-        figure = page.drawn(f"error {settings}", lambda: path_error_over_time(outcome, dark=page.dark))
-        plot(figure, "Path and tracking error over time", key="cut_error")
+        draw = partial(path_error_over_time, outcome, dark=page.dark)
+        page.show(f"error {settings}", draw, "Path and tracking error over time")
     with torque:
         st.markdown("**Torque**")
         st.caption(
             "Torque command of each motor. A servo that knows the springs adds the torque that moves "
             "the motors by the deflection x."
         )
-        figure = page.drawn(f"torque {settings}", lambda: torque_over_time(outcome, dark=page.dark))
-        plot(figure, "Motor torques over time", key="cut_torque")
+        draw = partial(torque_over_time, outcome, dark=page.dark)
+        page.show(f"torque {settings}", draw, "Motor torques over time")
     with corner:
-        _show_corner(page, settings, outcome)
+        st.markdown("**A corner**")
+        names = [str(k + 1) for k in range(len(outcome.toolpath.corners()[0]))]
+        chosen = int(choose_segment("Corner", names, "cut_corner", hide_label=True)) - 1
+        draw = partial(corner_detail, outcome, chosen, dark=page.dark)
+        page.show(f"corner {chosen} {settings}", draw, "Tool paths around a corner")
     with distribution:
         _show_distribution(page, settings, outcome)
-
-
-def _show_corner(page: Page, settings: CutSettings, outcome: Outcome) -> None:
-    st.markdown("**A corner**")
-    names = [str(k + 1) for k in range(len(outcome.toolpath.corners()[0]))]
-    chosen = int(choose_segment("Corner", names, "cut_corner", hide_label=True)) - 1
-    figure = page.drawn(
-        f"corner {chosen} {settings}", lambda: corner_detail(outcome, chosen, dark=page.dark)
-    )
-    plot(figure, "Tool paths around a corner", key="cut_corner_figure")
 
 
 def _show_distribution(page: Page, settings: CutSettings, outcome: Outcome) -> None:

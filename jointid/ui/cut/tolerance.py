@@ -2,7 +2,6 @@
 
 import numpy as np
 import streamlit as st
-from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
 from jointid.arrays import Floats
@@ -14,9 +13,9 @@ from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.background import awaited, run_in_background
 from jointid.ui.shared.charts import choose_segment, plot
-from jointid.ui.shared.messages import show_error, show_progress
+from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.results import computed_on_click
+from jointid.ui.shared.results import Show, computed_on_click
 
 _WIDE = 21
 """Cuts along each axis of the map."""
@@ -52,7 +51,7 @@ def _show_map(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     span = choose_segment("Range of K̂/K", _RANGES, "cut_map_range")
     robot = outcome.robot
 
-    def compute(bar: DeltaGenerator) -> ToleranceMap:
+    def compute(show: Show) -> ToleranceMap:
         return run_in_background(
             tolerance_map,
             robot.arm,
@@ -61,7 +60,7 @@ def _show_map(page: Page, settings: CutSettings, outcome: Outcome) -> None:
             *(_ratios(robot, joint, span) for joint in (0, 1)),
             servo=settings.servo,
             friction=settings.friction,
-            progress=lambda done: show_progress(done, f"Cutting: {done:.0%}", bar),
+            progress=lambda done: show(done, "Cutting"),
         )
 
     tolerance = computed_on_click(

@@ -1,4 +1,4 @@
-"""What K means at the tool: force in, millimetres out."""
+"""Stiffness at the tool: deflection in millimetres for a force."""
 
 import numpy as np
 import streamlit as st

@@ -1,4 +1,4 @@
-"""How K and D of each robot drift over the years, on the fleet's page."""
+"""Drift of K and D of each robot over the years, on the fleet's page."""
 
 from collections.abc import Sequence
 
@@ -20,7 +20,7 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
     st.header("Drift over time", anchor=False)
     if not dated:
         st.info(
-            "No study says when it was measured. Give the date on the page Import a log, under "
+            "No study states its date. Give it on the page Import a log, under "
             "Optional, or in study.toml: date = 2026-11-20; and to follow one robot, its name: robot = "
             '"cell 7, robot A".'
         )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from hashlib import blake2b
+from pathlib import Path
 
 import streamlit as st
 
@@ -18,6 +19,7 @@ from jointid.fleet.row import Row
 from jointid.fleet.table import read_untrusted, to_parquet
 from jointid.ui.shared.messages import show_error, show_warning
 from jointid.ui.shared.workspace import (
+    SAMPLES,
     keep_part,
     noting_problems,
     place_for,
@@ -87,9 +89,14 @@ def open_fleet() -> OpenFleet:
 
 
 def show_samples_button() -> None:
-    """Offer the sample studies as a small fleet."""
-    if sample_paths():
-        st.button("Show the sample studies as a fleet", key="fleet_samples", on_click=_take_samples)
+    """Offer a fleet of one kind of robot over five years, and the sample studies."""
+    with st.container(horizontal=True):
+        if (file := SAMPLES / "fleet.parquet").exists():
+            show, given = "Show a sample fleet, 8 robots over 5 years", (file,)
+            st.button(show, key="sample_fleet", type="primary", on_click=_take_table, args=given)
+        if sample_paths():
+            analyse = "Analyse the sample studies, of different robots"
+            st.button(analyse, key="fleet_samples", on_click=_take_samples)
 
 
 def _current() -> OpenFleet:
@@ -107,10 +114,18 @@ def _take() -> None:
             _add(fleet, file.name, data)
             continue
         try:
-            for row in _read(blake2b(data, digest_size=16).hexdigest(), data):
-                fleet.add(f"{row.content} {row.study}", row)
+            _add_rows(fleet, data)
         except JointIdError as error:
             fleet.problems.append(f"{file.name}: {error}")
+
+
+def _add_rows(fleet: OpenFleet, data: bytes) -> None:
+    for row in _read(blake2b(data, digest_size=16).hexdigest(), data):
+        fleet.add(f"{row.content} {row.study}", row)
+
+
+def _take_table(file: Path) -> None:
+    _add_rows(_current(), file.read_bytes())
 
 
 def _take_samples() -> None:
@@ -234,8 +249,7 @@ def _restore(fleet: OpenFleet) -> None:
         if fleet.rows or (place := place_for(_PART)) is None:
             return
         for entry in store().entries(place)[:1]:
-            for row in _read(entry.digest, store().read(place, entry.id)):
-                fleet.add(f"{row.content} {row.study}", row)
+            _add_rows(fleet, store().read(place, entry.id))
             fleet.saved = entry.digest
     except JointIdError as error:
         fleet.problems.append(f"The fleet that was open at this address cannot be shown. {error}")

@@ -18,7 +18,7 @@ _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
 
 
 def show_headline(rows: Sequence[Row]) -> None:
-    """How many studies, of how many robots, and how they came out."""
+    """Number of studies and robots, and the states of the answers."""
     good = [row for row in rows if row.is_good]
     robots = {row.robot for row in good if row.robot}
     parts = [counted(len(rows), "study")]
@@ -93,33 +93,24 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
         f"distance from the median) and the value's own standard error e. At least {MIN_VALUES} studies "
         "are needed."
     )
-    found = []
-    for spread in spreads:
-        for k in np.flatnonzero(spread.outliers):
-            row = spread.rows[k]
-            value = with_error(float(spread.value[k]), float(spread.error[k]))
-            found.append(
-                (
-                    -abs(float(spread.z[k])),
-                    {
-                        "Study": label(row),
-                        "Robot": row.robot,
-                        "Date": row.date,
-                        "Value": f"{spread.name} = {value}",
-                        "Median": significant(float(spread.centre[k]), 4),
-                        "z": minus(f"{spread.z[k]:+.1f}"),
-                        "State": SIGNS[row.state],
-                    },
-                )
-            )
     if not any(len(spread.rows) >= MIN_VALUES for spread in spreads):
         st.info(f"Outliers need at least {MIN_VALUES} studies.")
         return
+    found = [(spread, k) for spread in spreads for k in np.flatnonzero(spread.outliers)]
     if not found:
         st.success("No outliers of this joint.")
         return
-    found.sort(key=lambda pair: pair[0])
-    columns = {name: [entry[name] for _, entry in found] for name in found[0][1]}
+    found.sort(key=lambda pair: -abs(float(pair[0].z[pair[1]])))
+    rows = [spread.rows[k] for spread, k in found]
+    columns = {
+        "Study": [label(row) for row in rows],
+        "Robot": [row.robot for row in rows],
+        "Date": [row.date for row in rows],
+        "Value": [f"{s.name} = {with_error(float(s.value[k]), float(s.error[k]))}" for s, k in found],
+        "Median": [significant(float(s.centre[k]), 4) for s, k in found],
+        "z": [minus(f"{s.z[k]:+.1f}") for s, k in found],
+        "State": [SIGNS[row.state] for row in rows],
+    }
     table(columns, height=300)
 
 

@@ -6,6 +6,7 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
+from jointid.answer import UNITS
 from jointid.files.study_files import load_study
 from jointid.fleet.row import Row
 from jointid.ui.fleet.files import OpenFleet
@@ -40,6 +41,11 @@ def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
         key="fleet_table",
         on_select=_take_selection,
         selection_mode="single-row",
+        column_config={"Study": st.column_config.Column(pinned=True)},
+    )
+    st.caption(
+        f"K in {UNITS['K']}, D in {UNITS['D']}, seen from the motor, ± one standard error. A table of "
+        "many joints scrolls sideways."
     )
     st.selectbox(
         "Study to look at",

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 import streamlit as st
@@ -20,9 +20,15 @@ from jointid.importing import (
     TimeColumn,
     mapping_to_json,
 )
-from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
+from jointid.importing.columns.units import (
+    ANGLE_UNITS,
+    POSITION_SCALES,
+    QUANTITIES,
+    SAMPLES,
+    TIME_UNITS,
+)
 from jointid.importing.map.guess import propose_joint
-from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR
+from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.reasons import unchanged
 from jointid.ui.importing.steps import go_on
 from jointid.ui.shared.entries import example_hint
@@ -31,12 +37,11 @@ from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.wording import capitalised, enumerated, plain
 
-T = TypeVar("T")
-
 _NO_COLUMN = "no column: number the rows"
+_NO_SENSOR = "none"
 _HELD = {True: "held until the next sample", False: "not held: measured, or interpolated"}
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
-"""How the names of entries begin that the drive's data sheet answers, not the file."""
+"""First parts of the names of entries from the drive's data sheet, not the file."""
 _SWITCHES = {
     ("position", "side"): (JOINT, "Positions measured at the joint, behind the gear"),
     ("torque", "side"): (JOINT, "Torques measured at the joint, behind the gear"),
@@ -75,7 +80,8 @@ class Entries:
         for j in range(n):
             first = self.base.joints[j] if j < self.base.n else self._proposed(joints, used)
             joints.append(self._columns_of(j, first, missing))
-            used |= {joints[j].position.column, joints[j].torque.column}
+            used |= {channel.column for channel in joints[j].channels}
+        joints = self._with_sensors(joints)
         found = Mapping(time, tuple(joints), assumed=self._assumed(n))
         guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(_OF_DRIVES)]
         return self._confirmed("columns", found, missing, [w for w in guesses if w not in missing])
@@ -107,7 +113,7 @@ class Entries:
             if math.isnan(ratios[j]) and JOINT in (channels["position"].side, channels["torque"].side):
                 missing.append(f"gear ratio of joint {j + 1}")
             ratio = 1.0 if math.isnan(ratios[j]) else ratios[j]
-            joints[j] = JointMapping(channels["position"], channels["torque"], ratio)
+            joints[j] = replace(of, **channels, gear_ratio=ratio)
         missing += ["torque hold"] if hold is None else []
         assumed = tuple(what for what in self._assumed(len(joints)) if what.startswith(_OF_DRIVES))
         found = Mapping(columns.time, tuple(joints), bool(hold), delay, assumed)
@@ -148,12 +154,8 @@ class Entries:
         rate = None
         if unit == SAMPLES:
             label, first_rate = "Samples per second (Hz)", base.rate_hz or 1000.0
-            rate = three.number_input(
-                label, 0.0, value=first_rate, format="%g", key=self._id("rate"), persist_state="session"
-            )
-        joints = four.number_input(
-            "Joints", 1, MAX_JOINTS, self.base.n, key=self._id("joints"), persist_state="session"
-        )
+            rate = three.number_input(label, 0.0, value=first_rate, format="%g", **self._kept("rate"))
+        joints = four.number_input("Joints", 1, MAX_JOINTS, self.base.n, **self._kept("joints"))
         return TimeColumn("" if column == _NO_COLUMN else column, unit, rate), int(joints)
 
     def _proposed(self, joints: Sequence[JointMapping], used: set[str]) -> JointMapping:
@@ -180,6 +182,24 @@ class Entries:
             scale = (base.scale or 1.0) if unit in scales else None
             channels.append(Channel(column, unit, scale, base.side, base.sign))
         return JointMapping(channels[0], channels[1], first.gear_ratio)
+
+    def _with_sensors(self, joints: Sequence[JointMapping]) -> list[JointMapping]:
+        """Ask for the columns of second sensors, behind the gears."""
+        given = [j < self.base.n and self.base.joints[j].arm for j in range(len(joints))]
+        if len(self.table.columns) <= 2 * len(joints) + 1:
+            return [*joints]
+        units = [unit for unit in ANGLE_UNITS if unit not in POSITION_SCALES]
+        found = []
+        with st.popover(f"Sensors behind the gears: {sum(map(bool, given)) or _NO_SENSOR}"):
+            for j, joint in enumerate(joints):
+                left, right = st.columns([3, 1.5])
+                base = given[j] or Channel("", "rad", side=JOINT)
+                options, label = [_NO_SENSOR, *self.table.names], f"{capitalised(ARM)} of joint {j + 1}"
+                name = self._select(left, label, options, base.column or _NO_SENSOR, f"arm {j}")
+                unit = self._select(right, f"Unit of {ARM} {j + 1}", units, base.unit, f"arm {j} unit")
+                name = "" if name == _NO_SENSOR else name
+                found.append(replace(joint, arm=replace(base, column=name, unit=unit or "rad")))
+        return found
 
     def _scales(
         self, joints: Sequence[JointMapping], place: DeltaGenerator
@@ -210,15 +230,13 @@ class Entries:
             placeholder="choose",
             help="The torque command of a digital controller is held. A torque lag of half a "
             "sample in the verdict means that this entry is wrong.",
-            key=self._id("held"),
-            persist_state="session",
+            **self._kept("held"),
         )
         delay = right.number_input(
             "Torque acts after its sample by (ms)",
             value=1e3 * self.base.torque_delay_s,
             format="%g",
-            key=self._id("delay"),
-            persist_state="session",
+            **self._kept("delay"),
         )
         return (None if held is None else held == _HELD[True]), float(delay) / 1e3
 
@@ -235,8 +253,7 @@ class Entries:
             selection_mode="multi",
             default=[name for name, channel in of if getattr(channel, field) == value],
             format_func=lambda name: f"joint {name}",
-            key=self._id(f"{role} {field} of {len(joints)}"),
-            persist_state="session",
+            **self._kept(f"{role} {field} of {len(joints)}"),
         )
         return {int(name) - 1 for name in chosen}
 
@@ -261,22 +278,20 @@ class Entries:
         text = place.text_input(
             label + ", one per joint" * (len(joints) > 1),
             "" if set(known) == {"?"} else ", ".join(known),
-            key=self._id(f"{what} {meaning} {len(joints)}"),
             placeholder=example_hint(", ".join(example[: len(joints)])),
             help=help_,
-            persist_state="session",
+            **self._kept(f"{what} {meaning} {len(joints)}"),
         )
-        unknown = dict.fromkeys(joints, math.nan)
         try:
             values = (
                 numbers_in(label, text.replace("?", "nan"), count=len(joints)) if text.strip() else ()
             )
             if any(value == 0 or math.isinf(value) for value in values):
-                raise JointIdError(f"{label}: {text[:60]}. None of them is 0 or infinite.")
+                raise JointIdError(f"{label}: {text[:60]}. Give finite values other than 0.")
         except JointIdError as error:
             show_error(error)
             values = ()
-        return unknown | dict(zip(joints, values, strict=False))
+        return dict.fromkeys(joints, math.nan) | dict(zip(joints, values, strict=False))
 
     def _assumed(self, n: int) -> tuple[str, ...]:
         """Entries of n joints that the file does not state."""
@@ -299,23 +314,20 @@ class Entries:
             st.markdown(f":orange-badge[To check] :small[**{name}:** {markdown_escape(text)}]")
 
     def _select(
-        self, place: DeltaGenerator, label: str, options: Iterable[str], value: str, name: str
+        self, place: DeltaGenerator, label: str, options: Sequence[str], value: str, name: str
     ) -> str:
-        choices = list(options)
-        if st.session_state.get(self._id(name), choices[0]) not in choices:
+        if st.session_state.get(self._id(name), options[0]) not in options:
             del st.session_state[self._id(name)]  # of an earlier version
-        chosen = place.selectbox(
-            label,
-            choices,
-            index=choices.index(value) if value in choices else None,
-            key=self._id(name),
-            placeholder="choose",
-            persist_state="session",
-        )
-        return chosen or ""
+        index = options.index(value) if value in options else None
+        keys = self._kept(name)
+        return place.selectbox(label, options, index, placeholder="choose", **keys) or ""
 
     def _id(self, name: str) -> str:
         return f"import {name} {self.key}"
+
+    def _kept(self, name: str) -> dict[str, Any]:
+        """Arguments of a widget whose value outlives its page."""
+        return {"key": self._id(name), "persist_state": "session"}
 
 
 def _of_joints(names: Sequence[str]) -> str:

@@ -46,7 +46,7 @@ def drop_logs(forget: Callable[[], None], progress: DeltaGenerator) -> list[Log]
     Parameters
     ----------
     forget : callable
-        Clears what was entered for logs that are closed.
+        Clears the entries of logs that are closed.
     progress : DeltaGenerator
         Place for the progress of reading.
     """

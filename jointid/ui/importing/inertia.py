@@ -55,7 +55,7 @@ def ask_inertia(gear_ratios: Sequence[float]) -> KnownRobot | None:
     Raises
     ------
     JointIdError
-        When what was entered is no inertia.
+        When the entries are no inertia.
     """
     source = st.segmented_control(
         "Inertias from",

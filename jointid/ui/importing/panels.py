@@ -37,7 +37,7 @@ from jointid.ui.importing.study import ask_robot
 from jointid.ui.importing.watched_work import StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot
 from jointid.ui.shared.messages import show_error, show_note
-from jointid.ui.shared.method_steps import OVERVIEW
+from jointid.ui.shared.method_steps import OVERVIEW, REPORT
 from jointid.ui.shared.workspace import keep
 from jointid.wording import counted, listed, minus, plain
 
@@ -47,13 +47,13 @@ _WAITS = {
     RUNS: "Sine runs and other motions are found in the log and can be corrected.",
     INERTIAS: "Rotor and arm inertias, and how well they are known.",
 }
-"""What a step asks for, shown while it waits for an earlier one."""
+"""Contents of a step, shown while it waits for an earlier one."""
 _KINDS = {
     "gear ratio": "gear ratios",
     "scale": "rated torques or other scales",
     "torque hold": "torque held or not",
 }
-"""What a missing entry is, by the beginning of its name."""
+"""Description of a missing entry, by the beginning of its name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ def _map_columns(steps: Steps, log: Log) -> Mapping | None:
 
 
 def _map_drives(steps: Steps, log: Log, columns: Mapping) -> Asked | None:
-    """Return the whole mapping with what is missing in it."""
+    """Return the whole mapping with its missing entries."""
     entries, again = entries_of(log.key, log.table)
     if again:
         offer_fresh_guess(log.key, log.table)
@@ -180,8 +180,8 @@ def _choose_runs(
     if shown.key in ready:
         with picture:
             spans = kept[shown.key], dropped[shown.key]
-            figure = log_spans(ready[shown.key], *spans, dark=is_dark())
-            plot(figure, "The log in SI units, motor side, with its sine runs as coloured spans")
+            figure = log_spans(ready[shown.key], *spans, mapping=mapping, dark=is_dark())
+            plot(figure, "The log, motor side, with its sine runs as coloured spans")
     return Runs(ready, kept, bool(problems))
 
 
@@ -251,14 +251,14 @@ def _open_as_study(
             keep(study, robot.name)
             keep_mapping(log.table, mapping)
             forget_import()
-        st.switch_page(OVERVIEW.path)
+        st.switch_page((REPORT if robot.to_report else OVERVIEW).path)
     except JointIdError as error:
         show_error(error)
     return True
 
 
 def _columns_in_words(asked: Asked) -> str:
-    """What the columns step holds, or what it lacks."""
+    """Content of the columns step, or its missing entries."""
     if asked.missing:
         return f"choose: {listed(asked.missing, at_most=3)}"
     time, n = asked.mapping.time, asked.mapping.n
@@ -267,7 +267,7 @@ def _columns_in_words(asked: Asked) -> str:
 
 
 def _drives_in_words(asked: Asked) -> str:
-    """What the drive step holds, or what it lacks."""
+    """Content of the drive step, or its missing entries."""
     m = asked.mapping
     if asked.to_confirm and asked.missing:
         kinds = dict.fromkeys(_KINDS[what.partition(" of ")[0]] for what in asked.missing)

@@ -1,7 +1,7 @@
 """The import in progress, kept at this workspace's address: logs, entries and corrected runs.
 
 Files and a small JSON lie in the store as long as the logs are open: a refresh, a closed tab or a killed
-server loses neither. The JSON holds what was entered, never results.
+server loses neither. The JSON holds the entries, never results.
 """
 
 import json
@@ -23,7 +23,7 @@ from jointid.ui.shared.workspace import keep_part, noting_problems, place_for, s
 _PART = "import"
 _DRAFT = "entries"
 _ENTRY = "import "
-"""How the keys of all entries of the page begin; those of buttons and tables do not."""
+"""Prefixes of the keys of all entries of the page; buttons and tables have others."""
 _WRITTEN = "kept_import"
 _MADE = "import_made"
 _PROBLEM = "import_problem"
@@ -121,7 +121,7 @@ def _write(to: Store, place: str, files: list[Dropped], text: bytes) -> None:
     for file in files:
         if file.digest not in there:
             to.put(place, file.name, file.digest, file.data)
-    to.put(place, "What was entered for the import", _DRAFT, text)
+    to.put(place, "Entries of the import", _DRAFT, text)
     wanted = {_DRAFT, *(file.digest for file in files)}
     for entry in to.entries(place):
         if entry.digest not in wanted:

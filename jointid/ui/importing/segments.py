@@ -10,8 +10,7 @@ import numpy as np
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.importing import MappedLog, Segment, find_runs, measure_run
-from jointid.importing.find.segments import measure_motion
+from jointid.importing import MappedLog, Segment, find_runs, measure_motion, measure_run
 from jointid.ui.importing.rows import SHOWN, Row, last_rows
 from jointid.ui.importing.watched_work import Watch
 from jointid.ui.shared.messages import show_info
@@ -54,7 +53,7 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
     found : mapping of str to sequence of Segment
         By the key of the log.
     names : mapping of str to str
-        What each log is called.
+        Name of each log.
     """
     key = f"import segments {_digest(found)} {st.session_state.get(_SETTLED, 0)}"
     last = last_rows()

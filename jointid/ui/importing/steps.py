@@ -1,4 +1,4 @@
-"""The steps of an import as a list to open: which are done, what is missing, and where one is."""
+"""The steps of an import as a list to open, with their state and missing entries."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -48,7 +48,7 @@ class Steps:
             yield
 
     def tell(self, name: str, done: bool, text: str) -> None:
-        """State whether a step is done, and its content or what it lacks."""
+        """State whether a step is done, and its content or missing entries."""
         self._states[name] = done, text
         if not done and st.session_state.get(_GO_ON, True):
             self._go_to(name)

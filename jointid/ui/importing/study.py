@@ -40,6 +40,8 @@ class Robot:
     """Pose of each log; None: that of ``known.inertia``."""
     facts: dict[str, Any]
     """Robot, date, gear temperature and note."""
+    to_report: bool
+    """Whether to open the report next."""
 
 
 def ask_robot(
@@ -54,16 +56,16 @@ def ask_robot(
     logs : sequence of str
         Names.
     assumed : sequence of str, optional
-        Unconfirmed part of the mapping, shown at the button.
+        Unconfirmed part of the mapping, shown at the buttons.
 
     Returns
     -------
     robot : Robot or None
-        None until the button is clicked and everything is given.
+        None until a button is clicked and everything is given.
     state : str
-        What is given, beginning with M, or what is missing.
+        Given entries, beginning with M, or the missing ones.
     clicked : bool
-        Whether the button was clicked.
+        Whether a button was clicked.
     """
     joints = len(gear_ratios)
     problems: list[str] = []
@@ -82,15 +84,17 @@ def ask_robot(
         known = known if nominal is None else replace(known, nominal=nominal)
     problem = " ".join(problems)
     poses = _ask_poses(known, logs)
-    left, right = st.columns([3, 1], vertical_alignment="bottom")
+    left, middle, right = st.columns([2, 1, 1], vertical_alignment="bottom")
     name = left.text_input(
         "Name of the study",
         key="import name",
         placeholder=(known.name if known else "") or study_name(logs),
         persist_state="session",
     )
-    # The button is above everything of variable height, so that it never moves under a click.
-    clicked = right.button("Open as study", type="primary", width="stretch")
+    # The buttons are above everything of variable height, so that they never move under a click.
+    to_study = middle.button("Open as study", type="primary", width="stretch")
+    to_report = right.button("Open its report", width="stretch")
+    clicked = to_study or to_report
     if assumed:
         st.markdown(
             f":orange-badge[Assumed] :small[{markdown_escape('; '.join(assumed))}. Not confirmed: "
@@ -108,7 +112,7 @@ def ask_robot(
     state = "missing" if known is None else f"M and M2 {deviation_text(inertia_std)}"
     robot = None
     if clicked and not problem and known is not None:
-        robot = Robot(name.strip() or known.name or study_name(logs), known, poses, facts)
+        robot = Robot(name.strip() or known.name or study_name(logs), known, poses, facts, to_report)
     return robot, "to correct" if problem else state, clicked
 
 
@@ -122,7 +126,7 @@ def _answer(problems: list[str], ask: Callable[[], T]) -> T | None:
 
 
 def _ask_deviations(problems: list[str], known: KnownRobot | None) -> tuple[float | None, float | None]:
-    """How well inertias and torque scale are known, unless the TOML states it."""
+    """Ask for the uncertainty of inertias and torque scale, unless the TOML states it."""
     left, right = st.columns(2)
     inertia_std, torque_std = (None, None) if known is None else (known.inertia_std, known.torque_std)
     if inertia_std is None:
@@ -134,7 +138,7 @@ def _ask_deviations(problems: list[str], known: KnownRobot | None) -> tuple[floa
 
 
 def _ask_facts() -> dict[str, Any]:
-    """Which robot it is, when it was measured and how warm, and a note: parameters of ``Study``."""
+    """Ask for robot, date, gear temperature and note: parameters of ``Study``."""
     texts = {
         key: place.text_input(
             label, key=f"import {key}", placeholder=example_hint(example), persist_state="session"

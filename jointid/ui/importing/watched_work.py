@@ -81,7 +81,7 @@ class Watch:
         key : str
             Key of the cache; equal keys have equal results.
         label : str
-            What is being done: "Reading one.csv".
+            Description of the work: "Reading one.csv".
         task : callable
             Gets a function to report the share done, which raises when the job is stopped. It must
             not use streamlit.
@@ -91,7 +91,7 @@ class Watch:
         StoppedError
             When the user has stopped it.
         JointIdError
-            What the task raises.
+            Any error of the task.
         """
         self._number += 1
         outcome = result_cache().get(key)

@@ -22,7 +22,7 @@ from jointid.ui.shared.background import last_seen
 
 PATIENCE_S = float(os.environ.get("JOINTID_PATIENCE_S", 20.0))
 LEAST_BYTES = 20_000
-"""What a client sends or takes at least in ``PATIENCE_S``: more than the longest head of a request."""
+"""Least traffic of a client in ``PATIENCE_S``: more than the longest head of a request."""
 _MOST_CONNECTIONS = 500
 """Fifty tabs with seven connections each; with their sessions below the usual 1024 descriptors."""
 KEPT_S = 3 * PATIENCE_S
@@ -45,7 +45,7 @@ class PatientConnection(H11Protocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Count what the client sends."""
+        """Count the bytes that the client sends."""
         self._received += len(data)
         super().data_received(data)
 

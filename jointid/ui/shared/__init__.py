@@ -1,1 +1,1 @@
-"""What every page uses: page frame, sidebar, workspace, charts, Markdown escaping."""
+"""Shared by all pages: page frame, sidebar, workspace, charts, Markdown escaping."""

@@ -92,27 +92,25 @@ def _computed(
     mine = object()
     _asked.add(mine)
     try:
-        return _in_turn(session, compute, *given, **named)
+        progress: Any = named.pop("progress", None)
+        function: Callable[..., Found] = partial(compute, **named) if named else compute
+        with suppress(NoWorkerError):
+            found: Found = _pool().call(function, *given, progress=progress, patience_s=_PATIENCE_S)
+            return found
+        return _computed_here(session, partial(function, *given), progress)
     finally:
         _asked.discard(mine)
 
 
-def _in_turn(
-    session: str, compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
-) -> Found:
+def _computed_here(session: str, compute: Callable[..., Found], progress: Any) -> Found:
+    """Compute in this process; the second session starts the workers."""
     global _at_work
-    progress: Any = named.pop("progress", None)
-    function: Callable[..., Found] = partial(compute, **named) if named else compute
-    pool = _pool()
-    with suppress(NoWorkerError):
-        found: Found = pool.call(function, *given, progress=progress, patience_s=_PATIENCE_S)
-        return found
     if session != _at_work != "":
-        pool.start()
+        _pool().start()
     _at_work = session
     mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # bounded: a turn may be long
     try:
-        return function(*given) if progress is None else function(*given, progress=progress)
+        return compute() if progress is None else compute(progress=progress)
     finally:
         if mine:
             _turn.release()

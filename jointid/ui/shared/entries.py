@@ -1,4 +1,4 @@
-"""Entries of forms, kept in the address; questions for the uncertainty of what is given."""
+"""Entries of forms, kept in the address; questions for the uncertainty of given values."""
 
 import math
 import re
@@ -21,8 +21,8 @@ _INERTIAS = ("exact", "± 1 %", "± 3 %", "± 5 %", "± 10 %", "± 30 %", "unkno
 _NOT_STATED = "not stated"
 _TORQUES = (_NOT_STATED, "exact", "± 1 %", "± 2 %", "± 5 %", "± 10 %", "unknown")
 _INERTIA_HELP = (
-    "Relative standard deviation of M and M2. The fit corrects them within it; unknown: they only start "
-    "the fit. Choose, or type a percentage."
+    "Relative standard deviation of M and M2. The fit corrects M and M2 within it; unknown: they only "
+    "start the fit. Choose, or type a percentage."
 )
 _TORQUE_HELP = (
     "Relative standard deviation of the torque constant of each motor. K and D scale with it; without a "
@@ -113,7 +113,7 @@ def ask_inertia_std(place: DeltaGenerator, key: str, default: float) -> float:
     Raises
     ------
     JointIdError
-        When what was typed is no percentage.
+        When the entry is no percentage.
     """
     label = "How well M and M2 are known"
     text = _ask(place, label, _INERTIAS, _INERTIAS.index(deviation_text(default)), key, _INERTIA_HELP)
@@ -126,7 +126,7 @@ def ask_torque_std(place: DeltaGenerator, key: str) -> float | None:
     Raises
     ------
     JointIdError
-        When what was typed is no percentage.
+        When the entry is no percentage.
     """
     label = "How well the torque scale is known"
     text = _ask(place, label, _TORQUES, 0, key, _TORQUE_HELP)

@@ -29,7 +29,9 @@ h2 { font-size: 1.75rem !important; }
 [data-testid="stCode"] code span { color: inherit !important; }
 :is(a, button, input, textarea, summary, main, [tabindex]):focus-visible {
   outline: 2px solid %s !important; outline-offset: 1px; }
-@media (max-width: 640px) {  /* two cards in a row on a phone */
+[data-testid="stMain"] [data-testid="stPageLink-NavLink"] p { text-decoration: underline; }
+@media (max-width: 640px) {  /* two cards in a row on a phone; a value and its error in two lines */
+  [data-testid="stTable"] td + td { min-width: 6rem; }
   [data-testid="stElementContainer"]:has(> [data-testid="stMetric"]) {
     width: calc(50%% - 0.5rem) !important; min-width: 0 !important; flex: none !important; }
   [data-testid="stMetric"] { padding: 0.6rem !important; min-width: 0 !important; }
@@ -55,7 +57,7 @@ class Page:
     method: str
     """The estimator chosen for the whole study."""
     unit: str
-    """How K and D are shown, one of ``STIFFNESS_UNITS``."""
+    """Unit of K and D, one of ``STIFFNESS_UNITS``."""
     dark: bool
     """Whether the theme is dark."""
 
@@ -79,7 +81,7 @@ class Page:
             Identifies the figure within the study: its kind and everything it depends on.
         draw : callable
         """
-        return _figure(self.digest, self.method, self.dark, what, draw)
+        return _figure(self.digest, (self.method, self.unit, self.dark), what, draw)
 
     def show(self, what: str, draw: Callable[[], Any], description: str) -> None:
         """Show a figure from the cache, see ``drawn``, with a text for those who cannot see it."""
@@ -135,7 +137,7 @@ class Page:
 
 
 @st.cache_resource(max_entries=400, show_spinner=False)
-def _figure(digest: str, method: str, dark: bool, what: str, _draw: Callable[[], Any]) -> Any:
+def _figure(digest: str, shown: tuple[str, str, bool], what: str, _draw: Callable[[], Any]) -> Any:
     return _draw()
 
 

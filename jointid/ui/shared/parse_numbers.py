@@ -19,7 +19,7 @@ def numbers_in(name: str, text: str, *, count: int | None = None) -> tuple[float
     Parameters
     ----------
     name : str
-        What it is, for messages.
+        Name of the entry, for messages.
     text : str
         Numbers with decimal points, separated by commas, blanks or semicolons; or with decimal commas,
         separated by blanks or semicolons only.

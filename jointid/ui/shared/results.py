@@ -9,6 +9,7 @@ from collections.abc import Callable, Hashable, Mapping
 from concurrent.futures import Future
 from functools import partial
 from threading import Lock
+from time import monotonic
 from typing import Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
@@ -17,12 +18,14 @@ from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
 from jointid.ui.shared.background import submit
-from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.messages import show_error, show_progress
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
 _MOST_BYTES = 1 << 30
 _LIMIT_BYTES = 4 << 30
+_PATIENCE_S = 0.5
+"""After this time the remaining time is shown."""
 _ALWAYS_KEPT = 64
 """Latest results, kept up to the limit: a page needs those of its last run."""
 
@@ -115,14 +118,19 @@ def result_cache() -> ResultCache:
     return ResultCache()
 
 
+Show = Callable[[float, str], None]
+"""Shows the finished share of a computation, and what it does."""
+
+
 def computed_on_click(
     key: Hashable,
     label: str,
     name: str,
-    compute: Callable[[DeltaGenerator], Found],
+    compute: Callable[[Show], Found],
     *,
     hint: str = "",
     kind: Literal["primary", "secondary"] = "secondary",
+    at_once: bool = False,
 ) -> Found | None:
     """Return a kept result, or compute it after a click, with a progress bar and a button to stop.
 
@@ -133,9 +141,11 @@ def computed_on_click(
     label, name : str
         Text and key of the button.
     compute : callable
-        Given the progress bar; its error is shown.
+        Given a function that shows progress; its error is shown.
     hint, kind : str
         Help and look of the button.
+    at_once : bool
+        Compute without a click, unless this computation was stopped.
 
     Returns
     -------
@@ -145,20 +155,38 @@ def computed_on_click(
     found: Found | None = result_cache().get(key)
     if found is not None:
         return found
-    place = st.empty()
-    if not place.button(label, key=name, help=hint or None, type=kind):
+    place, stopped = st.empty(), f"{name} stopped"
+    waits = not at_once or st.session_state.get(stopped) == key
+    if waits and not place.button(label, key=name, help=hint or None, type=kind):
         return None
     with place.container():
         bar = st.progress(0.0, "Computing")
-        st.button("Stop", key=f"{name}_stop", help="Stops the computation and discards it.")
+        st.button(
+            "Stop",
+            key=f"{name}_stop",
+            help="Stops the computation and discards it.",
+            on_click=lambda: st.session_state.update({stopped: key}),
+        )
     try:
-        found = compute(bar)
+        found = compute(_steps_at(bar))
     except JointIdError as error:
         show_error(error, place)
         return None
     result_cache().put(key, found)
     place.empty()
     return found
+
+
+def _steps_at(bar: DeltaGenerator) -> Show:
+    """Return a function that shows progress with an estimate of the time left."""
+    began = monotonic()
+
+    def show(done: float, what: str) -> None:
+        taken = monotonic() - began
+        left = f", {taken * (1 - done) / done:.0f} s left" if taken > _PATIENCE_S and done > 0.05 else ""
+        show_progress(done, f"{what}: {done:.0%}{left}", bar)
+
+    return show
 
 
 def size_bytes(value: object, counted: set[int] | None = None) -> int:

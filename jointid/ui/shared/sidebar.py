@@ -16,6 +16,8 @@ from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_p
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
 _ARRIVED = "arrived_study"
+_STATES = {"swapped torques": " (not usable)"}
+"""What the list says of a sample besides its name."""
 
 
 def choose_study() -> tuple[str, str, str] | None:
@@ -46,9 +48,9 @@ def choose_study() -> tuple[str, str, str] | None:
             list(STIFFNESS_UNITS),
             key="unit",
             bind="query-params",
-            help="For the answer, its report and every table of K and D. Through a gear ratio N, a "
-            "stiffness K at the motor is N² K at the joint. Figures, gear laws and files stay at the "
-            "motor, in SI units.",
+            help="For the answer, its report, and all tables and figures of K, D and the gears. Through "
+            "a gear ratio N, a stiffness K at the motor is N² K at the joint. Records, phasors, H and "
+            "files stay at the motor, in SI units.",
         )
         equip_page()
     return None if key is None else (key, method, unit)
@@ -70,10 +72,13 @@ def _choose() -> str | None:
     st.selectbox(
         "Study",
         list(names.values()),
+        format_func=lambda name: name + _STATES.get(name, ""),
         key="study",
         on_change=_take_choice,
         disabled=not names,
-        help="Studies opened, simulated or imported at this address, and the samples.",
+        help="Studies opened, simulated or imported at this address, and the samples. All samples are "
+        "usable but swapped torques, which shows what a failed study looks like. Commands take the "
+        "name of a sample with or without underscores: six_axes.",
     )
     if chosen is not None:
         set_in_address("study", chosen)

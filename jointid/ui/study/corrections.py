@@ -99,7 +99,7 @@ def _look_at(chosen: tuple[str, str] | None) -> None:
 
 
 def _apply(page: Page, study: Study) -> None:
-    """Keep the corrected study and show it; the workspace remembers what it was made from."""
+    """Keep the corrected study and show it; the workspace remembers its origin."""
     digest, before = study_digest(study), str(st.session_state["chosen"])
     keep(study, page.key.removesuffix(_SUFFIX) + _SUFFIX)
     with noting_problems("The change can be undone in this session only. "):

@@ -35,7 +35,7 @@ Deviations at some frequencies only indicate friction, a torque delay or wrong i
 
 def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
     """Return the figures that a study allows by their names, the torsion curves first."""
-    fit, dark, nominal = analysis.fit, page.dark, page.study.nominal
+    fit, unit, dark, nominal = analysis.fit, analysis.unit, page.dark, page.study.nominal
     only_sines = not page.study.motion_records  # most figures look at every sine separately
     pose = next(iter(analysis.transfer_matrices), "")
     poses = [record.pose or "" for record in analysis.study.records]
@@ -57,12 +57,12 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
         ),
         "Dynamic stiffness": lambda: show(
             "Dynamic stiffness of joint {0}",
-            lambda j: dynamic_stiffness(fit, j, nominal, dark=dark),
+            lambda j: dynamic_stiffness(fit, j, nominal, unit=unit, dark=dark),
             _DYNAMIC_STIFFNESS,
         ),
         "K over amplitude": lambda: show(
             "Stiffness of joint {0} over the torque amplitude of the records",
-            lambda j: stiffness_over_amplitude(fit, j, poses, dark=dark),
+            lambda j: stiffness_over_amplitude(fit, j, poses, unit=unit, dark=dark),
             "K of each record over its torque amplitude. A linear gear gives a level line; hardening "
             "raises K at large torque, hysteresis at small torque, and play lowers it there.",
         ),
@@ -86,15 +86,16 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
 def _show_torsion(page: Page, analysis: Analysis) -> None:
     st.caption(
         "Torque through the gear over its wind-up, from motor data alone. The slope of the blue line is "
-        "K; damping opens the loops, one per record or segment, drawn with ± two standard errors."
+        "K; damping opens the loops, one per record, drawn with ± two standard errors. Motions appear "
+        "as dots."
     )
     by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
     joints = page.show_per_joint(
         f"torsion {by}",
-        lambda j: torsion_curve(analysis.fit, j, colour_by=by, dark=page.dark),
+        lambda j: torsion_curve(analysis.fit, j, colour_by=by, unit=analysis.unit, dark=page.dark),
         "Torsion curve of joint {0}, torque over wind-up with the fitted law",
     )
-    each = [gear_terms(analysis.fit, j) for j in joints]
+    each = [gear_terms(analysis.fit, j, analysis.unit) for j in joints]
     names = dict.fromkeys(name for terms in each for name in terms)
     show_text_table(
         {"Gear": list(names)}

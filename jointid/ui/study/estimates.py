@@ -37,7 +37,7 @@ def show_estimates(analysis: Analysis) -> None:
 
 
 def show_fitted_model(fit: ElasticityFit) -> None:
-    """The model, what was fitted in addition to K and D, and the compared models."""
+    """The model, the effects fitted in addition to K and D, and the compared models."""
     st.write(f"Fitted model: {model_name(fit)}.")
     if further := further_quantities(fit):
         names, shown = [q.name for q in further], [q.shown for q in further]

@@ -77,7 +77,7 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
 
 
 def show_how_well_known(matrix: TransferMatrix, i: int, j: int, *, dark: bool) -> None:
-    """Condition and reciprocity over frequency, what was rejected, and H_ij as numbers."""
+    """Condition and reciprocity over frequency, rejected frequencies, and H_ij as numbers."""
     if matrix.H.shape[1] > 1:
         st.header("How well H is known", anchor=False)
         st.write(

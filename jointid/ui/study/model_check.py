@@ -6,10 +6,12 @@ import streamlit as st
 from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
+from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, plot, side_by_side
 from jointid.ui.shared.messages import show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.uncertainty.poses import PoseFits, fits_by_pose
+from jointid.uncertainty.torque_prediction import TorquePrediction, predict_torques
 from jointid.uncertainty.validation import (
     Prediction,
     amplitude_dependence,
@@ -22,14 +24,12 @@ from jointid.wording import significant, with_error
 
 
 @st.cache_resource(max_entries=64, show_spinner="Fitting half of the frequencies, predicting the other")
-def _prediction(digest: str, method: str, _analysis: Analysis) -> Prediction:
-    inertias = _analysis.study.inertias
-    if any(inertia is not inertias[0] for inertia in inertias):
-        raise JointIdError(
-            "The records come from several poses, so that there is no single H to predict. The tab "
-            "Poses on the page Elasticity compares K and D of each pose alone."
-        )
-    return predict_left_out(_analysis.phasors, inertias[0], _analysis.fit)
+def _predicted(digest: str, method: str, _analysis: Analysis) -> Prediction | TorquePrediction:
+    """H of one pose; of motions and several poses, which have no single H, the torques of the gears."""
+    study = _analysis.study
+    if study.motion_records or any(inertia is not study.inertias[0] for inertia in study.inertias):
+        return run_in_background(predict_torques, _analysis.fit)
+    return predict_left_out(_analysis.phasors, study.inertias[0], _analysis.fit)
 
 
 @st.cache_resource(max_entries=64, show_spinner="Fitting every pose alone")
@@ -40,27 +40,24 @@ def _pose_fits(digest: str, method: str, _analysis: Analysis) -> PoseFits:
 
 
 def show_prediction(page: Page, analysis: Analysis) -> None:
-    """How well the model predicts records that are left out of the fit, or why that is not known."""
+    """Prediction of what is left out of the fit, or the reason why there is none."""
     if analysis.state == NOT_USABLE:
         return
     try:
-        if page.study.motion_records:
-            raise JointIdError("One motion covers all frequencies, so that none can be left out.")
-        text = f"Records left out of the fit are predicted {_sentence(_predicted(page, analysis))}"
+        prediction = _predicted(page.digest, page.method, analysis)
     except JointIdError as error:
-        text = f"No prediction of records left out of the fit. {error}"
-    show_note(text)
+        show_note(f"No prediction of records left out of the fit. {error}")
+        return
+    what = "Frequencies" if isinstance(prediction, TorquePrediction) else "Records"
+    show_note(f"{what} left out of the fit are predicted {_sentence(prediction)}")
 
 
-def _predicted(page: Page, analysis: Analysis) -> Prediction:
-    return _prediction(page.digest, page.method, analysis)
-
-
-def _sentence(prediction: Prediction) -> str:
+def _sentence(prediction: Prediction | TorquePrediction) -> str:
     """Size of the deviation, judged as the verdict judges the misfit of all records."""
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
-    text = f"within {apart} % of H (median), {times} × the stated errors"
+    of = "the gears' torque" if isinstance(prediction, TorquePrediction) else "H"
+    text = f"within {apart} % of {of} (median), {times} × the stated errors"
     if prediction.misfit <= EXPLAINED:
         return f"{text}; noise explains up to {limit}."
     return (
@@ -73,13 +70,14 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
     """Prediction, residuals and harmonics; amplitudes when a study has several."""
     st.markdown("**Prediction of records left out of the fit**")
     try:
-        prediction = _predicted(page, analysis)
+        prediction = _predicted(page.digest, page.method, analysis)
     except JointIdError as error:
         show_info(error)
     else:
         st.caption(f"Fits to every second frequency predict the others {_sentence(prediction)}")
-        what = "Measured and predicted H over frequency, and their relative difference"
-        plot(left_out_prediction(prediction, dark=page.dark), what, key="left_out")
+        if isinstance(prediction, Prediction):
+            what = "Measured and predicted H over frequency, and their relative difference"
+            plot(left_out_prediction(prediction, dark=page.dark), what, key="left_out")
 
     st.markdown("**Residual of each record**")
     residuals = record_residuals(analysis.phasors, analysis.fit)

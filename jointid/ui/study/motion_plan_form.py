@@ -14,6 +14,7 @@ from jointid.ui.shared.entries import applied, enter_number, enter_text
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.shared.results import Show, computed_on_click
 from jointid.ui.study.plan_form import percent, pose_inertia
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
 from jointid.wording import significant
@@ -40,26 +41,27 @@ class MotionSettings:
     """Position from the middle, velocity and torque."""
 
 
-@st.cache_resource(max_entries=64, show_spinner="Simulating the motions, predicting their errors")
-def _planned(
-    digest: str, method: str, settings: MotionSettings, _analysis: Analysis
-) -> tuple[PlannedMotion, ...]:
-    study = _analysis.study
-    pose = study.records[0].pose or ""
+def _planned(settings: MotionSettings, analysis: Analysis, show: Show) -> tuple[PlannedMotion, ...]:
+    study = analysis.study
     limits = MotionLimits(*(np.array(each) for each in settings.limits))
-    band = settings.from_hz, settings.to_hz
-    return tuple(
-        run_in_background(
-            plan_motion,
-            _analysis.fit,
-            pose_inertia(_analysis, pose),
-            Motion(kind, *band, settings.seconds, odd=kind == "multisine"),
-            limits,
-            interval_s=study.records[0].interval_s,
-            records=settings.records,
+    plans = []
+    for k, (kind, name) in enumerate(_KINDS.items()):
+        show(k / len(_KINDS), f"{name}: simulating the robot, predicting the errors")
+        motion = Motion(
+            kind, settings.from_hz, settings.to_hz, settings.seconds, odd=kind == "multisine"
         )
-        for kind in _KINDS
-    )
+        plans.append(
+            run_in_background(
+                plan_motion,
+                analysis.fit,
+                pose_inertia(analysis, study.records[0].pose or ""),
+                motion,
+                limits,
+                interval_s=study.records[0].interval_s,
+                records=settings.records,
+            )
+        )
+    return tuple(plans)
 
 
 def show_motion_plan(page: Page, analysis: Analysis) -> None:
@@ -71,11 +73,20 @@ def show_motion_plan(page: Page, analysis: Analysis) -> None:
     )
     try:
         settings = _ask(page, analysis)
-        if settings is None:
-            return
-        plans = _planned(page.digest, page.method, settings, analysis)
     except JointIdError as error:
         show_error(error)
+        return
+    if settings is None:
+        st.caption("Predict simulates and analyses both motions: a few seconds, longer with friction.")
+        return
+    plans = computed_on_click(
+        ("motion plan", page.digest, page.method, settings),
+        "Simulate these motions",
+        "motion_plan",
+        lambda show: _planned(settings, analysis, show),
+        at_once=True,
+    )
+    if plans is None:
         return
     show_text_table(plan_table(plans))
     st.caption(

@@ -124,7 +124,7 @@ def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
         border=True,
         width=_TILE_WIDTH,
         help=f"{what} of joint {k % n + 1} {analysis.unit.side}. {ERROR_BARS} "
-        "Nominal: assumed by the controller at present.",
+        "Nominal: in the controller at present.",
     )
 
 

@@ -6,13 +6,14 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, Inertia, JointIdError
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Floats
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, Table
 from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.shared.results import computed_on_click
 from jointid.ui.study.uncertainty_panels import plus_minus
 from jointid.uncertainty.information import planning_model
 from jointid.uncertainty.plan import (
@@ -23,7 +24,8 @@ from jointid.uncertainty.plan import (
     predict_standard_errors,
     suggest_records,
 )
-from jointid.wording import UNDETERMINED, minus, significant
+from jointid.uncertainty.planned_records import phase_deg, phasor_text
+from jointid.wording import UNDETERMINED, significant
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     Raises
     ------
     JointIdError
-        When what was entered is no list of positive numbers.
+        When the entry is no list of positive numbers.
     """
     study, n = analysis.study, analysis.fit.n
     torque, velocity = largest_so_far(analysis)
@@ -96,32 +98,39 @@ def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
     return analysis.study.poses[pose] if pose else analysis.study.inertia
 
 
-@st.cache_resource(max_entries=64, show_spinner="Comparing records at every frequency and phase")
-def suggestion(digest: str, method: str, settings: PlanSettings, _analysis: Analysis) -> Suggestion:
-    """Choose the records that would cut the worst error bar most."""
-    return run_in_background(
-        suggest_records,
-        _analysis.phasors,
-        _analysis.study.inertias,
-        _analysis.fit,
-        count=settings.count,
-        duration_s=settings.seconds,
-        torque_limit_Nm=settings.torque_Nm,
-        velocity_limit_rad_s=settings.velocity_rad_s,
-        highest_hz=0.25 / max(record.interval_s for record in _analysis.study.records),
-        planned_inertia=pose_inertia(_analysis, settings.pose),
+def suggestion(page: Page, settings: PlanSettings, analysis: Analysis) -> Suggestion | None:
+    """Choose the records that reduce the worst error bar most; None after an error or a stop."""
+    interval_s = max(record.interval_s for record in analysis.study.records)
+    return computed_on_click(
+        ("plan", page.digest, page.method, settings),
+        "Search for the records",
+        "plan_search",
+        lambda show: run_in_background(
+            suggest_records,
+            analysis.phasors,
+            analysis.study.inertias,
+            analysis.fit,
+            count=settings.count,
+            duration_s=settings.seconds,
+            torque_limit_Nm=settings.torque_Nm,
+            velocity_limit_rad_s=settings.velocity_rad_s,
+            highest_hz=0.25 / interval_s,
+            planned_inertia=pose_inertia(analysis, settings.pose),
+            progress=lambda done: show(done, "Comparing records at every frequency and phase"),
+        ),
+        at_once=True,
     )
 
 
 def suggested_table(found: Suggestion) -> Table:
     """One row per record, for reading."""
     records, n = found.records, found.records.torque_Nm.shape[1]
-    turned = _from_first_joint(records.torque_Nm)
+    turned, _ = records.relative
     columns: dict[str, list[object]] = {
         "Frequency (Hz)": [significant(f, 4) for f in records.frequency_hz.tolist()]
     }
     for j in range(n):
-        columns[f"Torque {j + 1} (N·m)"] = [_phasor(y) for y in turned[:, j].tolist()]
+        columns[f"Torque {j + 1} (N·m)"] = [phasor_text(y) for y in turned[:, j].tolist()]
     for j in range(n):
         velocity = records.velocity_rad_s[:, j].tolist()
         columns[f"Velocity {j + 1} (rad/s)"] = [significant(v, 3) for v in velocity]
@@ -138,13 +147,10 @@ def suggested_columns(found: Suggestion) -> Table:
     """The same as plain numbers with motor angles, for a file."""
     records = found.records
     columns: dict[str, list[float]] = {"frequency_hz": records.frequency_hz.tolist()}
-    reference = _first_phase(records.torque_Nm)[:, None]
-    for what, values in (("torque", records.torque_Nm), ("angle", records.angle_rad)):
-        turned = values * np.exp(-1j * reference)
-        unit = "Nm" if what == "torque" else "rad"
+    for what, unit, values in zip(("torque", "angle"), ("Nm", "rad"), records.relative, strict=True):
         for j in range(values.shape[1]):
-            columns[f"{what}_m{j + 1}_{unit}"] = np.abs(turned[:, j]).tolist()
-            columns[f"{what}_m{j + 1}_phase_deg"] = _degrees(turned[:, j]).tolist()
+            columns[f"{what}_m{j + 1}_{unit}"] = np.abs(values[:, j]).tolist()
+            columns[f"{what}_m{j + 1}_phase_deg"] = phase_deg(values[:, j]).tolist()
     for j, speed in enumerate(records.velocity_rad_s.T):
         columns[f"velocity_m{j + 1}_rad_s"] = speed.tolist()
     columns["duration_s"] = records.duration_s.tolist()
@@ -164,7 +170,10 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
     errors = _predicted(page.digest, page.method, pose, content(plan), plan, analysis)
     show_text_table(predicted_table(errors, analysis))
-    st.caption(f"K and D {analysis.unit.side}.")
+    st.caption(
+        f"K and D {analysis.unit.side}. This plan alone: as if its records were the whole study. Both "
+        "together: its records in addition to those of the study."
+    )
     return plan
 
 
@@ -174,10 +183,10 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
         "Frequency (Hz)": [float(f"{f:.4g}") for f in found.records.frequency_hz],
         "Length (s)": found.records.duration_s.tolist(),
     }
-    turned = _from_first_joint(found.records.torque_Nm)
+    turned, _ = found.records.relative
     for j in range(turned.shape[1]):
         start[f"Torque {j + 1} (N·m)"] = [float(f"{x:.3g}") for x in np.abs(turned[:, j])]
-        start[f"Phase {j + 1} (°)"] = [float(round(x)) for x in _degrees(turned[:, j])]
+        start[f"Phase {j + 1} (°)"] = [float(round(x)) for x in phase_deg(turned[:, j])]
     number = st.column_config.NumberColumn
     edited = st.data_editor(
         start,
@@ -253,31 +262,3 @@ def predicted_table(errors: PredictedErrors, analysis: Analysis) -> Table:
 def percent(error: float) -> str:
     """Relative error in per cent."""
     return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED
-
-
-def _first_phase(torque: Complexes) -> Floats:
-    """Phase of the first joint that is driven, by record."""
-    driven = np.abs(torque) > 1e-6 * np.abs(torque).max(axis=1, keepdims=True)
-    first = driven.argmax(axis=1)
-    return np.asarray(np.angle(torque[np.arange(first.size), first]))
-
-
-def _from_first_joint(torque: Complexes) -> Complexes:
-    """Only the phases between the joints matter: the first driven one gets 0."""
-    turned = torque * np.exp(-1j * _first_phase(torque))[:, None]
-    small = np.abs(turned) < 1e-6 * np.abs(turned).max(axis=1, keepdims=True)
-    return np.asarray(np.where(small, 0.0, turned))
-
-
-def _degrees(values: Complexes) -> Floats:
-    """Phase from 0° to 359.5°: an editable grid has no typographic minus."""
-    angle = np.degrees(np.angle(values)) % 360
-    return np.asarray(np.where(angle < 359.5, angle, 0.0))
-
-
-def _phasor(value: complex) -> str:
-    size = abs(value)
-    if size == 0:
-        return "0"
-    angle = float(_degrees(np.array([value]))[0])
-    return minus(f"{significant(size, 3)} ∠ {round(angle) + 0}°")

@@ -1,7 +1,5 @@
 """The report: made on demand, offered as files, and shown on the page."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from html import escape
 
 import streamlit as st
@@ -11,16 +9,7 @@ from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.results import computed_on_click
-from jointid.ui.study.uncertainty_panels import steps_at
-
-
-@dataclass(frozen=True)
-class MadeReport:
-    """A report as HTML and as PDF."""
-
-    html: str
-    pdf: bytes
+from jointid.ui.shared.results import Show, computed_on_click
 
 
 def show_report(page: Page, analysis: Analysis, stem: str) -> None:
@@ -29,19 +18,21 @@ def show_report(page: Page, analysis: Analysis, stem: str) -> None:
         ("report", page.digest, page.method, page.unit),
         "Make the report",
         "make_report",
-        lambda bar: _write(analysis, steps_at(bar)),
+        lambda show: _write(analysis, show),
         kind="primary",
     )
     if made is None:
         return
+    html, pdf = made
     with st.container(horizontal=True):
-        download("Report as PDF", made.pdf, f"{stem}_report.pdf", "application/pdf", kind="primary")
-        download("Report as HTML", made.html, f"{stem}_report.html", "text/html")
+        download("Report as PDF", pdf, f"{stem}_report.pdf", "application/pdf", kind="primary")
+        download("Report as HTML", html, f"{stem}_report.html", "text/html")
     with st.expander("Preview"):
-        preview(made.html, height=700)
+        preview(html, height=700)
 
 
-def _write(analysis: Analysis, progress: Callable[[float, str], object]) -> MadeReport:
+def _write(analysis: Analysis, progress: Show) -> tuple[str, bytes]:
+    """Return the report as HTML and as PDF."""
     report = run_in_background(
         make_report, analysis, progress=lambda done, what: progress(0.6 * done, what)
     )
@@ -50,7 +41,7 @@ def _write(analysis: Analysis, progress: Callable[[float, str], object]) -> Made
     paper = "Preparing the PDF report"
     progress(0.65, paper)
     pdf = run_in_background(to_pdf, report, progress=lambda done: progress(0.65 + 0.35 * done, paper))
-    return MadeReport(html, pdf)
+    return html, pdf
 
 
 def preview(html: str, *, height: int) -> None:

@@ -1,8 +1,7 @@
 """The form of a simulated robot, and its study."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import streamlit as st
@@ -48,7 +47,7 @@ _M2_HELP = (
 )
 _WRONG_HELP = (
     "The given inertias differ from the robot's by this much, each up or down at random; the fit must "
-    "correct them."
+    "correct the inertias."
 )
 _GAIN_HELP = (
     "1.05: the log shows 5 % more torque than the motors make. One number for all joints, or one each."
@@ -94,47 +93,22 @@ _ADDED_HELP = (
 )
 
 
-@dataclass(frozen=True)
-class Settings:
-    """A robot and its experiments."""
+class Simulation(NamedTuple):
+    """A robot and its experiments, as ``simulate_campaign`` takes them, and what their study states."""
 
-    inertia: Inertia
-    elasticity: Elasticity
-    frequencies_hz: tuple[float, ...]
-    pattern: str
-    """Of ``Excitation``, or the kind of a ``Motion``."""
-    seconds: float
-    bandwidth_hz: float
-    coulomb_Nm: tuple[float, ...]
-    viscous_Nms: tuple[float, ...]
-    encoder_counts: int | None
-    torque_noise_Nm: float
-    seed: int
-    inertia_error: float
-    """Share by which the study's inertias differ from the robot's."""
-    torque_gain: tuple[float, ...]
-    """Logged over true torque, by joint."""
-    added: tuple[tuple[float, ...], ...]
-    """Addition to M2 by the known payload of a second set of records; empty without one."""
-    gears: tuple[Gear, ...]
-    """Laws of the gears in addition to K and D."""
-    inertia_std: float
-    torque_std: float | None
-
-    @property
-    def records(self) -> int:
-        """Number of records without payload."""
-        n = self.inertia.n
-        return max(n, 2) if self.pattern in KINDS else len(self.frequencies_hz) * n
+    campaign: dict[str, Any]
+    study: dict[str, Any]
+    records: int
+    """Number of all records."""
 
 
-def ask() -> Settings | None:
-    """Draw the form and return its settings when it was sent.
+def ask() -> Simulation | None:
+    """Draw the form and return the simulation when it was sent.
 
     Raises
     ------
     JointIdError
-        When what was entered is no robot or no experiment.
+        When the entries are no robot or no experiment.
     """
     left, right = st.columns(2)
     left.markdown("**The robot, seen from the motors**")
@@ -151,7 +125,7 @@ def ask() -> Settings | None:
         key: enter_number(place, f"sim_{key}", *entry)
         for place, (key, entry) in zip(places, _EXPERIMENTS.items(), strict=True)
     }
-    st.markdown("**What the study states**")
+    st.markdown("**Stated in the study**")
     left, right = st.columns(2)
     wrong = enter_number(left, "sim_wrong", "Error of the inertias (%)", 0.0, (0.0, 90.0), _WRONG_HELP)
     inertia_std = ask_inertia_std(right, "sim_inertia_std", INERTIA_STD)
@@ -169,29 +143,50 @@ def ask() -> Settings | None:
             f"Last frequency {last:g} Hz lies below the first, {first:g} Hz: exchange them."
         )
     rotors = numbers_in("Rotor inertias M", text["M"])
-    joints = len(rotors)
-    return Settings(
-        inertia=Inertia(rotors, matrix_in("Arm inertia M2", text["M2"])),
-        elasticity=Elasticity(numbers_in("Stiffness K", text["K"]), numbers_in("Damping D", text["D"])),
-        frequencies_hz=tuple(np.geomspace(first, last, int(number["count"])).round(4).tolist()),
-        pattern=_RECORDS[pattern],
-        seconds=float(number["seconds"]),
-        bandwidth_hz=float(number["bandwidth"]),
-        coulomb_Nm=numbers_in("Coulomb friction", text["coulomb"], count=joints),
-        viscous_Nms=numbers_in("Viscous friction", text["viscous"], count=joints),
-        encoder_counts=int(number["counts"]) or None,
-        torque_noise_Nm=float(number["noise"]),
-        seed=int(number["seed"]),
-        inertia_error=float(wrong) / 100,
-        torque_gain=numbers_in("Logged torque / true torque", gain, count=joints),
-        added=tuple(matrix_in("Addition to M2", added)) if added.strip() else (),
-        gears=_gears(laws, joints),
-        inertia_std=inertia_std,
-        torque_std=torque_std,
-    )
+    joints, kind, seconds = len(rotors), _RECORDS[pattern], float(number["seconds"])
+    K, D = numbers_in("Stiffness K", text["K"]), numbers_in("Damping D", text["D"])
+    coulomb = numbers_in("Coulomb friction", text["coulomb"], count=joints)
+    frequencies = np.geomspace(first, last, int(number["count"])).round(4).tolist()
+    if kind in KINDS:
+        records = max(joints, 2)
+        motion = Motion(kind, frequencies[0], frequencies[-1], seconds, odd=kind == "multisine")
+        experiment: dict[str, Any] = {"experiment": motion, "records": records}
+    else:
+        records = len(frequencies) * joints
+        sines = Excitation(pattern=kind, duration_s=seconds)
+        experiment = {"experiment": tuple(frequencies), "excitation": sines}
+    payload = matrix_in("Addition to M2", added) if added.strip() else None
+    campaign = experiment | {
+        "inertia": Inertia(rotors, matrix_in("Arm inertia M2", text["M2"])),
+        "elasticity": Elasticity(K, D),
+        "controller": Controller(bandwidth_hz=float(number["bandwidth"])),
+        "friction": MotorFriction(
+            coulomb=coulomb,
+            viscous=numbers_in("Viscous friction", text["viscous"], count=joints),
+        ),
+        "measurement": Measurement(
+            encoder_counts=int(number["counts"]) or None,
+            torque_noise_Nm=float(number["noise"]),
+            torque_gain=numbers_in("Logged torque / true torque", gain, count=joints),
+        ),
+        "gears": _gears(laws, joints),
+        "inertia_error": float(wrong) / 100,
+        "added": payload,
+        "seed": int(number["seed"]),
+    }
+    study = {
+        "inertia_std": inertia_std,
+        "torque_std": torque_std,
+        "name": f"Simulated robot, K = {numbers_out(K)} N·m/rad",
+        "origin": "simulated",
+        "description": f"True values: K = {numbers_out(K)} N·m/rad, D = {numbers_out(D)} N·m·s/rad; "
+        f"Coulomb friction {numbers_out(coulomb)} N·m; torque noise {plain(float(number['noise']))} "
+        f"N·m; seed {int(number['seed'])}.{_errors(campaign)}",
+    }
+    return Simulation(campaign, study, records * (1 if payload is None else 2))
 
 
-def simulated_study(settings: Settings, progress: Callable[[float], None]) -> Study:
+def simulated_study(simulation: Simulation, progress: Callable[[float], None]) -> Study:
     """Run the experiments.
 
     Raises
@@ -199,57 +194,20 @@ def simulated_study(settings: Settings, progress: Callable[[float], None]) -> St
     JointIdError
         When the settings do not fit each other.
     """
-    f, kind = settings.frequencies_hz, settings.pattern
-    experiment: Any = f
-    shape: dict[str, Any] = {}
-    if kind in KINDS:
-        experiment = Motion(kind, f[0], f[-1], settings.seconds, odd=kind == "multisine")
-        shape["records"] = settings.records
-    else:
-        shape["excitation"] = Excitation(pattern=kind, duration_s=settings.seconds)
-    campaign = run_in_background(
-        simulate_campaign,
-        settings.inertia,
-        settings.elasticity,
-        experiment,
-        **shape,
-        controller=Controller(bandwidth_hz=settings.bandwidth_hz),
-        friction=MotorFriction(coulomb=settings.coulomb_Nm, viscous=settings.viscous_Nms),
-        measurement=Measurement(
-            encoder_counts=settings.encoder_counts,
-            torque_noise_Nm=settings.torque_noise_Nm,
-            torque_gain=settings.torque_gain,
-        ),
-        gears=settings.gears,
-        inertia_error=settings.inertia_error,
-        added=settings.added or None,
-        seed=settings.seed,
-        progress=progress,
-    )
-    truth = settings.elasticity
-    return Study(
-        **campaign._asdict(),
-        inertia_std=settings.inertia_std,
-        torque_std=settings.torque_std,
-        name=f"Simulated robot, K = {numbers_out(truth.K)} N·m/rad",
-        origin="simulated",
-        description=f"True values: K = {numbers_out(truth.K)} N·m/rad, "
-        f"D = {numbers_out(truth.D)} N·m·s/rad; "
-        f"Coulomb friction {numbers_out(settings.coulomb_Nm)} N·m; torque noise "
-        f"{plain(settings.torque_noise_Nm)} N·m; seed {settings.seed}.{_errors(settings)}",
-    )
+    made = run_in_background(simulate_campaign, **simulation.campaign, progress=progress)
+    return Study(**made._asdict(), **simulation.study)
 
 
-def _errors(settings: Settings) -> str:
+def _errors(campaign: dict[str, Any]) -> str:
     """Describe the stated values: their errors, and a payload."""
-    text = ""
-    if settings.inertia_error:
-        text += f" Given inertias wrong by {plain(100 * settings.inertia_error)} %."
-    if any(gain != 1 for gain in settings.torque_gain):
-        text += f" Logged torque / true torque = {numbers_out(settings.torque_gain)}."
-    if settings.added:
+    text, gain = "", campaign["measurement"].torque_gain
+    if campaign["inertia_error"]:
+        text += f" Given inertias wrong by {plain(100 * campaign['inertia_error'])} %."
+    if any(each != 1 for each in gain):
+        text += f" Logged torque / true torque = {numbers_out(gain)}."
+    if campaign["added"]:
         text += " All experiments without and with a known payload."
-    for j, gear in enumerate(settings.gears, start=1):
+    for j, gear in enumerate(campaign["gears"], start=1):
         if gear.kind != "linear":
             values = ((label, getattr(gear, name)) for name, (label, *_) in _LAWS.items())
             shown = ", ".join(f"{label.lower()} {plain(value)}" for label, value in values if value)

@@ -1,57 +1,28 @@
 """Uncertainty of K and D: error bars, their parts, inertias as given and fitted, and checks."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from time import monotonic
 
 import numpy as np
 import streamlit as st
-from streamlit.delta_generator import DeltaGenerator
-from streamlit.elements.lib.mutable_expander_container import ExpanderContainer
 
 from jointid import Analysis, JointIdError
 from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, elasticity_quantities
 from jointid.arrays import Floats
+from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, plot
-from jointid.ui.shared.messages import (
-    show_info,
-    show_progress,
-    show_text_table,
-)
+from jointid.ui.shared.messages import show_info, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.results import computed_on_click
+from jointid.ui.shared.results import Show, computed_on_click
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 from jointid.wording import UNDETERMINED, capitalised, significant
 
-_PATIENCE_S = 0.5
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
-
-
-def steps_at(place: DeltaGenerator) -> Callable[[float, str], None]:
-    """Return a function that shows progress by step at ``place``, with an estimate of the time left."""
-    began = monotonic()
-
-    def show(done: float, what: str) -> None:
-        taken = monotonic() - began
-        left = f", {taken * (1 - done) / done:.0f} s left" if taken > _PATIENCE_S and done > 0.05 else ""
-        show_progress(done, f"{what}: {done:.0%}{left}", place)
-
-    return show
-
-
-def names_of(analysis: Analysis) -> list[str]:
-    """K1 ... Kn, D1 ... Dn."""
-    return [f"{q}{j + 1}" for q in "KD" for j in range(analysis.fit.n)]
-
-
-def on_demand(label: str, key: str) -> ExpanderContainer:
-    """Return an expander, closed at first; its content may be computed once it is ``open``."""
-    return st.expander(label, key=f"show_{key}", on_change="rerun", bind="query-params")
 
 
 def show_errors(analysis: Analysis) -> None:
@@ -74,7 +45,7 @@ def errors_table(analysis: Analysis) -> Table:
         "Estimate": [quantity.shown[0] for quantity in found],
     }
     parts = zip(map(capitalised, header), _columns(rows), strict=True)
-    columns |= dict(list(parts)[2:])  # after name and whole error
+    columns |= dict(list(parts)[2:])  # after name and total error
     if "least-squares" not in analysis.fits or fit.method == "least-squares":
         return columns
     paper = elasticity_quantities(analysis.fits["least-squares"], analysis.unit)
@@ -116,7 +87,7 @@ def show_inertias(analysis: Analysis) -> None:
     if not found.names:
         st.write("The study states exact inertias and torque scales: they add nothing to the errors.")
         return
-    names, size = names_of(analysis), np.abs(analysis.fit.estimate)[:, None]
+    names, size = elasticity_labels(analysis.fit.n), np.abs(analysis.fit.estimate)[:, None]
     percent = np.divide(100 * found.shift, size, out=np.zeros_like(found.shift), where=size > 0)
     k, e = np.unravel_index(np.argmax(np.abs(percent)), percent.shape)
     st.write(
@@ -151,12 +122,12 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         ("checks", page.digest, page.method),
         f"Check the error bars ({draws} draws)",
         "check_errors",
-        lambda bar: _checks(page, analysis, draws, steps_at(bar)),
+        lambda show: _checks(page, analysis, draws, show),
     )
     if checks is None:
         return
     drawn, left_out = checks
-    names, fit = names_of(analysis), analysis.fit
+    fit, names = analysis.fit, elasticity_labels(analysis.fit.n)
     low, high = drawn.interval(0.68)
     errors = {
         "Stated": fit.standard_error,
@@ -181,9 +152,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     )
 
 
-def _checks(
-    page: Page, analysis: Analysis, draws: int, show: Callable[[float, str], None]
-) -> tuple[Bootstrap, Jackknife | str]:
+def _checks(page: Page, analysis: Analysis, draws: int, show: Show) -> tuple[Bootstrap, Jackknife | str]:
     given = (analysis.phasors, page.study.inertias, analysis.fit)
     drawn = run_in_background(
         bootstrap, *given, draws=draws, progress=lambda done: show(done, "Drawing noise")
@@ -203,7 +172,7 @@ def plus_minus(values: Floats) -> list[str]:
 
 def show_ellipses(page: Page, analysis: Analysis) -> None:
     """Joint confidence regions of two parameters."""
-    names = names_of(analysis)
+    names = elasticity_labels(analysis.fit.n)
     left, right = st.columns(2)
     first = left.selectbox("Across", names, key="ellipse_x", bind="query-params")
     others = [name for name in names if name != first]
@@ -223,6 +192,6 @@ def show_ellipses(page: Page, analysis: Analysis) -> None:
         key="ellipses",
     )
     st.caption(
-        "From the whole error. A slanted ellipse means that an error in one comes with an error in the "
+        "From the total error. A slanted ellipse means that an error in one comes with an error in the "
         "other."
     )

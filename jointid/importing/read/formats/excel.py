@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from jointid.errors import JointIdError
-from jointid.files.container_limits import mebibytes
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first, require_few_values
 from jointid.importing.read.optional_imports import import_optional
 from jointid.importing.read.reader import Reader, begins_with
@@ -54,8 +53,9 @@ def _require_small(file: str, path: str) -> None:
         size = sum(part.file_size for part in archive.infolist())
     if size > _MAX_UNPACKED:
         raise JointIdError(
-            f"{file} unpacks to {mebibytes(size)}, more than the limit of {mebibytes(_MAX_UNPACKED)} of "
-            "workbooks, about 4 million cells. Export it as CSV or Parquet, or cut it into several logs."
+            f"{file} unpacks to {size / 2**20:.4g} MiB, more than the limit of "
+            f"{_MAX_UNPACKED >> 20} MiB of workbooks, about 4 million cells. "
+            "Export it as CSV or Parquet, or cut it into several logs."
         )
 
 

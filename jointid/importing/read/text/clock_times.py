@@ -42,11 +42,13 @@ _CLOCK = re.compile(
     r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:[.,:]\d{1,9})?)"
     r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?: ?(?:Z|UTC|[+-]\d\d:?\d\d))?"
 )
+_SECONDS = {"ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "hr": 3600.0}
+_DURATION = re.compile(rf"(-?\d+(?:[.,]\d+)?) ({'|'.join(_SECONDS)})")  # as MATLAB writes them
 
 
 def is_clock(cell: str) -> bool:
-    """Whether a cell is a time of day, with or without a date: "07.05.2026 09:00:00,123"."""
-    return len(cell) <= 64 and _CLOCK.fullmatch(cell) is not None
+    """Whether a cell is a time of day, "07.05.2026 09:00:00,123", or a duration, "0.004 sec"."""
+    return len(cell) <= 64 and bool(_CLOCK.fullmatch(cell) or _DURATION.fullmatch(cell))
 
 
 class ClockCells:
@@ -62,7 +64,8 @@ class ClockCells:
         found = _CLOCK.fullmatch(cell) if len(cell) <= 64 else None
         self._codes.append(-1)
         if found is None:
-            return None
+            length = _DURATION.fullmatch(cell) if len(cell) <= 64 else None
+            return float(length[1].replace(",", ".")) * _SECONDS[length[2]] if length else None
         hours = int(found["hours"])
         if found["half"]:
             hours = hours % 12 + 12 * (found["half"] in "Pp")
@@ -98,7 +101,7 @@ class ClockCells:
         if len(continuous) == 1:
             return readings[continuous[0]], (
                 f'{self._place}: the dates are read as {continuous[0]} ("{dates[0]}", "{dates[1]}"), '
-                "because the log then goes on without a pause."
+                "because only this order gives a log without gaps."
             )
         if not distinct:
             raise JointIdError(

@@ -103,7 +103,7 @@ def unix_lines(text: str) -> str:
 
 def _no_text(file: str) -> JointIdError:
     return JointIdError(
-        f"{file} is neither text nor a file of a kind that is known here. Known: CSV and other text "
+        f"{file} is neither text nor a file of a known kind: CSV and other text "
         "tables, TwinCAT, CODESYS, LabVIEW, halscope, dSPACE, MDF, MATLAB, HDF5, Parquet, Arrow, NumPy, "
         "JSON, Excel, ROS bags, and a .zip of them."
     )

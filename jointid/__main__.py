@@ -1,0 +1,5 @@
+"""python -m jointid: the command line."""
+
+from jointid.cli import app
+
+app()

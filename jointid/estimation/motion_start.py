@@ -1,0 +1,105 @@
+"""Start values for records of motions: stiffness, friction and payload by the arm's equation.
+
+Equation (8) takes the deflection as a small difference, which friction and a wrong payload spoil. Here
+the deflection is a small correction of the arm's motion: with the torque s of the springs,
+
+    A (θ − s / (K + sD)) = s,    s = τ − s²Mθ − friction,    A = s²M2 + gravity,
+
+is linear in A and almost linear in 1/K, D/K² and friction (Gauss-Newton).
+"""
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
+from jointid.motion.friction import friction_waveforms
+from jointid.phasors.extract import Phasors
+
+_DEGREE = 5
+"""Of the polynomial in s by which motors and arm differ at the ends of a segment."""
+_STEPS = 8
+_SLOWEST = 2.0
+"""Largest D ω/K at the highest frequency."""
+_RIDGE = 1e-10
+"""Added to the normal matrix of unit diagonal."""
+_RUBS = 2.0
+"""Cost that friction explains, over the remaining one, from which the motors rub."""
+
+
+def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
+    """K, D, friction where the motors rub and, with a common unknown as the payload, elements of M2."""
+    n, shared = prior.n, bool(prior.shared.any())
+    known = np.any(phasors.harmonics != 0, axis=2)
+    known[~phasors.motion, 1:] = False
+    known[~phasors.motion] &= not phasors.motion.any()  # sines may have far less noise
+    row, bins = np.nonzero(known)
+    s = 1j * phasors.omega[row] * (bins + 1)
+    z, s2, one = phasors.harmonics[row, bins], (s * s)[:, None], np.eye(n)
+    variance = np.einsum("bcc->bc", phasors.harmonic_covariance[row, bins]).real
+    M, pose = prior.M[prior.rotor[row]], prior.pose[row]
+    torque = z[:, n:] - s2 * M * z[:, :n]
+    of_torque = variance[:, n:] + np.abs(s2 * M) ** 2 * variance[:, :n]
+    rubs = np.stack([friction_waveforms(phasors, 0.0).coulomb[row, bins], s[:, None] * z[:, :n]])
+    unit = s / np.abs(s).max()
+    ends = 1j * unit[:, None] ** np.arange(_DEGREE + 1) * phasors.motion[row, None]
+    edges = np.flatnonzero(np.diff(row)) + 1
+
+    middle = float(np.median(phasors.excited))
+    fastest = float(np.abs(s).max())
+    yielding, slow = np.zeros(n), np.zeros(n)  # 1/K and D/K
+    friction, payload = np.zeros((2, n)), 0.0  # the payload in its standard deviations
+    change = s2[..., None] * prior.shared[prior.part[pose]] + prior.shared_gravity[pose]
+    for _ in range(_STEPS):
+        A = s2[..., None] * prior.M2[pose] + prior.gravity[pose] + payload * change
+        drive = torque - np.einsum("kbj,kj->bj", rubs, friction)
+        lag = 1 + s[:, None] * slow
+        C = yielding / lag
+        arm = z[:, :n] - C * drive
+        passed = one + A * C[:, None]
+        residual = (A @ arm[..., None])[..., 0] - drive
+        size = np.abs(A) ** 2 @ variance[:, :n, None] + np.abs(passed) ** 2 @ of_torque[..., None]
+        columns = [A * (-(2 * lag - 1) / lag**2 * drive)[:, None]]
+        columns += [A * (s[:, None] / lag**2 * drive)[:, None]]
+        columns += [passed * waveform[:, None] for waveform in rubs]
+        columns += [change @ arm[..., None]] * shared
+        J = np.concatenate([*columns, residual[..., None]], axis=2) / np.sqrt(size)
+        normal, rows = np.zeros((J.shape[2],) * 2), 0
+        for part, part_ends, part_size in zip(
+            *(np.split(x, edges) for x in (J, ends, size[..., 0])), strict=True
+        ):
+            data = _real(part.swapaxes(0, 1))
+            if np.any(part_ends):
+                basis, _ = np.linalg.qr(_real(part_ends / np.sqrt(part_size.T)[..., None]))
+                data = data - basis @ (basis.swapaxes(1, 2) @ data)
+            data = data.reshape(-1, data.shape[2])
+            normal, rows = normal + data.T @ data, rows + len(data)
+        N, g, misfit = normal[:-1, :-1], normal[:-1, -1], max(normal[-1, -1] / rows, 1.0)
+        if shared:
+            N[-1, -1] += misfit
+            g[-1] += misfit * payload
+        scale = np.sqrt(np.maximum(np.diag(N), np.finfo(float).tiny))
+        inverse = np.linalg.inv(N / np.outer(scale, scale) + _RIDGE * np.eye(len(N)))
+        step = -inverse @ (g / scale) / scale
+        rise, fall, *rub = step[: 4 * n].reshape(4, n)
+        damped = yielding * slow + fall
+        stiffest = yielding + rise
+        yielding = np.where(stiffest > 0, stiffest, 0.5 * yielding)
+        slow = np.divide(damped, yielding, out=np.zeros(n), where=yielding > 0)
+        slow = np.clip(slow, 0.0, _SLOWEST / fastest)
+        friction = friction + rub
+        payload += float(step[4 * n :].sum())
+    own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
+    K = np.where(yielding > 0, 1 / np.where(yielding > 0, yielding, 1.0), own * middle**2)
+    own, sizes = slice(2 * n, 4 * n), friction.ravel() * scale[2 * n : 4 * n]
+    rubs_clearly = bool(sizes @ np.linalg.solve(inverse[own, own], sizes) > _RUBS * rows)
+    values = {"K": K, "D": slow * K}
+    values |= {"coulomb": friction[0], "viscous": friction[1]} if rubs_clearly else {}
+    values |= {"M2": prior.lower + payload * prior.common} if shared else {}
+    layout = ParameterLayout.of(n, friction=rubs_clearly, arms=len(prior.lower) if shared else 0)
+    return layout.named(layout.pack(**values))
+
+
+def _real(values: Complexes) -> Floats:
+    """Complex (..., b, k) as real rows (..., 2b, k)."""
+    return np.concatenate([values.real, values.imag], axis=-2)
