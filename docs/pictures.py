@@ -33,6 +33,7 @@ def main() -> None:
                 page.goto(server.address + path)
                 page.locator("h1").first.wait_for(timeout=60_000)
                 page.wait_for_timeout(SETTLED_MS)
+                page.wait_for_function("!document.querySelector('[data-testid=stSkeleton]')")
                 page.screenshot(path=DOCS / f"{name}.png")
         finally:
             server.kill()

@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 import pytest
 
 from jointid import Analysis, Friction, Inertia, JointIdError, SineRecord, Study, analyse, motor_response
+from jointid.answer import StiffnessUnit, gear_terms
 from jointid.figures import (
     dynamic_stiffness,
     element_response,
@@ -20,6 +21,7 @@ from jointid.figures import (
     single_record,
     spectra,
     torque_condition,
+    torsion_curve,
     unexplained_torque,
     waveforms,
 )
@@ -331,3 +333,19 @@ def test_a_text_from_a_file_is_shown_unchanged() -> None:
     assert "<b>" not in figure.to_json()
     assert figure.layout.xaxis.title.text == "&lt;b&gt;t&lt;/b&gt;"
     assert figure.data[0].name == "&lt;a href='//x'&gt;y&lt;/a&gt;"
+
+
+def test_a_gear_is_drawn_at_the_joint_in_its_unit(analyses: dict[int, Analysis]) -> None:
+    """With N = 100 the wind-up is a hundredth, the torque a hundredfold, and K ten thousandfold."""
+    fit, unit = analyses[2].fit, StiffnessUnit.named("N·m/arcmin at the joint", np.array([100.0, -50]))
+    arcmin = np.pi / 10800
+    for j, ratio in enumerate((100.0, 50.0)):
+        motor, joint = torsion_curve(fit, j).data[-1], torsion_curve(fit, j, unit=unit).data[-1]
+        np.testing.assert_allclose(joint.x, np.array(motor.x) * 1e-3 / arcmin / ratio)
+        np.testing.assert_allclose(joint.y, ratio * np.array(motor.y))
+        K = gear_terms(fit, j, unit)["K at small torque"]
+        assert float(K.split(" ± ")[0]) == pytest.approx(fit.K[j] * ratio**2 * arcmin, rel=1e-2)
+        assert K.endswith("N·m/arcmin")
+        level = dynamic_stiffness(fit, j, unit=unit)
+        assert level.data[0].y[0] == pytest.approx(fit.K[j] * ratio**2 * arcmin)
+        assert "N·m/arcmin" in level.layout.yaxis.title.text

@@ -156,7 +156,11 @@ def test_names_of_controllers(names: list[str], expected: list[tuple[str, str]])
 
 
 def test_positions_behind_the_gear_are_proposed_beside_those_of_the_motor() -> None:
-    for behind, motor in (("link_pos_{}", "motor_pos_{}"), ("q{}", "theta{}")):
+    for behind, motor in (
+        ("link_pos_{}", "motor_pos_{}"),
+        ("q{}", "theta{}"),
+        ("axis{}_secondary_encoder", "axis{}_motor_position"),
+    ):
         names = [f.format(k) for k in (1, 2) for f in (behind, motor, "motor_torque_{}")]
         guess = guess_mapping(table_named("t", *names)).mapping
         assert [j.position.column for j in guess.joints] == [motor.format(k) for k in (1, 2)]

@@ -167,7 +167,7 @@ def test_columns_of_one_name_are_told_apart() -> None:
         (b"", "is empty"),
         (b" \n\n ", "only blank lines"),
         (b"hello\nworld\n", "not a table of numbers"),
-        (b"\x00\x01\x02" * 50, "neither text nor a file of a kind"),
+        (b"\x00\x01\x02" * 50, "neither text nor a file of a known kind"),
         (b"t,q\n", "not a table of numbers"),
         (b"5\n6\n7\n", "not a table of numbers"),
     ],

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jointid.motion.free_friction import FreeFriction, Waveforms, real_rows
+from jointid.motion.free_friction import FreeFriction, real_rows
 from jointid.small_matrices import inverse, lifted, positive_inverse, root, whitener
 
 
@@ -45,7 +45,7 @@ def test_free_shapes_are_taken_out_whatever_their_number(seed: int) -> None:
         shapes[record][..., count:] = 0
     W = np.broadcast_to(np.array([[2.0, 0], [0.3j, 0.5]]), (r, H, n, n)).astype(complex)
     shown = [each[..., :count] for each, count in zip(shapes, counts, strict=True)]
-    free = FreeFriction.of([Waveforms(each) for each in shown], H)
+    free = FreeFriction.of(shown, H)
     rows = real_rows(rng.standard_normal((r, H, n, 3)) + 0j)
     projection = free.projection(W)
     left = projection.rest(rows)
@@ -55,31 +55,6 @@ def test_free_shapes_are_taken_out_whatever_their_number(seed: int) -> None:
     assert projection.rank() == counts.sum()
     mixture = shapes @ rng.standard_normal((r, 1, k, 1))
     assert np.allclose(projection.explained(real_rows(W @ mixture), H), mixture[..., 0], atol=1e-6)
-
-
-@given(seed=st.integers(0, 2**32 - 1))
-def test_many_free_shapes_are_taken_out_by_what_they_leave(seed: int) -> None:
-    """The basis of the rest gives the same projection as the shapes themselves."""
-    rng = np.random.default_rng(seed)
-    r, H, n, k = 3, 6, 2, 16
-    shapes = np.zeros((r, H, n, k), complex)
-    for joint, own in enumerate((slice(0, 7), slice(7, k))):
-        part = rng.standard_normal((2, r, H - 1, own.stop - own.start))
-        shapes[:, 1:, joint, own] = part[0] + 1j * part[1]
-    W = np.broadcast_to(np.array([[2.0, 0], [0.3j, 0.5]]), (r, H, n, n)).copy()
-    W[:, 0] = 0
-    rows = real_rows(W @ (rng.standard_normal((r, H, n, 3)) + 1j))
-    ends = np.array([0, 2]), rng.standard_normal((2, H, n, 2)) + 0j
-    few, many = (
-        FreeFriction.of([form(each) for each in shapes], H).with_columns(*ends).projection(W)
-        for form in (Waveforms.fewest, Waveforms)
-    )
-    assert few.groups[0].kept is not None
-    assert many.groups[0].kept is None
-    np.testing.assert_allclose(few.rest(rows), many.rest(rows), atol=1e-5)
-    np.testing.assert_allclose(few.rank_by_joint(n), many.rank_by_joint(n), atol=1e-6)
-    assert few.rank() == many.rank() == round(few.rank_by_joint(n).sum())
-    np.testing.assert_allclose(few.explained(rows, H), many.explained(rows, H), atol=1e-4)
 
 
 def test_a_singular_covariance_has_a_finite_whitener() -> None:

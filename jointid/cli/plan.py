@@ -66,7 +66,7 @@ def plan(
     from jointid.uncertainty.planned_records import phasor_text
 
     names = document["parameters"]
-    rows = [["present", "", "", *map(_percent, document["relative_error_today"])]]
+    rows = [["today", "", "", *map(_percent, document["relative_error_today"])]]
     for k, record in enumerate(document["records"], start=1):
         torques = ", ".join(map(phasor_text, suggestion.records.relative[0][k - 1].tolist()))
         errors = map(_percent, record["relative_error_after"])
@@ -157,7 +157,7 @@ def _plan_motion(
         [name, *map(_percent, (float(a), float(b), float(c)))]
         for name, a, b, c in zip(found.names, today, found.alone, found.together, strict=True)
     ]
-    print_table(["", "present", "motion alone", "together"], rows, right=(1, 2, 3))
+    print_table(["", "today", "motion alone", "together"], rows, right=(1, 2, 3))
 
 
 def _document(suggestion: Suggestion) -> dict[str, Any]:

@@ -44,9 +44,9 @@ from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
     friction_start,
+    other_laws,
     with_play,
     without_inertias,
-    without_wide_loops,
 )
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
@@ -364,10 +364,10 @@ class _Search:
         try:
             waveforms = self._waveforms(model)
             estimate = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)
-            narrow = without_wide_loops(self.phasors, self.prior, estimate.named)
-            if narrow is not None and estimate.misfit > _DOUBTFUL:
-                other = fit_model(self.phasors, self.prior, narrow, self.noise, model, waveforms)
-                estimate = min(estimate, other, key=lambda each: each.whole_cost(1))
+            for other in other_laws(self.phasors, self.prior, start, estimate.named):
+                if estimate.misfit > _DOUBTFUL:
+                    again = fit_model(self.phasors, self.prior, other, self.noise, model, waveforms)
+                    estimate = min(estimate, again, key=lambda each: each.whole_cost(1))
         except JointIdError as error:
             tried.setdefault(model, error)
             return

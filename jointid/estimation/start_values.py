@@ -14,7 +14,7 @@ from scipy.optimize import least_squares as nonlinear_least_squares
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import inertia_arrays
-from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
+from jointid.estimation.estimators.parameters import Block, ParameterLayout, Parameters
 from jointid.joints import motor_impedance
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors
@@ -29,6 +29,8 @@ _ROUGH = 0.1
 deflection."""
 _WIDE, _NARROW = 0.3, 0.03
 """Width of a loop, over the largest wind-up, that makes it a spring, and that of a usual one."""
+_KNEES = (0.5, 0.3), (0.2, 0.3)
+"""Wind-ups at changes of slope over the largest: other starts of a gear with three slopes."""
 _POINTS, _LOADED, _LEAST = 128, 0.2, 1e-30
 """Samples over a period for the start of a play, torque over its largest from which they count, and
 what stands for zero."""
@@ -82,24 +84,32 @@ def by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     )
 
 
-def without_wide_loops(phasors: Phasors, prior: InertiaPrior, p: Parameters) -> Parameters | None:
-    """The parameters with wide loops of hysteresis as stiffness, and small loops; None without one.
+def other_laws(
+    phasors: Phasors, prior: InertiaPrior, start: Parameters, p: Parameters
+) -> tuple[Parameters, ...]:
+    """Start values for a law of the gears in place of those that led to the fit ``p``.
 
-    A loop as wide as the wind-up is a spring: such a fit is lost beside the right one.
+    A loop of hysteresis as wide as the wind-up is a spring: such a fit is lost beside the right one with
+    small loops. Changes of slope are found from one side only.
     """
-    if "hysteresis" not in p.layout:
-        return None
     torque = phasors.tau + phasors.omega[:, None] ** 2 * prior.M[prior.rotor] * phasors.q
-    peak = np.abs(torque).max(axis=0)
-    K = p.K + p["hysteresis"] / p["presliding"]
-    wide = p["presliding"] * np.abs(K) > _WIDE * peak
-    if not np.any(wide) or np.any(K <= 0):
-        return None
-    values = {block.name: p[block.name] for block in p.layout.blocks}
-    values["K"] = np.where(wide, K, p.K)
-    values["hysteresis"] = np.where(wide, _NARROW * peak, p["hysteresis"])
-    values["presliding"] = np.where(wide, _NARROW * peak / K, p["presliding"])
-    return p.layout.named(p.layout.pack(**values))
+    peak, found = np.abs(torque).max(axis=0), []
+    if "hysteresis" in p.layout:
+        K = p.K + p["hysteresis"] / p["presliding"]
+        wide = p["presliding"] * np.abs(K) > _WIDE * peak
+        if np.any(wide) and np.all(K > 0):
+            values = {block.name: p[block.name] for block in p.layout.blocks}
+            values["K"] = np.where(wide, K, p.K)
+            values["hysteresis"] = np.where(wide, _NARROW * peak, p["hysteresis"])
+            values["presliding"] = np.where(wide, _NARROW * peak / K, p["presliding"])
+            found.append(p.layout.named(p.layout.pack(**values)))
+    if "piecewise" in p.layout and "cubic" in start.layout:
+        knees = [Block(name, p.K.shape, ()) for name in ("knee", "second_knee")]
+        layout = ParameterLayout((*start.layout.blocks, *knees))
+        for share in _KNEES:
+            wind_up = np.repeat(share, p.K.size) * np.tile(peak / start.K, 2)
+            found.append(layout.named(np.concatenate([start.vector, wind_up])))
+    return tuple(found)
 
 
 def with_play(phasors: Phasors, prior: InertiaPrior) -> Parameters:

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.motion.free_friction import FreeFriction, Waveforms
+from jointid.motion.free_friction import FreeFriction
 from jointid.motion.reversals import segment_friction
 from jointid.phasors.extract import Phasors
 from jointid.phasors.periods import phasors_of, samples_of, waves
@@ -28,6 +28,10 @@ _GRID = 1024
 
 _NOISE_MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
+
+_SEEN = 6.0
+"""Power of a harmonic over its noise from which the velocity has it: an exponential distribution
+exceeds it once in 400."""
 
 _STATIONARY = 0.5
 """Share of the largest velocity with unknown sign from which a joint counts as stationary."""
@@ -67,10 +71,15 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
     H, n = phasors.harmonics.shape[1], phasors.n
     rate = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
     angle = phasors.harmonics[..., :n]
-    swing = (rate[..., None] * angle).swapaxes(1, 2)
-    velocity = samples_of(swing, _GRID) + phasors.drift[:, :, None]
     variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
-    noise = np.sqrt(0.5 * np.einsum("rh,rhj->rj", np.abs(rate) ** 2, variance))
+    seen = np.abs(angle) ** 2 > _SEEN * variance
+    seen[:, 0] = True
+    swing = (rate[..., None] * angle * seen).swapaxes(1, 2)
+    velocity = samples_of(swing, _GRID) + phasors.drift[:, :, None]
+    # What the other harmonics hold beyond their noise adds to that of those seen.
+    squares = np.stack([variance * seen, (np.abs(angle) ** 2 - variance) * ~seen])
+    power = 0.5 * np.einsum("rh,krhj->krj", np.abs(rate) ** 2, squares)
+    noise = np.sqrt(power[0] + np.maximum(power[1], 0.0))
     largest = np.abs(velocity).max(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(largest > 0, np.maximum(window, _NOISE_MARGIN * noise / largest), 1.0)
@@ -102,13 +111,13 @@ def _with_segments(phasors: Phasors, window: float, curve: bool) -> FrictionWave
     widths = np.outer(largest, _WIDTHS if curve else ())
     coulomb, fading = np.zeros((r, H, n), complex), np.zeros((r, H, n, widths.shape[1]), complex)
     stationary = np.zeros((r, n), bool)
-    free = [Waveforms(np.zeros((H, n, 0), complex))] * r
+    free = [np.zeros((H, n, 0), complex)] * r
     if sines.size:
         own = friction_waveforms(phasors.select(sines), window, curve=curve)
         coulomb[sines], fading[sines], stationary[sines] = own.coulomb, own.curve, own.stationary
         for members, waveforms in own.free.groups:
-            for record, shapes in zip(members.tolist(), waveforms.shapes, strict=True):
-                free[sines[record]] = Waveforms(shapes)
+            for record, shapes in zip(members.tolist(), waveforms, strict=True):
+                free[sines[record]] = shapes
     for row, segment in segments.items():
         found = segment_friction(segment, window, widths)
         coulomb[row, : segment.highest], fading[row, : segment.highest] = found.coulomb, found.curve
@@ -137,7 +146,7 @@ def _freed(
                 column = np.zeros((H, n, pieces + 1), complex)
                 column[:, joint] = _hats(length, pieces, H) * late[:, None]
                 columns.append(column)
-        free.append(Waveforms(np.concatenate(columns, axis=2)))
+        free.append(np.concatenate(columns, axis=2))
     return FreeFriction.of(free, H)
 
 

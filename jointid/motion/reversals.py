@@ -6,7 +6,6 @@ import numpy as np
 from scipy.special import spherical_jn
 
 from jointid.arrays import Complexes, Floats
-from jointid.motion.free_friction import Waveforms
 from jointid.phasors.segment import Segment, bins_of
 
 _RESOLVED = 0.5
@@ -28,10 +27,10 @@ class SegmentFriction:
     """Of sign θ̇, shape (H, n)."""
     curve: Complexes
     """Of sign θ̇ · exp(−|θ̇|/w) for each width w, shape (H, n, c)."""
-    free: Waveforms
-    """Polynomials over the stretches with unknown friction."""
+    free: Complexes
+    """Polynomials over the stretches with unknown friction, shape (H, n, k)."""
     stationary: np.ndarray
-    """Whether a joint's motion is within its noise, or its friction is free throughout, shape (n,)."""
+    """Whether a joint's motion is within its noise, shape (n,)."""
 
 
 def segment_friction(segment: Segment, window: float, widths: Floats) -> SegmentFriction:
@@ -70,13 +69,10 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
         fades = np.expm1(-np.abs(v[j]) / widths[j][:, None]) * _square_wave(turns, signs, N)
         curve[:, j] = coulomb[:, j, None] + bins_of(fades, H).T
     inside = np.arange(1, H + 1) >= segment.lowest
-    free = Waveforms.fewest(np.concatenate(columns, axis=2) * inside[:, None, None])
-    if free.kept:
-        stationary |= ~np.any(free.shapes != 0, axis=(0, 2))
     return SegmentFriction(
         coulomb=coulomb * inside[:, None],
         curve=curve * inside[:, None, None],
-        free=free,
+        free=np.concatenate(columns, axis=2) * inside[:, None, None],
         stationary=stationary,
     )
 

@@ -17,7 +17,7 @@ from jointid.phasors.segment import Segment
 from jointid.phasors.sensor_steps import hidden_variance, may_have_steps, step_variance
 from jointid.phasors.settling import settling_change
 from jointid.phasors.sine_fit import fit_sines
-from jointid.phasors.spectrum import largest_line_hz
+from jointid.phasors.spectrum import frequencies_found
 from jointid.records import SineRecord
 from jointid.wording import counted
 
@@ -26,7 +26,6 @@ MANY_HARMONICS = 31
 
 _VISIBLE = 6.0
 """Standard errors by which a harmonic exceeds the noise."""
-
 
 _PER_ROW = ("labels", "segments")
 """Fields of ``Phasors`` that are tuples."""
@@ -241,7 +240,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         drift=np.array([fit.drift[:n] for fit in fits]),
         settling=settling,
         settling_noise=settling_noise,
-        frequency_found_hz=_frequency_found(records, fits, *local),
+        frequency_found_hz=frequencies_found(records, fits, *local),
         labels=tuple(r.label or f"record {i}" for i, r in enumerate(records, start=1)),
         harmonic_rounding=rounding * np.abs(timing) ** 2,
     )
@@ -249,14 +248,15 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
 
 def no_phasors(n: int) -> Phasors:
     """Return the phasors of no record of n joints."""
-    c = 2 * n
-    real = {"omega": (), "degrees_of_freedom": (), "duration_s": (), "frequency_found_hz": ()}
-    real |= {"drift": (n,), "settling": (c,), "settling_noise": (c,)}
-    both = {"q": (n,), "tau": (n,), "covariance": (c, c), "harmonics": (1, c)}
-    both |= {"harmonic_covariance": (1, c, c)}
-    arrays = {name: np.zeros((0, *shape)) for name, shape in real.items()}
-    arrays |= {name: np.zeros((0, *shape), complex) for name, shape in both.items()}
-    return Phasors(**arrays, labels=())
+    shapes = {
+        **dict.fromkeys(("q", "tau", "drift"), (n,)),
+        **dict.fromkeys(("settling", "settling_noise"), (2 * n,)),
+        "covariance": (2 * n, 2 * n),
+        "harmonics": (1, 2 * n),
+        "harmonic_covariance": (1, 2 * n, 2 * n),
+    }
+    names = [f.name for f in fields(Phasors) if f.name not in _PER_ROW]
+    return Phasors(**{name: np.zeros((0, *shapes.get(name, ()))) for name in names}, labels=())
 
 
 def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
@@ -320,41 +320,3 @@ def _local(fits: Sequence[SineFit]) -> tuple[Complexes, np.ndarray, np.ndarray]:
         row[: len(fit.deviations)] = fit.deviations
     local *= count[:, :, None]
     return local, np.arange(local.shape[1]), count
-
-
-def _frequency_found(
-    records: Sequence[SineRecord],
-    fits: Sequence[SineFit],
-    local: Complexes,
-    block: np.ndarray,
-    count: np.ndarray,
-) -> Floats:
-    """Stated frequency, corrected by the phase drift of the largest motion over the record."""
-    n, rows = records[0].n, np.arange(len(records))
-    strength = np.abs([fit.harmonics[:, :n] for fit in fits])
-    order, largest = np.divmod(strength.reshape(len(records), -1).argmax(axis=1), n)
-    phasor = np.array([fit.fundamental[j] for fit, j in zip(fits, largest, strict=True)])
-    offset = np.abs([fit.offset[j] for fit, j in zip(fits, largest, strict=True)])
-    local = local[rows, :, largest]
-    scatter = np.sqrt((np.abs(local) ** 2).sum(axis=1) / count[:, 0])
-    place = np.where(block < count, (block - (count - 1) / 2) / count, 0.0)
-    stated = np.array([record.frequency_hz for record in records])
-    span = np.array([record.periods for record in records]) / stated
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        turns = ((local / phasor[:, None]).imag * place).sum(axis=1) / (place**2).sum(axis=1)
-    found = stated + np.where(count[:, 0] >= 3, turns / span, 0.0) / (2 * np.pi)
-    moves = strength.max(axis=(1, 2)) > 1e-12 * offset
-    suspicious = (order > 0) | (scatter > 0.5 * np.abs(phasor))
-    for row in np.flatnonzero(moves & (suspicious | (count[:, 0] < 3))).tolist():
-        record, joint = records[row], int(largest[row])
-        if suspicious[row] or _unlike(record, fits[row], joint):
-            used = slice(record.start, None)
-            found[row] = largest_line_hz(record.time_s[used], record.theta_rad[used, joint])
-    return np.where(moves, found, stated)
-
-
-def _unlike(record: SineRecord, fit: SineFit, joint: int) -> bool:
-    """Whether a motor angle of few periods differs much from its fitted sine."""
-    left = record.theta_rad[record.start :, joint]
-    left = left - fit.at(record.time_s[record.start :], record.omega)[:, joint]
-    return bool(left.std() > 0.3 * abs(fit.fundamental[joint]))

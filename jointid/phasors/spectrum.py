@@ -1,9 +1,13 @@
-"""Amplitude spectrum of a logged signal, and the frequency of its largest line."""
+"""Amplitude spectrum of a logged signal, and the frequencies that records have."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from jointid.arrays import Floats
+from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.phasors.fitted_sine import SineFit
+from jointid.records import SineRecord
 
 
 def amplitude_spectrum(time_s: Floats, signal: Floats) -> tuple[Floats, Floats]:
@@ -66,3 +70,47 @@ def vertex(amplitude: Floats, peak: int) -> float:
     left, centre, right = np.log(np.maximum(amplitude[peak - 1 : peak + 2], 1e-300))
     curvature = left - 2 * centre + right
     return 0.0 if curvature == 0 else float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5))
+
+
+def frequencies_found(
+    records: Sequence[SineRecord],
+    fits: Sequence[SineFit],
+    local: Complexes,
+    block: np.ndarray,
+    count: np.ndarray,
+) -> Floats:
+    """Stated frequency, corrected by the phase drift of the largest motion over the record, (r,), Hz.
+
+    Parameters
+    ----------
+    local, block, count : ndarray, shapes (r, K, 2n), (K,), (r, 1)
+        Local phasors of the blocks, less those of their record, as in ``settling_change``.
+    """
+    n, rows = records[0].n, np.arange(len(records))
+    strength = np.abs([fit.harmonics[:, :n] for fit in fits])
+    order, largest = np.divmod(strength.reshape(len(records), -1).argmax(axis=1), n)
+    phasor = np.array([fit.fundamental[j] for fit, j in zip(fits, largest, strict=True)])
+    offset = np.abs([fit.offset[j] for fit, j in zip(fits, largest, strict=True)])
+    local = local[rows, :, largest]
+    scatter = np.sqrt((np.abs(local) ** 2).sum(axis=1) / count[:, 0])
+    place = np.where(block < count, (block - (count - 1) / 2) / count, 0.0)
+    stated = np.array([record.frequency_hz for record in records])
+    span = np.array([record.periods for record in records]) / stated
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        turns = ((local / phasor[:, None]).imag * place).sum(axis=1) / (place**2).sum(axis=1)
+    found = stated + np.where(count[:, 0] >= 3, turns / span, 0.0) / (2 * np.pi)
+    moves = strength.max(axis=(1, 2)) > 1e-12 * offset
+    suspicious = (order > 0) | (scatter > 0.5 * np.abs(phasor))
+    for row in np.flatnonzero(moves & (suspicious | (count[:, 0] < 3))).tolist():
+        record, joint = records[row], int(largest[row])
+        if suspicious[row] or _unlike(record, fits[row], joint):
+            used = slice(record.start, None)
+            found[row] = largest_line_hz(record.time_s[used], record.theta_rad[used, joint])
+    return np.where(moves, found, stated)
+
+
+def _unlike(record: SineRecord, fit: SineFit, joint: int) -> bool:
+    """Whether a motor angle of few periods differs much from its fitted sine."""
+    left = record.theta_rad[record.start :, joint]
+    left = left - fit.at(record.time_s[record.start :], record.omega)[:, joint]
+    return bool(left.std() > 0.3 * abs(fit.fundamental[joint]))

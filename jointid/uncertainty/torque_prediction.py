@@ -72,20 +72,24 @@ def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
             part = least_squares(
                 whitened, fit.estimate, x_scale=size, args=(~out,), max_nfev=_MOST_STEPS
             )
-        except (ValueError, np.linalg.LinAlgError) as fault:
-            raise JointIdError("The noise of these records is not known well enough.") from fault
-        K, D = part.x[:n], part.x[n:]
-        scaled = np.asarray(part.jac) * size
-        information = scaled.T @ scaled
-        if np.linalg.cond(information) > _SINGULAR:
-            raise JointIdError("A part of the frequencies does not determine K and D.")
-        covariance = np.linalg.inv(information) * np.outer(size, size)
-        slope = np.concatenate(
-            [np.eye(n) * equations.a[out, None], np.eye(n) * (s * equations.a)[out, None]], axis=2
-        )
-        V = equations.residual_covariance(K, D)[out] + slope @ covariance @ slope.conj().swapaxes(1, 2)
-        error = equations.residual(K, D)[out]
-        solved = np.linalg.solve(V * fit.inflation, error[..., None])[..., 0]
-        score[out] = (error.conj() * solved).real.sum(axis=1) / n
-        relative[out] = np.linalg.norm(error, axis=1) / np.linalg.norm(equations.b[out], axis=1)
+            scaled = np.asarray(part.jac) * size
+            information = scaled.T @ scaled
+            if np.linalg.cond(information) > _SINGULAR:
+                raise JointIdError("A part of the frequencies does not determine K and D.")
+            covariance = np.linalg.inv(information) * np.outer(size, size)
+            K, D = part.x[:n], part.x[n:]
+            a = equations.a[out, None]
+            slope = np.concatenate([np.eye(n) * a, np.eye(n) * s[out, None] * a], axis=2)
+            V = equations.residual_covariance(K, D)[out]
+            V = fit.inflation * (V + slope @ covariance @ slope.conj().swapaxes(1, 2))
+            deviation = equations.residual(K, D)[out]
+            solved = np.linalg.solve(V, deviation[..., None])[..., 0]
+        except JointIdError:
+            raise
+        except (ValueError, np.linalg.LinAlgError) as error:
+            raise JointIdError("The noise of these records is not known well enough.") from error
+        score[out] = (deviation.conj() * solved).real.sum(axis=1) / n
+        relative[out] = np.linalg.norm(deviation, axis=1) / np.linalg.norm(equations.b[out], axis=1)
+    if not (np.isfinite(score).all() and np.isfinite(relative).all()):
+        raise JointIdError("The noise of these records is not known well enough.")
     return TorquePrediction(relative, score)

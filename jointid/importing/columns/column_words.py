@@ -38,6 +38,7 @@ _LINES = {  # English, German, French, Italian, Spanish; without accents
     "lastseitig",
     "behind": "joint link linkside jointside arm armside loadside output abtrieb abtriebsseitig gelenk "
     "gelenkmoment gelenkwinkel lastseitig",
+    "link": "link linkside arm armside load loadside lastseitig abtrieb abtriebsseitig secondary",
     "any": "joint axis achse gelenk ist istwert act actual measured fbk fb feedback load last th",
     "path": "axes drives value values main plc prg gvl robot channel state "
     "controller control encoder foc ictrl pctrl",

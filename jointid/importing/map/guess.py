@@ -34,13 +34,15 @@ NO_COLUMN = LogColumn("", np.zeros(0))
 """In the place of a column that nothing indicates."""
 _OTHER = {"position": "torque", "torque": "position"}
 _CLEAR = 1.5  # score of a position whose name or unit says so
-_LINK = {"link", "linkside", "arm", "armside", "load", "loadside", "lastseitig", "abtrieb", "secondary"}
-"""Words for a sensor behind the gear, beside one at the motor."""
 _MAX_LESS_CLEAR = 0.5  # score below the least clear pair, up to which an unpaired column is reported
 _Group = dict[str, NamedColumn]
 """The clearest column of each role of one joint."""
 _Groups = dict[str, _Group]
 _NO_SIDE = "The name does not state the side; the motor's is assumed."
+_NO_RATIO = (
+    "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
+    "directions; 1 is assumed."
+)
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,7 @@ def _behind(columns: Sequence[NamedColumn]) -> list[NamedColumn]:
     for entry in positions:
         words = set(words_of(entry.column.name))
         beside = [set(words_of(c.column.name)) for c in positions if c.group == entry.group]
-        link = words & _LINK and any(not other & _LINK for other in beside)
+        link = words & WORDS["link"] and any(not other & WORDS["link"] for other in beside)
         angle = "q" in words and any("theta" in other for other in beside)
         found += [entry] if (link or angle) and not words & WORDS["motor"] else []
     return found
@@ -196,9 +198,7 @@ def _joint(
         for end, (_, sure, why) in zip(ends, guesses, strict=True):
             reasons.append(Reason(f"{what} of {end}", why, sure))
     if any(side == JOINT for side, _, _ in sides):
-        why = "Logs do not state it. Give motor turns per joint turn, negative if they turn in "
-        why += "opposite directions; 1 is assumed."
-        reasons.append(Reason(f"gear ratio of joint {number}", why))
+        reasons.append(Reason(f"gear ratio of joint {number}", _NO_RATIO))
     channels = []
     for end, column, (unit, *_), (side, *_), (_, scales) in zip(
         ends, (position, torque), units, sides, QUANTITIES.values(), strict=True
@@ -337,6 +337,5 @@ def propose_joint(
         scale = 1.0 if unit in scales else None
         channels.append(Channel(fit.column.name if fit else "", unit, scale, first.side))
     if JOINT in (channels[0].side, channels[1].side):
-        text = "Logs do not state it. Give motor turns per joint turn; 1 is assumed."
-        reasons.append(Reason(f"gear ratio of joint {number}", text))
+        reasons.append(Reason(f"gear ratio of joint {number}", _NO_RATIO))
     return channels[0], channels[1], reasons

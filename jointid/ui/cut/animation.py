@@ -33,15 +33,7 @@ _component = st.components.v2.component(
 
 
 def show_animation(outcome: Outcome, nominal_name: str, *, dark: bool) -> None:
-    """Show both cuts of an outcome as one animation.
-
-    Parameters
-    ----------
-    outcome : Outcome
-    nominal_name : str
-        Name of the controller before the identification.
-    dark : bool
-    """
+    """Show both cuts as one animation; ``nominal_name`` is that of the controller before."""
     _component(key="cut_animation", data=animation_data(outcome, nominal_name, dark=dark))
 
 

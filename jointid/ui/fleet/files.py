@@ -1,7 +1,6 @@
 """The fleet that is open: tables of results, and studies analysed here; kept at the page's address."""
 
 import os
-import time
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ from jointid.fleet.jobs import Job, Local
 from jointid.fleet.row import Row
 from jointid.fleet.table import read_untrusted, to_parquet
 from jointid.ui.shared.messages import show_error, show_warning
+from jointid.ui.shared.results import steps_at
 from jointid.ui.shared.workspace import (
     SAMPLES,
     keep_part,
@@ -36,8 +36,6 @@ _PART = "fleet"
 _LIMITS = Limits(time_s=120.0, memory_bytes=2 << 30)
 _MOST_WORKERS = 2
 """Worker processes of one session."""
-_LONG_S = 5.0
-"""After this time the remaining time is shown."""
 
 
 @dataclass
@@ -157,14 +155,15 @@ def _analyse(fleet: OpenFleet) -> None:
         right.button("Resume", on_click=_resume, width="stretch")
         return
     jobs = [Job(name, data, content=digest) for digest, (name, data) in fleet.todo.items()]
-    total, count, failed, began = len(jobs), 0, 0, time.monotonic()
+    total, count, failed = len(jobs), 0, 0
     bar, stop = st.progress(0.0), st.empty()
+    show = steps_at(bar)
     stop.button("Stop", key="fleet_stop", on_click=_stop, help="Finished rows are kept.")
     workers = max(1, min(_MOST_WORKERS, os.cpu_count() or 1))
 
     def tell() -> None:
         """Show the progress; Streamlit raises here after a click on Stop or a change of page."""
-        bar.progress(count / total, _how_far(count, total, failed, time.monotonic() - began))
+        show(count / total, f"{count} of {total} analysed, {failed} failed")
 
     tell()
     try:
@@ -181,16 +180,6 @@ def _analyse(fleet: OpenFleet) -> None:
         show_error(error)
     bar.empty()
     stop.empty()
-
-
-def _how_far(count: int, total: int, failed: int, elapsed_s: float) -> str:
-    text = f"Analysing {counted(total, 'study')}"
-    if count:
-        text = f"{count} of {total} analysed, {failed} failed"
-    if elapsed_s < _LONG_S:
-        return text
-    left = f"about {elapsed_s * (total - count) / count:.0f} s left" if count else ""
-    return f"{text}; {left or f'{elapsed_s:.0f} s so far'}"
 
 
 def _stop() -> None:

@@ -168,7 +168,7 @@ def computed_on_click(
             on_click=lambda: st.session_state.update({stopped: key}),
         )
     try:
-        found = compute(_steps_at(bar))
+        found = compute(steps_at(bar))
     except JointIdError as error:
         show_error(error, place)
         return None
@@ -177,7 +177,7 @@ def computed_on_click(
     return found
 
 
-def _steps_at(bar: DeltaGenerator) -> Show:
+def steps_at(bar: DeltaGenerator) -> Show:
     """Return a function that shows progress with an estimate of the time left."""
     began = monotonic()
 

@@ -1,6 +1,6 @@
 """Uncertainty of K and D: error bars, their parts, inertias as given and fitted, and checks."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -44,7 +44,7 @@ def errors_table(analysis: Analysis) -> Table:
         "": [f"{quantity.name} ({quantity.unit})" for quantity in found],
         "Estimate": [quantity.shown[0] for quantity in found],
     }
-    parts = zip(map(capitalised, header), _columns(rows), strict=True)
+    parts = zip(map(capitalised, header), zip(*rows, strict=True), strict=True)
     columns |= dict(list(parts)[2:])  # after name and total error
     if "least-squares" not in analysis.fits or fit.method == "least-squares":
         return columns
@@ -58,10 +58,6 @@ def errors_table(analysis: Analysis) -> Table:
     }
 
 
-def _columns(rows: Iterable[Sequence[str]]) -> Iterator[tuple[str, ...]]:
-    return zip(*rows, strict=True)
-
-
 def difference(other: float, value: float) -> str:
     """Deviation of ``other`` from ``value``, in per cent of it."""
     if value == 0:
@@ -73,7 +69,10 @@ def difference(other: float, value: float) -> str:
 
 def show_inertias(analysis: Analysis) -> None:
     """Inertias and torque scales as given and as fitted, and the change of K and D by each."""
-    heads, cells = map(capitalised, PRIOR_HEADER), _columns(row.cells for row in analysis.priors)
+    heads, cells = (
+        map(capitalised, PRIOR_HEADER),
+        zip(*(row.cells for row in analysis.priors), strict=True),
+    )
     show_text_table(dict(zip(heads, cells, strict=True)))
     st.caption(
         "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation σ that the "

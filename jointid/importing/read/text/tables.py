@@ -10,7 +10,6 @@ import pyarrow.csv as pa_csv  # type: ignore[import-untyped]
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.files.csv_tables import ARROW_FAULTS
 from jointid.importing.columns.column_words import WORDS, words_of
 from jointid.importing.columns.log_table import (
     MAX_COLUMNS,
@@ -32,6 +31,9 @@ from jointid.importing.read.text.layout import (
 )
 from jointid.importing.read.text.numbers import is_number, value_of, without_thousands
 from jointid.wording import counted, listed
+
+_FAULTS = (pa.ArrowException, OSError, ValueError, KeyError, OverflowError)
+"""Exceptions of pyarrow for irregular rows."""
 
 
 def read_text_table(file: str, data: bytes) -> LogTable:
@@ -88,7 +90,7 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
         body = plain
     try:
         columns = parsed_columns(body, len(layout.numeric), separator, layout.decimal, wanted)
-    except ARROW_FAULTS:
+    except _FAULTS:
         return None
     if quotes and columns[0].size != sum(bool(line.strip()) for line in body.split("\n")):
         return None  # a quote that is not closed swallows the lines up to the next one
@@ -188,7 +190,7 @@ def columns_of(
         padded.append(line + separator * max(lacks, 0))
     try:
         return parsed_columns("\n".join(padded), width, separator, decimal, range(width), integers)
-    except ARROW_FAULTS as error:
+    except _FAULTS as error:
         reason = " ".join(str(error).split())
         raise JointIdError(
             f"{file} has a cell without a number below its header ({reason:.150}): export the log again."
@@ -203,7 +205,7 @@ def parsed_columns(
     wanted: Iterable[int],
     integers: Collection[int] = (),
 ) -> list[Floats]:
-    """Return the wanted columns of regular rows; raises ``ARROW_FAULTS``."""
+    """Return the wanted columns of regular rows; raises ``_FAULTS``."""
     kinds = {str(k): pa.int64() if k in integers else pa.float64() for k in wanted}
     table = pa_csv.read_csv(
         pa.BufferReader(text.encode("utf-8", "replace")),

@@ -1,0 +1,33 @@
+"""The samples beside the usable studies: a failed one, and a fleet."""
+
+from pathlib import Path
+
+import numpy as np
+
+from jointid import analyse, load_study
+from jointid.analysis import NOT_USABLE, USABLE
+from jointid.corrections.changes import corrected
+from jointid.fleet.spread import fleet_spread, robot_drift
+from jointid.fleet.table import read_fleet
+
+SAMPLES = Path(__file__).parents[1] / "sample_data"
+
+
+def test_the_failed_study_names_its_cause_and_the_remedy_mends_it() -> None:
+    study = load_study(SAMPLES / "swapped_torques.zip")
+    analysis = analyse(study)
+    assert analysis.state == NOT_USABLE
+    assert "torques of joints 1 and 2" in analysis.headline
+    mended = analyse(corrected(study, analysis.findings[0].changes[0]))
+    assert mended.state == USABLE
+    assert np.all(np.abs(mended.fit.K - [43.0, 7.5]) < 4 * mended.fit.standard_error[:2])
+
+
+def test_the_fleet_has_a_soft_joint_and_one_that_wears() -> None:
+    rows = read_fleet(SAMPLES / "fleet.parquet")
+    spread = fleet_spread(rows, "K", 1, within_robot=False)
+    out = {spread.rows[k].robot for k in np.flatnonzero(spread.outliers)}
+    assert out == {"cell 3", "cell 6"}
+    for robot in ("cell 1", "cell 3"):
+        change, error = robot_drift(spread.rows, "K", 1, robot).per_year
+        assert (abs(change) > 3 * error) == (robot == "cell 3")
