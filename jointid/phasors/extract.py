@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -256,7 +257,8 @@ def no_phasors(n: int) -> Phasors:
         "harmonic_covariance": (1, 2 * n, 2 * n),
     }
     names = [f.name for f in fields(Phasors) if f.name not in _PER_ROW]
-    return Phasors(**{name: np.zeros((0, *shapes.get(name, ()))) for name in names}, labels=())
+    arrays: dict[str, Any] = {name: np.zeros((0, *shapes.get(name, ()))) for name in names}
+    return Phasors(**arrays, labels=())
 
 
 def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
