@@ -7,7 +7,6 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.identify_motion import identify_motion
 from jointid.joints import Inertia
 from jointid.phasors.coherence import coherence
 from jointid.phasors.extract import Phasors
@@ -16,14 +15,10 @@ from jointid.verdict.evidence import Change, Evidence, Finding, note, number, pe
 from jointid.verdict.findings import all_well, of_records
 from jointid.verdict.rules_causes import half_a_sample, hold_change, lag_size
 from jointid.verdict.rules_effects import effects_found
-from jointid.verdict.rules_inertia import inertias_off
+from jointid.verdict.rules_inertia import inertias_off, judged
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
 from jointid.verdict.rules_records import counted_twice
 
-_EXPLAINED = 3.0
-"""Misfit up to which the given inertias explain the data."""
-_LOOSE = 0.3
-"""Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 _RESTS, _LOOSELY = 0.35, 0.01
 """Share of the time at rest, and relative standard error of K, from which a joint is reported."""
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
@@ -60,7 +55,8 @@ def motion_findings(
         chosen = tuple(record for record in records if isinstance(record, SineRecord))
         theirs = [inertias[k] for k in sines]
         found += of_records(Evidence(chosen, theirs, phasors, linear, linear, {}))
-    causes = list(_wrong_inertias(evidence))
+    own = None if np.any(fit.K <= 0) else judged(evidence)
+    causes = [] if own is None else list(inertias_off(evidence, own))
     found += [*causes, *effects_found(evidence), *_torque_lags(evidence)]
     if not causes:
         resting = list(_resting(of_motions))
@@ -128,22 +124,6 @@ def share_at_rest(record: MotionRecord) -> Floats:
     moves = np.abs(theta[span:] - theta[:-span])
     fast = np.quantile(moves, _FAST, axis=0)
     return np.asarray(np.where(fast > 0, np.mean(moves <= _SLOW * fast, axis=0), 1.0))
-
-
-def _wrong_inertias(evidence: Evidence) -> Iterator[Finding]:
-    """Fitted inertias explain the data and differ from the given ones by more than their uncertainty."""
-    fit = judged = evidence.fit
-    if np.any(fit.K <= 0):
-        return
-    if "M2" not in fit.parameters.layout:  # exact ones that explain the data are not questioned
-        if fit.misfit <= _EXPLAINED:
-            return
-        try:
-            judged = identify_motion(evidence.records, list(evidence.inertias), inertia_std=_LOOSE)
-        except JointIdError:
-            return
-    if judged.misfit <= _EXPLAINED:
-        yield from inertias_off(evidence, judged)
 
 
 def _torque_lags(evidence: Evidence) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_each, identify_elasticity
+from jointid.estimation.identify_motion import identify_motion
 from jointid.joints import Inertia
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.prior_rows import PriorRow, disagreements, prior_rows
@@ -45,11 +46,8 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     if np.any(fit.K <= 0) or has_unmodelled_friction(evidence):
         return
-    judged = _judged(evidence)
-    if judged is None or judged.misfit > _EXPLAINED:
-        yield from _far_off(evidence)
-        return
-    yield from inertias_off(evidence, judged)
+    own = judged(evidence)
+    yield from _far_off(evidence) if own is None else inertias_off(evidence, own)
 
 
 def axes_exchanged(evidence: Evidence) -> Iterator[Finding]:
@@ -75,28 +73,28 @@ def axes_exchanged(evidence: Evidence) -> Iterator[Finding]:
         + f" and inertias up to {number(off, 2)} standard deviations from the given ones" * (before > 0)
         for each, off in ((fit, before), (other, after))
     ]
-    proof = f"As given, the records leave {texts[0]}; corrected, {texts[1]}."
+    proof = f"Residual as given: {texts[0]}; corrected: {texts[1]}."
     yield axes_look_wrong(tried[best], proof)
 
 
-def inertias_off(evidence: Evidence, judged: ElasticityFit) -> Iterator[Finding]:
+def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     """Difference of the inertias of a fit that explains the data from the given ones."""
     fit = evidence.fit
-    exact = judged is not fit
-    rows = [(_significance(row, exact), row) for row in prior_rows(judged, evidence.poses) if row.unit]
+    exact = own is not fit
+    rows = [(_significance(row, exact), row) for row in prior_rows(own, evidence.poses) if row.unit]
     off = sorted((pair for pair in rows if pair[0] > CLEAR), key=lambda pair: -pair[0])
     if not off:
         return
     row = off[0][1]
     given = plain(row.given) + ("" if exact else f" ± {significant(row.given_std, 2)}")
     others = f" Also off: {some([other.name for _, other in off[1:]])}." if off[1:] else ""
-    change = relative(judged.estimate - fit.estimate, fit.estimate)
+    change = relative(own.estimate - fit.estimate, fit.estimate)
     k = int(np.argmax(change))
     accounts = "K and D come from the fitted inertias."
     if exact:
         accounts = (
             f"Refitting the inertias cuts the residual from {number(np.sqrt(fit.misfit), 2)} to "
-            f"{number(np.sqrt(judged.misfit), 2)} × noise, and "
+            f"{number(np.sqrt(own.misfit), 2)} × noise, and "
             f"{elasticity_labels(fit.n)[k]} changes by {percent(change[k])}."
         )
     absurd = not exact and off[0][0] > _ABSURD
@@ -112,26 +110,29 @@ def inertias_off(evidence: Evidence, judged: ElasticityFit) -> Iterator[Finding]
         "of the torque constant scales all inertias alike.",
         float(change.max()) if exact else 0.05,
         "edit inertias",
-        *([] if absurd else [_fitted(evidence, judged, (_LOOSE,) if exact else ())]),
+        *([] if absurd else [_fitted(evidence, own, (_LOOSE,) if exact else ())]),
     )
 
 
-def _fitted(evidence: Evidence, judged: ElasticityFit, std: tuple[float, ...]) -> Change:
+def _fitted(evidence: Evidence, own: ElasticityFit, std: tuple[float, ...]) -> Change:
     """Take the fitted inertias for the given ones."""
-    return Change("inertias", (), std, dict(zip(evidence.poses, judged.inertias, strict=True)))
+    return Change("inertias", (), std, dict(zip(evidence.poses, own.inertias, strict=True)))
 
 
-def _judged(evidence: Evidence) -> ElasticityFit | None:
-    """The fit with inertias of its own; exact ones that explain the data are not questioned."""
-    fit = evidence.fit
-    if "M2" in fit.parameters.layout:
-        return fit
-    if fit.misfit <= _EXPLAINED:
-        return None
-    try:
-        return identify_elasticity(evidence.phasors, list(evidence.inertias), inertia_std=_LOOSE)
-    except JointIdError:
-        return None
+def judged(evidence: Evidence) -> ElasticityFit | None:
+    """The fit with inertias of its own, if it explains the data; exact ones that do stay as given."""
+    own, inertias = evidence.fit, list(evidence.inertias)
+    if "M2" not in own.parameters.layout:
+        if own.misfit <= _EXPLAINED:
+            return None
+        try:
+            if evidence.phasors.motion.any():
+                own = identify_motion(evidence.records, inertias, inertia_std=_LOOSE)
+            else:
+                own = identify_elasticity(evidence.phasors, inertias, inertia_std=_LOOSE)
+        except JointIdError:
+            return None
+    return own if own.misfit <= _EXPLAINED else None
 
 
 def _significance(row: PriorRow, exact: bool) -> float:
