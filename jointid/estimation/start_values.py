@@ -27,8 +27,8 @@ _DAMPED = 0.05
 _ROUGH = 0.1
 """At the start of a fit of gear laws damping over stiffness, and hysteresis over the largest torque and
 deflection."""
-_WIDE, _NARROW = 0.3, 0.03
-"""Width of a loop, over the largest wind-up, that makes it a spring, and that of a usual one."""
+_WIDE, _NARROW, _SHARP = 0.3, 0.03, 2e-3
+"""Width of a loop, over the largest wind-up, that makes it a spring, a usual one and mere friction."""
 _KNEES = (0.5, 0.3), (0.2, 0.3)
 """Wind-ups at changes of slope over the largest: other starts of a gear with three slopes."""
 _POINTS, _LOADED, _LEAST = 128, 0.2, 1e-30
@@ -89,19 +89,20 @@ def other_laws(
 ) -> tuple[Parameters, ...]:
     """Start values for a law of the gears in place of those that led to the fit ``p``.
 
-    A loop of hysteresis as wide as the wind-up is a spring: such a fit is lost beside the right one with
-    small loops. Changes of slope are found from one side only.
+    A loop of hysteresis as wide as the wind-up is a spring, and one without width is friction: such fits
+    are lost beside the right one with small loops. Changes of slope are found from one side only.
     """
     torque = phasors.tau + phasors.omega[:, None] ** 2 * prior.M[prior.rotor] * phasors.q
     peak, found = np.abs(torque).max(axis=0), []
     if "hysteresis" in p.layout:
         K = p.K + p["hysteresis"] / p["presliding"]
-        wide = p["presliding"] * np.abs(K) > _WIDE * peak
-        if np.any(wide) and np.all(K > 0):
+        wide, sharp = p["presliding"] * np.abs(K) > _WIDE * peak, p["presliding"] * p.K < _SHARP * peak
+        K = np.where(wide, K, p.K)
+        if np.any(wide | sharp) and np.all(K > 0):
             values = {block.name: p[block.name] for block in p.layout.blocks}
-            values["K"] = np.where(wide, K, p.K)
+            values["K"] = K
             values["hysteresis"] = np.where(wide, _NARROW * peak, p["hysteresis"])
-            values["presliding"] = np.where(wide, _NARROW * peak / K, p["presliding"])
+            values["presliding"] = np.where(wide | sharp, _NARROW * peak / K, p["presliding"])
             found.append(p.layout.named(p.layout.pack(**values)))
     if "piecewise" in p.layout and "cubic" in start.layout:
         knees = [Block(name, p.K.shape, ()) for name in ("knee", "second_knee")]
