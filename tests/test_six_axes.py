@@ -33,7 +33,7 @@ ELASTICITY = Elasticity(K, 0.003 * K)
 FRICTION = MotorFriction(coulomb=[1.0, 1.2, 1.0, 0.35, 0.35, 0.3], viscous=0.004)
 
 
-@pytest.mark.parametrize(("frequencies", "rate_hz"), [(8, 1000.0), (14, 2000.0)])
+@pytest.mark.parametrize(("frequencies", "rate_hz"), [(10, 1000.0), (14, 2000.0)])
 def test_heavy_friction_does_not_hide_the_springs(frequencies: int, rate_hz: float) -> None:
     """Plain least squares is off by tens of per cent; the start is not."""
     records = simulate_records(
