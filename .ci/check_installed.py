@@ -21,8 +21,7 @@ from pathlib import Path
 
 from sessions import Session
 
-from jointid.files.application import sample_studies
-from jointid.version import __version__
+from jointid.files.application import __version__, sample_studies
 
 ROOT = Path(__file__).parents[1]
 START_S = 60

@@ -28,12 +28,9 @@ from jointid import (
 )
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.linear_fit import weighted
-from jointid.estimation.estimators.maximum_likelihood import (
-    LikelihoodEstimate,
-    maximum_likelihood,
-    quadratic,
-)
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.estimation.estimators.parameters import EFFECTS, ParameterLayout
 from jointid.estimation.estimators.parameters import LAWS as NONLINEAR
 from jointid.estimation.estimators.problem import fitted_layout, make_problem

@@ -15,7 +15,7 @@ from scipy.io import loadmat
 from jointid import Controller, Excitation, Inertia, JointIdError, Measurement, Study, analyse
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.maximum_likelihood import quadratic
+from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.exporting.identification import identification

@@ -7,7 +7,8 @@ import pytest
 from plants import BAND_HZ, PAPER, SERIAL, campaign, circular, noisy, plant_phasors, random_covariance
 
 from jointid import Inertia, Phasors, identify_elasticity
-from jointid.estimation.estimators.maximum_likelihood import Misfit, quadratic
+from jointid.estimation.estimators.levenberg_marquardt import quadratic
+from jointid.estimation.estimators.maximum_likelihood import Misfit
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual, widened_covariance
 from jointid.uncertainty.chosen_model import fitted_problem
 

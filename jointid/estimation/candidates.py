@@ -15,11 +15,8 @@ from scipy.special import chdtrc
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
-from jointid.estimation.estimators.maximum_likelihood import (
-    LikelihoodEstimate,
-    maximum_likelihood,
-    one_step,
-)
+from jointid.estimation.estimators.levenberg_marquardt import one_step
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem

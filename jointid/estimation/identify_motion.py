@@ -123,9 +123,8 @@ def _identified(
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
     if _differ(again, phasors) and isinstance(choice.estimate, LikelihoodEstimate):
         phasors = again
-        slow = choice.model if choice.model.is_slow else None
-        near = choice.estimate.named if slow else _near(choice.estimate)
-        choice = search(phasors, prior, near, noise=_noise(phasors, prior), first=slow)
+        found, near = choice.model, choice.estimate.named
+        choice = search(phasors, prior, near, noise=_noise(phasors, prior), first=found)
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
     estimate, noise = choice.estimate, _noise(phasors, prior)
@@ -170,7 +169,7 @@ def _with_first_noise(
     with contextlib.suppress(JointIdError):  # of the first fit, the weights were far off
         found = replace(found, p=stepped(phasors, prior, found, _noise(phasors, prior), model)[0])
         phasors = _with_noise(phasors, prior, model, found)
-    return phasors, _near(found)
+    return phasors, found.named if "coulomb" in found.layout else found.elasticity
 
 
 def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
@@ -180,11 +179,6 @@ def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
         return phasors, prior
     rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // _FEW)]))
     return phasors.select(rows), prior.of_rows(rows)
-
-
-def _near(found: LikelihoodEstimate) -> Floats | Parameters:
-    """Start values near an estimate."""
-    return found.named if "coulomb" in found.layout else found.elasticity
 
 
 def _with_noise(

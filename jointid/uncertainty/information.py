@@ -14,8 +14,9 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance
-from jointid.estimation.estimators.maximum_likelihood import Misfit, quadratic
+from jointid.estimation.estimators.maximum_likelihood import Misfit
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import EFFECTS
 from jointid.estimation.estimators.problem import Problem, fitted_layout

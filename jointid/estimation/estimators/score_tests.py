@@ -9,7 +9,8 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
-from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, quadratic
+from jointid.estimation.estimators.levenberg_marquardt import quadratic
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
