@@ -99,6 +99,13 @@ class Analysis:
         stated = self.study.torque_std is not None
         return answer_sentence(self.fit, self.study.nominal, torque_stated=stated, unit=self.unit)
 
+    def require_usable(self) -> None:
+        """Raise JointIdError, with the reason, when the answer is not usable."""
+        if self.state == NOT_USABLE:
+            raise JointIdError(
+                f"{self.headline} Set points are checked on the identified robot: mend the study first."
+            )
+
     @property
     def caution(self) -> str:
         """Limit of a usable answer, as a sentence; empty otherwise."""
@@ -186,11 +193,19 @@ def _fits_with_motion(study: Study, phasors: Phasors, method: str) -> dict[str, 
             'choose "auto".'
         )
     inertia = study.inertias if study.poses else study.inertia
-    fits = {
-        method: identify_motion(
-            study.records, inertia, inertia_std=study.inertia_std, torque_std=study.torque_std
-        )
-    }
+    try:
+        fits = {
+            method: identify_motion(
+                study.records, inertia, inertia_std=study.inertia_std, torque_std=study.torque_std
+            )
+        }
+    except JointIdError as error:
+        if all(record.arm_rad is None for record in study.motion_records):
+            raise
+        raise JointIdError(
+            f"{error} These records also have sensors behind the gears, which are evaluated in Python: "
+            "jointid.identify_arm_side(study.records, robot)."
+        ) from error
     with suppress(JointIdError):  # a sine or two beside the motions need not determine K and D
         fits |= identify_each(phasors, study.sine_prior, LINEAR) if phasors.omega.size else {}
     return fits

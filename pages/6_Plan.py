@@ -3,6 +3,7 @@
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import worst_error
 from jointid.ui.shared.charts import csv_bytes, download, plot, table
 from jointid.ui.shared.messages import show_error
@@ -23,6 +24,8 @@ from jointid.wording import counted
 page = open_page("Plan")
 st.title("Plan", anchor=False)
 analysis = page.analysis()
+if analysis.state == NOT_USABLE:
+    show_error(analysis.headline)
 if page.study.motion_records:  # the plan of sines needs the noise of sines
     show_motion_plan(page, analysis)
     st.stop()

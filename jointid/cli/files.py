@@ -53,7 +53,8 @@ def robot_from(path: Path) -> KnownRobot:
 
     if path.suffix.lower() == ".toml":
         with path.open("rb") as file:
-            return robot_from_toml(file.read(1 << 21), path.name)
+            text = file.read(1 << 21)
+        return robot_from_toml(text, path.name, lambda name: (path.parent / name).read_bytes())
     study = loaded(path)
     deviations = study.inertia_std, study.torque_std
     return KnownRobot(study.inertia, study.poses, study.nominal, study.name, *deviations)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from jointid.analysis import Analysis, analyse
+from jointid.analysis import NOT_USABLE, Analysis, analyse
 from jointid.cli.files import loaded
 from jointid.cli.options import JSON, METHOD, STUDY, numbers
 from jointid.cli.output import print_json, print_table, progress
@@ -110,6 +110,8 @@ def suggested(
             velocity_limit_rad_s=velocity,
             highest_hz=0.25 / max(record.interval_s for record in known.records),
         )
+    if analysis.state == NOT_USABLE:
+        typer.echo(f"{analysis.headline} See jointid identify.", err=True)
     return analysis, suggestion
 
 

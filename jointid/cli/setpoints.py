@@ -59,6 +59,7 @@ def setpoints(
     analysis, suggestion = suggested(
         study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
     )
+    analysis.require_usable()
     fit = analysis.fit
     with progress("Playing on the simulated robot", quiet=as_json):
         experiment = planned_experiment(

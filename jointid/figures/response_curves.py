@@ -20,7 +20,14 @@ _POINTS = 400
 """Points of a model's curve over the band."""
 _PEAK_POINTS = 41
 """Additional points within 3 % of each resonance."""
-_OPEN_SYMBOLS = ("circle-open", "square-open", "diamond-open", "triangle-up-open")
+_OPEN_SYMBOLS = (
+    "circle-open",
+    "square-open",
+    "diamond-open",
+    "triangle-up-open",
+    "cross-open",
+    "star-open",
+)
 
 
 @dataclass(frozen=True, eq=False)

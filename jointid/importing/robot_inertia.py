@@ -1,6 +1,6 @@
 """Inertias, which no log contains: from TOML, or converted from the joint side of the gears."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
-from jointid.files.study_keys import INERTIA_KEYS, STUDY_KEYS, read_known
+from jointid.files.study_keys import INERTIA_KEYS, STUDY_KEYS, read_known, read_robot_model
 from jointid.joints import Elasticity, Inertia
 from jointid.parsing.checked_toml import parse_toml
 from jointid.wording import counted
@@ -44,18 +44,22 @@ class KnownRobot:
     """The same of the torque constants."""
 
 
-def robot_from_toml(text: str | bytes, file: str = "The TOML") -> KnownRobot:
+def robot_from_toml(
+    text: str | bytes, file: str = "The TOML", read: Callable[[str], bytes] | None = None
+) -> KnownRobot:
     """Read ``M``, ``M2`` and ``std``, at the top or under ``[inertia]``; a whole study.toml will do.
 
-    Standard deviations, poses, nominal values and name are optional. Raises JointIdError when the text
-    is not TOML, or M or M2 is missing or invalid.
+    Standard deviations, poses, nominal values and name are optional. Where ``read`` returns a file by
+    its name, joint angles in place of M2 take the inertia from the robot's model. Raises JointIdError
+    when the text is not TOML, or M or M2 is missing or invalid.
     """
     data = text.encode() if isinstance(text, str) else text
     top = parse_toml(file, data, _TOP)
     if "inertia" not in top and "M" not in top and "M2" not in top:
         raise JointIdError(f"{file}: [inertia] is missing. Example: {_TOP['inertia']}.")
     table = top.table("inertia", INERTIA_KEYS) if "inertia" in top else top
-    return KnownRobot(**read_known(top, table))
+    robot = None if read is None else read_robot_model(top, read)
+    return KnownRobot(**read_known(top, table, robot))
 
 
 def motor_side(joint_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:

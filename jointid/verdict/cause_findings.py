@@ -164,7 +164,7 @@ def _changes(hypothesis: Hypothesis) -> list[Change]:
 
 def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
     """Finding that names exchanged joints, a reversed one, or both."""
-    n, found = hypothesis.gear.size, []
+    n, found, what = hypothesis.gear.size, [], "inertias"
     moved = np.flatnonzero(hypothesis.order != np.arange(2 * n))
     if moved.size:
         what = "torques" if moved[0] >= n else "inertias" if moved.size > 2 else "positions"
@@ -176,10 +176,10 @@ def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
     return problem(
         capitalised(", and ".join(found)),
         proof,
-        "Check the order of the joints in M, M2 and the columns, and the sign of the coupling "
-        "inertias: position and torque of a joint may both be reversed.",
+        "Check the order of the joints in the columns, M and M2, and the sign of the coupling inertias: "
+        "position and torque of a joint may both be reversed.",
         1.0,
-        "edit inertias",
+        "edit inertias" if what == "inertias" else "edit columns",
         *_changes(hypothesis),
     )
 

@@ -14,7 +14,7 @@ from jointid.records import MotionRecord, SineRecord
 from jointid.transfer_matrix import TransferMatrix
 from jointid.wording import minus, significant
 
-Action = Literal["", "edit mapping", "edit runs", "edit inertias"]
+Action = Literal["", "edit columns", "edit mapping", "edit runs", "edit inertias"]
 """Kind of edit that a remedy asks for, apart from a new measurement; the app knows its page."""
 
 

@@ -234,8 +234,8 @@ def _require_rows(problem: Problem, p: Floats) -> None:
     residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
     if problem.rows < residual.projection.rank() + 2 * p.size:
         raise JointIdError(
-            "The phasors hold too few harmonics to separate friction from elasticity: extract them with "
-            "harmonics=31, or sample faster."
+            "The records hold too few frequencies to separate friction from elasticity: sample faster, "
+            "or record motions of a wider band."
         )
 
 

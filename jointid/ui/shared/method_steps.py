@@ -41,6 +41,7 @@ METHOD = (RECORDS, PHASORS, TRANSFER, ELASTICITY, CUT, PLAN, REPORT)
 """The steps of the method for one study."""
 
 ACTIONS: dict[Action, tuple[Step, str]] = {
+    "edit columns": (IMPORT, "2 Columns"),
     "edit mapping": (IMPORT, "3 Drive data"),
     "edit runs": (IMPORT, "4 Runs"),
     "edit inertias": (IMPORT, "5 Inertias"),

@@ -17,7 +17,6 @@ from jointid.ui.shared.messages import (
     show_error,
     show_info,
     show_text_table,
-    show_warning,
 )
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.workspace import names_by_address, open_study
@@ -78,10 +77,11 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     except JointIdError as error:
         show_error(error)
         st.stop()
-    st.header(_sentence(rows, page, other), anchor=False)
-    for each, whose in ((first, page), (second, other)):
-        if each.state == NOT_USABLE:
-            show_warning(f"{whose.key}: {each.headline}")
+    unusable = [pair for pair in ((page, first), (other, second)) if pair[1].state == NOT_USABLE]
+    if not unusable:
+        st.header(_sentence(rows, page, other), anchor=False)
+    for whose, each in unusable:
+        show_error(f"{whose.key}: {each.headline}")
     columns = {
         "": [f"{row.first.name} ({row.first.unit})" for row in rows],
         _column(page): [row.first.shown[0] for row in rows],

@@ -52,8 +52,9 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     Raises
     ------
     JointIdError
-        When an entry is wrong or a limit is exceeded.
+        When the answer is not usable, an entry is wrong or a limit is exceeded.
     """
+    analysis.require_usable()
     st.write(
         "The plan above as a motion of the joints, for the controller. It runs on the simulated robot "
         "first; a file is written only if all limits hold. Read its header before use."
