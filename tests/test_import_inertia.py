@@ -12,11 +12,12 @@ from hypothesis import strategies as some
 from streamlit.testing.v1 import AppTest
 from test_import_page import PAGE, drop, long_log, send, widget
 
-from jointid import Inertia, JointIdError, PlanarArm, Study
+from jointid import Inertia, JointIdError, PlanarArm, RobotModel, Study
 from jointid.files.study_files import load_study
 from jointid.importing.robot_inertia import INERTIA_UNITS, motor_side, robot_from_toml, rotor_at_motor
 from jointid.ui.importing.inertia import show_inertia
 from jointid.ui.shared.entries import deviation_in, deviation_text
+from tests.robots import SIX_AXES
 
 TOML = """
 name = "Cell 7"
@@ -64,6 +65,13 @@ class TestToml:
         assert pytest.approx([0.001]) == robot.poses["stretched"].M
         assert robot.nominal is not None
         assert pytest.approx([20.0]) == robot.nominal.K
+
+    def test_joint_angles_take_the_inertia_from_the_robots_model(self) -> None:
+        text = '[robot_model]\nfile = "six.toml"\n[inertia]\nangles_deg = [5, -20, 15, 10, 30, 0]\n'
+        robot = robot_from_toml(text, read=lambda name: SIX_AXES.encode())
+        model = RobotModel.parse("six.toml", SIX_AXES.encode())
+        expected = model.inertia(np.deg2rad([5, -20, 15, 10, 30, 0]))
+        np.testing.assert_array_equal(robot.inertia.M2, expected.M2)
 
     def test_plain_values_are_read(self) -> None:
         assert robot_from_toml("M = 0.001\nM2 = 0.002").inertia.n == 1

@@ -448,3 +448,14 @@ def test_the_command_writes_a_checked_file(
     assert studies[2].name in found.head
     assert CliRunner().invoke(app, [*command, "--kind", "sweep"]).exit_code == 1  # it exists
     assert "Margin" in CliRunner().invoke(app, [*command, "--overwrite"]).stdout
+
+
+def test_an_answer_that_is_not_usable_gives_no_set_points(tmp_path: Path) -> None:
+    """The check of the limits plays on the identified robot, which would be a wrong one."""
+    limits, output = tmp_path / "limits.toml", tmp_path / "cell.csv"
+    limits.write_text(TOML, "utf-8")
+    command = ["setpoints", "swapped_torques", "--limits", str(limits), "-o", str(output)]
+    run = CliRunner().invoke(app, command)
+    assert run.exit_code == 1
+    assert "exchanged" in run.stderr
+    assert not output.exists()
