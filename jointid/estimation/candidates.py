@@ -152,16 +152,29 @@ def fit_model(
     model: Model,
     waveforms: FrictionWaveforms | None = None,
 ) -> LikelihoodEstimate:
-    """Fit one model; its friction waveforms may be given."""
-    return maximum_likelihood(
-        phasors,
-        prior,
-        start,
-        friction=waveforms or model_waveforms(phasors, model),
-        delay=model.delay,
-        effects=model.effects,
-        noise=noise,
-    )
+    """Fit one model; its friction waveforms may be given.
+
+    Raises
+    ------
+    JointIdError
+        When the model does not fit, or its parameters have left the range of numbers.
+    """
+    waveforms = waveforms or model_waveforms(phasors, model)
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return maximum_likelihood(
+                phasors,
+                prior,
+                start,
+                friction=waveforms,
+                delay=model.delay,
+                effects=model.effects,
+                noise=noise,
+            )
+    except np.linalg.LinAlgError as error:
+        raise JointIdError(
+            "The model does not fit: its parameters exceed the range of numbers."
+        ) from error
 
 
 def evaluated(
