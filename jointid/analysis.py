@@ -102,9 +102,7 @@ class Analysis:
     def require_usable(self) -> None:
         """Raise JointIdError, with the reason, when the answer is not usable."""
         if self.state == NOT_USABLE:
-            raise JointIdError(
-                f"{self.headline} Set points are checked on the identified robot: mend the study first."
-            )
+            raise JointIdError(f"{self.headline} Correct the study first.")
 
     @property
     def caution(self) -> str:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jointid import exporting
-from jointid.analysis import NOT_USABLE, Analysis
+from jointid.analysis import Analysis
 from jointid.cli.files import analysed, require_spared
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, numbers
-from jointid.cli.output import written
+from jointid.cli.output import warn_if_unusable, written
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
 
@@ -79,8 +79,7 @@ def export(
     for file in output:
         content = _CONTENTS[_ending(file)](analysis, result, ratio or [])
         write_file(file, content if isinstance(content, bytes) else content.encode())
-    if analysis.state == NOT_USABLE:
-        typer.echo(f"{analysis.headline} See jointid identify.", err=True)
+    warn_if_unusable(analysis)
     written(output, as_json)
 
 

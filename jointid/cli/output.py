@@ -1,14 +1,19 @@
 """Output: tables for people, JSON for machines, progress on standard error."""
 
+from __future__ import annotations
+
 import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jointid.study import Study
 from jointid.wording import counted
+
+if TYPE_CHECKING:
+    from jointid.analysis import Analysis
 
 
 def print_json(document: dict[str, Any]) -> None:
@@ -32,6 +37,14 @@ def print_table(header: list[str], rows: list[list[str]], *, right: tuple[int, .
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     Console(width=None if sys.stdout.isatty() else 200).print(table)
+
+
+def warn_if_unusable(analysis: Analysis) -> None:
+    """State on standard error that an answer is not usable, and where the reason is."""
+    from jointid.analysis import NOT_USABLE
+
+    if analysis.state == NOT_USABLE:
+        print(f"{analysis.headline} See jointid identify.", file=sys.stderr)
 
 
 @contextmanager

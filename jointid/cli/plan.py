@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from jointid.analysis import NOT_USABLE, Analysis, analyse
+from jointid.analysis import Analysis, analyse
 from jointid.cli.files import loaded
 from jointid.cli.options import JSON, METHOD, STUDY, numbers
-from jointid.cli.output import print_json, print_table, progress
+from jointid.cli.output import print_json, print_table, progress, warn_if_unusable
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
 from jointid.study import Study
@@ -59,6 +59,7 @@ def plan(
     analysis, suggestion = suggested(
         study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
     )
+    warn_if_unusable(analysis)
     document = _document(suggestion) | {"second_amplitude": second_amplitude(analysis.fit)}
     if as_json:
         print_json(document)
@@ -110,8 +111,6 @@ def suggested(
             velocity_limit_rad_s=velocity,
             highest_hz=0.25 / max(record.interval_s for record in known.records),
         )
-    if analysis.state == NOT_USABLE:
-        typer.echo(f"{analysis.headline} See jointid identify.", err=True)
     return analysis, suggestion
 
 
@@ -133,12 +132,14 @@ def _plan_motion(
     pairs = zip(own, limits, strict=True)
     chosen = [each if given is None else per_joint("limit", given, n) for each, given in pairs]
     with progress("Planning", quiet=as_json):
-        fit = analyse(known, method=method).fit
+        analysis = analyse(known, method=method)
+        fit = analysis.fit
         interval = known.records[0].interval_s
         inertia = known.inertias[0]
         found = plan_motion(
             fit, inertia, motion, MotionLimits(*chosen), interval_s=interval, records=count
         )
+    warn_if_unusable(analysis)
     reached = largest_motion(found.records)
     if as_json:
         print_json(
