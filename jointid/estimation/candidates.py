@@ -32,8 +32,8 @@ NEEDED = 3.0
 """Ratio of misfits from which a part is needed, whatever its standard error."""
 _SIGNIFICANT = 5.0
 """Standard errors by which an optional part must differ from zero."""
-_FREE_PENALTY = 2.0
-"""Factor on its square beside free friction, whose approximations other parts absorb."""
+_RUBBING = 2.0
+"""Factor on its square beside friction, whose approximations other parts absorb."""
 WORTH = 0.2
 """Share of the misfit beyond 1 that a part must explain where the model leaves more than noise: every
 wrong part explains something."""
@@ -44,6 +44,8 @@ _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
 _BEND = 4.0
 """Largest ratio of two slopes of a gear; catalogues have up to 2."""
+_SAME_FILTER = 0.02
+"""Relative difference between time constants below which friction keeps its waveforms."""
 _CERTAIN = 200.0
 """Squared parameter over its variance from which a model without it need not be fitted."""
 
@@ -137,11 +139,19 @@ class Choice:
     """Covariance of K1 ... Kn, D1 ... Dn by the choice between models, shape (2n, 2n)."""
 
 
-def model_waveforms(phasors: Phasors, model: Model) -> FrictionWaveforms | None:
-    """Friction waveforms of a model; None without friction."""
+def model_waveforms(
+    phasors: Phasors, model: Model, p: Parameters | None = None
+) -> FrictionWaveforms | None:
+    """Friction waveforms of a model, with the position filters of the parameters; None without."""
     if model.reversal is None:
         return None
-    return friction_waveforms(phasors, model.reversal, curve=model.curve)
+    filtered = p is not None and "position_filter" in p.layout
+    return friction_waveforms(
+        phasors,
+        model.reversal,
+        curve=model.curve,
+        position_filter=p["position_filter"] if p is not None and filtered else None,
+    )
 
 
 def fit_model(
@@ -160,17 +170,28 @@ def fit_model(
         When the model does not fit, or its parameters have left the range of numbers.
     """
     waveforms = waveforms or model_waveforms(phasors, model)
+
+    def fitted(start: Floats | Parameters) -> LikelihoodEstimate:
+        return maximum_likelihood(
+            phasors,
+            prior,
+            start,
+            friction=waveforms,
+            delay=model.delay,
+            effects=model.effects,
+            noise=noise,
+        )
+
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            return maximum_likelihood(
-                phasors,
-                prior,
-                start,
-                friction=waveforms,
-                delay=model.delay,
-                effects=model.effects,
-                noise=noise,
-            )
+            estimate = fitted(start)
+            if waveforms is None or "position_filter" not in model.effects or phasors.motion.any():
+                return estimate
+            found = estimate.named["position_filter"]
+            if np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):
+                return estimate
+            waveforms = model_waveforms(phasors, model, estimate.named)
+            return fitted(estimate.named)
     except np.linalg.LinAlgError as error:
         raise JointIdError(
             "The model does not fit: its parameters exceed the range of numbers."
@@ -186,7 +207,7 @@ def evaluated(
     scale: Floats,
 ) -> WhitenedResidual:
     """Residual of a model at its estimate; ``scale`` multiplies the variances as in a fit."""
-    waveforms = model_waveforms(phasors, model)
+    waveforms = model_waveforms(phasors, model, estimate.named)
     problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
     problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
     return WhitenedResidual.of(problem, estimate.p, scale)
@@ -201,7 +222,7 @@ def stepped(
     waveforms: FrictionWaveforms | None = None,
 ) -> tuple[Floats, float]:
     """Parameters and misfit of a model one step from the estimate of a similar one."""
-    waveforms = waveforms or model_waveforms(phasors, model)
+    waveforms = waveforms or model_waveforms(phasors, model, estimate.named)
     layout = fitted_layout(prior, waveforms, model.delay, model.effects)
     problem = make_problem(phasors, prior, layout, estimate.named.K, waveforms, noise)
     p = problem.start(estimate.named)
@@ -297,7 +318,7 @@ class Fits:
         if beyond_noise and simpler and simpler.misfit - own < WORTH * (simpler.misfit - 1):
             return False
         if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
-            least = _SIGNIFICANT**2 * (_FREE_PENALTY if model.reversal else 1.0) + size.size
+            least = _SIGNIFICANT**2 * (_RUBBING if "friction" in model.parts else 1.0) + size.size
             least *= 1 + estimate.repeated  # such errors lower the cost of any part
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
         if part == "piecewise":  # a first slope near zero, or a steep one, is play or hysteresis

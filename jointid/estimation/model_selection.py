@@ -196,7 +196,7 @@ class _Search:
     base: Model
     """Parts that every model has."""
     fits: Fits
-    waveforms: dict[tuple[float | None, bool], FrictionWaveforms | None] = field(default_factory=dict)
+    waveforms: dict[tuple[float | None, ...], FrictionWaveforms | None] = field(default_factory=dict)
     scored: dict[Model, tuple[LikelihoodEstimate, dict[str, Score]]] = field(default_factory=dict)
     """Scores with the estimate at which they were evaluated."""
     starts: dict[Model, int] = field(default_factory=dict)
@@ -353,7 +353,7 @@ class _Search:
                 return
             self.slow_fits += 1
         try:
-            waveforms = self._waveforms(model)
+            waveforms = self._waveforms(model, start)
             estimate = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)
             for other in other_laws(self.phasors, self.prior, start, estimate.named):
                 if estimate.misfit > _DOUBTFUL:
@@ -477,9 +477,9 @@ class _Search:
         if isinstance(found, JointIdError) or not absent:
             return {}
         if model not in self.scored or self.scored[model][0] is not found:
-            waveforms = self._waveforms(model)
+            waveforms = self._waveforms(model, found.named)
             if waveforms is None and "friction" in absent:
-                waveforms = self._waveforms(replace(model, reversal=0.0))
+                waveforms = self._waveforms(replace(model, reversal=0.0), found.named)
             self.scored[model] = (
                 found,
                 scores(self.phasors, self.prior, found, waveforms, self.noise, absent),
@@ -508,10 +508,11 @@ class _Search:
                 if part == "lag" and "delay" in self.fits.optional:
                     yield model.without(part).with_part("delay")
 
-    def _waveforms(self, model: Model) -> FrictionWaveforms | None:
-        key = model.reversal, model.curve
+    def _waveforms(self, model: Model, p: Parameters) -> FrictionWaveforms | None:
+        filters = p["position_filter"].tolist() if "position_filter" in p.layout else []
+        key = model.reversal, model.curve, *filters
         if key not in self.waveforms:
-            self.waveforms[key] = model_waveforms(self.phasors, model)
+            self.waveforms[key] = model_waveforms(self.phasors, model, p)
         return self.waveforms[key]
 
     def choice(self, best: Model) -> Choice:
@@ -535,7 +536,7 @@ class _Search:
             return np.zeros((2 * self.phasors.n,) * 2)
         for reversal in _OTHER_REVERSALS[best.reversal]:
             other = replace(best, reversal=reversal)
-            waveforms = self._waveforms(other)
+            waveforms = self._waveforms(other, found.named)
             near, misfit = stepped(self.phasors, self.prior, found, self.noise, other, waveforms)
             if misfit < _ALIKE * found.misfit:
                 shifts.append(near[: 2 * self.phasors.n] - found.elasticity)

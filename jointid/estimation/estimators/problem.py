@@ -277,12 +277,14 @@ def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
     """Friction over that at the logged motion, shape (r, H, n).
 
     A motor turns back before its filtered position does: earlier by the delay of the filter at the
-    fundamental, which decides the sign of the velocity.
+    fundamental, which decides the sign of the velocity. The waveforms may be freed of a similar filter.
     """
-    if "position_filter" not in problem.layout:
+    freed = np.zeros(1) if problem.friction is None else problem.friction.position_filter
+    if "position_filter" not in problem.layout and not freed.any():
         return 1.0
     first = np.abs(problem.s[:, :1, None])
-    return np.exp(problem.s[..., None] * np.arctan(first * p["position_filter"]) / first)
+    earlier = np.arctan(first * p.effect("position_filter")) - np.arctan(first * freed)
+    return np.exp(problem.s[..., None] * earlier / first)
 
 
 def motor_friction(problem: Problem, p: Parameters) -> Complexes:
