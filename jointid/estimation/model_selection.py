@@ -441,16 +441,28 @@ class _Search:
         return [each for each in wider if self._is_open(each)]
 
     def _clear_parts(self, model: Model, found: LikelihoodEstimate) -> list[str]:
-        """Absent parts with a significant score that is not far below the highest, best first."""
+        """Absent parts with a significant score that is not far below the highest, best first.
+
+        What friction with sharp reversals leaves looks like other parts: where it explains the data,
+        the part must be significant beside free reversals, too.
+        """
         scored = self.scores(model)
         order = sorted(scored, key=lambda part: scored[part].penalised(self.fits.rows), reverse=True)
-        chance, misfit = CHANCE / max(len(self.fits.optional), 1), max(1.0, found.misfit)
-        return [
-            part
-            for part in order
-            if 2 * scored[part].gain / misfit > chdtri(scored[part].count, chance)
-            and scored[part].gain > _SIMILAR * scored[order[0]].gain
-        ]
+        clear = [part for part in order if self._is_clear(scored[part], found)]
+        clear = [part for part in clear if scored[part].gain > _SIMILAR * scored[order[0]].gain]
+        free = replace(model, reversal=0.03)
+        if clear and model.reversal == 0 and found.misfit < EXPLAINED and not self.phasors.motion.any():
+            if free not in self.fits.tried:
+                self.fit(free, found.named)
+            if isinstance(other := self.fits.tried[free], LikelihoodEstimate):
+                beside = self.scores(free)
+                clear = [part for part in clear if self._is_clear(beside[part], other)]
+        return clear
+
+    def _is_clear(self, score: Score, found: LikelihoodEstimate) -> bool:
+        """Whether a score is significant."""
+        chance = CHANCE / max(len(self.fits.optional), 1)
+        return 2 * score.gain / max(1.0, found.misfit) > float(chdtri(score.count, chance))
 
     def _is_promising(self, model: Model, part: str, score: Score) -> bool:
         """Whether a slow fit with one more part is worth its time, by the part's score.
