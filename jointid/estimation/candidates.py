@@ -44,6 +44,8 @@ _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
 _BEND = 4.0
 """Largest ratio of two slopes of a gear; catalogues have up to 2."""
+_RUBS = 2.0
+"""Standard errors by which Coulomb friction must be positive."""
 _SAME_FILTER = 0.02
 """Relative difference between time constants below which friction keeps its waveforms."""
 _CERTAIN = 200.0
@@ -229,6 +231,15 @@ def stepped(
     return one_step(with_law_noise(problem, p), p)
 
 
+def rubs(estimate: LikelihoodEstimate) -> bool:
+    """Whether the friction of an estimate takes energy: Coulomb friction, or viscous alone."""
+    size, variance = estimate.p, np.diag(estimate.covariance) * max(1.0, estimate.misfit)
+    coulomb, viscous = (estimate.layout[name] for name in ("coulomb", "viscous"))
+    taken = size > _RUBS * np.sqrt(variance)
+    alone = size > _SIGNIFICANT * np.sqrt(variance)
+    return bool(np.any(taken[coulomb]) or np.any(alone[viscous]))
+
+
 def fundamental_chance(estimate: LikelihoodEstimate) -> float:
     """Probability of a larger misfit of the fundamentals by noise; NaN without degrees of freedom."""
     misfit, freedom = estimate.fundamental
@@ -331,7 +342,9 @@ class Fits:
                 return False
             clear &= size > 0
         elif part == "friction" and not model.curve:
-            clear &= size > 0  # it dissipates energy
+            if not rubs(estimate):
+                return False
+            clear &= size > 0
         return bool(clear.any()) or (simpler is not None and simpler.misfit > NEEDED * own)
 
     def candidates(self, best: Model) -> tuple[Candidate, ...]:
