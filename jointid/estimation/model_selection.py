@@ -38,7 +38,7 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.estimators.score_tests import Score, scores
-from jointid.estimation.model_average import spread, spread_of_filters, spread_of_links
+from jointid.estimation.model_average import spread, spread_of_unseen
 from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
@@ -533,9 +533,9 @@ class _Search:
         scored = self.scores(best)
         whole = spread(self.fits, best, scored) + self._spread_of_reversals(best)
         if isinstance(found, LikelihoodEstimate):
-            if "link" in scored and not self.phasors.motion.any():
-                whole = whole + spread_of_links(found, scored["link"], self.prior)
-            whole = whole + spread_of_filters(found, scored)
+            if self.phasors.motion.any():
+                scored = {name: score for name, score in scored.items() if name != "link"}
+            whole = whole + spread_of_unseen(found, scored, self.prior)
         return Choice(best, found, candidates, whole)
 
     def _spread_of_reversals(self, best: Model) -> Floats:
