@@ -14,17 +14,8 @@ from scipy.special import chdtrc
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.estimators.inertia_prior import InertiaPrior
-from jointid.estimation.estimators.levenberg_marquardt import one_step
-from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
-from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, Parameters
-from jointid.estimation.estimators.problem import fitted_layout, make_problem
-from jointid.estimation.estimators.residual import with_law_noise
-from jointid.estimation.estimators.whitened_residual import WhitenedResidual
-from jointid.motion.end_terms import motor_motion
-from jointid.motion.friction import FrictionWaveforms, friction_waveforms
-from jointid.phasors.extract import Phasors
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS
 
 EXPLAINED = 1.1
 """Misfit below which richer friction cannot improve the fit noticeably."""
@@ -46,8 +37,6 @@ _BEND = 4.0
 """Largest ratio of two slopes of a gear; catalogues have up to 2."""
 _RUBS = 2.0
 """Standard errors by which Coulomb friction must be positive."""
-_SAME_FILTER = 0.02
-"""Relative difference between time constants below which friction keeps its waveforms."""
 _CERTAIN = 200.0
 """Squared parameter over its variance from which a model without it need not be fitted."""
 
@@ -141,96 +130,6 @@ class Choice:
     """Covariance of K1 ... Kn, D1 ... Dn by the choice between models, shape (2n, 2n)."""
 
 
-def model_waveforms(
-    phasors: Phasors, model: Model, p: Parameters | None = None
-) -> FrictionWaveforms | None:
-    """Friction waveforms of a model, with the position filters of the parameters; None without."""
-    if model.reversal is None:
-        return None
-    filtered = p is not None and "position_filter" in p.layout
-    return friction_waveforms(
-        phasors,
-        model.reversal,
-        curve=model.curve,
-        position_filter=p["position_filter"] if p is not None and filtered else None,
-    )
-
-
-def fit_model(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    start: Floats | Parameters,
-    noise: Noise,
-    model: Model,
-    waveforms: FrictionWaveforms | None = None,
-) -> LikelihoodEstimate:
-    """Fit one model; its friction waveforms may be given.
-
-    Raises
-    ------
-    JointIdError
-        When the model does not fit, or its parameters have left the range of numbers.
-    """
-    waveforms = waveforms or model_waveforms(phasors, model)
-
-    def fitted(start: Floats | Parameters) -> LikelihoodEstimate:
-        return maximum_likelihood(
-            phasors,
-            prior,
-            start,
-            friction=waveforms,
-            delay=model.delay,
-            effects=model.effects,
-            noise=noise,
-        )
-
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):
-            estimate = fitted(start)
-            if waveforms is None or "position_filter" not in model.effects or phasors.motion.any():
-                return estimate
-            found = estimate.named["position_filter"]
-            if np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):
-                return estimate
-            waveforms = model_waveforms(phasors, model, estimate.named)
-            return fitted(estimate.named)
-    except np.linalg.LinAlgError as error:
-        raise JointIdError(
-            "The model does not fit: its parameters exceed the range of numbers."
-        ) from error
-
-
-def evaluated(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    model: Model,
-    estimate: LikelihoodEstimate,
-    noise: Noise,
-    scale: Floats,
-) -> WhitenedResidual:
-    """Residual of a model at its estimate; ``scale`` multiplies the variances as in a fit."""
-    waveforms = model_waveforms(phasors, model, estimate.named)
-    problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
-    problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
-    return WhitenedResidual.of(problem, estimate.p, scale)
-
-
-def stepped(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    estimate: LikelihoodEstimate,
-    noise: Noise,
-    model: Model,
-    waveforms: FrictionWaveforms | None = None,
-) -> tuple[Floats, float]:
-    """Parameters and misfit of a model one step from the estimate of a similar one."""
-    waveforms = waveforms or model_waveforms(phasors, model, estimate.named)
-    layout = fitted_layout(prior, waveforms, model.delay, model.effects)
-    problem = make_problem(phasors, prior, layout, estimate.named.K, waveforms, noise)
-    p = problem.start(estimate.named)
-    return one_step(with_law_noise(problem, p), p)
-
-
 def rubs(estimate: LikelihoodEstimate) -> bool:
     """Whether the friction of an estimate takes energy: Coulomb friction, or viscous alone."""
     size, variance = estimate.p, np.diag(estimate.covariance) * max(1.0, estimate.misfit)
@@ -261,6 +160,16 @@ class Fits:
         """Misfit of a model that was tried; infinite where it could not be fitted."""
         estimate = self.tried.get(model)
         return estimate.misfit if isinstance(estimate, LikelihoodEstimate) else np.inf
+
+    def cost(self, model: Model) -> float:
+        """Cost of a model that was tried; infinite where it could not be fitted."""
+        estimate = self.tried[model]
+        return estimate.cost if isinstance(estimate, LikelihoodEstimate) else np.inf
+
+    @property
+    def least_misfit(self) -> float:
+        """Misfit of the model that is nearest to the data."""
+        return min(map(self.misfit, self.tried), default=np.inf)
 
     def least(self, models: Sequence[Model]) -> Model:
         """Model with the smallest criterion; of models with parts that are not significant, the same."""

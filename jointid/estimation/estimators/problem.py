@@ -284,7 +284,7 @@ def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
         return 1.0
     first = np.abs(problem.s[:, :1, None])
     earlier = np.arctan(first * p.effect("position_filter")) - np.arctan(first * freed)
-    return np.exp(problem.s[..., None] * earlier / first)
+    return np.asarray(np.exp(problem.s[..., None] * earlier / first))
 
 
 def motor_friction(problem: Problem, p: Parameters) -> Complexes:
