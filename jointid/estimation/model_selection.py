@@ -203,11 +203,11 @@ def _climbed(search: Search, model: Model) -> Model:
                 search.slow_fits -= each.is_slow  # not one of those that compare
                 search.fit(each, found.named)
                 least = min(least, fits.misfit(each))
-        near = [each for each in wider if fits.misfit(each) <= EXPLAINED * least < np.inf]
-        nearest = fits.least(near or [model])
+        plain = fits.criterion(judged=False)
+        nearest = min(wider, key=lambda each: plain.get(each, np.inf))
         gains = [score.gain for score in search.scores(nearest).values()]
         promises = max(gains, default=0.0) > NEARLY_ALL * fits.cost(nearest)
-        if nearest == model or (least >= _CLIMB * found.misfit and not promises):
+        if least == np.inf or (least >= _CLIMB * found.misfit and not promises):
             break
         model = nearest
     search.pruned(model)  # friction that it needed on the way may have lost its significance
