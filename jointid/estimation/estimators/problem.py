@@ -270,7 +270,7 @@ def motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
     """s²M with viscous friction, shape (r, H, n), N·m/rad."""
     s = problem.s[..., None]
     inertial = s * s * problem.rotor_inertia(p)[problem.prior.rotor, None]
-    return np.asarray(inertial if problem.friction is None else inertial + s * p.viscous)
+    return np.asarray(inertial if problem.friction is None else inertial + s * p["viscous"])
 
 
 def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
@@ -292,8 +292,8 @@ def motor_friction(problem: Problem, p: Parameters) -> Complexes:
     H = problem.s.shape[1]
     found = np.zeros((*problem.s.shape, problem.n), complex)
     if problem.friction is not None:
-        found += p.coulomb * problem.friction.coulomb[:, :H]
-        found += (problem.friction.curve[:, :H] * p.curve).sum(axis=3)
+        found += p["coulomb"] * problem.friction.coulomb[:, :H]
+        found += (problem.friction.curve[:, :H] * p["curve"]).sum(axis=3)
     if "motor_presliding" in problem.layout and problem.laws is not None:
         found += p["motor_presliding"] * problem.laws.presliding(p["bristle"], H)
     return np.asarray(found * friction_advance(problem, p))
