@@ -25,7 +25,7 @@ _SIGNIFICANT = 5.0
 """Standard errors by which an optional part must differ from zero."""
 _RUBBING = 2.0
 """Factor on its square beside friction, whose approximations other parts absorb."""
-WORTH = 0.2
+_WORTH = 0.2
 """Share of the misfit beyond 1 that a part must explain where the model leaves more than noise: every
 wrong part explains something."""
 CHANCE = 1e-3
@@ -235,7 +235,7 @@ class Fits:
         other = self.tried.get(model.without(part))
         simpler = other if isinstance(other, LikelihoodEstimate) else None
         beyond_noise = own > EXPLAINED and simpler is not None and part != "friction"
-        if beyond_noise and simpler and simpler.misfit - own < WORTH * (simpler.misfit - 1):
+        if beyond_noise and simpler and simpler.misfit - own < _WORTH * (simpler.misfit - 1):
             return False
         if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
             least = _SIGNIFICANT**2 * (_RUBBING if "friction" in model.parts else 1.0) + size.size

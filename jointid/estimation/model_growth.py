@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import CHANCE, EXPLAINED, WORTH, Model
+from jointid.estimation.candidates import CHANCE, EXPLAINED, Model
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import GEAR_LAWS, LAWS
 from jointid.estimation.estimators.score_tests import Score
@@ -31,14 +31,8 @@ _DECISIVE = 0.3
 """Score over the cost from which a part is fitted before richer friction."""
 NEARLY_ALL = 0.9
 """Score over the cost from which a part is fitted in place of a law, or before others that are."""
-_TRIED, _TRIED_LAWS = 5, 2
-"""The most parts, and nonlinear laws among them, that are fitted for each one added."""
-_HOPELESS = 3e4
-"""Misfit of wrong units, signs or gear ratios, of which no law explains a decisive share."""
-_BENT = 4.0
-"""Standard deviations of the misfit from which three slopes are fitted in place of a cubic law."""
-_HALFWAY = 0.25
-"""Share of the gain needed to keep a part from which its score leads to a slow fit."""
+_TRIED_LAWS = 2
+"""The most nonlinear laws that are fitted for each part added."""
 _MANY_ROWS = 20_000
 """Equations, those of six joints in 50 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
@@ -47,12 +41,12 @@ the data: a fit takes seconds."""
 def grown(search: Search, best: Model) -> Model:
     """The best of a model and those with one more part, pruned."""
     fits, found = search.fits, [best]
-    for k, wider in enumerate(sorted(_extensions(search, best), key=lambda model: model.is_slow)):
+    for wider in sorted(_extensions(search, best), key=lambda model: model.is_slow):
         leading = fits.least(found)
-        if search.is_spent(leading):
+        if search.is_spent:
             break
         if not _is_passed_over(search, wider, best, leading):
-            _fit_wider(search, wider, best, leading, leads=k == 0)
+            _fit_wider(search, wider, best, leading)
             found.append(search.pruned(wider) if _is_kept(search, wider, best) else wider)
     return fits.least(found)
 
@@ -80,31 +74,21 @@ def _is_kept(search: Search, wider: Model, narrow: Model) -> bool:
     return all(search.fits.part_is_significant(wider, estimate, part) for part in added)
 
 
-def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model, *, leads: bool) -> None:
+def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model) -> None:
     """Fit with one more part, from the estimate without it.
 
-    Where that is far off, the fit starts from that of the same parts with other friction, or else
-    as all do; a slow one does so last, and only if it is the most promising.
+    Where that is far off, the fit starts from that of the same parts with other friction. Where it leads
+    nowhere, it starts as all do: one more part cannot raise the cost.
     """
-    fits = search.fits
-    if not search.is_open(wider):
-        return
-    found, near = fits.tried[narrow], fits.tried[leading]
-    starts = [found.named] if isinstance(found, LikelihoodEstimate) else []
-    if fits.misfit(narrow) >= LOST:
-        similar = leading.parts == wider.parts and fits.misfit(leading) < LOST
-        if similar and isinstance(near, LikelihoodEstimate):
-            starts.insert(0, near.named)
-        elif not wider.is_slow:
-            starts.insert(0, search.start)
-        elif leads:
-            starts.append(search.start)
-    for start in starts:
-        if not fits.misfit(wider) < LOST:
+    fits, near = search.fits, [narrow]
+    if leading.parts == wider.parts and fits.misfit(narrow) >= LOST:
+        near.insert(0, leading)
+    found = [fits.tried[model] for model in near]
+    starts = [each.named for each in found if isinstance(each, LikelihoodEstimate)]
+    bar = min(LOST, max(POOR, fits.misfit(narrow)))
+    for start in [*starts, search.start]:
+        if fits.misfit(wider) >= bar and search.may_start_again(wider):
             search.fit(wider, start)
-    stuck = fits.misfit(wider) >= fits.misfit(narrow) > POOR  # one more part cannot raise the cost
-    if stuck and wider.is_slow and search.may_start_again(wider):
-        search.fit(wider, search.start)
 
 
 def _extensions(search: Search, model: Model) -> list[Model]:
@@ -112,18 +96,13 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     found = search.fits.tried[model]
     if isinstance(found, JointIdError):
         return []
-    clear = _clear_parts(search, model, found)
-    scored = search.scores(model)
-    least = _DECISIVE * found.cost if found.misfit > _HOPELESS else 0.0
-    most_laws = 1 if search.fits.is_explained(model) else _TRIED_LAWS
-    laws = [part for part in clear if part in LAWS and scored[part].gain > least][:most_laws]
-    promising = (
-        part
-        for part in clear
-        if (part in laws or part not in LAWS) and _is_promising(search, model, part, scored[part])
-    )
-    tried = _TRIED if search.fits.rows < _MANY_ROWS or found.misfit > EXPLAINED else 1
-    wider = [model.with_part(part) for part in promising][:tried]
+    clear, scored = _clear_parts(search, model, found), search.scores(model)
+    explained = found.misfit <= EXPLAINED
+    laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]
+    tried = [part for part in clear if part in laws or part not in LAWS]
+    if explained and search.fits.rows > _MANY_ROWS:
+        tried = tried[:1]
+    wider = [model.with_part(part) for part in tried if _is_promising(search, model, scored[part], part)]
     if model.is_slow and found.misfit >= LOST:  # another part may explain the data without the law
         bare = replace(model, effects=tuple(e for e in model.effects if e not in GEAR_LAWS))
         instead = (part for part in clear if scored[part].gain > NEARLY_ALL * found.cost)
@@ -133,8 +112,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         richer = _RICHER.get((model.reversal, model.curve), ())
         sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
         wider = [*wider, *sharper] if highest > _DECISIVE else [*sharper, *wider]
-    spread = np.sqrt(max(found.expected_cost, 1.0))
-    if "cubic" in model.effects and max(found.misfit, found.fundamental[0]) > 1 + _BENT / spread:
+    if "cubic" in model.effects and search.may_be_richer(found):
         plain = model.without("cubic")
         laws_instead = ["piecewise"] if "backlash" in model.parts else ["backlash", "piecewise"]
         instead_of_cubic = [plain.with_part(law) for law in laws_instead]
@@ -169,19 +147,16 @@ def _clear_parts(search: Search, model: Model, found: LikelihoodEstimate) -> lis
     return clear
 
 
-def _is_promising(search: Search, model: Model, part: str, score: Score) -> bool:
+def _is_promising(search: Search, model: Model, score: Score, part: str) -> bool:
     """Whether a slow fit with one more part is worth its time, by the part's score.
 
-    It is not where the part cannot explain enough of the misfit to be kept, nor where the model
-    explains the data without it and K and D would hardly move. Its score still widens the errors.
+    It is not where the model explains the data without it and K and D would hardly move. Its score still
+    widens the errors.
     """
     found = search.fits.tried[model]
     if isinstance(found, JointIdError) or not model.with_part(part).is_slow:
         return True
     if search.has_motions and not search.may_be_richer(found):
         return False  # it takes a minute
-    if part != "friction" and found.misfit > EXPLAINED:
-        needed = WORTH * (found.misfit - 1) * found.expected_cost
-        return score.gain > _HALFWAY * needed
     sigma = np.sqrt(np.diag(found.elasticity_covariance))
     return not search.fits.is_explained(model) or bool(np.any(np.abs(score.shift) > sigma))

@@ -27,8 +27,8 @@ MOST_EFFECTS = 3
 _EXPLAINED_MOTIONS = 1.3
 """Misfit of motions below which richer friction and laws are not tried: their noise is that of the
 residual, and wide reversals leave few equations."""
-_MOST_FITS, _MOST_POOR_FITS = 24, 20
-"""Models of one search, and fits from any start values while the misfit is poor."""
+_MOST_FITS = 24
+"""Fits of one search."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
 _MOST_SLOW_FITS, _MOST_SLOW_FITS_OF_MOTIONS = 12, 3
@@ -73,10 +73,10 @@ class Search:
         """Whether no model comes near the data."""
         return not self.fits.least_misfit < LOST
 
-    def is_spent(self, best: Model) -> bool:
-        """Whether the search ends: wrong data would take many fits from several start values."""
-        poor = self.fits.misfit(best) > POOR
-        return sum(self.starts.values()) >= _MOST_POOR_FITS if poor else len(self.starts) >= _MOST_FITS
+    @property
+    def is_spent(self) -> bool:
+        """Whether the search ends: wrong data would take many fits."""
+        return sum(self.starts.values()) >= _MOST_FITS
 
     def is_open(self, model: Model) -> bool:
         """Whether a model was not fitted, or is lost from its only start values."""

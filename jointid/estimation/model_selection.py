@@ -40,8 +40,8 @@ _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
 """The next narrower and wider reversals of each one."""
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit is lost."""
-_CLIMB, _MOST_CLIMBS = 0.7, 2
-"""Ratio of misfits by which a part must lower one that is lost, and how many parts are tried for it."""
+_CLIMB = 0.7
+"""Ratio of misfits by which a part must lower one that is lost."""
 
 
 def choose_model(
@@ -132,7 +132,7 @@ def _best(search: Search) -> Model:
         best = _climbed(search, best)
     if lost or best.reversal is not None:  # parts that only the start values, or gears, suggest
         best = search.pruned(best)
-    while not search.is_spent(best):
+    while not search.is_spent:
         better = grown(search, best)
         if better == best:
             break
@@ -192,8 +192,6 @@ def _climbed(search: Search, model: Model) -> Model:
             break
         parts = sorted(scored, key=lambda name: -scored[name].gain)
         nearly = [part for part in parts if scored[part].gain > NEARLY_ALL * scored[parts[0]].gain]
-        if len(nearly) == 1 or any(model.with_part(part).is_slow for part in nearly):
-            nearly = parts[:_MOST_CLIMBS]
         wider = [model.with_part(part) for part in nearly]
         for law in set(GEAR_LAWS).intersection(model.effects):  # the first law may be a wrong one
             wider.append(model.without(law).with_part(parts[0]))
