@@ -156,15 +156,15 @@ class Fits:
     """Real equations of all records, joints and harmonics."""
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
 
-    def misfit(self, model: Model) -> float:
-        """Misfit of a model that was tried; infinite where it could not be fitted."""
-        estimate = self.tried.get(model)
-        return estimate.misfit if isinstance(estimate, LikelihoodEstimate) else np.inf
+    def estimate(self, model: Model) -> LikelihoodEstimate | None:
+        """Estimate of a model; None where it was not, or could not be, fitted."""
+        found = self.tried.get(model)
+        return found if isinstance(found, LikelihoodEstimate) else None
 
-    def cost(self, model: Model) -> float:
-        """Cost of a model that was tried; infinite where it could not be fitted."""
-        estimate = self.tried[model]
-        return estimate.cost if isinstance(estimate, LikelihoodEstimate) else np.inf
+    def misfit(self, model: Model) -> float:
+        """Misfit of a model; infinite where it was not, or could not be, fitted."""
+        found = self.estimate(model)
+        return found.misfit if found else np.inf
 
     @property
     def least_misfit(self) -> float:
@@ -184,7 +184,7 @@ class Fits:
         reversals explain the fundamentals, which give K and D: in many harmonics noise hides what a
         wrong reversal leaves.
         """
-        fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
+        fitted = {m: e for m in self.tried if (e := self.estimate(m))}
         misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
         criterion = dict.fromkeys(self.tried, np.inf)
         explained = {m.parts for m, e in fitted.items() if m.reversal and fundamental_chance(e) > _USUAL}
@@ -199,15 +199,13 @@ class Fits:
 
     def is_explained(self, model: Model) -> bool:
         """Whether noise explains the residual of a model, at the fundamentals as well."""
-        found = self.tried[model]
-        if isinstance(found, JointIdError) or found.misfit > EXPLAINED:
-            return False
-        return fundamental_chance(found) > _USUAL
+        found = self.estimate(model)
+        return bool(found and found.misfit <= EXPLAINED and fundamental_chance(found) > _USUAL)
 
     def is_certain(self, model: Model, part: str) -> bool:
         """Whether the cost without a part would be far higher, by its size in standard errors."""
-        estimate = self.tried[model]
-        if isinstance(estimate, JointIdError):
+        estimate = self.estimate(model)
+        if estimate is None:
             return False
         place = estimate.layout.of_part(part)
         variance = np.diag(estimate.covariance)[place] * max(1.0, estimate.misfit)
@@ -232,8 +230,7 @@ class Fits:
         size = estimate.p[place]
         sigma = np.sqrt(np.diag(estimate.covariance)[place] * own)
         clear = np.abs(size) > _SIGNIFICANT * sigma
-        other = self.tried.get(model.without(part))
-        simpler = other if isinstance(other, LikelihoodEstimate) else None
+        simpler = self.estimate(model.without(part))
         beyond_noise = own > EXPLAINED and simpler is not None and part != "friction"
         if beyond_noise and simpler and simpler.misfit - own < _WORTH * (simpler.misfit - 1):
             return False
@@ -259,23 +256,22 @@ class Fits:
     def candidates(self, best: Model) -> tuple[Candidate, ...]:
         """All models, best first."""
         criterion = self.criterion()
-        order = sorted(self.tried, key=lambda model: criterion[model])
-        return tuple(self._candidate(model, criterion[model], model == best) for model in order)
 
-    def _candidate(self, model: Model, criterion: float, chosen: bool) -> Candidate:
-        estimate = self.tried[model]
-        fitted = estimate if isinstance(estimate, LikelihoodEstimate) else None
-        return Candidate(
-            name=model.name,
-            friction=model.reversal is not None,
-            delay=model.delay,
-            reversal=model.reversal or 0.0,
-            curve=model.curve,
-            problem="" if fitted else str(estimate),
-            cost=fitted.cost if fitted else np.inf,
-            expected_cost=fitted.expected_cost if fitted else 0.0,
-            parameters=fitted.parameter_count if fitted else 0,
-            criterion=criterion,
-            chosen=chosen and fitted is not None,
-            parts=model.parts,
-        )
+        def described(model: Model) -> Candidate:
+            fitted = self.estimate(model)
+            return Candidate(
+                name=model.name,
+                friction=model.reversal is not None,
+                delay=model.delay,
+                reversal=model.reversal or 0.0,
+                curve=model.curve,
+                problem="" if fitted else str(self.tried[model]),
+                cost=fitted.cost if fitted else np.inf,
+                expected_cost=fitted.expected_cost if fitted else 0.0,
+                parameters=fitted.parameter_count if fitted else 0,
+                criterion=criterion[model],
+                chosen=fitted is not None and model == best,
+                parts=model.parts,
+            )
+
+        return tuple(map(described, sorted(self.tried, key=lambda model: criterion[model])))

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.special import chdtri, log_ndtr, ndtri_exp
 
 from jointid.arrays import Floats
-from jointid.errors import JointIdError
 from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
@@ -44,9 +43,9 @@ def spread(fits: Fits, best: Model, scores: Mapping[str, Score]) -> Floats:
     1994). A part that was not fitted counts in full where its score is nearly significant, sooner
     where it would move K or D far: with uncertain inertias, a part that the records hardly show may.
     """
-    found = fits.tried[best]
+    found = fits.estimate(best)
     size = 2 * fits.joints
-    if isinstance(found, JointIdError):
+    if found is None:
         return np.zeros((size, size))
     criterion, shifts, misfit = fits.criterion(), [], max(1.0, found.misfit)
     sigma = np.sqrt(np.diag(found.elasticity_covariance))
@@ -55,8 +54,9 @@ def spread(fits: Fits, best: Model, scores: Mapping[str, Score]) -> Floats:
         doubt = _DOUBT_IF_FAR if np.any(np.abs(shift) > _FAR_OFF * sigma) else _DOUBT
         return bool(2 * gain > chdtri(count, doubt / max(len(fits.optional), 1)))
 
-    for model, estimate in fits.tried.items():
-        if model == best or not isinstance(estimate, LikelihoodEstimate):
+    for model in fits.tried:
+        estimate = fits.estimate(model)
+        if model == best or estimate is None:
             continue
         weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
         added = set(model.parts).difference(best.parts)

@@ -28,15 +28,15 @@ _SAME_FILTER = 0.02
 def model_waveforms(
     phasors: Phasors, model: Model, p: Parameters | None = None
 ) -> FrictionWaveforms | None:
-    """Friction waveforms of a model, with the position filters of the parameters; None without."""
+    """Friction waveforms of a model, with the position filters of some parameters; None without."""
     if model.reversal is None:
         return None
-    filtered = p is not None and "position_filter" in p.layout
+    own = "position_filter" in model.effects and p is not None and "position_filter" in p.layout
     return friction_waveforms(
         phasors,
         model.reversal,
         curve=model.curve,
-        position_filter=p["position_filter"] if p is not None and filtered else None,
+        position_filter=p["position_filter"] if own and p else None,
     )
 
 

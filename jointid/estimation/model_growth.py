@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtri
 
-from jointid.errors import JointIdError
 from jointid.estimation.candidates import CHANCE, EXPLAINED, Model
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import GEAR_LAWS, LAWS
@@ -67,8 +66,8 @@ def _is_passed_over(search: Search, wider: Model, best: Model, leading: Model) -
 
 def _is_kept(search: Search, wider: Model, narrow: Model) -> bool:
     """Whether a wider model may last; a slow one with a part that is not significant does not."""
-    estimate = search.fits.tried[wider]
-    if isinstance(estimate, JointIdError) or not wider.is_slow:
+    estimate = search.fits.estimate(wider)
+    if estimate is None or not wider.is_slow:
         return True
     added = set(wider.parts).difference(narrow.parts).intersection(search.fits.optional)
     return all(search.fits.part_is_significant(wider, estimate, part) for part in added)
@@ -83,8 +82,7 @@ def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model) -> N
     fits, near = search.fits, [narrow]
     if leading.parts == wider.parts and fits.misfit(narrow) >= LOST:
         near.insert(0, leading)
-    found = [fits.tried[model] for model in near]
-    starts = [each.named for each in found if isinstance(each, LikelihoodEstimate)]
+    starts = [each.named for model in near if (each := fits.estimate(model))]
     bar = min(LOST, max(POOR, fits.misfit(narrow)))
     for start in [*starts, search.start]:
         if fits.misfit(wider) >= bar and search.may_start_again(wider):
@@ -93,8 +91,8 @@ def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model) -> N
 
 def _extensions(search: Search, model: Model) -> list[Model]:
     """Models with one more part that may lower the cost significantly."""
-    found = search.fits.tried[model]
-    if isinstance(found, JointIdError):
+    found = search.fits.estimate(model)
+    if found is None:
         return []
     clear, scored = _clear_parts(search, model, found), search.scores(model)
     explained = found.misfit <= EXPLAINED
@@ -153,8 +151,8 @@ def _is_promising(search: Search, model: Model, score: Score, part: str) -> bool
     It is not where the model explains the data without it and K and D would hardly move. Its score still
     widens the errors.
     """
-    found = search.fits.tried[model]
-    if isinstance(found, JointIdError) or not model.with_part(part).is_slow:
+    found = search.fits.estimate(model)
+    if found is None or not model.with_part(part).is_slow:
         return True
     if search.has_motions and not search.may_be_richer(found):
         return False  # it takes a minute

@@ -99,8 +99,7 @@ class Search:
 
     def fit(self, model: Model, start: Parameters) -> None:
         """Fit a model; of two fits from different starts the better one stays."""
-        tried = self.fits.tried
-        earlier = tried.get(model)
+        tried, earlier = self.fits.tried, self.fits.estimate(model)
         self.starts[model] = self.starts.get(model, 0) + 1
         if model.is_slow:
             if self.slow_fits == (_MOST_SLOW_FITS_OF_MOTIONS if self.has_motions else _MOST_SLOW_FITS):
@@ -117,25 +116,23 @@ class Search:
         except JointIdError as error:
             tried.setdefault(model, error)
             return
-        if not isinstance(earlier, LikelihoodEstimate) or estimate.whole_cost(1) <= earlier.whole_cost(
-            1
-        ):
+        if earlier is None or estimate.whole_cost(1) <= earlier.whole_cost(1):
             tried[model] = estimate
 
     def waveforms(self, model: Model, p: Parameters) -> FrictionWaveforms | None:
         """Friction waveforms of a model at some parameters."""
-        filters = p["position_filter"].tolist() if "position_filter" in p.layout else []
-        key = model.reversal, model.curve, *filters
+        filtered = "position_filter" in model.effects and "position_filter" in p.layout
+        key = model.reversal, model.curve, *(p["position_filter"].tolist() if filtered else ())
         if key not in self._waveforms:
             self._waveforms[key] = model_waveforms(self.phasors, model, p)
         return self._waveforms[key]
 
     def scores(self, model: Model) -> dict[str, Score]:
         """Score of every optional part that the model lacks."""
-        found = self.fits.tried[model]
+        found = self.fits.estimate(model)
         full = len(model.effects) >= MOST_EFFECTS
         absent = [p for p in self.fits.optional if p not in model.parts and not (full and p in EFFECTS)]
-        if isinstance(found, JointIdError) or not absent:
+        if found is None or not absent:
             return {}
         if model not in self._scores or self._scores[model][0] is not found:
             rubbing = replace(model, reversal=0.0) if "friction" in absent else model
@@ -146,8 +143,8 @@ class Search:
 
     def pruned(self, model: Model) -> Model:
         """The best of a model and those without parts that are not beyond doubt."""
-        fits, found = self.fits, self.fits.tried[model]
-        if isinstance(found, JointIdError):
+        fits, found = self.fits, self.fits.estimate(model)
+        if found is None:
             return model
         models = [model, *self._narrower(model)]
         for narrow in models[1:]:

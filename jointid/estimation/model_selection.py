@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.errors import JointIdError
 from jointid.estimation.candidates import EXPLAINED, NEEDED, Choice, Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
@@ -32,8 +31,8 @@ from jointid.estimation.start_values import at_resonances, by_motion, friction_s
 from jointid.joints import Inertia
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
-_FAR = 1e4
-"""Misfit of one friction model from which a richer one from the same start does not converge either."""
+_BETTER = 0.1
+"""Ratio of misfits from which other start values are the right ones."""
 _ALIKE = 1.2
 """Ratio of misfits up to which another width of the reversals explains motions as well."""
 _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
@@ -105,20 +104,17 @@ def _searched(search: Search) -> Choice:
     Heavy friction can make the linear estimate negative, or lead it to another local minimum.
     """
     best = _best(search)
-    misfit = search.fits.misfit(best)
-    if misfit < LOST:
+    least, probe = _BETTER * search.fits.misfit(best), search.base
+    if least < _BETTER * LOST:
         return _choice(search, best)
-    better = min(misfit / 10, _FAR)
-    good = LOST if np.isinf(misfit) else min(misfit / 3, max(LOST, misfit / LOST))
-    probe = search.base
     if "friction" in search.fits.optional and search.phasors.harmonics.shape[1] > 1:
         probe = Model(0.03, search.base.delay or "delay" in search.fits.optional)
     for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
         other = search.again(start)
         other.fit(probe, start)
-        if other.fits.misfit(probe) < better:
+        if other.fits.misfit(probe) < least:
             found = _best(other)
-            if other.fits.misfit(found) < good:
+            if other.fits.misfit(found) < least:
                 return _choice(other, found)
     return _choice(search, best)
 
@@ -151,9 +147,9 @@ def _fit_first(search: Search) -> None:
     distorted = search.phasors.harmonics.shape[1] >= MANY_HARMONICS
     if search.is_lost and (by_start or (search.may_rub and distorted)):
         search.fit(rubbing, start)
-        found = fits.tried[rubbing]
+        found = fits.estimate(rubbing)
         clear = by_start or fits.is_certain(rubbing, "friction")
-        if isinstance(found, LikelihoodEstimate) and search.may_be_richer(found) and clear:
+        if found and search.may_be_richer(found) and clear:
             if by_start and search.is_lost:  # sticking leads friction without it astray
                 search.fit(free, start)
             if search.is_lost:
@@ -187,8 +183,8 @@ def _climbed(search: Search, model: Model) -> Model:
     """
     fits = search.fits
     while len(model.effects) < MOST_EFFECTS and fits.misfit(model) > EXPLAINED:
-        found, scored = fits.tried[model], search.scores(model)
-        if isinstance(found, JointIdError) or not scored:
+        found, scored = fits.estimate(model), search.scores(model)
+        if found is None or not scored:
             break
         parts = sorted(scored, key=lambda name: -scored[name].gain)
         nearly = [part for part in parts if scored[part].gain > NEARLY_ALL * scored[parts[0]].gain]
@@ -203,8 +199,9 @@ def _climbed(search: Search, model: Model) -> Model:
                 least = min(least, fits.misfit(each))
         plain = fits.criterion(judged=False)
         nearest = min(wider, key=lambda each: plain.get(each, np.inf))
+        there = fits.estimate(nearest)
         gains = [score.gain for score in search.scores(nearest).values()]
-        promises = max(gains, default=0.0) > NEARLY_ALL * fits.cost(nearest)
+        promises = there and max(gains, default=0.0) > NEARLY_ALL * there.cost
         if least == np.inf or (least >= _CLIMB * found.misfit and not promises):
             break
         model = nearest

@@ -279,11 +279,11 @@ def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
     A motor turns back before its filtered position does: earlier by the delay of the filter at the
     fundamental, which decides the sign of the velocity. The waveforms may be freed of a similar filter.
     """
-    freed = np.zeros(1) if problem.friction is None else problem.friction.position_filter
-    if "position_filter" not in problem.layout and not freed.any():
+    if "position_filter" not in problem.layout:
         return 1.0
     first = np.abs(problem.s[:, :1, None])
-    earlier = np.arctan(first * p.effect("position_filter")) - np.arctan(first * freed)
+    freed = 0.0 if problem.friction is None else problem.friction.position_filter
+    earlier = np.arctan(first * p["position_filter"]) - np.arctan(first * freed)
     return np.asarray(np.exp(problem.s[..., None] * earlier / first))
 
 
