@@ -83,7 +83,7 @@ def convert(
     """Convert logs of any controller, with sines or other motions, into a study."""
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(
-            "Give --guess FILE first, look at the mapping it writes, then convert with --mapping FILE."
+            "Give --guess FILE first, check the mapping in this file, then convert with --mapping FILE."
         )
     if guess is not None:
         require_ending("--guess", guess, ".json")
@@ -133,7 +133,10 @@ def convert(
     save_study(study, output, overwrite=overwrite)
     made(study, output, as_json, notes=list(notes))
     if study.assumed:
-        notes = (*notes, f"{study.remarks[-1]} Correct them in {mapping}, or take them out of its list.")
+        notes = (
+            *notes,
+            f"{study.remarks[-1]} Correct them in {mapping}, or delete the checked ones there.",
+        )
     for line in (*notes, *[_NOT_STATED] * (study.torque_std is None)):
         typer.echo(line, err=True)
 

@@ -72,7 +72,7 @@ class ElasticityFit:
     parameter_covariance: Floats
     """Their covariance by noise and prior, shape (P, P), in the order of ``parameters.layout``."""
     torsion_curves: tuple[TorsionCurve, ...]
-    """Measured torque over wind-up of every gear."""
+    """Measured torque over deflection of every gear."""
     gears: tuple[Gear, ...]
     """Laws of the gears, n of them; one that is not significant at a joint is left out."""
     inflation: float = 1.0

@@ -292,7 +292,7 @@ def _heading(identification: Identification, arm: ArmSide) -> list[str]:
             lines.append(
                 f"     Its gear is not linear ({' + '.join(gear.laws)}), this format is: the stiffness "
                 f"below is the secant {_text(gear.secant(gear.tried_Nm))} N.m/rad at "
-                f"{gear.tried_Nm:.3g} N.m, without play, motor side."
+                f"{gear.tried_Nm:.3g} N.m, without backlash, motor side."
             )
     fitted = any(row.is_fitted for row in i.priors)
     lines.append(f"     Inertias are those {'fitted together with K and D' if fitted else 'given'}.")

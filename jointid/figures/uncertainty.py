@@ -207,7 +207,7 @@ def worst_error(suggestion: Suggestion, *, dark: bool = False) -> go.Figure:
         "line": {"color": ink.identified, "width": 2, "dash": "dot"},
         "marker": {"color": ink.identified, "size": 8},
         "customdata": names,
-        "hovertemplate": "%{x} records more<br>%{customdata} ± %{y:.2g} %<extra></extra>",
+        "hovertemplate": "%{x} additional records<br>%{customdata} ± %{y:.2g} %<extra></extra>",
         "showlegend": False,
     }
     return figure(

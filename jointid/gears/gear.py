@@ -1,4 +1,4 @@
-"""Torque of a gear over its wind-up: linear, hardening, three slopes, backlash, hysteresis."""
+"""Torque of a gear over its deflection: linear, hardening, three slopes, backlash, hysteresis."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 
 _BISECTIONS = 60
-"""Halvings of the range of a wind-up."""
+"""Halvings of the range of a deflection."""
 
 
 @dataclass(frozen=True)
 class Gear:
     """Torque over deflection of one gear, motor side.
 
-    With the deflection δ less the play, e = δ − clip(δ, ± backlash/2), the elastic torque is
+    With the deflection δ less the backlash, e = δ − clip(δ, ± backlash/2), the elastic torque is
     K e + cubic e³, plus the changes of slope to K2 at the torque T1 and to K3 at T2. Damping D δ̇ and
     hysteresis (Dahl: dz/dδ = (1 − z sign δ̇)/presliding, torque ``hysteresis`` · z) come in addition.
 
@@ -30,12 +30,12 @@ class Gear:
     """
 
     K: float = 0.0
-    """Parallel elastic spring, N·m/rad: slope at zero, with backlash outside the play. As a setting of
+    """Parallel elastic spring, N·m/rad: slope at zero, or outside the backlash. As a setting of
     a simulated robot, 0 stands for the K of its elasticity."""
     cubic: float = 0.0
     """Cubic stiffness, N·m/rad³; negative for a softening gear."""
     backlash_rad: float = 0.0
-    """Total play, rad."""
+    """Total angle between the flanks, rad."""
     hysteresis_Nm: float = 0.0
     """Saturation level of the hysteresis, half the height of its loop, N·m."""
     presliding_rad: float = 0.0
@@ -93,9 +93,9 @@ class Gear:
         return np.asarray(self.K * e + self.cubic * e**3 + _bend(self, e))
 
     def deflection(self, torque_Nm: ArrayLike) -> Floats:
-        """Wind-up at an elastic torque, rad: the inverse of ``torque``, half the play included.
+        """Deflection at an elastic torque, rad: the inverse of ``torque``, half the backlash included.
 
-        A softening gear carries no more than the torque at its flattest slope; beyond it the wind-up
+        A softening gear carries no more than the torque at its flattest slope; beyond it the deflection
         is the one there.
         """
         torque = np.asarray(torque_Nm, dtype=np.float64)
@@ -111,7 +111,7 @@ class Gear:
         return np.asarray(np.sign(torque) * low)
 
     def secant(self, torque_Nm: float) -> float:
-        """Stiffness of the straight line through zero and ±torque, without the play, N·m/rad."""
+        """Stiffness of the straight line through zero and ±torque, without the backlash, N·m/rad."""
         wind_up = float(self.deflection(torque_Nm)) - 0.5 * self.backlash_rad
         return torque_Nm / wind_up
 

@@ -34,7 +34,7 @@ _LIMITS = {
         "Axes that are the joints of the study; empty: the first.",
     ),
 }
-_SUPERPOSED = "Avoids stiction; every record then runs forward and back."
+_SUPERPOSED = "Avoids sticking at reversals; every record then runs forward and back."
 _OPTIONAL = ("load_Nm", "axes")
 _NUMBERS: dict[str, tuple[Any, ...]] = {
     "scale": ("Scale of the motion", 1.0, (0.001, 100.0)),
@@ -118,7 +118,7 @@ def _title(name: str) -> str:
     return FORMATS[name].title
 
 
-@st.cache_resource(max_entries=4, show_spinner="Playing on the simulated robot")
+@st.cache_resource(max_entries=4, show_spinner="Running on the simulated robot")
 def _played(
     digest: str,
     method: str,
