@@ -1,4 +1,4 @@
-"""The study on one screen: the answer first, then what it rests on."""
+"""The study on one screen: the answer first, then its evidence."""
 
 import streamlit as st
 

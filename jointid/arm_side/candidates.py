@@ -32,7 +32,7 @@ class Scale:
     compliance: float
     """Scale of the compliance for priors that are relative to it, rad/(N·m)."""
     skew_std_s: float = np.inf
-    """Prior of what remains of the skew, s: infinite where it is fitted, 0 where it is taken out."""
+    """Prior of the remaining skew, s: infinite where it is fitted, 0 where it is left out."""
 
 
 @dataclass(frozen=True)

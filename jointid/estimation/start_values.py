@@ -33,7 +33,7 @@ _KNEES = (0.5, 0.3), (0.2, 0.3)
 """Deflections at changes of slope over the largest: other starts of a gear with three slopes."""
 _POINTS, _LOADED, _LEAST = 128, 0.2, 1e-30
 """Samples over a period for the start of a play, torque over its largest from which they count, and
-what stands for zero."""
+the least number above zero."""
 _UNEXPLAINED = 0.1
 """Relative residual of the linear estimate from which friction is looked for."""
 _OUTLIER = 0.1

@@ -18,7 +18,7 @@ from jointid.transfer_matrix import TransferMatrix
 _EVERY = 4
 """Of the points of a torsion curve, for a file of moderate size."""
 _ROWS = 101
-"""Of the look-up table of a law, beside its kinks; odd, so that it holds zero."""
+"""Rows of the look-up table of a law, besides its kinks; odd, so that zero is one of them."""
 _NOT_TRIED_RAD = 1e-3
 """Its range for a gear without a torsion curve."""
 _FORMULA = ("=", "+", "-", "@", "\t")

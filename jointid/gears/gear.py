@@ -30,8 +30,8 @@ class Gear:
     """
 
     K: float = 0.0
-    """Parallel elastic spring, N·m/rad: slope at zero, or outside the backlash. As a setting of
-    a simulated robot, 0 stands for the K of its elasticity."""
+    """Parallel elastic spring, N·m/rad: slope at zero, or outside the backlash. In a
+    simulated robot, 0 means the K of its elasticity."""
     cubic: float = 0.0
     """Cubic stiffness, N·m/rad³; negative for a softening gear."""
     backlash_rad: float = 0.0
@@ -66,7 +66,7 @@ class Gear:
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """Names of the laws present, the dominant one first; ("linear",) without any.
+        """Names of the laws present, the dominant one first; ("linear",) if there is no other.
 
         Dominant is the law with the largest torque, over K δ, at the deflection tried.
         """
@@ -86,7 +86,7 @@ class Gear:
         return self.laws[0]
 
     def torque(self, deflection_rad: ArrayLike) -> Floats:
-        """Elastic torque, without damping and hysteresis, N·m; like ``deflection_rad``."""
+        """Elastic torque, without damping and hysteresis, N·m, in the shape of ``deflection_rad``."""
         delta = np.asarray(deflection_rad, dtype=np.float64)
         half = 0.5 * self.backlash_rad
         e = delta - np.clip(delta, -half, half)

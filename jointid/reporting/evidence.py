@@ -89,7 +89,7 @@ def _pairs(n: int) -> Iterator[tuple[list[int], float]]:
 
 
 def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:
-    """The simulated cut before and after, or why there is none; neither without two joints."""
+    """The simulated cut before and after, or the reason for its absence; two joints only."""
     if analysis.study.inertia.n != 2:
         return None, ""
     if any(finding.level == "problem" for finding in analysis.findings):

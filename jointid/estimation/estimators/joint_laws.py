@@ -172,7 +172,7 @@ class JointLaws:
         """Deflection over torque beyond K δ at as many harmonics again, shape (r, n, T).
 
         The edges of a play reach further than the harmonics of the records. There the controller does
-        nothing, and the gear moves motor and arm apart. Of motions there are none, T = 0.
+        nothing, and the gear moves motor and arm apart. T = 0 for motions.
         """
         H = self.s.shape[1]
         count = H * (self.sines and ("backlash" in p.layout or "piecewise" in p.layout))

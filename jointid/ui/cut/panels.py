@@ -53,7 +53,7 @@ def _own_headline(found: PathDeflection) -> str:
 
 
 def headline(outcome: Outcome) -> str:
-    """Path error before and after, and whose it is."""
+    """Path error before and after, and its robot."""
     if outcome.robot.rule == "demonstration":
         return "A demonstration, not this study"
     whose = " of the example arm" if outcome.robot.rule == "relative" else ""

@@ -40,7 +40,7 @@ def _pose_fits(digest: str, method: str, _analysis: Analysis) -> PoseFits:
 
 
 def show_prediction(page: Page, analysis: Analysis) -> None:
-    """Prediction of what is left out of the fit, or the reason why there is none."""
+    """Prediction of the records left out of the fit, or the reason for its absence."""
     if analysis.state == NOT_USABLE:
         return
     try:
