@@ -80,7 +80,7 @@ class Evidence:
 
     @property
     def poses(self) -> tuple[str, ...]:
-        """Pose of each record, "" being none."""
+        """Pose of each record, "" if it has none."""
         return tuple(record.pose or "" for record in self.records)
 
     @property

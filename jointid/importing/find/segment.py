@@ -96,7 +96,7 @@ class Segment:
 
     @property
     def is_motion(self) -> bool:
-        """Whether it is no steady sine but any other motion."""
+        """Whether it is a motion other than a steady sine."""
         return self.band_hz is not None
 
     @property

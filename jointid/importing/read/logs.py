@@ -135,7 +135,7 @@ _OTHER_ENDINGS = frozenset(
 
 
 def is_archive(name: str, source: bytes | Path) -> bool:
-    """Whether a zip file is an archive of logs, no workbook; its ending decides if that is unclear."""
+    """Whether a zip file is an archive of logs and not a workbook; its ending decides in doubt."""
     with suppress(JointIdError), open_container(source, marker=_BAG) as container:
         names = container.names()
         arrays = bool(names) and all(part.endswith(".npy") for part in names)  # a NumPy .npz

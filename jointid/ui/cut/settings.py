@@ -126,7 +126,7 @@ class CutSettings:
 
 
 def usual(robot: CutRobot) -> CutSettings:
-    """Default settings: the paper's path and the everyday servo."""
+    """Default settings: the paper's path and the default servo."""
     return CutSettings(
         assumption="study" if robot.nominal else "rigid",
         custom_K=(),
