@@ -56,7 +56,7 @@ class StiffnessUnit:
             return cls(angle)
         if gear_ratio is None:
             raise JointIdError(
-                f'"{name}" needs the gear ratios, and the study has none: state gear_ratio in '
+                f'"{name}" needs the gear ratios: state gear_ratio in '
                 "study.toml, motor turns per joint turn."
             )
         return cls(angle, gear_ratio)

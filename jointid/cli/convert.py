@@ -135,7 +135,7 @@ def convert(
     if study.assumed:
         notes = (
             *notes,
-            f"{study.remarks[-1]} Correct them in {mapping}, or delete the checked ones there.",
+            f"{study.remarks[-1]} Correct them in {mapping}, or confirm them (assumed = []).",
         )
     for line in (*notes, *[_NOT_STATED] * (study.torque_std is None)):
         typer.echo(line, err=True)

@@ -148,7 +148,7 @@ def study_from_logs(
     each = [list(part) for part in cast(Sequence[Sequence[Segment]], segments)]
     if len(each) != len(logs):
         raise JointIdError(
-            f"{counted(len(logs), 'log')}, but runs of {len(each)}: give those of each log."
+            f"{counted(len(logs), 'log')}, but runs of {len(each)}: give those of every log."
         )
     if not any(each):
         raise JointIdError(

@@ -61,7 +61,7 @@ def make_report(
         Section("Answer", tuple(_answer(analysis, outcome))),
         Section("Verdict", (Verdict(analysis.findings),)),
         Section("Torsion curves of the gears", tuple(torsion_blocks(analysis, numbers))),
-        Section("Model over measurement", tuple(response_blocks(analysis, numbers))),
+        Section("Model and measurement", tuple(response_blocks(analysis, numbers))),
     ]
     tell(0.5, "Simulating the three corner zones")
     if outcome is not None or problem:

@@ -121,8 +121,8 @@ class Entries:
         guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(given)]
         asked = self._confirmed("drive data", found, missing, guesses)
         st.caption(
-            "Logs do not prove these entries. Unconfirmed ones are marked as assumed in the study, its "
-            "report and its files."
+            "A log cannot confirm these entries. Unconfirmed ones are marked as assumed in the study, "
+            "its report and its files."
         )
         of_joints = tuple(ratios.values())
         return replace(asked, gear_ratio=None if np.isnan(of_joints).any() else of_joints)

@@ -262,7 +262,8 @@ def _columns_in_words(asked: Asked) -> str:
     if asked.missing:
         return f"choose: {listed(asked.missing, at_most=3)}"
     time, n = asked.mapping.time, asked.mapping.n
-    text = f"{f'time “{time.column}”' if time.column else 'rows numbered'}, {counted(n, 'joint')}"
+    clock = f'time "{time.column}"' if time.column else "rows numbered"
+    text = f"{clock}, {counted(n, 'joint')}"
     return f"{text}, to check" if asked.to_confirm else text
 
 

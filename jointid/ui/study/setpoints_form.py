@@ -40,7 +40,7 @@ _NUMBERS: dict[str, tuple[Any, ...]] = {
     "scale": ("Scale of the motion", 1.0, (0.001, 100.0)),
     "repeats": ("Repeats", 1, (1, 100)),
     "ramp": ("Ramps (s)", 0.5, (0.05, 10.0)),
-    "rest": ("Rest between (s)", 1.0, (0.1, 60.0)),
+    "rest": ("Rest between records (s)", 1.0, (0.1, 60.0)),
 }
 """Label, default and limits of each number."""
 _KINDS = dict(zip(("Sines", "Multisine", "Sweeps"), KINDS, strict=True))
