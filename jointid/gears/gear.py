@@ -41,13 +41,15 @@ class Gear:
     presliding_rad: float = 0.0
     """The level of the hysteresis over its initial slope, rad."""
     loss_factor: float = 0.0
-    """Structural damping, a torque of loss factor times K in phase with the velocity."""
+    """Structural damping: amplitude of the torque in phase with the velocity over that of K δ."""
     K2: float = 0.0
     """Slope between the torques T1 and T2, N·m/rad; 0: no change of slope."""
     K3: float = 0.0
     """Slope beyond T2, N·m/rad."""
     T1_Nm: float = 0.0
+    """Torque from which the slope is K2, N·m."""
     T2_Nm: float = 0.0
+    """Torque from which the slope is K3, N·m."""
     tried_rad: float = 0.0
     """Largest deflection in the records, rad."""
     tried_Nm: float = 0.0
