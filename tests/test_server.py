@@ -144,7 +144,8 @@ def test_a_websocket_without_pongs_ends(server: Server) -> None:
 def test_it_follows_no_files(server: Server) -> None:
     with visiting(server):
         links = [os.readlink(link) for link in Path(f"/proc/{server.process.pid}/fd").iterdir()]
-    assert links and "anon_inode:inotify" not in links
+    assert links
+    assert "anon_inode:inotify" not in links
 
 
 def test_descriptors_come_back_after_visitors_leave(server: Server) -> None:
