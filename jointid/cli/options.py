@@ -100,7 +100,9 @@ UNIT = typer.Option(
     "the study states gear_ratio.",
     show_default=next(iter(STIFFNESS_UNITS)),
 )
-TORQUE_STD = typer.Option(help="Relative standard deviation of the torque constants, likewise.")
+TORQUE_STD = typer.Option(
+    help="Relative standard deviation of the torque constants: 0.02 for 2 %; 0: exact; inf: unknown."
+)
 NOMINAL_K = typer.Option(
     "--nominal-K", help="Nominal stiffness: that in the controller at present, N·m/rad."
 )
