@@ -449,8 +449,8 @@ def test_lag_of_a_hold_is_recognised() -> None:
 def test_joint_that_stands_is_named() -> None:
     case = evidence(rubbing((0.4, 0.08), "one-at-a-time"), PARALLELOGRAM, friction=True)
     (standing,) = said(findings(case), "Joint 1 does not move")
-    assert "7 of 14 records" in standing.detail
-    assert not said(findings(of_rubbing(friction=True)), "stands")
+    assert "7 of 14 records" in standing.title
+    assert not said(findings(of_rubbing(friction=True)), "does not move")
 
 
 # --------------------------------------------------------------------------------- inertias, poses, gear

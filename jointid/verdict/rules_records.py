@@ -208,7 +208,7 @@ def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
         make = warning if share > 0.9 else note
         yield make(
             f"Joint {j + 1} does not move in {len(names)} of {counted(len(phasors.labels), 'record')}",
-            f"In {some(names)}, joint {j + 1} moves less than its noise: static friction carries the "
+            f"Joint {j + 1} moves less than its noise in {some(names)}: static friction carries the "
             f"torque (Coulomb friction {number(fit.friction.coulomb[j], 2)} N·m).",
             "Move all joints in every record, with different relative phases, or superpose a constant "
             "velocity.",
