@@ -9,11 +9,10 @@ from jointid.ui.study import downloads
 from jointid.ui.study.report_panel import show_report
 from jointid.wording import file_stem
 
-page = open_page("Report and export")
-st.title("Report and export", anchor=False)
-st.write(
+page = open_page(
+    "Report and export",
     "All results for a colleague or another tool. Each file states version, settings and the digest of "
-    "the study. The same study gives the same files, byte for byte."
+    "the study. The same study gives the same files, byte for byte.",
 )
 analysis = page.analysis()
 stem, study = file_stem(page.study.name), page.study

@@ -79,9 +79,9 @@ def influence_strip(jackknife: Jackknife, names: Sequence[str], *, dark: bool = 
         "colorbar": {"thickness": 12, "tickfont": {"size": 12}},
         "hovertemplate": "%{y} without %{x} Hz<br>%{customdata:+.2f} standard errors<extra></extra>",
     }
-    x = linear_axis("Frequency left out (Hz)", type="category", nticks=12, showgrid=False)
-    y = linear_axis("", type="category", showgrid=False)
-    return figure([trace], x, y, height=110 + 32 * len(names), dark=dark)
+    across = linear_axis("Frequency left out (Hz)", type="category", nticks=12, showgrid=False)
+    upwards = linear_axis("", type="category", showgrid=False)
+    return figure([trace], across, upwards, height=110 + 32 * len(names), dark=dark)
 
 
 def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Figure:
@@ -110,9 +110,9 @@ def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Fig
             hovertemplate="%{x:.4g} Hz<br>%{y:.2g} %<extra>difference of H</extra>",
         )
     )
-    size = log_axis("Magnitude (1/(kg·m²))", share=1.6)
+    magnitude = log_axis("Magnitude (1/(kg·m²))", share=1.6)
     difference = from_zero("Difference (%)", 100 * prediction.relative_error, nticks=4)
-    return figure(traces, frequency_axis(f), size, difference, height=430, dark=dark)
+    return figure(traces, frequency_axis(f), magnitude, difference, height=430, dark=dark)
 
 
 def normalised_residuals(residuals: RecordResiduals, *, dark: bool = False) -> go.Figure:
@@ -156,7 +156,7 @@ def harmonic_bars(
         Of the records.
     """
     ink = colours(dark)
-    number = np.arange(1, len(labels) + 1)
+    number = np.arange(1.0, len(labels) + 1)
     clear = np.where(content.significance[:, column] > _SIGNIFICANT, 1.0, 0.35)
     traces: list[Trace] = [
         bars(
@@ -181,7 +181,7 @@ def harmonic_bars(
 def worst_error(suggestion: Suggestion, *, dark: bool = False) -> go.Figure:
     """Largest relative standard error of K and D over the number of records that are added."""
     ink = colours(dark)
-    count = np.arange(suggestion.worst.size)
+    count = np.arange(float(suggestion.worst.size))
     names = [suggestion.names[k] for k in suggestion.relative_error.argmax(axis=1)]
     worst = np.where(np.isfinite(suggestion.worst), 100 * suggestion.worst, np.nan)
     hover = "%{x} records more<br>%{customdata} ± %{y:.2g} %<extra></extra>"

@@ -32,7 +32,7 @@ def show_own_path(page: Page, analysis: Analysis) -> None:
     if not has_own_path(analysis):
         return
     try:
-        found = cached_cuts.own_path(page.digest, page.method, analysis)
+        found = cached_cuts.own_path(page, analysis)
     except JointIdError as error:
         show_error(error)
         return
@@ -183,7 +183,7 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
     if not robot.gears:
         return
     st.header("With the identified gear laws", anchor=False)
-    runs = cached_cuts.gears(page.digest, page.method, settings.after, robot)
+    runs = cached_cuts.gears(page, settings.after, robot)
     laws = "; ".join(f"joint {j}: {' and '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
     ink = colours(page.dark)
     servos = ("Servo assumes K and D", ink.nominal), ("Servo assumes the curve", ink.identified)
@@ -206,7 +206,7 @@ def _own_or_demonstration(page: Page, analysis: Analysis) -> None:
         st.page_link(CUT_PAGE, label="What K and D are worth in millimetres, on an example arm")
         return
     try:
-        found = cached_cuts.own_path(page.digest, page.method, analysis)
+        found = cached_cuts.own_path(page, analysis)
     except JointIdError as error:
         show_note(f"The tool deflection is not known. {error}")
         return
@@ -219,7 +219,7 @@ def _own_or_demonstration(page: Page, analysis: Analysis) -> None:
 def outcome_panel(page: Page, analysis: Analysis) -> None:
     """Path error before and after with a small picture of the cut, for the first screen."""
     try:
-        outcome = cached_cuts.overview(page.digest, page.method, analysis)
+        outcome = cached_cuts.overview(page, analysis)
     except JointIdError as error:
         if analysis.state != NOT_USABLE:  # the headline gives the reason
             show_note(f"The path error is not known. {error}")

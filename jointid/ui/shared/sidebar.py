@@ -5,8 +5,8 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.answer import STIFFNESS_UNITS
 from jointid.files.study_files import load_study
-from jointid.ui.shared import cached
 from jointid.ui.shared.charts import equip_page
+from jointid.ui.shared.estimators import ESTIMATORS
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.method_steps import GROUPS
@@ -36,11 +36,11 @@ def choose_study() -> tuple[str, str, str] | None:
         st.divider()
         method = st.selectbox(
             "Estimator",
-            list(cached.ESTIMATORS),
+            list(ESTIMATORS),
             key="estimator",
             bind="query-params",
             help="How K and D are computed from the phasors. "
-            + "; ".join(f"{name}: {line}" for name, line in cached.ESTIMATORS.items())
+            + "; ".join(f"{name}: {line}" for name, line in ESTIMATORS.items())
             + ". The page Elasticity compares them.",
         )
         unit = st.selectbox(

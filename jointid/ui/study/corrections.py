@@ -9,7 +9,6 @@ from jointid import Analysis, Finding, JointIdError, Study
 from jointid.corrections.changes import corrected, label
 from jointid.files.digest import study_digest
 from jointid.files.store import Store
-from jointid.ui.shared import cached
 from jointid.ui.shared.messages import show_error, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.workspace import (
@@ -59,7 +58,8 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
     with st.container(border=True):
         try:
             study = corrected(page.study, change)
-            after = replace(cached.analysis(study_digest(study), page.method, study), unit=analysis.unit)
+            changed = replace(page, study=study, digest=study_digest(study))
+            after = replace(changed.analysed(), unit=analysis.unit)
         except JointIdError as error:
             show_error(error)
             st.button("Close", key="cancel_change", on_click=_look_at, args=(None,))
