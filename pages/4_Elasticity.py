@@ -17,7 +17,7 @@ from jointid.ui.study.uncertainty_panels import (
 
 page = open_page(
     "Elasticity",
-    "The inertias and the motor data give the wind-up of each gear and the torque through it. Their "
+    "The inertias and the motor data give the deflection of each gear and the torque through it. Their "
     "ratio is the dynamic stiffness K + iωD.",
 )
 analysis = page.analysis()

@@ -43,7 +43,7 @@ if found is None:
     st.stop()
 count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
-st.header(f"{counted(count, 'record')} more: worst error {before} → {after}", anchor=False)
+st.header(f"{counted(count, 'additional record')}: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
 if advice := second_amplitude(analysis.fit):
     st.info(advice)

@@ -1,4 +1,4 @@
-"""A robot whose springs are known."""
+"""Records of a simulated robot with known K and D."""
 
 import streamlit as st
 

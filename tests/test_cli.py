@@ -276,7 +276,7 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
     again = [*made[:-2], "--overwrite", "--gear"]
     assert 'no joint "3"' in refused(2, *again, "3: cubic=1")
     assert "presliding" in refused(2, *again, "loss=0.1")
-    assert "no number" in refused(2, *again, "cubic=hard")
+    assert "not a number" in refused(2, *again, "cubic=hard")
     assert "presliding_rad" in refused(1, *again, "hysteresis=0.1")
 
 

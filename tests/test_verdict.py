@@ -301,7 +301,7 @@ def test_time_in_milliseconds_is_named(scale: Any) -> None:
     assert found is not None
     assert "Time is probably in milliseconds" in found.title
     assert "longest record then lasts" in found.detail
-    assert ("in per cent needs the rated torque" in found.remedy) == (scale != 1.0)
+    assert ("in % needs the rated torque" in found.remedy) == (scale != 1.0)
 
 
 @pytest.mark.long

@@ -156,10 +156,10 @@ _CHANGES: Mapping[ChangeKind, Callable[[Study, Change], tuple[Study, str]]] = {
 
 _LABELS: Mapping[ChangeKind, Callable[[Study, Change], str]] = {
     "start": lambda study, change: f"Start {_some(study, change)} at the steady state",
-    "frequency": lambda study, change: f"Take the measured frequency of {_some(study, change)}",
+    "frequency": lambda study, change: f"Use the measured frequency of {_some(study, change)}",
     "leave out": lambda study, change: f"Leave out {_some(study, change)}",
     "delay": lambda study, change: f"Set the torque delay to {_milliseconds(_delays(study, change))}",
-    "hold": lambda _, change: f"Take the torque as {'held' if change.values[0] else 'momentary'}",
+    "hold": lambda _, change: f"Treat the torque as {'held' if change.values[0] else 'momentary'}",
     "scale": lambda study, change: (
         capitalised(_factors(change.values)) + (f" in {_some(study, change)}" if change.records else "")
     ),

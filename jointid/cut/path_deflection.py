@@ -22,7 +22,7 @@ from jointid.robot_models.model import RobotModel
 
 MEANING = (
     "The paper's rectangle, horizontal about the tool of this study's own robot in its pose{pose}: "
-    "wind-up of the gears by gravity and inertia, without vibration and without forces of the process. "
+    "deflection of the gears by gravity and inertia, without vibration and process forces. "
     "The sag at the start of the path is taught with the path and does not count. Servo: K that it "
     "compensates; rigid: no compensation."
 )

@@ -184,7 +184,7 @@ def worst_error(suggestion: Suggestion, *, dark: bool = False) -> go.Figure:
     count = np.arange(float(suggestion.worst.size))
     names = [suggestion.names[k] for k in suggestion.relative_error.argmax(axis=1)]
     worst = np.where(np.isfinite(suggestion.worst), 100 * suggestion.worst, np.nan)
-    hover = "%{x} records more<br>%{customdata} ± %{y:.2g} %<extra></extra>"
+    hover = "%{x} additional records<br>%{customdata} ± %{y:.2g} %<extra></extra>"
     dots = {"color": ink.identified, "size": 8}
     look: Trace = {"mode": "lines+markers", "line": {"dash": "dot"}, "marker": dots}
     about: Trace = {"customdata": names, "hovertemplate": hover, "showlegend": False}

@@ -255,7 +255,7 @@ def _unknown_remedy(factor: Floats, joints: Iterable[int]) -> str:
     near = dict.fromkeys(c.why for j in indices if (c := known_cause(float(factor[j]), NEAR)))
     return (
         "On import, check the side of the gear, the gear ratio and the unit of position and torque: a "
-        "torque in per cent needs the rated torque, one in amperes the torque constant. "
+        "torque in % needs the rated torque, one in amperes the torque constant. "
         f"The torque times {each} fits ({_columns('torque', indices)} in a "
         "study's tables)." + (f" Similar factors: {'; '.join(near)}." if near else "")
     )

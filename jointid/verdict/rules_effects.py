@@ -48,7 +48,7 @@ _REMEDIES = {
         "A gear has three slopes",
         "K holds for small deflections. Measure at the amplitude that the work needs.",
     ),
-    "backlash": ("A gear has backlash", "K holds outside the play. Check the gear's preload."),
+    "backlash": ("A gear has backlash", "K holds outside the backlash. Check the gear's preload."),
     "hysteresis": ("A gear has hysteresis", "K excludes the hysteresis."),
 }
 """Title, with {one verb|another} for positive and negative values, and remedy by effect."""
@@ -86,7 +86,7 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         if name == "hysteresis" and not evidence.sines:
             yield warning(
                 "Hysteresis from motions alone is approximate",
-                "K and D can differ from the true values by several of their stated errors.",
+                "K and D can differ from the true values by several standard errors.",
                 "Add sine records of two amplitudes: they show the loop of the hysteresis.",
                 _HYSTERESIS_OF_MOTIONS,
             )

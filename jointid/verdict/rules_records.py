@@ -59,7 +59,7 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
 
 
 def off_frequency(evidence: Evidence) -> tuple[int, ...]:
-    """Indices of records whose motor angle has another frequency than stated."""
+    """Indices of records whose motor angle has a frequency other than the stated one."""
     found = evidence.phasors.frequency_found_hz
     off = np.abs(found / evidence.frequency_hz - 1)
     return tuple(

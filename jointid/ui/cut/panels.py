@@ -53,7 +53,7 @@ def _own_headline(found: PathDeflection) -> str:
 
 
 def headline(outcome: Outcome) -> str:
-    """Path error before and after, and whose it is."""
+    """Path error before and after, and its robot."""
     if outcome.robot.rule == "demonstration":
         return "A demonstration, not this study"
     whose = " of the example arm" if outcome.robot.rule == "relative" else ""
@@ -74,7 +74,7 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
         f"- **Both**: {_conditions(settings)}"
     )
     if outcome.before.torque_limit_hit or outcome.after.torque_limit_hit:
-        st.warning("A motor torque was cut off at its limit.")
+        st.warning("A motor torque reached its limit.")
 
 
 def _robot(robot: CutRobot) -> str:
@@ -203,7 +203,7 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
 def _own_or_demonstration(page: Page, analysis: Analysis) -> None:
     """Tool deflection of a robot with a model of its own; a link to the example arm for others."""
     if not has_own_path(analysis):
-        st.page_link(CUT_PAGE, label="What K and D are worth in millimetres, on an example arm")
+        st.page_link(CUT_PAGE, label="Path error with nominal and identified K and D, on an example arm")
         return
     try:
         found = cached_cuts.own_path(page, analysis)
@@ -247,7 +247,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 "the example arm, because this robot's geometry is not known. Its springs are scaled; "
                 "their ratios and uncertainties are those of this study"
                 if relative
-                else "an arm of these inertias, simulated"
+                else "a simulated arm with these inertias"
             )
             friction = (
                 " Both simulations include the identified friction." if outcome.robot.friction else ""

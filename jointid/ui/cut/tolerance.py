@@ -80,8 +80,8 @@ def _show_map(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     path_error = tolerance.max_contour_error_m
     least, exact = (millimetres(e) for e in (path_error.min(), path_error[_WIDE // 2, _WIDE // 2]))
     beside = (
-        f" At K̂ = K friction, delay and encoders leave {exact}; a wrong K̂ may cancel a part of it, so "
-        "that the smallest error lies beside it."
+        f" At K̂ = K, friction, delay and encoders leave {exact}; a wrong K̂ may cancel a part of it and "
+        "give a smaller error."
     )
     st.caption(
         f"Errors on this map: {least} to {millimetres(path_error.max())}." + beside * (least != exact)

@@ -121,8 +121,8 @@ class Entries:
         guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(given)]
         asked = self._confirmed("drive data", found, missing, guesses)
         st.caption(
-            "Logs do not prove these entries. Unconfirmed ones are marked as assumed in the study, its "
-            "report and its files."
+            "A log cannot confirm these entries. Unconfirmed ones are marked as assumed in the study, "
+            "its report and its files."
         )
         of_joints = tuple(ratios.values())
         return replace(asked, gear_ratio=None if np.isnan(of_joints).any() else of_joints)
@@ -204,7 +204,7 @@ class Entries:
     def _scales(
         self, joints: Sequence[JointMapping], place: DeltaGenerator
     ) -> dict[tuple[str, int], float]:
-        """Ask for scales, joints of one unit together; NaN where none is given."""
+        """Ask for scales, joints of one unit together; NaN for an empty entry."""
         found: dict[tuple[str, int], float] = {}
         for role, (_, scales) in QUANTITIES.items():
             meanings = {j: scales.get(getattr(of, role).unit, "") for j, of in enumerate(joints)}
@@ -267,7 +267,7 @@ class Entries:
         example_and_help: tuple[Sequence[str], str],
         meaning: str = "",
     ) -> dict[int, float]:
-        """Ask for a number per joint; NaN where none is given."""
+        """Ask for a number per joint; NaN for an empty entry."""
         example, help_ = example_and_help
         joints = list(joints)
         known = [

@@ -251,5 +251,5 @@ def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Pa
 
 def _show_problem(error: JointIdError) -> None:
     show_error(error)
-    st.write("The records themselves can still be looked at:")
+    st.write("The records themselves can still be viewed:")
     st.page_link(RECORDS.path, label=RECORDS.name)

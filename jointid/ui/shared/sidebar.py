@@ -77,7 +77,7 @@ def _choose() -> str | None:
         on_change=_take_choice,
         disabled=not names,
         help="Studies opened, simulated or imported at this address, and the samples. All samples are "
-        "usable but swapped torques, which shows what a failed study looks like. Commands take the "
+        "usable except swapped torques, which shows what a failed study looks like. Commands take the "
         "name of a sample with or without underscores: six_axes.",
     )
     if chosen is not None:

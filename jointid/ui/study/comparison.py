@@ -68,7 +68,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     """The answer in a sentence, and K and D of both with their differences."""
     same = page.digest == other.digest
     if same and page.method == other.method:
-        show_info("Both sides show one study and one estimator: choose another study or estimator.")
+        show_info("Both sides show the same study and estimator: choose another study or estimator.")
         st.stop()
     one_side = first.unit.side == second.unit.side and first.unit.angle == second.unit.angle
     units = (first.unit, second.unit) if one_side else (AT_MOTOR, AT_MOTOR)

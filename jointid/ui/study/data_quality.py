@@ -77,7 +77,7 @@ def show_distortion(record: JointRecord) -> None:
     st.caption(
         f"A multisine on odd lines, period {found.period_s:.4g} s. Amplitude of lines without "
         "excitation over that of excited ones. Odd lines above the noise show friction or a hardening "
-        "gear, even ones play or a one-sided load."
+        "gear, even ones backlash or a one-sided load."
     )
 
 

@@ -34,8 +34,8 @@ _SNIPPETS = (
     ("SDF", ".sdf", sdf_snippet),
 )
 _HINTS = {
-    "Gear laws (.csv)": "Torque over wind-up of every gear, motor side, up to the largest torque in the "
-    "records: for a 1-D Lookup Table in Simulink or your own controller.",
+    "Gear laws (.csv)": "Torque over deflection of every gear, motor side, up to the largest torque "
+    "in the records: for a 1-D Lookup Table in Simulink or your own controller.",
     "Gear laws (.txt)": "The same for CombiTable1Ds of Modelica: tables gear1, gear2, …",
 }
 _KINDS = {".csv": "text/csv", ".txt": "text/plain"}

@@ -33,7 +33,7 @@ def _predicted(page: Page, analysis: Analysis) -> Prediction | TorquePrediction:
 
 
 def show_prediction(page: Page, analysis: Analysis) -> None:
-    """Prediction of what is left out of the fit, or the reason why there is none."""
+    """Prediction of the records left out of the fit, or the reason for its absence."""
     if analysis.state == NOT_USABLE:
         return
     try:
@@ -50,7 +50,7 @@ def _sentence(prediction: Prediction | TorquePrediction) -> str:
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
     of = "the gears' torque" if isinstance(prediction, TorquePrediction) else "H"
-    text = f"within {apart} % of {of} (median), {times} × the stated errors"
+    text = f"within {apart} % of {of} (median), {times} × the standard errors"
     if prediction.misfit <= EXPLAINED:
         return f"{text}; noise explains up to {limit}."
     return (

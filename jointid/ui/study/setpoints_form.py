@@ -33,13 +33,13 @@ _LIMITS = {
         "Axes that are the joints of the study; empty: the first.",
     ),
 }
-_SUPERPOSED = "Avoids stiction; every record then runs forward and back."
+_SUPERPOSED = "Avoids sticking at reversals; every record then runs forward and back."
 _OPTIONAL = ("load_Nm", "axes")
 _NUMBERS: dict[str, tuple[Any, ...]] = {
     "scale": ("Scale of the motion", 1.0, (0.001, 100.0)),
     "repeats": ("Repeats", 1, (1, 100)),
     "ramp": ("Ramps (s)", 0.5, (0.05, 10.0)),
-    "rest": ("Rest between (s)", 1.0, (0.1, 60.0)),
+    "rest": ("Rest between records (s)", 1.0, (0.1, 60.0)),
 }
 """Label, default and limits of each number."""
 _KINDS = dict(zip(("Sines", "Multisine", "Sweeps"), KINDS, strict=True))
@@ -99,7 +99,7 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     inertia, fit = analysis.inertia(pose), analysis.fit
     played = page.computed(
         ("played", pose, content(plan), *settings.values()),
-        "Playing on the simulated robot",
+        "Running on the simulated robot",
         play,
         planned_experiment(plan, inertia, fit.elasticity, **settings),
         inertia,

@@ -78,7 +78,7 @@ _EXPERIMENTS: dict[str, tuple[Any, ...]] = {
 """Label, default, limits and explanation of each number."""
 _LAWS = {
     "cubic": ("Cubic stiffness (N·m/rad³)", "Torque c δ³ in addition to K δ: the gear hardens."),
-    "backlash_rad": ("Backlash (rad)", "Total play, seen from the motor."),
+    "backlash_rad": ("Backlash (rad)", "Total angle between the flanks, seen from the motor."),
     "hysteresis_Nm": ("Hysteresis (N·m)", "Half the height of the loop (Dahl model)."),
     "presliding_rad": ("Presliding (rad)", "Hysteresis over the initial slope of its loop."),
     "K2": ("K2 (N·m/rad)", "Slope beyond the torque T1; 0: no change of slope."),
