@@ -3,6 +3,7 @@
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.analysis import NOT_USABLE
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import downloads
@@ -15,6 +16,8 @@ page = open_page(
     "the study. The same study gives the same files, byte for byte.",
 )
 analysis = page.analysis()
+if analysis.state == NOT_USABLE:
+    show_error(f"{analysis.headline} Every file states this first.")
 stem, study = file_stem(page.study.name), page.study
 try:
     found = downloads.results(page.digest, page.method, analysis)

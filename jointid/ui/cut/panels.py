@@ -15,6 +15,7 @@ from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture, window
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import table
+from jointid.ui.shared.markdown_escape import unbroken
 from jointid.ui.shared.messages import show_error, show_note, show_warning
 from jointid.ui.shared.page import Page
 from jointid.wording import counted, significant
@@ -46,7 +47,7 @@ def _own_headline(found: PathDeflection) -> str:
     """Deflection of the study's own robot at the largest zone, before and after."""
     before = found.rigid_m if found.assumed_m is None else found.assumed_m
     servo = "a servo for rigid joints" if found.assumed_m is None else "the nominal K"
-    return (
+    return unbroken(
         f"Tool deflection of this robot: {millimetres(before)} with {servo}, "
         f"{millimetres(found.identified_m)} with the identified K"
     )
@@ -58,7 +59,8 @@ def headline(outcome: Outcome) -> str:
         return "A demonstration, not this study"
     whose = " of the example arm" if outcome.robot.rule == "relative" else ""
     gears = ", with linear gears" if outcome.robot.gears else ""
-    return f"Path error{whose} {millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}{gears}"
+    errors = f"{millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
+    return f"Path error{whose} {errors}{gears}"
 
 
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:

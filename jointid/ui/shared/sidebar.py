@@ -16,7 +16,7 @@ from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_p
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
 _ARRIVED = "arrived_study"
-_STATES = {"swapped torques": " (not usable)"}
+_STATES = {"swapped torques": " (not usable)", "doubled record": " (usable with care)"}
 """What the list says of a sample besides its name."""
 
 
@@ -76,8 +76,8 @@ def _choose() -> str | None:
         key="study",
         on_change=_take_choice,
         disabled=not names,
-        help="Studies opened, simulated or imported at this address, and the samples. All samples are "
-        "usable except swapped torques, which shows what a failed study looks like. Commands take the "
+        help="Studies opened, simulated or imported at this address, and the samples. Two samples "
+        "are faulty, to show a failed and a doubtful answer. Commands take the "
         "name of a sample with or without underscores: six_axes.",
     )
     if chosen is not None:

@@ -67,6 +67,8 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
         st.markdown("**Before and after**")
         show_note(study.changes[-1])
         show_text_table(_compared(analysis, after))
+        if change.kind in ("order", "scale"):
+            st.caption("The residuals in the finding are those of a quick check without friction.")
         show_note(after.headline)
         with st.container(horizontal=True):
             st.button(
@@ -83,7 +85,7 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
 def _compared(before: Analysis, after: Analysis) -> dict[str, list[str]]:
     columns = {"": ["State"]}
     columns[""] += [f"{found.name} ({found.unit})" for found in before.quantities]
-    columns[""] += ["Residual / noise"]
+    columns[""] += ["Residual of the whole model / noise"]
     for heading, each in (("Now", before), ("With the change", after)):
         misfit = float(np.sqrt(each.fit.misfit))
         columns[heading] = [
