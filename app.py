@@ -17,7 +17,7 @@ from jointid.ui.study.overview import (
     show_tiles,
 )
 
-page = open_page("Study")
+page = open_page("Study", heading=False)
 show_heading(page.study)
 show_changes(page)
 analysis = page.analysis()

@@ -22,7 +22,6 @@ from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted
 
 page = open_page("Plan")
-st.title("Plan", anchor=False)
 analysis = page.analysis()
 if analysis.state == NOT_USABLE:
     show_error(analysis.headline)

@@ -117,7 +117,7 @@ def test_a_file_or_folder_goes_before_a_sample_of_its_name(here: Path, one_joint
 
 
 def test_the_samples_are_listed(here: Path) -> None:
-    names = ["paper", "manutec_r3", "motions", "single_joint", "six_axes"]
+    names = ["paper", "doubled_record", "manutec_r3", "motions", "single_joint", "six_axes"]
     names += ["swapped_torques", "worn_cell"]
     assert list(sample_studies()) == names
     shown = re.sub(r"[\s│]+", " ", ok("identify", "--help"))

@@ -86,13 +86,9 @@ def torsion_curve(
     if gear.kind != "linear":
         flat = {"line": {"dash": "dot", "width": 1.5}, "hoverinfo": "skip"}
         traces.append(line(shown, scale.torque * gear.K * tried, "slope K", ink.quiet, **flat))
-    return figure(
-        traces,
-        height=420,
-        dark=dark,
-        xaxis=linear_axis(f"Deflection ({scale.angle}, {scale.side})"),
-        yaxis=linear_axis(f"Torque (N·m, {scale.side})"),
-    )
+    across = linear_axis(f"Deflection ({scale.angle}, {scale.side})")
+    upwards = linear_axis(f"Torque (N·m, {scale.side})")
+    return figure(traces, across, upwards, height=420, dark=dark)
 
 
 def drawn_records(amplitude: Floats) -> list[int]:
@@ -141,10 +137,5 @@ def stiffness_over_amplitude(
     law = {"hovertemplate": f"%{{x:.3g}} N·m<br>%{{y:.4g}} {scale.unit}<extra>fitted law</extra>"}
     inside = torque >= amplitude.min(initial=np.inf)
     traces.insert(0, line(torque[inside], secant[inside], "fitted law", ink.identified, **law))
-    return figure(
-        traces,
-        height=260,
-        dark=dark,
-        xaxis=linear_axis(f"Torque amplitude (N·m, {scale.side})", rangemode="tozero"),
-        yaxis=linear_axis(f"K{joint + 1} ({scale.unit})"),
-    )
+    across = linear_axis(f"Torque amplitude (N·m, {scale.side})", rangemode="tozero")
+    return figure(traces, across, linear_axis(f"K{joint + 1} ({scale.unit})"), height=260, dark=dark)

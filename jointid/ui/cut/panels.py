@@ -15,6 +15,7 @@ from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture, window
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import table
+from jointid.ui.shared.markdown_escape import unbroken
 from jointid.ui.shared.messages import show_error, show_note, show_warning
 from jointid.ui.shared.page import Page
 from jointid.wording import counted, significant
@@ -32,7 +33,7 @@ def show_own_path(page: Page, analysis: Analysis) -> None:
     if not has_own_path(analysis):
         return
     try:
-        found = cached_cuts.own_path(page.digest, page.method, analysis)
+        found = cached_cuts.own_path(page, analysis)
     except JointIdError as error:
         show_error(error)
         return
@@ -46,7 +47,7 @@ def _own_headline(found: PathDeflection) -> str:
     """Deflection of the study's own robot at the largest zone, before and after."""
     before = found.rigid_m if found.assumed_m is None else found.assumed_m
     servo = "a servo for rigid joints" if found.assumed_m is None else "the nominal K"
-    return (
+    return unbroken(
         f"Tool deflection of this robot: {millimetres(before)} with {servo}, "
         f"{millimetres(found.identified_m)} with the identified K"
     )
@@ -58,7 +59,8 @@ def headline(outcome: Outcome) -> str:
         return "A demonstration, not this study"
     whose = " of the example arm" if outcome.robot.rule == "relative" else ""
     gears = ", with linear gears" if outcome.robot.gears else ""
-    return f"Path error{whose} {millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}{gears}"
+    errors = f"{millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
+    return f"Path error{whose} {errors}{gears}"
 
 
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
@@ -183,7 +185,7 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
     if not robot.gears:
         return
     st.header("With the identified gear laws", anchor=False)
-    runs = cached_cuts.gears(page.digest, page.method, settings.after, robot)
+    runs = cached_cuts.gears(page, settings.after, robot)
     laws = "; ".join(f"joint {j}: {' and '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
     ink = colours(page.dark)
     servos = ("Servo assumes K and D", ink.nominal), ("Servo assumes the curve", ink.identified)
@@ -206,7 +208,7 @@ def _own_or_demonstration(page: Page, analysis: Analysis) -> None:
         st.page_link(CUT_PAGE, label="Path error with nominal and identified K and D, on an example arm")
         return
     try:
-        found = cached_cuts.own_path(page.digest, page.method, analysis)
+        found = cached_cuts.own_path(page, analysis)
     except JointIdError as error:
         show_note(f"The tool deflection is not known. {error}")
         return
@@ -219,7 +221,7 @@ def _own_or_demonstration(page: Page, analysis: Analysis) -> None:
 def outcome_panel(page: Page, analysis: Analysis) -> None:
     """Path error before and after with a small picture of the cut, for the first screen."""
     try:
-        outcome = cached_cuts.overview(page.digest, page.method, analysis)
+        outcome = cached_cuts.overview(page, analysis)
     except JointIdError as error:
         if analysis.state != NOT_USABLE:  # the headline gives the reason
             show_note(f"The path error is not known. {error}")
