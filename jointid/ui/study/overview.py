@@ -84,7 +84,8 @@ def show_bands(analysis: Analysis) -> None:
             low, high = significant(own.min(), 3), significant(own.max(), 3)
             bands.append(f"{markdown_escape(name)}: {low}–{high} Hz, {origin}")
     if bands:
-        st.caption("Band of the motions: " + "; ".join(bands) + ". Set band_hz of a record in study.toml to change it.")
+        how = "To change it, set band_hz of the record in study.toml."
+        st.caption(f"Band of the motions: {'; '.join(bands)}. {how}")
 
 
 def _values_table(analysis: Analysis, found: Sequence[Quantity]) -> dict[str, list[str]]:
