@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from jointid.cli.files import require_spared
+from jointid.cli.files import require_free
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers
 from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.plan import COUNT, DURATION, TORQUE_LIMIT, VELOCITY_LIMIT, suggested
@@ -53,7 +53,7 @@ def setpoints(
     from jointid.setpoints.played import play
     from jointid.setpoints.robot_limits import limits_from_toml
 
-    require_spared(output, overwrite, [study, limits])
+    require_free(output, overwrite, [study, limits])
     with limits.open("rb") as file:
         robot = limits_from_toml(file.read(1 << 21), limits.name)
     analysis, suggestion = suggested(

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from jointid.analysis import STATES, Analysis
+from jointid.analysis import NOT_USABLE, STATES, Analysis
 from jointid.answer import AT_MOTOR, effect_values, model_name
 from jointid.arrays import Floats, finite_array, frozen
 from jointid.errors import JointIdError
@@ -132,6 +132,11 @@ class Identification:
     def n(self) -> int:
         """Number of joints."""
         return self.inertia.n
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether files for controllers and simulators may hold its numbers."""
+        return self.state != NOT_USABLE
 
     @property
     def standard_error(self) -> Floats:

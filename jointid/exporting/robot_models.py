@@ -50,7 +50,7 @@ class ArmSide:
 
 
 def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
-    """Reflect an identification to the joint side.
+    """Reflect an identification to the joint side; K and D of an unusable answer are NaN.
 
     Parameters
     ----------
@@ -83,10 +83,11 @@ def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
     for j, gear in enumerate(i.gears):
         if gear.kind != "linear":
             K[j] = gear.secant(gear.tried_Nm)
+    usable = 1.0 if i.is_usable else np.nan
     return ArmSide(
         gear_ratio=N,
-        K=N**2 * K,
-        D=N**2 * i.elasticity.D,
+        K=usable * N**2 * K,
+        D=usable * N**2 * i.elasticity.D,
         covariance=twice[:, None] * i.covariance * twice,
         rotor=N**2 * i.inertia.M,
         M2=N[:, None] * i.inertia.M2 * N,

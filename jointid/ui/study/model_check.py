@@ -57,12 +57,12 @@ def _sentence(prediction: Prediction | TorquePrediction) -> str:
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
     of = "the gears' torque" if isinstance(prediction, TorquePrediction) else "H"
-    text = f"within {apart} % of {of} (median), {times} × the stated errors"
+    text = f"within {apart} % of {of} (median). The deviations are {times} times the stated errors"
     if prediction.misfit <= EXPLAINED:
-        return f"{text}; noise explains up to {limit}."
+        return f"{text}; noise alone gives up to {limit} times."
     return (
-        f"{text}, where {limit} is the most that noise explains: the model lacks something, or these "
-        "records do not show all that the whole fit takes into account."
+        f"{text}, more than the {limit} times that noise alone gives: the model lacks something, or "
+        "these records do not show all that the whole fit takes into account."
     )
 
 
