@@ -26,47 +26,6 @@ known to a few per cent."""
 class Study:
     """Records of one robot, sines or any other motion, with its rigid-body inertias.
 
-    Parameters
-    ----------
-    records : sequence of SineRecord and MotionRecord
-        At least one; all with the joints of ``inertia``.
-    inertia : Inertia
-        Motor side, for records without a pose.
-    nominal : Elasticity, optional
-        Nominal K and D: those in the controller at present.
-    name : str, default ""
-    origin : {"", "simulated", "measured"}
-        Origin of the records; empty when not stated.
-    description : str, default ""
-        Free text.
-    poses : mapping of str to Inertia, optional
-        Inertia of each named pose.
-    robot : str, default ""
-        Name of the robot, to compare robots of a fleet and to follow one over time.
-    date : date or datetime, optional
-        Date of the measurement; the UTC offset of a datetime, if any, in whole minutes.
-    inertia_std : float, default 0.05
-        Relative standard deviation of the given inertias: 0.05 for 5 %, 0 for exact ones,
-        ``math.inf`` for unknown ones.
-    torque_std : float, optional
-        The same for the torque constant of each joint. None: not stated and assumed exact.
-    robot_model : RobotModel, optional
-        Rigid model of the robot.
-    gear_ratio : array_like, shape (n,), optional
-        Motor turns per joint turn, negative for opposite directions. They convert K and D to the joint
-        side; the method does not need them.
-    gear_temperature_C : float, optional
-        Temperature of the gears, °C.
-    note : str, default ""
-        Remark on the measurement, shown beside the answer.
-    assumed : sequence of str, optional
-        Unconfirmed facts about the logs, such as "gear ratio 1 (joint 2)".
-    changes : sequence of str, optional
-        Changes of the logged data, oldest first, see ``jointid.corrections``.
-    pose_angles_rad : mapping of str to (n,), optional
-        Joint angles of poses, "" for records without one. Poses that are not in ``poses`` get their
-        inertia from the model; the others must agree with it.
-
     Raises
     ------
     JointIdError
@@ -74,23 +33,43 @@ class Study:
     """
 
     records: tuple[SineRecord | MotionRecord, ...]
+    """At least one; all with the joints of ``inertia``."""
     inertia: Inertia
+    """Motor side, for records without a pose."""
     nominal: Elasticity | None = None
+    """Nominal K and D: those in the controller at present."""
     name: str = ""
     origin: str = ""
+    """"simulated" or "measured"; empty when not stated."""
     description: str = ""
+    """Free text."""
     poses: Mapping[str, Inertia] = field(default_factory=dict)
+    """Inertia of each named pose."""
     robot: str = ""
+    """Name of the robot, to compare robots of a fleet and to follow one over time."""
     date: datetime.date | datetime.datetime | None = None
+    """Date of the measurement; the UTC offset of a datetime, if any, in whole minutes."""
     inertia_std: float = INERTIA_STD
+    """Relative standard deviation of the given inertias: 0.05 for 5 %, 0 for exact ones, ``math.inf``
+    for unknown ones."""
     torque_std: float | None = None
+    """The same for the torque constant of each joint. None: not stated and assumed exact."""
     robot_model: RobotModel | None = None
+    """Rigid model of the robot."""
     pose_angles_rad: Mapping[str, Floats] = field(default_factory=dict)
+    """Joint angles of poses, each (n,), "" for records without one. Poses that are not in ``poses`` get
+    their inertia from the model; the others must agree with it."""
     gear_ratio: Floats | None = None
+    """Motor turns per joint turn, shape (n,), negative for opposite directions. They convert K and D to
+    the joint side; the method does not need them."""
     gear_temperature_C: float | None = None
+    """Temperature of the gears, °C."""
     note: str = ""
+    """Remark on the measurement, shown beside the answer."""
     assumed: tuple[str, ...] = ()
+    """Unconfirmed facts about the logs, such as "gear ratio 1 (joint 2)"."""
     changes: tuple[str, ...] = ()
+    """Changes of the logged data, oldest first, see ``jointid.corrections``."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.inertia, Inertia):
