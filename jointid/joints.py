@@ -25,10 +25,8 @@ _SLOWEST = 1e-3
 class Inertia:
     """Rigid-body inertia of n joints, equation (7), motor side; fields take any array_like.
 
-    Raises
-    ------
-    JointIdError
-        When a rotor inertia is not positive, or M2 or M2 − added is not symmetric and positive definite.
+    Raises JointIdError when a rotor inertia is not positive, or M2 or M2 − added is not symmetric and
+    positive definite.
     """
 
     M: Floats
@@ -82,10 +80,7 @@ class Inertia:
     def with_added(self, added: ArrayLike) -> Inertia:
         """Return the inertia with an exactly known addition to M2, shape (n, n), motor side, kg·m².
 
-        Raises
-        ------
-        JointIdError
-            When it is not symmetric or has another shape, or the sum is no inertia.
+        Raises JointIdError when it is not symmetric or has another shape, or the sum is no inertia.
         """
         more = _symmetric("added", "addition to M2", added, self.n)
         return Inertia(
@@ -156,10 +151,7 @@ def arm_inertia(i: int, j: int) -> str:
 class Elasticity:
     """Stiffness and damping of n joints, equation (7), motor side; fields take any array_like.
 
-    Raises
-    ------
-    JointIdError
-        When the shapes differ, or a value is out of range.
+    Raises JointIdError when the shapes differ, or a value is out of range.
     """
 
     K: Floats
@@ -225,19 +217,9 @@ def motor_impedance(
 ) -> tuple[Complexes, Complexes]:
     """Torque over angle at the motors, Z = s²(M + S⁻¹), the inverse of equation (16) times s².
 
-    Parameters
-    ----------
-    s : ndarray, shape (...,), complex
-        Laplace variable, rad/s.
-    M, arm : ndarray, shapes (..., n) and (..., n, n)
-        Rotor inertias and M2⁻¹.
-    K, D : ndarray, shape (n,)
-        Stiffness and damping; unlike those of a model they may have any sign.
-
-    Returns
-    -------
-    Z, stiff : ndarray, shape (..., n, n), complex
-        The impedance, N·m/rad, and S⁻¹ = (M2⁻¹ + s²(K + sD)⁻¹)⁻¹, kg·m².
+    Of the Laplace variable s, shape (...,), rad/s, rotor inertias M, (..., n), ``arm`` = M2⁻¹,
+    (..., n, n), and K and D, (n,), which unlike those of a model may have any sign. Returns Z, N·m/rad,
+    and S⁻¹ = (M2⁻¹ + s²(K + sD)⁻¹)⁻¹, kg·m², each (..., n, n).
     """
     s2 = s * s
     compliance = np.empty((*s.shape, K.size, K.size), complex)
@@ -255,7 +237,10 @@ def motor_impedance(
 def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> Complexes:
     """Arm acceleration over arm torque with every motor held still, (M2 s² + sD + K)⁻¹ s².
 
-    Parameters and errors as in ``motor_response``.
+    Parameters
+    ----------
+    omega, inertia, elasticity
+        As in ``motor_response``, likewise the errors.
 
     Returns
     -------
@@ -273,28 +258,47 @@ def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasti
 def resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
     """Undamped natural frequencies of motors and arm together, poles of H.
 
+    Parameters
+    ----------
+    inertia, elasticity
+        As in ``motor_response``, likewise the errors.
+
     Returns
     -------
     ndarray, shape (n,)
         Frequencies in Hz, ascending, without the n rigid-body zeros.
-
-    Raises
-    ------
-    JointIdError
-        When inertia and elasticity have different numbers of joints.
     """
     return _natural_frequencies_hz(inertia, elasticity, moving=np.ones(inertia.n, bool))
 
 
 def locked_resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
-    """The n undamped natural frequencies of the arm with every motor held still, as ``resonances``."""
+    """Undamped natural frequencies of the arm with every motor held still.
+
+    Parameters
+    ----------
+    inertia, elasticity
+        As in ``motor_response``, likewise the errors.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Frequencies in Hz, ascending.
+    """
     return _natural_frequencies_hz(inertia, elasticity, moving=np.zeros(inertia.n, bool))
 
 
 def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
-    """Undamped zeros of the diagonal elements, shape (n, n): row j holds those of H_jj in Hz, ascending.
+    """Undamped zeros of each diagonal element H_jj: resonances with motor j locked.
 
-    They are the resonances with motor j locked; errors as in ``resonances``.
+    Parameters
+    ----------
+    inertia, elasticity
+        As in ``motor_response``, likewise the errors.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        Row j holds the n zeros of H_jj in Hz, ascending.
     """
     rows = ~np.eye(inertia.n, dtype=bool)
     return np.array([_natural_frequencies_hz(inertia, elasticity, moving=row) for row in rows])
@@ -303,22 +307,17 @@ def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
 def _natural_frequencies_hz(inertia: Inertia, elasticity: Elasticity, moving: np.ndarray) -> Floats:
     """Spring deflections x obey ẍ = −(M⁻¹ + M2⁻¹)K x; a motor held still counts as M⁻¹ = 0."""
     _require_same_joints(inertia, elasticity)
-    if inertia.gravity.any():
-        return _frequencies_with_gravity_hz(inertia, elasticity, moving)
-    mobility = np.linalg.inv(inertia.M2) + np.diag(np.where(moving, 1 / inertia.M, 0.0))
-    root = np.sqrt(elasticity.K)
-    squared = np.linalg.eigvalsh(root[:, None] * mobility * root)
-    return np.sqrt(np.maximum(squared, 0.0)) / (2 * np.pi)  # rounding may be below zero
-
-
-def _frequencies_with_gravity_hz(inertia: Inertia, elasticity: Elasticity, moving: np.ndarray) -> Floats:
-    """The n highest of the arm and the moving motors: the others are the slow swings under gravity."""
-    K = np.diag(elasticity.K)
-    stiffness = np.block([[K, -K], [-K, K + inertia.gravity]])
-    kept = np.concatenate([moving, np.ones(inertia.n, bool)])
-    mass = block_diag(np.diag(inertia.M), inertia.M2)
-    squared = eigh(stiffness[np.ix_(kept, kept)], mass[np.ix_(kept, kept)], eigvals_only=True)
-    return np.asarray(np.sqrt(np.maximum(squared[-inertia.n :], 0.0)) / (2 * np.pi))
+    if inertia.gravity.any():  # the n highest of arm and motors: the others swing slowly under gravity
+        K, kept = np.diag(elasticity.K), np.concatenate([moving, np.ones(inertia.n, bool)])
+        stiffness = np.block([[K, -K], [-K, K + inertia.gravity]])
+        mass = block_diag(np.diag(inertia.M), inertia.M2)
+        squared = eigh(stiffness[np.ix_(kept, kept)], mass[np.ix_(kept, kept)], eigvals_only=True)
+        squared = squared[-inertia.n :]
+    else:
+        mobility = np.linalg.inv(inertia.M2) + np.diag(np.where(moving, 1 / inertia.M, 0.0))
+        root = np.sqrt(elasticity.K)
+        squared = np.linalg.eigvalsh(root[:, None] * mobility * root)
+    return np.asarray(np.sqrt(np.maximum(squared, 0.0)) / (2 * np.pi))  # rounding may be below zero
 
 
 def _laplace(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> tuple[Complexes, Complexes]:
