@@ -45,10 +45,8 @@ class StiffnessUnit:
     def named(cls, name: str, gear_ratio: Floats | None = None) -> StiffnessUnit:
         """Return the unit of a name in ``STIFFNESS_UNITS``.
 
-        Raises
-        ------
-        JointIdError
-            When the name is another, or the joint's side needs gear ratios that are not given.
+        Raises JointIdError when the name is another, or the joint's side needs gear ratios that are not
+        given.
         """
         if name not in STIFFNESS_UNITS:
             raise JointIdError(f'The unit "{name:.60}" is not known: {listed(STIFFNESS_UNITS)}.')

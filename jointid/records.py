@@ -116,11 +116,9 @@ class SineRecord(JointRecord, _OfOneFrequency):
 
     ``frequency_hz`` is its first argument; the others are those of ``JointRecord``.
 
-    Raises
-    ------
-    JointIdError
-        On shapes that disagree, values that are not finite, times that do not increase, less than
-        one period of data after ``start_s``, or a frequency at or above half the sample rate.
+    Raises JointIdError on shapes that disagree, values that are not finite, times that do not
+    increase, less than one period of data after ``start_s``, or a frequency at or above half the sample
+    rate.
     """
 
     def __post_init__(self) -> None:
@@ -162,11 +160,9 @@ class SineRecord(JointRecord, _OfOneFrequency):
 class MotionRecord(JointRecord):
     """A log of n joints in any motion around one pose: a sweep, random motion, the robot's own moves.
 
-    Raises
-    ------
-    JointIdError
-        On shapes that disagree, values that are not finite, times that do not increase, fewer than
-        16 samples after ``start_s``, or a band that is empty or reaches half the sample rate.
+    Raises JointIdError on shapes that disagree, values that are not finite, times that do not
+    increase, fewer than 16 samples after ``start_s``, or a band that is empty or reaches half the sample
+    rate.
     """
 
     arm_rad: Floats | None = None
@@ -266,10 +262,7 @@ def _require_increasing(time: Floats) -> None:
 def require_torques(records: Sequence[JointRecord]) -> None:
     """Refuse a joint that moves while its torque is the same number throughout all records.
 
-    Raises
-    ------
-    JointIdError
-        When there is one.
+    Raises JointIdError when there is one.
     """
     constant = np.array([record.constant for record in records])
     n = constant.shape[1] // 2

@@ -109,10 +109,7 @@ def motion_transfer_matrix(
     delay : float
         Delay of the torque in addition to that of the records, s.
 
-    Raises
-    ------
-    JointIdError
-        When a clock is too uneven, or no frequency can be solved for.
+    Raises JointIdError when a clock is too uneven, or no frequency can be solved for.
     """
     parts = [
         (part, record, coherent_band(record) if record.band_hz is None else record.band_hz)

@@ -31,10 +31,7 @@ def code_listing(found: Identification, language: str) -> str:
     language : str
         One of ``LANGUAGES``.
 
-    Raises
-    ------
-    JointIdError
-        When the language is not supported.
+    Raises JointIdError when the language is not supported.
     """
     if language not in LANGUAGES:
         known = enumerated(list(LANGUAGES))

@@ -55,10 +55,7 @@ class Obtained:
 class Identification:
     """K and D of n joints with their model, for other tools; motor side.
 
-    Raises
-    ------
-    JointIdError
-        When shapes disagree or a value is not finite.
+    Raises JointIdError when shapes disagree or a value is not finite.
     """
 
     K: Floats
@@ -147,10 +144,7 @@ class Identification:
     def elasticity(self) -> Elasticity:
         """K and D as a model; a damping that is negative within two standard errors counts as zero.
 
-        Raises
-        ------
-        JointIdError
-            When they are unphysical.
+        Raises JointIdError when they are unphysical.
         """
         below_noise = self.D + 2 * self.standard_error[self.n :] < 0
         return Elasticity(K=self.K, D=np.where(below_noise, self.D, np.maximum(self.D, 0.0)))
@@ -159,14 +153,7 @@ class Identification:
 def identification(analysis: Analysis) -> Identification:
     """Return the exported part of an analysis.
 
-    Parameters
-    ----------
-    analysis : Analysis
-
-    Raises
-    ------
-    JointIdError
-        When the fit holds a value that is not finite.
+    Raises JointIdError when the fit holds a value that is not finite.
     """
     analysis = replace(analysis, unit=AT_MOTOR)  # as the numbers of the file
     fit, study = analysis.fit, analysis.study

@@ -180,10 +180,6 @@ def with_infinite_as(word: str | None, value: Any) -> Any:
 def to_json(identification: Identification) -> str:
     """Write an identification as JSON.
 
-    Parameters
-    ----------
-    identification : Identification
-
     Returns
     -------
     str
@@ -206,10 +202,7 @@ def from_json(data: str | bytes, *, where: str = "JSON") -> Identification:
     where : str
         Name of the file, for messages.
 
-    Raises
-    ------
-    JointIdError
-        When it is not JSON or not such a document; the message names the key.
+    Raises JointIdError when it is not JSON or not such a document; the message names the key.
     """
     if len(data) > MAX_TOML_BYTES:
         raise JointIdError(
@@ -236,10 +229,7 @@ def from_toml(data: str | bytes, *, where: str = "TOML") -> Identification:
 def load_identification(path: str | os.PathLike[str]) -> Identification:
     """Read an identification from a .json or .toml file.
 
-    Raises
-    ------
-    JointIdError
-        When the file cannot be read, or holds something else.
+    Raises JointIdError when the file cannot be read, or holds something else.
     """
     file = Path(path)
     if file.suffix.lower() not in (".json", ".toml"):

@@ -24,10 +24,6 @@ _HEADER_BYTES = 116
 def to_mat(analysis: Analysis) -> bytes:
     """Write results as a .mat file; equal analyses give equal bytes.
 
-    Parameters
-    ----------
-    analysis : Analysis
-
     Returns
     -------
     bytes

@@ -59,10 +59,7 @@ def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
     gear_ratio : array_like, shape (n,)
         Motor turns per joint turn; a single number holds for all joints.
 
-    Raises
-    ------
-    JointIdError
-        When there is not one ratio per joint, or one is zero.
+    Raises JointIdError when there is not one ratio per joint, or one is zero.
     """
     i = identification
     ratio = finite_array("gear_ratio (motor turns per joint turn)", np.atleast_1d(gear_ratio), ndim=1)
@@ -115,10 +112,7 @@ def mujoco_snippet(
         XML that MuJoCo loads: each joint on its own, with the two hinges of its link's body, and the
         motors. The actuators' inputs are motor torques.
 
-    Raises
-    ------
-    JointIdError
-        As in ``arm_side``, or when the names do not fit.
+    Raises JointIdError as in ``arm_side``, or when the names do not fit.
     """
     arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
     root = Element("mujoco", model="elastic_joints")

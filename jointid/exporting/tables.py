@@ -55,10 +55,6 @@ def phasors_csv(p: Phasors, records: Sequence[SineRecord]) -> str:
 def transfer_matrix_table(analysis: Analysis) -> str:
     """One row per pose and frequency: H of equations (16)-(18), acceleration over torque, 1/(kg·m²).
 
-    Parameters
-    ----------
-    analysis : Analysis
-
     Returns
     -------
     str
@@ -84,10 +80,6 @@ def transfer_matrix_table(analysis: Analysis) -> str:
 
 def torsion_table(analysis: Analysis) -> str:
     """Torsion curves: one row per joint, record (of a motion: segment) and point of its period.
-
-    Parameters
-    ----------
-    analysis : Analysis
 
     Returns
     -------

@@ -62,10 +62,7 @@ def planned_experiment(
     scale : float, default 1.0
         Factor on all amplitudes and on the superposed velocity.
 
-    Raises
-    ------
-    JointIdError
-        When a setting is out of range or the experiment too long.
+    Raises JointIdError when a setting is out of range or the experiment too long.
     """
     repeats = whole_number("repeats", repeats, 1, 100)
     ramp_s, rest_s = bounded_number("ramp_s", "s", ramp_s), bounded_number("rest_s", "s", rest_s)
