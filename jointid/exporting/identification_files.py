@@ -298,7 +298,7 @@ def _values(table: CheckedTable, example: dict[str, Any]) -> dict[str, Any]:
         elif isinstance(kind, list):
             found[key] = table.matrix(key, words=words)
         elif isinstance(value, list):
-            read = {str: table.texts, bool: table.flags}.get(type(kind))
+            read: Any = {str: table.texts, bool: table.flags}.get(type(kind))
             found[key] = read(key) if read else table.numbers(key, words=words)
         elif key in ("inertia_std", "torque_std"):
             found[key] = table.deviation(key, words=words)

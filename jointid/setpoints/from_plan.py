@@ -1,6 +1,6 @@
 """Planned records as an experiment: sines, multisines, sweeps or a planned motion."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import product
 
@@ -72,7 +72,11 @@ def planned_experiment(
     if isinstance(plan, PlannedMotion):
         made = _motions(plan, ramp_s)
     else:
-        makers = {"sines": _sines, "multisine": _multisines, "sweep": _sweeps}
+        makers: dict[str, Callable[..., Iterator[Run]]] = {
+            "sines": _sines,
+            "multisine": _multisines,
+            "sweep": _sweeps,
+        }
         made = makers[kind](plan, inertia, elasticity)
     contents = list(made)
     drift = scale * per_joint("velocity_rad_s", velocity_rad_s, inertia.n)
