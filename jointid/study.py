@@ -6,6 +6,7 @@ import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -94,22 +95,14 @@ class Study:
         object.__setattr__(self, "inertia_std", checked_std("inertia_std", self.inertia_std))
         if self.torque_std is not None:
             object.__setattr__(self, "torque_std", checked_std("torque_std", self.torque_std))
-        for number, record in enumerate(self.records, start=1):
-            where = record.label or f"record {number}"
-            if record.n != self.inertia.n:
-                raise JointIdError(
-                    f"{where} has {counted(record.n, 'joint')}, the study's inertia has "
-                    f"{self.inertia.n}."
-                )
+        records = [(r.label or f"record {k}", r) for k, r in enumerate(self.records, start=1)]
+        for what, joints in [*records, ("nominal", self.nominal), *self.poses.items()]:
+            self._require_joints(what, joints)
+        for where, record in records:
             if record.pose is not None and record.pose not in self.poses:
                 known = ", ".join(self.poses) or "none"
                 raise JointIdError(
                     f'{where}: pose "{record.pose}" is not defined. Known poses: {known}.'
-                )
-        for what, joints in [("nominal", self.nominal), *self.poses.items()]:
-            if joints is not None and joints.n != self.inertia.n:
-                raise JointIdError(
-                    f"{what} has {counted(joints.n, 'joint')}, the study's inertia has {self.inertia.n}."
                 )
 
     @property
@@ -158,6 +151,13 @@ class Study:
         assumed = f"Assumed, not confirmed: {'; '.join(self.assumed)}."
         return [*remarks, assumed] if self.assumed else remarks
 
+    def _require_joints(self, what: str, joints: Any) -> None:
+        """Refuse another number of joints than that of the inertia."""
+        if joints is not None and joints.n != self.inertia.n:
+            raise JointIdError(
+                f"{what} has {counted(joints.n, 'joint')}, the study's inertia has {self.inertia.n}."
+            )
+
     def _check_remarks(self) -> None:
         """Check gear ratios, temperature, note and assumptions."""
         if self.gear_ratio is not None:
@@ -179,11 +179,7 @@ class Study:
     def _take_poses_from_model(self) -> None:
         """Complete ``poses`` by the joint angles of ``pose_angles_rad``."""
         poses, angles = dict(self.poses), {}
-        if self.robot_model is not None and self.robot_model.n != self.inertia.n:
-            raise JointIdError(
-                f"The robot's model has {counted(self.robot_model.n, 'joint')}, the study's inertia has "
-                f"{self.inertia.n}."
-            )
+        self._require_joints("The robot's model", self.robot_model)
         for name, value in self.pose_angles_rad.items():
             if self.robot_model is None:
                 raise JointIdError("pose_angles_rad is given without a robot_model: give both.")

@@ -132,16 +132,8 @@ def control_state_space(
     """
     control = _python_control()
     model = state_space(inertia, elasticity, output=output)
-    return control.ss(
-        model.A,
-        model.B,
-        model.C,
-        model.D,
-        name=name,
-        states=list(model.states),
-        inputs=list(model.inputs),
-        outputs=list(model.outputs),
-    )
+    signals = {key: list(getattr(model, key)) for key in ("states", "inputs", "outputs")}
+    return control.ss(model.A, model.B, model.C, model.D, name=name, **signals)
 
 
 def control_frd(matrix: TransferMatrix, *, smooth: bool = False, name: str = "measured") -> Any:
