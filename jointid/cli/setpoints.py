@@ -75,7 +75,7 @@ def setpoints(
     analysis, found = planned(study, method, count, duration_s, texts, shape, quiet=as_json)
     analysis.require_usable()
     fit = analysis.fit
-    with progress("Playing on the simulated robot", quiet=as_json):
+    with progress("Running on the simulated robot", quiet=as_json):
         experiment = planned_experiment(
             found if motion else found.records,
             fit.inertias[0],
