@@ -166,6 +166,7 @@ def test_positions_behind_the_gear_are_proposed_beside_those_of_the_motor() -> N
         assert [j.position.column for j in guess.joints] == [motor.format(k) for k in (1, 2)]
         assert [j.arm.column for j in guess.joints if j.arm] == [behind.format(k) for k in (1, 2)]
         assert mapping_from_json(mapping_to_json(guess)) == guess
+        assert {f"gear ratio of joint {k}" for k in (1, 2)} <= {*guess.assumed}
 
 
 def test_positions_without_a_unit_share_one() -> None:

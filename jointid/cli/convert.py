@@ -105,8 +105,8 @@ def convert(
             mapped = json.loads(mapping_to_json(guessed.mapping))
             print_json({"mapping": mapped, "reasons": [asdict(r) for r in guessed.reasons]})
             return
-        rows = [[r.what, "" if r.sure else "look", r.text] for r in guessed.reasons]
-        print_table(["entry", "", "reason"], rows)
+        rows = [[r.what, "" if r.sure else "yes", r.text] for r in guessed.reasons]
+        print_table(["entry", "check", "reason"], rows)
         for text in tables[0].notes:
             typer.echo(f"{tables[0].name}: {text}", err=True)
         print(

@@ -27,9 +27,9 @@ from jointid.importing.columns.units import (
     SAMPLES,
     TIME_UNITS,
 )
-from jointid.importing.map.guess import propose_joint
+from jointid.importing.map.guess import guess_unit, propose_joint
 from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
-from jointid.importing.map.reasons import unchanged
+from jointid.importing.map.reasons import Reason, unchanged
 from jointid.ui.importing.steps import go_on
 from jointid.ui.shared.entries import example_hint
 from jointid.ui.shared.markdown_escape import markdown_escape
@@ -70,6 +70,7 @@ class Entries:
     def __init__(self, table: LogTable, guess: Guess, base: Mapping, key: str) -> None:
         self.table, self.guess, self.base, self.key = table, guess, base, key
         self._reasons = {reason.what: reason for reason in guess.reasons}
+        self._follows: dict[str, bool] = {}  # units of columns that the user chose: as guessed?
 
     def ask_columns(self) -> Asked:
         """Ask for time, columns and units."""
@@ -83,8 +84,13 @@ class Entries:
             used |= {channel.column for channel in joints[j].channels}
         joints = self._with_sensors(joints)
         found = Mapping(time, tuple(joints), assumed=self._assumed(n))
-        guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(_OF_DRIVES)]
-        return self._confirmed("columns", found, missing, [w for w in guesses if w not in missing])
+        as_guessed = dict.fromkeys(unchanged(found, self.guess.mapping), True) | self._follows
+        guesses = [
+            w
+            for w in found.assumed
+            if as_guessed.get(w) and w not in missing and not w.startswith(_OF_DRIVES)
+        ]
+        return self._confirmed("columns", found, missing, guesses)
 
     def ask_drives(self, columns: Mapping) -> Asked:
         """Ask for gear ratios, scales, directions and timing of the torque."""
@@ -110,10 +116,10 @@ class Entries:
                 if scale is not None and math.isnan(scale):
                     channels[role] = replace(channels[role], scale=1.0)
                     missing.append(f"scale of {role} of joint {j + 1}")
-            if math.isnan(ratios[j]) and JOINT in (channels["position"].side, channels["torque"].side):
+            known = not math.isnan(ratios[j])
+            joints[j] = replace(of, **channels, gear_ratio=ratios[j] if known else 1.0)
+            if joints[j].needs_ratio and not known:
                 missing.append(f"gear ratio of joint {j + 1}")
-            ratio = 1.0 if math.isnan(ratios[j]) else ratios[j]
-            joints[j] = replace(of, **channels, gear_ratio=ratio)
         missing += ["torque hold"] if hold is None else []
         assumed = tuple(what for what in self._assumed(len(joints)) if what.startswith(_OF_DRIVES))
         found = Mapping(columns.time, tuple(joints), bool(hold), delay, assumed)
@@ -161,9 +167,9 @@ class Entries:
     def _proposed(self, joints: Sequence[JointMapping], used: set[str]) -> JointMapping:
         """Propose columns for one more joint than the guess has."""
         like = (self.base.joints[0].position, self.base.joints[0].torque)
-        position, torque, why = propose_joint(self.table, len(joints) + 1, like, used)
+        joint, why = propose_joint(self.table, len(joints) + 1, like, used)
         self._reasons |= {reason.what: reason for reason in why}
-        return JointMapping(position, torque)
+        return joint
 
     def _columns_of(self, j: int, first: JointMapping, missing: list[str]) -> JointMapping:
         places = st.columns([3, 1.5, 3, 1.5])
@@ -172,10 +178,18 @@ class Entries:
             base, name = getattr(first, role), f"{role} {j}"
             label = f"{role.capitalize()} of joint {j + 1}"
             column = self._select(places[2 * k], label, self.table.names, base.column, name)
-            known = bool(base.column) or j >= self.guess.mapping.n
-            first_unit = base.unit if known else ""
+            is_like_first = j >= self.guess.mapping.n
+            first_unit, at = base.unit if base.column or is_like_first else "", f"{name} unit"
+            what = f"unit of {role} of joint {j + 1}"
+            if follows := column not in ("", base.column):  # another column, another unit
+                of_column, sure, why = guess_unit(role, self.table.column(column))
+                if follows := sure or not is_like_first:
+                    first_unit, at = of_column, f"{at} {column}"
+                    self._reasons[what] = Reason(what, why, sure)
             label = f"Unit of {role} {j + 1}"
-            unit = self._select(places[2 * k + 1], label, tuple(units), first_unit, f"{name} unit")
+            unit = self._select(places[2 * k + 1], label, tuple(units), first_unit, at)
+            if follows:
+                self._follows[what] = unit == first_unit
             if not (column and unit):
                 missing.append(f"{'unit of ' * bool(column)}{role} of joint {j + 1}")
             unit = unit or next(iter(units))
