@@ -138,7 +138,8 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
          [("Axis_1:PCTRL_S_ACT", "Axis_1:ICTRL_ISQ_ACT")]),
         (["t", "link_pos_1", "motor_pos_1", "motor_torque_1"], [("motor_pos_1", "motor_torque_1")]),
         (
-            ["timestamp", *(n for f in ("target_q_{}", "target_qd_{}", "target_current_{}", "target_moment_{}",
+            ["timestamp", *(n for f in ("target_q_{}", "target_qd_{}", "target_current_{}",
+                                        "target_moment_{}",
                                         "actual_q_{}", "actual_qd_{}", "actual_current_{}",
                                         "joint_control_output_{}", "actual_TCP_pose_{}",
                                         "joint_temperatures_{}")

@@ -25,7 +25,7 @@ from jointid.importing.map.mapping import (
     JointMapping,
     Mapping,
 )
-from jointid.importing.map.reasons import Reason, scale_reason
+from jointid.importing.map.reasons import Reason
 from jointid.importing.map.unnamed_columns import pairs_by_shape
 from jointid.importing.map.unwrap import unwrapped
 from jointid.wording import counted
@@ -38,9 +38,10 @@ _MAX_LESS_CLEAR = 0.5  # score below the least clear pair, up to which an unpair
 _Group = dict[str, NamedColumn]
 """The clearest column of each role of one joint."""
 _Groups = dict[str, _Group]
+_Pair = tuple[LogColumn, LogColumn]
+"""Position and torque."""
 _Said = tuple[str, bool, str]
 """A guess, whether the file states it, and why."""
-_NO_SIDE = "The name does not state the side; the motor's is assumed."
 _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."
@@ -92,18 +93,17 @@ def guess_mapping(table: LogTable) -> Guess:
         if _angle_unit(entry.column)[0] not in POSITION_SCALES
     }
     joints = tuple(
-        _joint(number, pair, arms.get(groups.get(pair[0].name, "")), degrees, reasons)
-        for number, pair in enumerate(pairs, start=1)
+        _joint(k, pair, arms.get(groups.get(pair[0].name, "")), degrees, reasons)
+        for k, pair in enumerate(pairs, start=1)
     )
     hold = "A log does not say whether the torque is held from sample to sample."
     reasons.append(Reason("torque hold", hold))
     ends = [f"{role} of joint {j + 1}" for j in range(len(joints)) for role in QUANTITIES]
-    unproven = [f"direction of {end}" for end in ends]
-    unproven += [reason.what for reason in reasons if not reason.sure]
+    unproven = [f"direction of {end}" for end in ends] + [r.what for r in reasons if not r.sure]
     return Guess(Mapping(time, joints, assumed=tuple(dict.fromkeys(unproven))), tuple(reasons))
 
 
-def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[LogColumn, LogColumn]]:
+def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
     """Position and torque of each joint, joints in the order of their numbers, else of the file."""
     best: _Groups = {}
     behind = {id(entry) for entry in _behind(columns)}
@@ -142,10 +142,16 @@ def _fits(entry: NamedColumn, role: str) -> bool:
     return entry.score[role] > max(0.0, entry.score[_OTHER[role]])
 
 
+def _best(columns: Iterable[NamedColumn], role: str) -> LogColumn:
+    """Column that fits a role best; ``NO_COLUMN`` where none fits."""
+    fit = max(columns, key=lambda column: column.score[role], default=None)
+    return NO_COLUMN if fit is None or not _fits(fit, role) else fit.column
+
+
 def _behind(columns: Sequence[NamedColumn]) -> list[NamedColumn]:
     """Clear positions behind the gear, each beside a position of the same joint at the motor."""
-    found = []
     positions = [c for c in columns if _fits(c, "position") and c.score["position"] >= _CLEAR]
+    found = []
     for entry in positions:
         words = set(words_of(entry.column.name))
         beside = [set(words_of(c.column.name)) for c in positions if c.group == entry.group]
@@ -155,43 +161,34 @@ def _behind(columns: Sequence[NamedColumn]) -> list[NamedColumn]:
     return found
 
 
-def _first_two(
-    table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]
-) -> list[tuple[LogColumn, LogColumn]]:
+def _first_two(table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
     """Return one joint when no two columns belong together: the clearest column of each role, if any."""
-    varying = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)]
-    varying = varying or [*columns]
+    moves = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)]
+    varying = moves or [*columns]
     if len(varying) < 2:
         raise JointIdError(
             f"{table.name} has {counted(len(varying), 'column')} of changing values beside the time; "
             f"a log needs a position and a torque. Columns found: {', '.join(table.names[:20])}."
         )
-    pair = []
+    pair: list[LogColumn] = []
     for role in _OTHER:
-        fit = max(varying, key=lambda c, r=role: c.score[r])  # type: ignore[misc]
-        if _fits(fit, role):
-            pair.append(fit.column)
-            why = f'"{fit.column.name}" fits best as {role}; no name pairs it with another column.'
-        else:
-            pair.append(NO_COLUMN)
+        pair.append(_best(varying, role))
+        why = f'"{pair[-1].name}" fits best as {role}; no name pairs it with another column.'
+        if pair[-1] is NO_COLUMN:
             why = f"No name or unit identifies the {role}: choose its column."
         reasons.append(Reason(f"{role} of joint 1", why))
     return [(pair[0], pair[1])]
 
 
 def _joint(
-    number: int,
-    pair: tuple[LogColumn, LogColumn],
-    behind: LogColumn | None,
-    degrees: bool,
-    reasons: list[Reason],
+    number: int, pair: _Pair, behind: LogColumn | None, degrees: bool, reasons: list[Reason]
 ) -> JointMapping:
     """Mapping of a joint, with the sensor behind its gear if there is one."""
     position, torque = (
         _channel(role, number, column, unit, side, reasons)
         for role, column, unit, side in (
-            ("position", pair[0], _angle_unit(pair[0], degrees), _position_side(*pair)),
-            ("torque", pair[1], _torque_unit(pair[1]), _torque_side(pair[1])),
+            ("position", pair[0], _angle_unit(pair[0], degrees), _side("position", pair)),
+            ("torque", pair[1], _torque_unit(pair[1]), _side("torque", pair)),
         )
     )
     arm = None
@@ -203,8 +200,7 @@ def _joint(
     reasons += _drive_reasons(number, joint)
     turned = unwrapped(pair[0].values[np.isfinite(pair[0].values)], position)
     if turned.jumps.size:
-        note = turned.note(position)
-        reasons.append(Reason(f"turns of position of joint {number}", note, True))
+        reasons.append(Reason(f"turns of position of joint {number}", turned.note(position), True))
     return joint
 
 
@@ -214,7 +210,8 @@ def _drive_reasons(number: int, joint: JointMapping) -> list[Reason]:
     for role, (_, scales) in QUANTITIES.items():
         unit = getattr(joint, role).unit
         if unit in scales:
-            needed.append(scale_reason(f"{role} of joint {number}", unit, scales[unit]))
+            why = f'The unit "{unit}" needs a scale ({scales[unit]}); 1 is assumed. Give it.'
+            needed.append(Reason(f"scale of {role} of joint {number}", why))
     return needed
 
 
@@ -262,32 +259,30 @@ def _torque_unit(column: LogColumn) -> _Said:
     return "N·m", False, "The file names no unit; newton metres are assumed."
 
 
-def _torque_side(torque: LogColumn) -> _Said:
-    words = set(words_of(torque.name))
-    if WORDS["motor"] & words:
-        return MOTOR, True, "The name indicates motor."
-    if torque.unit in ("A", "mA", "%", "‰") or WORDS["current"] & words:
-        return MOTOR, True, "Currents and shares of the rated torque belong to the motor."
-    if "effort" in words:
-        return JOINT, False, "An effort is given at the joint by convention."
-    if WORDS["behind"] & words:
-        return JOINT, False, "The name indicates joint, link or output: behind the gear."
-    return MOTOR, False, _NO_SIDE
-
-
-def _position_side(position: LogColumn, torque: LogColumn) -> _Said:
-    words = set(words_of(position.name))
-    if WORDS["motor"] & words:
-        return MOTOR, True, "The name indicates motor."
-    if WORDS["joint"] & words:
-        return JOINT, False, "The name indicates joint or axis."
-    if position.unit == "deg":
-        return JOINT, False, "Controllers show joint angles in degrees."
-    if "effort" in words_of(torque.name):
-        return JOINT, False, "Where the torque is an effort, the position is the joint's by convention."
-    if position.unit == "counts":
-        return MOTOR, False, "Counts usually come from the motor's encoder."
-    return MOTOR, False, _NO_SIDE
+def _side(role: str, pair: _Pair) -> _Said:
+    """Side of the gear on which a position or torque is measured: the first rule that fits."""
+    column, is_effort = pair[role == "torque"], "effort" in words_of(pair[1].name)
+    unit, words = column.unit, set(words_of(column.name))
+    is_current = unit in ("A", "mA", "%", "‰") or WORDS["current"] & words
+    torque = (
+        (is_current, MOTOR, True, "Currents and shares of the rated torque belong to the motor."),
+        (is_effort, JOINT, False, "An effort is given at the joint by convention."),
+        (WORDS["behind"] & words, JOINT, False, "The name indicates joint, link or output."),
+    )
+    of_effort = "Where the torque is an effort, the position is the joint's by convention."
+    position = (
+        (WORDS["joint"] & words, JOINT, False, "The name indicates joint or axis."),
+        (unit == "deg", JOINT, False, "Controllers show joint angles in degrees."),
+        (is_effort, JOINT, False, of_effort),
+        (unit == "counts", MOTOR, False, "Counts usually come from the motor's encoder."),
+    )
+    for fits, side, sure, why in (
+        (WORDS["motor"] & words, MOTOR, True, "The name indicates motor."),
+        *(torque if role == "torque" else position),
+    ):
+        if fits:
+            return side, sure, why
+    return MOTOR, False, "The name does not state the side; the motor's is assumed."
 
 
 def _join_by_number(best: _Groups, complete: _Groups) -> set[str]:
@@ -340,17 +335,16 @@ def propose_joint(
     channels: list[Channel] = []
     reasons: list[Reason] = []
     for role, first in zip(QUANTITIES, like, strict=True):
-        fit = max(free, key=lambda c, r=role: c.score[r], default=None)  # type: ignore[misc]
-        column, text = NO_COLUMN, "No other column fits: choose one, or reduce the number of joints."
-        if fit is not None and _fits(fit, role):
-            free.remove(fit)
-            column = fit.column
-            text = f'"{column.name}" is only a proposal from the unused columns.'
+        column = _best(free, role)
+        free = [other for other in free if other.column is not column]
+        text = f'"{column.name}" is only a proposal from the unused columns.'
+        if column is NO_COLUMN:
+            text = "No other column fits: choose one, or reduce the number of joints."
         reasons.append(Reason(f"{role} of joint {number}", text))
         unit: _Said = first.unit, False, f"As for joint 1: {first.unit}."
         if column.unit in QUANTITIES[role][0]:
             unit = column.unit, True, f'The file states "{column.unit}".'
         side = first.side, False, f"As for joint 1: {first.side} side."
         channels.append(_channel(role, number, column, unit, side, reasons))
-    joint = JointMapping(*channels)
+    joint = JointMapping(channels[0], channels[1])
     return joint, [*reasons, *_drive_reasons(number, joint)]

@@ -105,12 +105,8 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
 
 def _described(table: LogTable) -> dict[str, Any]:
     return {
-        "name": table.name,
-        "rows": table.rows,
+        **{key: getattr(table, key) for key in ("name", "notes", "first_row", "row_word", "rows")},
         "columns": [[column.name, column.unit, column.where] for column in table.columns],
-        "notes": table.notes,
-        "first_row": table.first_row,
-        "row_word": table.row_word,
     }
 
 

@@ -29,7 +29,7 @@ from jointid.importing.columns.units import (
 )
 from jointid.importing.map.guess import guess_unit, propose_joint
 from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
-from jointid.importing.map.reasons import Reason, unchanged
+from jointid.importing.map.reasons import Reason, unchanged, value_of
 from jointid.ui.importing.steps import go_on
 from jointid.ui.shared.entries import example_hint
 from jointid.ui.shared.markdown_escape import markdown_escape
@@ -70,7 +70,7 @@ class Entries:
     def __init__(self, table: LogTable, guess: Guess, base: Mapping, key: str) -> None:
         self.table, self.guess, self.base, self.key = table, guess, base, key
         self._reasons = {reason.what: reason for reason in guess.reasons}
-        self._follows: dict[str, bool] = {}  # units of columns that the user chose: as guessed?
+        self._follows: dict[str, str] = {}  # guessed units of columns that the user chose
 
     def ask_columns(self) -> Asked:
         """Ask for time, columns and units."""
@@ -79,18 +79,20 @@ class Entries:
         used = {time.column, *(c for c in self.base.columns if c != self.base.time.column)}
         joints: list[JointMapping] = []
         for j in range(n):
-            first = self.base.joints[j] if j < self.base.n else self._proposed(joints, used)
+            if j < self.base.n:
+                first = self.base.joints[j]
+            else:  # one joint more than the guess has
+                like = (self.base.joints[0].position, self.base.joints[0].torque)
+                first, why = propose_joint(self.table, j + 1, like, used)
+                self._reasons |= {reason.what: reason for reason in why}
             joints.append(self._columns_of(j, first, missing))
             used |= {channel.column for channel in joints[j].channels}
         joints = self._with_sensors(joints)
         found = Mapping(time, tuple(joints), assumed=self._assumed(n))
-        as_guessed = dict.fromkeys(unchanged(found, self.guess.mapping), True) | self._follows
-        guesses = [
-            w
-            for w in found.assumed
-            if as_guessed.get(w) and w not in missing and not w.startswith(_OF_DRIVES)
-        ]
-        return self._confirmed("columns", found, missing, guesses)
+        as_guessed = {*unchanged(found, self.guess.mapping)} - {*self._follows}
+        as_guessed |= {w for w, unit in self._follows.items() if value_of(found, w).endswith(f" {unit}")}
+        guesses = [w for w in found.assumed if w in as_guessed and not w.startswith(_OF_DRIVES)]
+        return self._confirmed("columns", found, missing, [w for w in guesses if w not in missing])
 
     def ask_drives(self, columns: Mapping) -> Asked:
         """Ask for gear ratios, scales, directions and timing of the torque."""
@@ -164,13 +166,6 @@ class Entries:
         joints = four.number_input("Joints", 1, MAX_JOINTS, self.base.n, **self._kept("joints"))
         return TimeColumn("" if column == _NO_COLUMN else column, unit, rate), int(joints)
 
-    def _proposed(self, joints: Sequence[JointMapping], used: set[str]) -> JointMapping:
-        """Propose columns for one more joint than the guess has."""
-        like = (self.base.joints[0].position, self.base.joints[0].torque)
-        joint, why = propose_joint(self.table, len(joints) + 1, like, used)
-        self._reasons |= {reason.what: reason for reason in why}
-        return joint
-
     def _columns_of(self, j: int, first: JointMapping, missing: list[str]) -> JointMapping:
         places = st.columns([3, 1.5, 3, 1.5])
         channels = []
@@ -178,18 +173,15 @@ class Entries:
             base, name = getattr(first, role), f"{role} {j}"
             label = f"{role.capitalize()} of joint {j + 1}"
             column = self._select(places[2 * k], label, self.table.names, base.column, name)
-            is_like_first = j >= self.guess.mapping.n
-            first_unit, at = base.unit if base.column or is_like_first else "", f"{name} unit"
+            first_unit = base.unit if base.column or j >= self.guess.mapping.n else ""
             what = f"unit of {role} of joint {j + 1}"
-            if follows := column not in ("", base.column):  # another column, another unit
+            if column not in ("", base.column):  # another column, another unit
                 of_column, sure, why = guess_unit(role, self.table.column(column))
-                if follows := sure or not is_like_first:
-                    first_unit, at = of_column, f"{at} {column}"
-                    self._reasons[what] = Reason(what, why, sure)
+                if sure or not first_unit or j < self.guess.mapping.n:
+                    first_unit, name = of_column, f"{name} {column}"
+                    self._reasons[what], self._follows[what] = Reason(what, why, sure), of_column
             label = f"Unit of {role} {j + 1}"
-            unit = self._select(places[2 * k + 1], label, tuple(units), first_unit, at)
-            if follows:
-                self._follows[what] = unit == first_unit
+            unit = self._select(places[2 * k + 1], label, tuple(units), first_unit, f"{name} unit")
             if not (column and unit):
                 missing.append(f"{'unit of ' * bool(column)}{role} of joint {j + 1}")
             unit = unit or next(iter(units))
@@ -330,18 +322,15 @@ class Entries:
     def _select(
         self, place: DeltaGenerator, label: str, options: Sequence[str], value: str, name: str
     ) -> str:
-        if st.session_state.get(self._id(name), options[0]) not in options:
-            del st.session_state[self._id(name)]  # of an earlier version
+        kept = self._kept(name)
+        if st.session_state.get(kept["key"], options[0]) not in options:
+            del st.session_state[kept["key"]]  # of an earlier version
         index = options.index(value) if value in options else None
-        keys = self._kept(name)
-        return place.selectbox(label, options, index, placeholder="choose", **keys) or ""
-
-    def _id(self, name: str) -> str:
-        return f"import {name} {self.key}"
+        return place.selectbox(label, options, index, placeholder="choose", **kept) or ""
 
     def _kept(self, name: str) -> dict[str, Any]:
         """Arguments of a widget whose value outlives its page."""
-        return {"key": self._id(name), "persist_state": "session"}
+        return {"key": f"import {name} {self.key}", "persist_state": "session"}
 
 
 def _of_joints(names: Sequence[str]) -> str:
