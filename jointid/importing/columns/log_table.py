@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 
@@ -71,7 +71,9 @@ class LogTable:
     source: str = ""
 
     def __post_init__(self) -> None:
-        columns = _distinct(self.columns)
+        plain = ["".join(c for c in each.name if c.isprintable()).strip()[:200] for each in self.columns]
+        names = distinct_names(name or f"column {k}" for k, name in enumerate(plain, start=1))
+        columns = tuple(replace(c, name=name) for c, name in zip(self.columns, names, strict=True))
         if len(columns) < 2:
             raise JointIdError(
                 f"{self.name} has {counted(len(columns), 'column')} of numbers; a log needs at least "
@@ -200,10 +202,3 @@ def distinct_names(names: Iterable[str]) -> list[str]:
             name = f"{plain} ({count})"
         taken[name] = None
     return list(taken)
-
-
-def _distinct(columns: Sequence[LogColumn]) -> tuple[LogColumn, ...]:
-    """Give every column a unique name without control characters."""
-    plain = ["".join(c for c in column.name if c.isprintable()).strip()[:200] for column in columns]
-    names = distinct_names(name or f"column {k}" for k, name in enumerate(plain, start=1))
-    return tuple(replace(column, name=name) for column, name in zip(columns, names, strict=True))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jointid.arrays import Floats, true_runs
+from jointid.arrays import true_runs
 from jointid.importing.find.lines import evenly_sampled, fit_lines
 from jointid.importing.find.multisines import excited_lines, multisines
 from jointid.importing.find.segment import (
@@ -208,7 +208,7 @@ class SegmentSearch:
                 Frames(frames.begin[outer:], frames.length, frames.z[outer:]),
                 is_end=is_end,
                 fewest=int(fewest) * (1 + several),
-                step=np.repeat(_steps(self._even[begin:end]), len(lines)),
+                step=np.repeat([quantum(signal) for signal in self._even[begin:end].T], len(lines)),
             )
             if not is_end or last < frames.begin[-1] + frames.length:
                 end = begin + last
@@ -257,8 +257,3 @@ def _is_beat_of(run: Segment, multisine: Segment) -> bool:
     beside = multisine.start_s - reach < run.stop_s and run.start_s < multisine.stop_s + reach
     near = np.abs(lines - run.frequency_hz).min() < apart
     return bool(beside and near and run.stop_s - run.start_s < reach)
-
-
-def _steps(signals: Floats) -> Floats:
-    """Quantisation step of each signal, 0 without steps, shape (c,)."""
-    return np.array([quantum(signal) for signal in signals.T])

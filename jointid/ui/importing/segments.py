@@ -38,11 +38,13 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
     last = last_rows()
     if key not in st.session_state or st.session_state.get(SHOWN, ("",))[0] != key:
         rows = [
-            row for log, part in found.items() for row in last.get(_one(log, part), _rows(log, part))
+            row
+            for log, part in found.items()
+            for row in last.get(_one(log, part), [_row(log, s) for s in part])
         ]
         st.session_state[SHOWN] = (key, rows)
     rows = st.session_state[SHOWN][1]
-    labels = _labels(names)
+    labels = dict(zip(names, distinct_names(names.values()), strict=True))
     summary = st.empty()
     _table(rows, labels, key)
     st.caption(
@@ -158,10 +160,6 @@ def _changed(row: Row, cells: Mapping[str, Any], logs: Mapping[str, str]) -> Row
     return replace(row, log=log, use=bool(use), found=row.found if same else None, **values)
 
 
-def _rows(log: str, segments: Sequence[Segment]) -> list[Row]:
-    return [_row(log, segment) for segment in segments]
-
-
 def _row(log: str, s: Segment) -> Row:
     hertz = None if s.is_motion else s.frequency_hz
     return Row(log, s.start_s, s.stop_s, hertz, found=s, motion=s.is_motion)
@@ -227,11 +225,6 @@ def _tidy(value: float | None, attribute: str) -> float:
     if value is None:
         return math.nan
     return float(f"{value:.7g}") if attribute == "frequency_hz" else round(value, 6)
-
-
-def _labels(names: Mapping[str, str]) -> dict[str, str]:
-    """Names that differ: two logs may be called the same."""
-    return dict(zip(names, distinct_names(names.values()), strict=True))
 
 
 def _one(log: str, segments: Sequence[Segment]) -> str:
