@@ -56,7 +56,7 @@ class StiffnessUnit:
             return cls(angle)
         if gear_ratio is None:
             raise JointIdError(
-                f'"{name}" needs the gear ratios, and the study has none: state gear_ratio in '
+                f'"{name}" needs the gear ratios: state gear_ratio in '
                 "study.toml, motor turns per joint turn."
             )
         return cls(angle, gear_ratio)
@@ -83,7 +83,7 @@ class StiffnessUnit:
         return np.asarray(values * np.concatenate([side * _RADIANS[self.angle], side]))
 
     def of_gear(self, joint: int) -> GearScale:
-        """Factors for the wind-up and the torque of one gear, from 0."""
+        """Factors for the deflection and the torque of one gear, from 0."""
         ratio = 1.0 if self.gear_ratio is None else abs(float(self.gear_ratio[joint]))
         per_rad, angle = (1e3, "mrad") if self.angle == "rad" else (1 / _RADIANS[self.angle], self.angle)
         side = "motor side" if self.gear_ratio is None else "joint side"
@@ -99,7 +99,7 @@ class GearScale(NamedTuple):
     torque: float
     stiffness: float
     angle: str
-    """Unit of the wind-up."""
+    """Unit of the deflection."""
     unit: str
     """Of the stiffness."""
     side: str
@@ -182,7 +182,7 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
 
     largest = torques(gear.tried_Nm, digits=2) if gear.tried_Nm else "–"
     terms = {"Law": " + ".join(gear.laws), "Largest torque": largest}
-    small = "K outside the play" if gear.backlash_rad else "K at small torque"
+    small = "K outside the backlash" if gear.backlash_rad else "K at small torque"
     K, error = scale.stiffness * gear.K, scale.stiffness * float(fit.standard_error[joint])
     terms[small] = f"{with_error(K, error)} {scale.unit}"
     if gear.kind in ("hardening", "piecewise"):
@@ -190,8 +190,8 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
         slope = float(np.diff(gear.torque([edge, 1.001 * edge]))[0]) / (0.001 * edge)
         terms[f"K at {largest}"] = stiffnesses(slope)
     if gear.K2:
-        terms["K1, K2, K3"] = stiffnesses(gear.K, gear.K2, gear.K3)
-        terms["T1, T2"] = torques(gear.T1_Nm, gear.T2_Nm)
+        terms["Slopes K1, K2, K3"] = stiffnesses(gear.K, gear.K2, gear.K3)
+        terms["Torques T1, T2"] = torques(gear.T1_Nm, gear.T2_Nm)
     if gear.backlash_rad:
         terms["Backlash"] = wind_up(gear.backlash_rad)
     if gear.hysteresis_Nm:
@@ -199,7 +199,7 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
     lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0
     noise = curve.deflection_noise_rad
     least = f"noise {wind_up(float(np.median(noise)), 1)}" if noise.size else "no curve"
-    terms["Lost motion"] = wind_up(lost) if lost else f"not seen ({least})"
+    terms["Lost motion"] = wind_up(lost) if lost else f"not detected ({least})"
     return terms
 
 

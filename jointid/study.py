@@ -1,4 +1,4 @@
-"""A study: the records of one robot with its inertias, and the whole method in one call."""
+"""A study: the records of one robot with its inertias."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ class Study:
 
     @property
     def gear_ratios(self) -> Floats | None:
-        """Gear ratios as given, else of the robot model, shape (n,); None without, or if coupled."""
+        """Gear ratios as given, else of the robot model, shape (n,); None if unknown or coupled."""
         if self.gear_ratio is not None or self.robot_model is None:
             return self.gear_ratio
         C = self.robot_model.coupling

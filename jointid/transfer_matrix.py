@@ -265,8 +265,8 @@ def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes
     at = f"At {omega / (2 * np.pi):.4g} Hz"
     if group.size < n:
         raise JointIdError(
-            f"{at} the study has {counted(group.size, 'record')} ({names}), {n} joints need {n}: "
-            "measure another in which the joints move with other relative amplitudes or phases."
+            f"{at} the study has {counted(group.size, 'record')} ({names}); {n} joints need {n}: "
+            "measure another with different relative amplitudes or phases of the joints."
         )
     T, Y = phasors.tau[group].T, -(omega**2) * phasors.q[group].T  # records as columns
     scale = np.linalg.norm(T, axis=1)
@@ -286,8 +286,8 @@ def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes
             )
         raise JointIdError(
             f"{at} the torques of {names} (columns tau_m1_Nm ... tau_m{n}_Nm) are not independent: the "
-            "records are the same experiment. Measure one in which the joints move with other relative "
-            "amplitudes or phases, for instance one joint reversed."
+            "records are the same experiment. Measure one with different relative amplitudes or phases "
+            "of the joints, for instance with one joint reversed."
         )
     inverse = np.linalg.pinv(T)
     H = Y @ inverse

@@ -117,7 +117,7 @@ def test_a_file_or_folder_goes_before_a_sample_of_its_name(here: Path, one_joint
 
 
 def test_the_samples_are_listed(here: Path) -> None:
-    names = ["paper", "manutec_r3", "motions", "single_joint", "six_axes"]
+    names = ["paper", "doubled_record", "manutec_r3", "motions", "single_joint", "six_axes"]
     names += ["swapped_torques", "worn_cell"]
     assert list(sample_studies()) == names
     shown = re.sub(r"[\s│]+", " ", ok("identify", "--help"))
@@ -276,7 +276,7 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
     again = [*made[:-2], "--overwrite", "--gear"]
     assert 'no joint "3"' in refused(2, *again, "3: cubic=1")
     assert "presliding" in refused(2, *again, "loss=0.1")
-    assert "no number" in refused(2, *again, "cubic=hard")
+    assert "not a number" in refused(2, *again, "cubic=hard")
     assert "presliding_rad" in refused(1, *again, "hysteresis=0.1")
 
 

@@ -120,7 +120,7 @@ def test_sections_figures_and_path_errors_are_there(html: str, analyses: dict[in
         "Answer",
         "Verdict",
         "Torsion curves of the gears",
-        "Model over measurement",
+        "Model and measurement",
         "Path error before and after",
         "Data and settings",
         "Records",

@@ -36,7 +36,7 @@ def cut(
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Simulate the cut of the paper before and after identification."""
+    """Simulate the paper's cut with nominal and with identified K and D."""
     from jointid.cut.outcome import millimetres, remainder
     from jointid.cut.path_deflection import has_own_path
     from jointid.cut.robot import DEMONSTRATION, NOMINAL_NAMES, cut_robot, demonstration

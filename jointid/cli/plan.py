@@ -34,7 +34,7 @@ def plan(
     torque_limit: Annotated[str, TORQUE_LIMIT] = "",
     velocity_limit: Annotated[str, VELOCITY_LIMIT] = "",
     motion: Annotated[
-        str, typer.Option(help="Plan another motion than sines: sweep, multisine, random or moves.")
+        str, typer.Option(help="Plan a motion other than sines: sweep, multisine, random or moves.")
     ] = "",
     position_limit: Annotated[
         str, typer.Option(help="Largest angles of a motion, ± rad; default: the study's.")

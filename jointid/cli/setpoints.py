@@ -61,7 +61,7 @@ def setpoints(
     )
     analysis.require_usable()
     fit = analysis.fit
-    with progress("Playing on the simulated robot", quiet=as_json):
+    with progress("Running on the simulated robot", quiet=as_json):
         experiment = planned_experiment(
             suggestion.records,
             fit.inertias[0],

@@ -290,9 +290,9 @@ def _heading(identification: Identification, arm: ArmSide) -> list[str]:
         if i.gears and i.gears[j].kind != "linear":
             gear = i.gears[j]
             lines.append(
-                f"     Its gear is not linear ({' + '.join(gear.laws)}), this format is: the stiffness "
-                f"below is the secant {_text(gear.secant(gear.tried_Nm))} N.m/rad at "
-                f"{gear.tried_Nm:.3g} N.m, without play, motor side."
+                f"     Its gear is not linear ({' + '.join(gear.laws)}), but this format is. The "
+                f"stiffness below is the secant {_text(gear.secant(gear.tried_Nm))} N.m/rad at "
+                f"{gear.tried_Nm:.3g} N.m, without backlash, motor side."
             )
     fitted = any(row.is_fitted for row in i.priors)
     lines.append(f"     Inertias are those {'fitted together with K and D' if fitted else 'given'}.")

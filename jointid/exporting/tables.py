@@ -18,7 +18,7 @@ from jointid.transfer_matrix import TransferMatrix
 _EVERY = 4
 """Of the points of a torsion curve, for a file of moderate size."""
 _ROWS = 101
-"""Of the look-up table of a law, beside its kinks; odd, so that it holds zero."""
+"""Rows of the look-up table of a law, besides its kinks; odd, so that zero is one of them."""
 _NOT_TRIED_RAD = 1e-3
 """Its range for a gear without a torsion curve."""
 _FORMULA = ("=", "+", "-", "@", "\t")
@@ -92,9 +92,9 @@ def torsion_table(analysis: Analysis) -> str:
     Returns
     -------
     str
-        CSV with a header row: measured wind-up and torque of the gear with their noise (standard
+        CSV with a header row: measured deflection and torque of the gear with their noise (standard
         deviation), and the elastic torque of the fitted law. Motor side; damping and hysteresis are part
-        of the measured torque, the mean wind-up of a record is set to 0.
+        of the measured torque, the mean deflection of a record is set to 0.
     """
     header = ["joint", "record", "pose", "frequency_hz", "deflection_rad", "torque_Nm"]
     header += ["deflection_std_rad", "torque_std_Nm", "law_Nm"]
@@ -118,10 +118,10 @@ def torsion_table(analysis: Analysis) -> str:
 
 
 def gear_table(found: Identification) -> str:
-    """Torque of every gear's law over its wind-up as a look-up table, up to the torque tried.
+    """Torque of every gear's law over its deflection as a look-up table, up to the torque tried.
 
-    For Simulink's 1-D Lookup Table and own controllers, which interpolate linearly: edges of a play and
-    changes of slope are among its rows. Without damping and hysteresis; motor side.
+    For Simulink's 1-D Lookup Table and your own controller, which interpolate linearly: edges of the
+    backlash and changes of slope are among its rows. Without damping and hysteresis; motor side.
 
     Returns
     -------
@@ -140,13 +140,13 @@ def modelica_table(found: Identification) -> str:
     """The same as tables ``gear1, gear2, ...`` of one text file for Modelica's CombiTable1Ds."""
     lines = ["#1"]
     for j, table in enumerate(_law_tables(found), start=1):
-        lines.append(f"double gear{j}({len(table)},2)  # wind-up (rad), torque (N.m), motor side")
+        lines.append(f"double gear{j}({len(table)},2)  # deflection (rad), torque (N.m), motor side")
         lines += [f"{x!r} {y!r}" for x, y in table.tolist()]
     return "\n".join(lines) + "\n"
 
 
 def _law_tables(found: Identification) -> list[Floats]:
-    """Wind-up and torque of every gear, as many rows of each, shape (rows, 2)."""
+    """Deflection and torque of every gear, as many rows of each, shape (rows, 2)."""
     grids = []
     for gear in found.gears:
         half, most = 0.5 * gear.backlash_rad, gear.tried_rad or _NOT_TRIED_RAD

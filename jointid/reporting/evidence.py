@@ -69,9 +69,9 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
     """Torsion curve of every gear, with the terms of catalogues."""
     fit = analysis.fit
     yield Paragraph(
-        "Torque through each gear over its wind-up, from motor data alone; the blue line is the fitted "
-        "elastic law, damping and hysteresis open the measured loops. The mean wind-up of a record is "
-        "not observable and set to 0."
+        "Torque through each gear over its deflection, from motor data alone. The blue line is the "
+        "fitted elastic law; damping and hysteresis open the measured loops. The mean deflection of a "
+        "record is not observable and set to 0."
     )
     for joints, width in _pairs(fit.n):
         terms = ". ".join(gear_text(fit, j, analysis.unit) for j in joints)
@@ -89,7 +89,7 @@ def _pairs(n: int) -> Iterator[tuple[list[int], float]]:
 
 
 def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:
-    """The simulated cut before and after, or why there is none; neither without two joints."""
+    """The simulated cut before and after, or the reason for its absence; two joints only."""
     if analysis.study.inertia.n != 2:
         return None, ""
     if any(finding.level == "problem" for finding in analysis.findings):

@@ -93,7 +93,7 @@ def single_record_figure(analysis: Analysis, joint: int, *, pose: str = "") -> D
 
 
 def torsion_figure(analysis: Analysis, joint: int, *, width: float = PAGE_WIDTH / 2) -> Drawing:
-    """Measured torque of one gear over its wind-up, and the fitted law; the joint from 0."""
+    """Measured torque of one gear over its deflection, and the fitted law; the joint from 0."""
     curve, gear = analysis.fit.torsion_curves[joint], analysis.fit.gears[joint]
     scale = analysis.unit.of_gear(joint)
     wind_up, torque = scale.wind_up * curve.deflection_rad, scale.torque * curve.torque_Nm
@@ -107,7 +107,7 @@ def torsion_figure(analysis: Analysis, joint: int, *, width: float = PAGE_WIDTH 
     tried = np.linspace(-gear.tried_rad, gear.tried_rad, 101)
     law = frame.place(scale.wind_up * tried, scale.torque * gear.torque(tried))
     shapes.append(Line(law, LIGHT.identified, 1.6))
-    shapes.append(Text(width / 2 + 15, 156, f"Wind-up ({scale.angle})", 7, "middle"))
+    shapes.append(Text(width / 2 + 15, 156, f"Deflection ({scale.angle})", 7, "middle"))
     shapes.append(Text(8, 71, f"Torque of gear {joint + 1} (N·m)", 7, "middle", turned=True))
     terms = "; ".join(
         f"{name}: {value}" for name, value in gear_terms(analysis.fit, joint, analysis.unit).items()

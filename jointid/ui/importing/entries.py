@@ -20,13 +20,7 @@ from jointid.importing import (
     TimeColumn,
     mapping_to_json,
 )
-from jointid.importing.columns.units import (
-    ANGLE_UNITS,
-    POSITION_SCALES,
-    QUANTITIES,
-    SAMPLES,
-    TIME_UNITS,
-)
+from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
 from jointid.importing.map.guess import guess_unit, propose_joint
 from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.reasons import Reason, unchanged, value_of
@@ -39,6 +33,7 @@ from jointid.wording import capitalised, enumerated, plain
 
 _NO_COLUMN = "no column: number the rows"
 _NO_SENSOR = "none"
+_MOST_REASONS = 2  # of one entry with a line each; more of them share a line
 _HELD = {True: "held until the next sample", False: "not held: measured, or interpolated"}
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """First parts of the names of entries from the drive's data sheet, not the file."""
@@ -129,8 +124,8 @@ class Entries:
         guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(given)]
         asked = self._confirmed("drive data", found, missing, guesses)
         st.caption(
-            "Logs do not prove these entries. Unconfirmed ones are marked as assumed in the study, its "
-            "report and its files."
+            "A log cannot confirm these entries. Unconfirmed ones are marked as assumed in the study, "
+            "its report and its files."
         )
         of_joints = tuple(ratios.values())
         return replace(asked, gear_ratio=None if np.isnan(of_joints).any() else of_joints)
@@ -194,7 +189,7 @@ class Entries:
         given = [j < self.base.n and self.base.joints[j].arm for j in range(len(joints))]
         if len(self.table.columns) <= 2 * len(joints) + 1:
             return [*joints]
-        units = [unit for unit in ANGLE_UNITS if unit not in POSITION_SCALES]
+        units = [unit for unit in QUANTITIES["position"][0] if unit not in QUANTITIES["position"][1]]
         found = []
         with st.popover(f"Sensors behind the gears: {sum(map(bool, given)) or _NO_SENSOR}"):
             for j, joint in enumerate(joints):
@@ -210,7 +205,7 @@ class Entries:
     def _scales(
         self, joints: Sequence[JointMapping], place: DeltaGenerator
     ) -> dict[tuple[str, int], float]:
-        """Ask for scales, joints of one unit together; NaN where none is given."""
+        """Ask for scales, joints of one unit together; NaN for an empty entry."""
         found: dict[tuple[str, int], float] = {}
         for role, (_, scales) in QUANTITIES.items():
             meanings = {j: scales.get(getattr(of, role).unit, "") for j, of in enumerate(joints)}
@@ -251,13 +246,12 @@ class Entries:
     ) -> set[int]:
         """Ask which joints have the value of ``_SWITCHES``."""
         value, question = _SWITCHES[role, field]
-        names = [str(j + 1) for j in range(len(joints))]
-        of = zip(names, (getattr(joint, role) for joint in joints), strict=True)
+        of = {str(j): getattr(joint, role) for j, joint in enumerate(joints, start=1)}
         chosen = place.pills(
             question,
-            names,
+            [*of],
             selection_mode="multi",
-            default=[name for name, channel in of if getattr(channel, field) == value],
+            default=[name for name, channel in of.items() if getattr(channel, field) == value],
             format_func=lambda name: f"joint {name}",
             **self._kept(f"{role} {field} of {len(joints)}"),
         )
@@ -273,7 +267,7 @@ class Entries:
         example_and_help: tuple[Sequence[str], str],
         meaning: str = "",
     ) -> dict[int, float]:
-        """Ask for a number per joint; NaN where none is given."""
+        """Ask for a number per joint; NaN for an empty entry."""
         example, help_ = example_and_help
         joints = list(joints)
         known = [
@@ -289,9 +283,8 @@ class Entries:
             **self._kept(f"{what} {meaning} {len(joints)}"),
         )
         try:
-            values = (
-                numbers_in(label, text.replace("?", "nan"), count=len(joints)) if text.strip() else ()
-            )
+            given = text.replace("?", "nan")
+            values = numbers_in(label, given, count=len(joints)) if text.strip() else ()
             if any(value == 0 or math.isinf(value) for value in values):
                 raise JointIdError(f"{label}: {text[:60]}. Give finite values other than 0.")
         except JointIdError as error:
@@ -307,17 +300,24 @@ class Entries:
         return tuple(w for w in dict.fromkeys(names) if " of joint " not in w or w.endswith(tuple(ends)))
 
     def _show_reasons(self, open_: Sequence[str]) -> None:
-        """Show the reasons of unconfirmed guesses, equal reasons together."""
-        lines: dict[tuple[str, str], list[str]] = {}
+        """Show the reasons of unconfirmed guesses, those of one entry for many joints in one line."""
+        entries: dict[str, dict[str, list[str]]] = {}
         for what in open_:
             if what in self._reasons:
                 entry, _, joint = what.rpartition(" of joint ")
-                line = self._reasons[what].text, entry or what
-                lines.setdefault(line, []).extend([joint] if entry else [])
-        for (text, entry), of in lines.items():
-            name = markdown_escape(capitalised(entry + _of_joints(of)))
-            # No caption: its pale ink leaves the mark too little contrast.
-            st.markdown(f":orange-badge[To check] :small[**{name}:** {markdown_escape(text)}]")
+                texts = entries.setdefault(entry or what, {})
+                texts.setdefault(self._reasons[what].text, []).extend([joint] if entry else [])
+        for entry, texts in entries.items():
+            every = None
+            if len(texts) > _MOST_REASONS:
+                joints = sorted({joint for of in texts.values() for joint in of}, key=int)
+                every = "\n".join(f"- {markdown_escape(text)}" for text in texts)
+                texts = {f"{len(texts)} guesses, the first: {next(iter(texts))}": joints}
+            for text, of in texts.items():
+                name = markdown_escape(capitalised(entry + _of_joints(of)))
+                # No caption: its pale ink leaves the mark too little contrast.
+                line = f":orange-badge[To check] :small[**{name}:** {markdown_escape(text)}]"
+                st.markdown(line, help=every)
 
     def _select(
         self, place: DeltaGenerator, label: str, options: Sequence[str], value: str, name: str
