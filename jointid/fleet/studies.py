@@ -78,7 +78,7 @@ def _matching(paths: Iterable[Path]) -> Iterator[Path]:
             yield path.parent
         elif _is_study(path):
             yield path
-        elif path.is_dir() and not _in_a_study(path):
+        elif path.is_dir() and not any(_is_study(parent) for parent in path.parents):
             yield from _below(path, set())
 
 
@@ -107,10 +107,6 @@ def _is_study(path: Path) -> bool:
     if path.is_dir():
         return (path / STUDY_FILE).is_file()
     return path.suffix.lower() == ".zip" and path.is_file()
-
-
-def _in_a_study(path: Path) -> bool:
-    return any((parent / STUDY_FILE).is_file() for parent in path.parents)
 
 
 def _natural(path: Path) -> list[tuple[int, int, str]]:

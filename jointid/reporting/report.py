@@ -22,7 +22,6 @@ from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks, 
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
-from jointid.study import Study
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.wording import capitalised, plain
@@ -76,14 +75,10 @@ def make_report(
     ]
     return Report(
         title=study.name or "Study without a name",
-        facts=_facts(study),
+        facts=" · ".join([study.origin or "origin not stated", *study.facts]),
         sections=tuple(sections),
         footer=f"jointid {__version__} · study {study_digest(study)}",
     )
-
-
-def _facts(study: Study) -> str:
-    return " · ".join([study.origin or "origin not stated", *study.facts])
 
 
 def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
