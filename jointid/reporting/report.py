@@ -35,20 +35,10 @@ def make_report(
     cut: bool = True,
     progress: Callable[[float, str], object] | None = None,
 ) -> Report:
-    """Write the report of an analysis.
+    """Write the report of an analysis, for ``to_html`` and ``to_pdf``.
 
-    Parameters
-    ----------
-    analysis : Analysis
-    cut : bool
-        Include the cut of Figure 7, about a second; for two joints only.
-    progress : callable, optional
-        Called with the share done and the next step. Its exceptions end the work.
-
-    Returns
-    -------
-    Report
-        Input of ``to_html`` and ``to_pdf``.
+    ``cut`` includes the cut of Figure 7, about a second; for two joints only. ``progress`` is called
+    with the share done and the next step. Its exceptions end the work.
     """
     study = analysis.study
     tell = progress or (lambda done, what: None)
