@@ -147,11 +147,10 @@ def fundamental_chance(estimate: LikelihoodEstimate) -> float:
 
 @dataclass
 class Fits:
-    """Models that were fitted to the same data of n joints, with their estimates."""
+    """Models that were fitted to the same data, with their estimates."""
 
     optional: tuple[str, ...]
     """Parts that a model may lack: "friction", "delay" and keys of ``EFFECTS``."""
-    joints: int
     rows: int
     """Real equations of all records, joints and harmonics."""
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)

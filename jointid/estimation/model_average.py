@@ -35,7 +35,7 @@ _USUAL = {"loss_factor": 0.05, "hysteresis": 0.05}
 """Standard deviations of usual gears: of the loss factor, and of the hysteresis over the peak torque."""
 
 
-def spread(fits: Fits, best: Model, scores: Mapping[str, Score]) -> Floats:
+def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[str, Score]) -> Floats:
     """Covariance of K and D by the choice between models, shape (2n, 2n).
 
     The weight of a model is exp(−½ difference of the criterion) to the best. Unlikely ones are left
@@ -43,10 +43,6 @@ def spread(fits: Fits, best: Model, scores: Mapping[str, Score]) -> Floats:
     1994). A part that was not fitted counts in full where its score is nearly significant, sooner
     where it would move K or D far: with uncertain inertias, a part that the records hardly show may.
     """
-    found = fits.estimate(best)
-    size = 2 * fits.joints
-    if found is None:
-        return np.zeros((size, size))
     criterion, shifts, misfit = fits.criterion(), [], max(1.0, found.misfit)
     sigma = np.sqrt(np.diag(found.elasticity_covariance))
 
@@ -71,10 +67,8 @@ def spread(fits: Fits, best: Model, scores: Mapping[str, Score]) -> Floats:
             shifts.append((1.0, shift))
     equals = [(weight, shift) for weight, shift in shifts if weight > _OCCAM]
     total = 1 + sum(weight for weight, _ in equals)
-    spread = np.zeros((size, size))
-    for weight, shift in equals:
-        spread += weight / total * np.outer(shift, shift)
-    return spread
+    squares = (weight / total * np.outer(shift, shift) for weight, shift in equals)
+    return sum(squares, np.zeros_like(found.elasticity_covariance))
 
 
 def spread_of_unseen(
@@ -148,7 +142,7 @@ def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> F
     log_factor = 0.5 * float(mean @ pull - np.log1p(eigenvalue).sum())
     log_factor += log_positive + std.size * np.log(2)
     if eigenvalue.max() < 1 or not log_factor > -np.log(_EVIDENCE):
-        return np.zeros((score.shift.size,) * 2)
+        return np.zeros((len(score.slope),) * 2)
     slope = score.slope * std
     return np.asarray(slope @ second_moment @ slope.T / (1 + np.exp(-log_factor)))
 

@@ -157,4 +157,4 @@ def _is_promising(search: Search, model: Model, score: Score, part: str) -> bool
     if search.has_motions and not search.may_be_richer(found):
         return False  # it takes a minute
     sigma = np.sqrt(np.diag(found.elasticity_covariance))
-    return not search.fits.is_explained(model) or bool(np.any(np.abs(score.shift) > sigma))
+    return not search.fits.is_explained(model) or bool(np.any(np.abs(score.possible[1]) > sigma))

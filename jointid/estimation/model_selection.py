@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointid.arrays import Floats
+from jointid.errors import JointIdError
 from jointid.estimation.candidates import EXPLAINED, NEEDED, Choice, Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
@@ -89,7 +90,7 @@ def choose_model(
         linear,
         noise,
         Model(0.0 if friction else None, delay),
-        Fits(optional, phasors.n, max(rows, 1)),
+        Fits(optional, max(rows, 1)),
     )
     if first is not None:
         search.fit(first, linear)
@@ -212,14 +213,14 @@ def _climbed(search: Search, model: Model) -> Model:
 def _choice(search: Search, best: Model) -> Choice:
     """The best model with the candidates, and how far others that explain the data differ."""
     found, candidates = search.fits.tried[best], search.fits.candidates(best)
+    if isinstance(found, JointIdError):
+        return Choice(best, found, candidates, np.zeros((0, 0)))
     scored = search.scores(best)
-    whole = spread(search.fits, best, scored)
-    if isinstance(found, LikelihoodEstimate):
-        if search.has_motions:
-            scored = {name: score for name, score in scored.items() if name != "link"}
-            whole = whole + _spread_of_reversals(search, best, found)
-        whole = whole + spread_of_unseen(found, scored, search.prior)
-    return Choice(best, found, candidates, whole)
+    whole = spread(search.fits, best, found, scored)
+    if search.has_motions:
+        scored = {name: score for name, score in scored.items() if name != "link"}
+        whole = whole + _spread_of_reversals(search, best, found)
+    return Choice(best, found, candidates, whole + spread_of_unseen(found, scored, search.prior))
 
 
 def _spread_of_reversals(search: Search, best: Model, found: LikelihoodEstimate) -> Floats:

@@ -98,6 +98,7 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
             f"{elasticity_labels(fit.n)[k]} changes by {percent(change[k])}."
         )
     absurd = not exact and off[0][0] > _ABSURD
+    own_inertias = dict(zip(evidence.poses, own.inertias, strict=True))
     if absurd:
         accounts += (
             " So large an error indicates a wrong unit, a wrong torque constant or another robot."
@@ -110,13 +111,8 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         "of the torque constant scales all inertias alike.",
         float(change.max()) if exact else 0.05,
         "edit inertias",
-        *([] if absurd else [_fitted(evidence, own, (_LOOSE,) if exact else ())]),
+        *([] if absurd else [Change("inertias", (), (_LOOSE,) * exact, own_inertias)]),
     )
-
-
-def _fitted(evidence: Evidence, own: ElasticityFit, std: tuple[float, ...]) -> Change:
-    """Take the fitted inertias for the given ones."""
-    return Change("inertias", (), std, dict(zip(evidence.poses, own.inertias, strict=True)))
 
 
 def judged(evidence: Evidence) -> ElasticityFit | None:

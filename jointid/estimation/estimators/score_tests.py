@@ -32,10 +32,9 @@ class Score:
     """Decrease of the cost."""
     count: int
     """Number of its parameters."""
-    shift: Floats
-    """Change of K1 ... Kn, D1 ... Dn, shape (2n,)."""
     possible: tuple[float, Floats]
-    """Gain and shift by the values alone that have a sign that they can have."""
+    """Gain, and change of K1 ... Kn, D1 ... Dn, shape (2n,), by the values alone that have a sign that
+    they can have."""
     value: Floats
     """Its most likely parameters, shape (count,); squares of a filter's beside a delay or lags."""
     information: Floats
@@ -87,8 +86,7 @@ def scores(
         )
         own = np.arange(layout.size)[layout.of_part(name)]
         step, gain, through, left = _further_step(gradient, normal, inner, base, own)
-        shift = through @ step
-        shift, possible = shift / size[base], (gain, shift / size[base])
+        possible = gain, through @ step / size[base]
         if positive and np.any(step > 0):
             some = own[step < 0]
             step_of_some, gain_of_some, through_some, _ = _further_step(
@@ -100,7 +98,6 @@ def scores(
         found[name] = Score(
             gain,
             own.size,
-            shift[of_joints],
             (possible[0], possible[1][of_joints]),
             value=-step / unit,
             information=2 * left * np.outer(unit, unit),
