@@ -35,8 +35,8 @@ from jointid.estimation.estimators.parameters import EFFECTS, ParameterLayout
 from jointid.estimation.estimators.parameters import LAWS as NONLINEAR
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
-from jointid.estimation.estimators.score_tests import scores
-from jointid.estimation.model_average import positive_moments
+from jointid.estimation.estimators.score_tests import Score, scores
+from jointid.estimation.model_average import positive_moments, spread_by_prior
 from jointid.estimation.model_selection import choose_model
 from jointid.motion.friction import friction_waveforms
 
@@ -119,6 +119,25 @@ def test_friction_turns_with_the_motor_not_with_its_filtered_position() -> None:
     assert fit.parameters["position_filter"] == pytest.approx(8e-4, abs=2e-5)
     assert np.all(errors_percent(fit) < [0.05, 0.05, 0.2, 0.2])
     assert in_standard_errors(fit).max() < 4
+
+
+def test_reversals_are_those_of_the_motion_before_a_filter() -> None:
+    """A filter shifts harmonics by other times than the fundamental: the reversals move with them."""
+    phasors = extract_phasors(prescribed_motion(np.sign))
+    n, filter_s = phasors.n, np.array([3e-3, 1e-3])
+    z = phasors.harmonics.copy()
+    z[:, 2, :n] = 0.05j * z[:, 0, :n]
+    moved = replace(phasors, harmonics=z)
+    s = 1j * phasors.omega[:, None, None] * np.arange(1, z.shape[1] + 1)[:, None]
+    gain = np.ones(z.shape, complex)
+    gain[..., :n] /= 1 + s * filter_s
+    covariance = gain[..., None] * phasors.harmonic_covariance * gain[..., None, :].conj()
+    logged = replace(phasors, harmonics=gain * z, harmonic_covariance=covariance)
+    there = friction_waveforms(moved, 0.0).coulomb
+    found = friction_waveforms(logged, 0.0, position_filter=filter_s).coulomb
+    np.testing.assert_allclose(found, there, atol=5e-3)  # a sample of the period
+    late = np.exp(s * np.arctan(s[:, :1].imag * filter_s) / s[:, :1].imag)
+    assert np.abs(friction_waveforms(logged, 0.0).coulomb * late - there).max() > 0.02
 
 
 def simulated(
@@ -396,3 +415,22 @@ def test_probability_of_positive_values(correlation: float) -> None:
     hazard = np.exp(-0.5) / np.sqrt(2 * np.pi) / np.exp(log_ndtr(-1.0))
     assert log_positive == pytest.approx(log_ndtr(-1.0))
     assert moments[0, 0] == pytest.approx(2 - hazard, rel=0.02)
+
+
+@pytest.mark.parametrize(("seen", "widens"), [(0.5, False), (2.0, True), (100.0, False)])
+def test_an_unseen_part_widens_the_error_where_the_data_may_hold_it(seen: float, widens: bool) -> None:
+    """Of a part of 5 % that the data show to 5 %/seen and that is zero: the Bayes factor by hand."""
+    std, slope = 0.05, np.array([[0.3], [-2.0]])
+    score = Score(
+        gain=0.0,
+        count=1,
+        possible=(0.0, np.zeros(2)),
+        value=np.zeros(1),
+        information=np.array([[(seen / std) ** 2]]),
+        slope=slope,
+        unit=np.ones(1),
+    )
+    found = spread_by_prior(score, np.full(1, np.inf), np.full(1, std), 1.0)
+    factor = (1 + seen**2) ** -0.5
+    variance = std**2 / (1 + seen**2) * factor / (1 + factor) * widens
+    np.testing.assert_allclose(found, variance * slope @ slope.T, rtol=0.01)
