@@ -81,8 +81,8 @@ def ask_nominal(joints: int) -> Elasticity | None:
     """
     left, right = st.columns(2)
     help_ = "The controller's present values; the app compares them with the identified ones."
-    K = _text(left, "Nominal K, N·m/rad (optional)", "nominal K", "20, 3.5", help_)
-    D = _text(right, "Nominal D, N·m·s/rad (optional)", "nominal D", "0.10, 0.015", help_)
+    K = _text(left, "Nominal K (N·m/rad), optional", "nominal K", "20, 3.5", help_)
+    D = _text(right, "Nominal D (N·m·s/rad), optional", "nominal D", "0.10, 0.015", help_)
     if not K.strip() and not D.strip():
         return None
     for name, text in (("K", K), ("D", D)):
