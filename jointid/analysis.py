@@ -62,10 +62,7 @@ class Analysis:
     def shown_in(self, name: str) -> Analysis:
         """Return this analysis with K and D shown in a unit of ``jointid.answer.STIFFNESS_UNITS``.
 
-        Raises
-        ------
-        JointIdError
-            When the unit is not known, or the study lacks the gear ratios for it.
+        Raises JointIdError when the unit is not known, or the study lacks the gear ratios for it.
         """
         return replace(self, unit=StiffnessUnit.named(name, self.study.gear_ratios))
 

@@ -220,9 +220,9 @@ class TestPage:
         at = shown(at.selectbox(key="cut_friction").set_value("Custom").run())
         rough = headline(at)[1]
         assert rough > ideal + 0.1
-        assert "which the servo does not compensate" in words(at)
+        assert "The servo does not compensate it" in words(at)
         assert "comes from friction, delay and encoder, not from the springs" in words(at)
-        assert "95 of 100" not in words(at)
+        assert "95 % of these robots" not in words(at)
         at = shown(at.checkbox(key="cut_compensated").check().run())
         assert headline(at)[1] < 0.2 * rough
 

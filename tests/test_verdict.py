@@ -449,8 +449,8 @@ def test_lag_of_a_hold_is_recognised() -> None:
 def test_joint_that_stands_is_named() -> None:
     case = evidence(rubbing((0.4, 0.08), "one-at-a-time"), PARALLELOGRAM, friction=True)
     (standing,) = said(findings(case), "Joint 1 does not move")
-    assert "7 of 14 records" in standing.detail
-    assert not said(findings(of_rubbing(friction=True)), "stands")
+    assert "7 of 14 records" in standing.title
+    assert not said(findings(of_rubbing(friction=True)), "does not move")
 
 
 # --------------------------------------------------------------------------------- inertias, poses, gear
@@ -587,7 +587,7 @@ def test_frequencies_that_miss_the_resonances() -> None:
 @pytest.mark.parametrize(("count", "level"), [(1, "problem"), (2, "warning")])
 def test_one_frequency_is_told_and_no_senseless_one_suggested(count: int, level: str) -> None:
     found = analysed(sound()[:count], method="weighted").findings
-    (alone,) = said(found, "at one frequency cannot give K and D")
+    (alone,) = said(found, "at one frequency cannot confirm K and D")
     assert alone.level == level
     assert f"{count} record" in alone.detail
     assert not any(
@@ -615,7 +615,7 @@ def test_coarse_encoder_is_told(counts: int) -> None:
     found = said(analysed(records, method="weighted").findings, "encoder of joint")
     assert bool(found) == (counts == 4096)
     for finding in found:
-        assert "4096 per revolution" in finding.detail
+        assert "4096 counts per revolution" in finding.detail
 
 
 # ------------------------------------------------------------------------------ the story of the figures
@@ -697,7 +697,7 @@ def test_one_record_in_degrees_is_named_and_no_inertia_blamed(k: int, method: st
         (1, 1e3, "torque in odd.csv seems to be in mN·m"),
         long(1e3, 1, "angle in odd.csv seems to be in mrad"),
         long([180 / np.pi, 1], 1, "angle of joint 1 in odd.csv seems to be in degrees"),
-        (1, 87.0, "in odd.csv has another scale"),
+        (1, 87.0, "in odd.csv differs in scale"),
     ],
 )
 def test_factor_of_one_record_is_named(angle: Any, torque: Any, title: str, records: str) -> None:

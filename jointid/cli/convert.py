@@ -80,7 +80,11 @@ def convert(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Convert logs of any controller, with sines or other motions, into a study."""
+    """Convert logs of any controller, with sines or other motions, into a study.
+
+    First write the proposed mapping with --guess and correct it; then convert with --mapping,
+    --inertia and --output.
+    """
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(
             "Give --guess FILE first, check the mapping in this file, then convert with --mapping FILE."

@@ -91,7 +91,7 @@ STUDY = typer.Argument(
 )
 METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHODS)}.")
 JSON = typer.Option("--json", help="Print only JSON.")
-OVERWRITE = typer.Option("--overwrite", help="Replace an existing study or file.")
+OVERWRITE = typer.Option("--overwrite", help="Replace existing outputs; without it, they are refused.")
 INERTIA_STD = typer.Option(
     help="Relative standard deviation of M and M2: 0.03 for 3 %; 0: exact; inf: unknown."
 )
@@ -100,7 +100,9 @@ UNIT = typer.Option(
     "the study states gear_ratio.",
     show_default=next(iter(STIFFNESS_UNITS)),
 )
-TORQUE_STD = typer.Option(help="Relative standard deviation of the torque constants, likewise.")
+TORQUE_STD = typer.Option(
+    help="Relative standard deviation of the torque constants: 0.02 for 2 %; 0: exact; inf: unknown."
+)
 NOMINAL_K = typer.Option(
     "--nominal-K", help="Nominal stiffness: that in the controller at present, N·m/rad."
 )

@@ -214,13 +214,12 @@ def _factors(values: tuple[float, ...]) -> str:
     n, parts = len(values) // 2, dict[str, list[str]]()
     for k, value in enumerate(values):
         if value != 1:
-            size = 1 / value if abs(value) < 1 else value
-            sign = "reverse" if value < 0 else ""
-            verb = "multiply" if abs(value) < 1 else "divide"
-            by = "" if abs(value) == 1 else f"{verb} by {significant(abs(size), 4)}"
+            verb, size = ("multiply", 1 / value) if abs(value) < 1 else ("divide", value)
+            by = "" if abs(value) == 1 else f" by {significant(abs(size), 4)}"
+            how = f"{verb} {{}}{by}" if value > 0 else "reverse {}" + (by and f" and {verb}{by}")
             what = f"the {'angle' if k < n else 'torque'} of joint {k % n + 1}"
-            parts.setdefault(" and ".join(filter(None, (sign, by))), []).append(what)
-    return "; ".join(f"{how}: {enumerated(what)}" for how, what in parts.items())
+            parts.setdefault(how, []).append(what)
+    return "; ".join(how.format(enumerated(what)) for how, what in parts.items())
 
 
 def _exchange(values: tuple[float, ...]) -> str:

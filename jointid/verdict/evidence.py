@@ -138,8 +138,9 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def some(names: Sequence[str]) -> str:
-    """List three names, and the number of the others."""
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    """List three names, and the number of the others; semicolons separate names with commas."""
+    mark = "; " if any("," in name for name in names) else ", "
+    return mark.join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def relative(change: Floats, p: Floats) -> Floats:

@@ -69,7 +69,7 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
         show_warning(f"The path error after the identification is not known. {outcome.problem}")
     after = millimetres(outcome.after_m)
     st.caption(
-        "Path error is the largest distance of the tool from the reference path, simulated.\n"
+        "Path error: largest simulated distance of the tool from the reference path.\n"
         f"- **Before, {millimetres(outcome.before_m)}**: {_robot(outcome.robot)} "
         f"{_servo(outcome)}\n"
         f"- **After, {after}**: {promise(outcome, settings)}\n"
@@ -119,7 +119,7 @@ def promise(outcome: Outcome, settings: CutSettings) -> str:
         )
     return (
         "the servo assumes the identified values; those of the robot are drawn from their "
-        f"uncertainty. 95 of 100 such robots stay {_below(outcome.after_m)}, half of them "
+        f"uncertainty. 95 % of these robots stay {_below(outcome.after_m)}, 50 % "
         f"{_below(outcome.distribution.median_m)}."
     )
 
@@ -131,10 +131,10 @@ def _conditions(settings: CutSettings) -> str:
     text = f"a controller of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}; "
     if settings.friction is None:
         return text + "motors without friction."
-    what = f"motors with a Coulomb friction of {_three(settings.friction.coulomb)} N·m, which the servo "
+    text += f"motors with a Coulomb friction of {_three(settings.friction.coulomb)} N·m. The servo "
     if settings.compensated:
-        return text + what + "compensates."
-    return text + what + "does not compensate, which adds an error."
+        return text + "compensates it."
+    return text + "does not compensate it, which adds to the error."
 
 
 def _below(length_m: float) -> str:
@@ -259,7 +259,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 promised = remainder(outcome, EVERYDAY_SERVO, outcome.robot.friction)
             elif outcome.distribution is not None:
                 promised = (
-                    "95 of 100 robots within the uncertainty of the identified values stay "
+                    "95 % of the robots within the uncertainty of the identified values stay "
                     f"{_below(outcome.after_m)}."
                 )
             st.caption(

@@ -54,10 +54,10 @@ def _sentence(prediction: Prediction | TorquePrediction) -> str:
     of = "the gears' torque" if isinstance(prediction, TorquePrediction) else "H"
     text = f"within {apart} % of {of} (median), {times} × the standard errors"
     if prediction.misfit <= EXPLAINED:
-        return f"{text}; noise explains up to {limit}."
+        return f"{text}; up to {limit} is expected from noise."
     return (
-        f"{text}, where {limit} is the most that noise explains: the model lacks something, or these "
-        "records do not show all that the whole fit takes into account."
+        f"{text}; at most {limit} is expected from noise. The model lacks an effect, or these records "
+        "show less than the whole fit takes into account."
     )
 
 

@@ -19,7 +19,11 @@ from jointid.uncertainty.plan import PlannedRecords
 from jointid.wording import file_stem
 
 _LIMITS = {
-    "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
+    "gear_ratio": (
+        "Gear ratios",
+        "100, 90",
+        "Motor turns per joint turn, negative if they turn in opposite directions.",
+    ),
     "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As displayed by the robot."),
     "lower_deg": ("Lowest positions (°)", "-170, -60", ""),
     "upper_deg": ("Highest positions (°)", "170, 60", ""),
@@ -30,7 +34,7 @@ _LIMITS = {
     "axes": (
         "Axes of the robot",
         "1, 2",
-        "Axes that are the joints of the study; empty: the first.",
+        "Axes that are the joints of the study; empty: the first axes.",
     ),
 }
 _SUPERPOSED = "Avoids sticking at reversals; every record then runs forward and back."

@@ -42,8 +42,8 @@ _RECORDS = {
 }
 _COUNT_HELP = "Number of sines. Other motions: one record per joint, at least two."
 _M2_HELP = (
-    "On the diagonal each joint's own inertia, off it the coupling inertia: how much torque one joint "
-    "needs because the other accelerates. Motor side: divided by both gear ratios."
+    "On the diagonal each joint's own inertia, off it the coupling inertia: torque on one joint per "
+    "acceleration of another. Motor side: divided by both gear ratios."
 )
 _WRONG_HELP = (
     "The given inertias differ from the robot's by this much, each up or down at random; the fit must "
