@@ -15,7 +15,7 @@ import typer
 
 from jointid.analysis import answer_state
 from jointid.cli.options import JSON, METHOD, named, require_ending
-from jointid.cli.output import print_json
+from jointid.cli.output import print_json, progress
 from jointid.cli.program import INTERRUPTED, print_error, reported
 from jointid.errors import JointIdError
 from jointid.wording import counted
@@ -163,14 +163,8 @@ def _print_summary(summary: Summary) -> None:
 def _progress_display() -> Iterator[Callable[[Progress], None]]:
     """Show a progress bar on a terminal, else a line now and then for a log file."""
     if sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import BarColumn, TextColumn
-        from rich.progress import Progress as Bars
-
-        columns = BarColumn(), TextColumn("{task.description}")
-        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-            task = bars.add_task("Analysing", total=None)
-            yield lambda p: bars.update(task, total=p.studies, completed=p.done, description=p.text)
+        with progress("Analysing", quiet=False) as bar:
+            yield lambda p: bar(p.done / p.studies, p.text)
         return
     last = time.monotonic()
 

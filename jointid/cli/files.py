@@ -65,7 +65,8 @@ def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ())
     target = Path(os.path.realpath(path))
     for source in (Path(os.path.realpath(read)) for read in reads if read is not None):
         inside = source in target.parents and path.exists() and _in_study(path)
-        if source == target or target in source.parents or inside or _same_file(source, target):
+        same = source.exists() and target.exists() and source.samefile(target)
+        if same or source == target or target in source.parents or inside:
             raise JointIdError(f"{path} is the input of this command: choose another path for results.")
     if path.exists() and not overwrite:
         raise JointIdError(f"{path} exists: choose another path, or replace it with --overwrite.")
@@ -78,7 +79,3 @@ def _in_study(path: Path) -> bool:
 
     in_folder = any((parent / STUDY_FILE).is_file() for parent in path.absolute().parents)
     return in_folder and path.suffix.lower() in STUDY_PARTS
-
-
-def _same_file(source: Path, target: Path) -> bool:
-    return source.exists() and target.exists() and source.samefile(target)
