@@ -300,7 +300,7 @@ class Fits:
             least = _SIGNIFICANT**2 * (_FREE_PENALTY if model.reversal else 1.0) + size.size
             least *= 1 + estimate.repeated  # such errors lower the cost of any part
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
-        if part == "piecewise":  # a first slope near zero, or a steep one, is play or hysteresis
+        if part == "piecewise":  # a first slope near zero, or a steep one, is backlash or hysteresis
             p = estimate.named
             stiffer = (p.K + p["piecewise"]) / np.maximum(p.K, np.finfo(float).tiny)
             if np.any((stiffer > _BEND) | (stiffer < 1 / _BEND)):

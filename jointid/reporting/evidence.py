@@ -34,7 +34,7 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
     text = (
         "Acceleration of each motor over its torque. One record alone (first figure) shows the "
         "neighbour's controller as well; equations (17)–(18) remove it from H₁₁, H₂₂ by combining "
-        "the records of a frequency. "
+        "the records of each frequency. "
         if n > 1
         else "Acceleration of the motor over its torque. "
     )
@@ -149,8 +149,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
             "(Figure 7 of the paper).",
         )
     yield Paragraph(
-        f"{outcome.robot.meaning} The paper states neither "
-        "geometry, inertias and zone sizes nor the non-optimal parameters: arm, corner zones and the "
+        f"{outcome.robot.meaning} The paper does not state "
+        "geometry, inertias, zone sizes and non-optimal parameters: arm, corner zones and the "
         "servo's values before are assumptions of this software or of the study. Both robots are "
         "simulated.",
         "quiet",

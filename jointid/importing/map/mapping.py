@@ -135,6 +135,11 @@ class JointMapping:
         return (self.position, self.torque, *([self.arm] if self.arm else []))
 
     @property
+    def needs_ratio(self) -> bool:
+        """Whether a channel is behind the gear."""
+        return any(channel.side == JOINT for channel in self.channels)
+
+    @property
     def rad_per_unit(self) -> float:
         """Motor angle, rad, for one unit of the position column."""
         of_gear = self.gear_ratio if self.position.side == JOINT else 1.0

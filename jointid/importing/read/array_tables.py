@@ -73,15 +73,15 @@ def _time_above(
     """Time column for a group without one, from the nearest parent group."""
     place = group
     while True:
-        times = [c for c in grouped.get((place, rows), ()) if _is_time(c)]
+        times = [
+            c
+            for c in grouped.get((place, rows), ())
+            if (WORDS["time"] & set(words_of(c.name)) or c.unit in TIME_UNITS)
+            and c.values[-1] > c.values[0]
+        ]
         if times or not place:
             return [] if place == group else times[:1]
         place = place.rpartition("/")[0]
-
-
-def _is_time(column: LogColumn) -> bool:
-    named = WORDS["time"] & set(words_of(column.name)) or column.unit in TIME_UNITS
-    return bool(named) and column.values[-1] > column.values[0]
 
 
 def _as_columns(values: np.ndarray) -> np.ndarray | None:

@@ -69,7 +69,7 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
         show_warning(f"The path error after the identification is not known. {outcome.problem}")
     after = millimetres(outcome.after_m)
     st.caption(
-        "Path error is the largest distance of the tool from the reference path, simulated.\n"
+        "Path error: largest simulated distance of the tool from the reference path.\n"
         f"- **Before, {millimetres(outcome.before_m)}**: {_robot(outcome.robot)} "
         f"{_servo(outcome)}\n"
         f"- **After, {after}**: {promise(outcome, settings)}\n"

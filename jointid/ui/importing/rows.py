@@ -49,10 +49,7 @@ def rows_to_json() -> dict[str, list[dict[str, Any]]]:
 def rows_from_json(values: dict[str, list[dict[str, Any]]]) -> None:
     """Restore the result of ``rows_to_json``.
 
-    Raises
-    ------
-    JointIdError, TypeError, AttributeError
-        When it is something else.
+    Raises JointIdError, TypeError or AttributeError when it is something else.
     """
     st.session_state[_LAST] = {key: [_row(**row) for row in rows] for key, rows in values.items()}
 

@@ -83,7 +83,7 @@ class Page:
         JointIdError
             As ``analyse`` does.
         """
-        doing = "Fitting sines, identifying the springs"
+        doing = "Fitting sines, identifying K and D"
         return self.computed("analysis", doing, analyse, self.study, method=self.method)
 
     def begin(

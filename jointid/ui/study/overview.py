@@ -82,9 +82,10 @@ def show_bands(analysis: Analysis) -> None:
         if own.size:
             origin = "chosen from its spectrum" if record.band_hz is None else "as stated"
             low, high = significant(own.min(), 3), significant(own.max(), 3)
-            bands.append(f"{markdown_escape(name)} {low}–{high} Hz, {origin}")
+            bands.append(f"{markdown_escape(name)}: {low}–{high} Hz, {origin}")
     if bands:
-        st.caption("Band of the motions: " + "; ".join(bands) + ". Set band_hz to change it.")
+        how = "To change it, set band_hz of the record in study.toml."
+        st.caption(f"Band of the motions: {'; '.join(bands)}. {how}")
 
 
 def _values_table(analysis: Analysis, found: Sequence[Quantity]) -> dict[str, list[str]]:

@@ -18,8 +18,7 @@ from jointid.importing.columns.log_table import (
     require_few_values,
 )
 from jointid.importing.read.clocks import Signal, tables_of_signals
-from jointid.importing.read.optional_imports import import_optional
-from jointid.importing.read.reader import Reader, begins_with
+from jointid.importing.read.reader import Reader, begins_with, import_optional
 from jointid.wording import listed
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
