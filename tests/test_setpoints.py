@@ -15,7 +15,7 @@ from plants import PAPER, PARALLELOGRAM, ROBOTS
 from setpoint_readers import limit_shares, outcome, random_trial, read
 from typer.testing import CliRunner
 
-from jointid import Inertia, JointIdError, MotorFriction, Study, analyse, motor_response
+from jointid import Inertia, JointIdError, MotorFriction, Study, analyse, motor_response, save_study
 from jointid.arrays import Floats
 from jointid.cli import app
 from jointid.importing import MappedLog, find_segments, study_from_logs
@@ -450,12 +450,16 @@ def test_the_command_writes_a_checked_file(
     assert "Margin" in CliRunner().invoke(app, [*command, "--overwrite"]).stdout
 
 
-def test_an_answer_that_is_not_usable_gives_no_set_points(tmp_path: Path) -> None:
+def test_an_answer_that_is_not_usable_gives_no_set_points(
+    tmp_path: Path, studies: dict[int, Study]
+) -> None:
     """The check of the limits plays on the identified robot, which would be a wrong one."""
     limits, output = tmp_path / "limits.toml", tmp_path / "cell.csv"
     limits.write_text(TOML, "utf-8")
-    command = ["setpoints", "swapped_torques", "--limits", str(limits), "-o", str(output)]
+    reversed_torque = [replace(record, tau_Nm=-record.tau_Nm) for record in studies[1].records]
+    save_study(replace(studies[1], records=reversed_torque), tmp_path / "wrong.zip")
+    command = ["setpoints", str(tmp_path / "wrong.zip"), "--limits", str(limits), "-o", str(output)]
     run = CliRunner().invoke(app, command)
     assert run.exit_code == 1
-    assert "exchanged" in run.stderr
+    assert "The sign of the torque" in run.stderr
     assert not output.exists()
