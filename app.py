@@ -1,4 +1,4 @@
-"""The study on one screen: the answer first, then what it rests on."""
+"""The study on one screen: the answer first, then its evidence."""
 
 import streamlit as st
 
@@ -17,7 +17,7 @@ from jointid.ui.study.overview import (
     show_tiles,
 )
 
-page = open_page("Study")
+page = open_page("Study", heading=False)
 show_heading(page.study)
 show_changes(page)
 analysis = page.analysis()
@@ -28,7 +28,7 @@ show_prediction(page, analysis)
 outcome_panel(page, analysis)
 show_findings(page, analysis)
 
-st.header("Model over measurement", anchor=False)
+st.header("Model and measurement", anchor=False)
 st.caption(
     "Acceleration of each motor over its own torque, the controllers removed. Where points and line "
     "agree, the model holds." + freed_note(analysis.fit)

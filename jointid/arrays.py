@@ -17,10 +17,7 @@ Complexes = NDArray[np.complex128]
 def per_joint(name: str, value: ArrayLike, n: int) -> Floats:
     """Return a setting of n joints as (n,); a single number applies to all joints.
 
-    Raises
-    ------
-    JointIdError
-        When the value has neither one element nor n.
+    Raises JointIdError when the value has neither one element nor n.
     """
     array = finite_array(name, np.atleast_1d(np.asarray(value)), ndim=1)
     if array.size not in (1, n):
@@ -42,10 +39,7 @@ def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -
     order : {"C", "F"}, optional
         Memory layout of the copy.
 
-    Raises
-    ------
-    JointIdError
-        When the value is not numeric, has another number of dimensions or is not finite.
+    Raises JointIdError when the value is not numeric, has another number of dimensions or is not finite.
     """
     try:
         if np.asarray(value).dtype.kind not in "iufO":  # text, dates, truth values, complex numbers
@@ -73,10 +67,7 @@ def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -
 def bounded_number(name: str, unit: str, value: ArrayLike, *, zero: bool = False) -> float:
     """Return a setting that must be positive, or not negative if ``zero`` is allowed.
 
-    Raises
-    ------
-    JointIdError
-        When the value is not a finite number or out of range.
+    Raises JointIdError when the value is not a finite number or out of range.
     """
     number = float(finite_array(f"{name} ({unit})", value, ndim=0))
     if number < 0 or (number == 0 and not zero):
@@ -88,10 +79,7 @@ def bounded_number(name: str, unit: str, value: ArrayLike, *, zero: bool = False
 def whole_number(name: str, value: object, least: int, most: float = np.inf) -> int:
     """Return a setting that counts something.
 
-    Raises
-    ------
-    JointIdError
-        When the value is not a whole number from ``least`` to ``most``.
+    Raises JointIdError when the value is not a whole number from ``least`` to ``most``.
     """
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= most:
         return int(value)

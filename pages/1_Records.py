@@ -4,16 +4,15 @@ import streamlit as st
 
 from jointid import SineRecord
 from jointid.figures import coherences, spectra, waveforms
-from jointid.ui.shared import cached
+from jointid.phasors.sine_fit import fit_sines
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import show_distortion, show_quality
 
-page = open_page("Records")
-st.title("Records", anchor=False)
-st.write(
+page = open_page(
+    "Records",
     "Each record is one experiment with the controllers on: sines of one frequency, or any other "
-    "motion. The method uses the motors' angles and torques only."
+    "motion. The method uses the motors' angles and torques only.",
 )
 if page.study.sine_records:
     st.write("A sine, an offset and a drift are fitted to each signal; the sine is its phasor.")
@@ -28,8 +27,11 @@ number = st.selectbox(
     bind="query-params",
 )
 record = records[number]
-fitted = cached.fitted_sine(page.digest, number, page.study)
 is_sine = isinstance(record, SineRecord)
+fitted = None
+if isinstance(record, SineRecord):
+    sine = record
+    fitted = page.drawn(f"fit {number}", lambda: fit_sines([sine])[0].at(sine.time_s, sine.omega))
 
 
 def show_waveforms(periods: float | None) -> None:

@@ -9,12 +9,11 @@ from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import phasor_table
 
-page = open_page("Phasors")
-st.title("Phasors", anchor=False)
-st.write(
+page = open_page(
+    "Phasors",
     "A sine of known frequency is fully described by its amplitude and phase: one complex number, the "
     "phasor. Velocity and acceleration follow by multiplication with iω, without numerical "
-    "differentiation of encoder noise. Hold and delay of the torque are corrected."
+    "differentiation of encoder noise. Hold and delay of the torque are corrected.",
 )
 st.latex(
     r"\theta = a + ib,\;\; \dot\theta = i\omega\,\theta,\;\; "

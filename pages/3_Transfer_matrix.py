@@ -12,7 +12,6 @@ from jointid.ui.study.matrix_elements import (
 )
 
 page = open_page("Transfer matrix")
-st.title("Transfer matrix", anchor=False)
 n = page.study.inertia.n
 if n > 1:
     st.write(

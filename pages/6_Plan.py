@@ -22,7 +22,6 @@ from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted
 
 page = open_page("Plan")
-st.title("Plan", anchor=False)
 analysis = page.analysis()
 if analysis.state == NOT_USABLE:
     show_error(analysis.headline)
@@ -44,7 +43,7 @@ if found is None:
     st.stop()
 count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
-st.header(f"{counted(count, 'record')} more: worst error {before} → {after}", anchor=False)
+st.header(f"{counted(count, 'additional record')}: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
 if advice := second_amplitude(analysis.fit):
     st.info(advice)

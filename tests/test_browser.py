@@ -169,7 +169,7 @@ def test_the_study_that_stands_out_in_a_fleet_opens_from_its_row(
     expect(page.get_by_text(f"{len(rows)} studies")).not_to_have_count(0)
     drawn(page, 4)  # spread and drift, of K and of D
     assert page.locator(".js-plotly-plot .main-svg .scatterlayer .point").count() > 30
-    choose(page, "Study to look at", f"{odd + 1}: odd/{odd}.zip")
+    choose(page, "Study to show", f"{odd + 1}: odd/{odd}.zip")
     page.get_by_role("button", name="Open this study").click()
     finished(page, studies[1].name)
     expect(page.get_by_role("combobox", name="Study")).to_have_value("odd.zip")

@@ -405,11 +405,11 @@ def test_study_of_many_logs() -> None:
 
 def test_study_refuses_what_it_cannot_use() -> None:
     log, _ = log_of([Run(4.0, 12, BOTH)])
-    with pytest.raises(JointIdError, match="No sine segments"):
+    with pytest.raises(JointIdError, match="No sine runs"):
         study_from_logs(log, [], PARALLELOGRAM)
     with pytest.raises(JointIdError, match="2 joints, the inertia 1"):
         study_from_logs(log, find_segments(log), Inertia(0.002, 0.004))
-    with pytest.raises(JointIdError, match="Segment 1"):
+    with pytest.raises(JointIdError, match="Run 1"):
         segment_records(log, [Segment(1.0, 1.1, 4.0)])
 
 

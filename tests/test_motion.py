@@ -222,5 +222,7 @@ def test_errors_hold_rounding_that_repeats() -> None:
 def test_two_joints_with_the_same_samples_are_named() -> None:
     moving = records(SHORT)[0]
     alike = replace(moving, theta_rad=moving.theta_rad[:, [0, 0]], tau_Nm=moving.tau_Nm[:, [0, 0]])
-    with pytest.raises(JointIdError, match=r"theta_m1_rad and theta_m2_rad .* joint 2 moves otherwise"):
+    with pytest.raises(
+        JointIdError, match=r"theta_m1_rad and theta_m2_rad .* joint 2 moves differently"
+    ):
         identify_motion([alike], GIVEN)

@@ -21,7 +21,6 @@ from jointid import (
     Analysis,
     Controller,
     Excitation,
-    JointIdError,
     Measurement,
     MotorFriction,
     SineRecord,
@@ -125,7 +124,7 @@ def test_sections_figures_and_path_errors_are_there(html: str, analyses: dict[in
         "Answer",
         "Verdict",
         "Torsion curves of the gears",
-        "Model over measurement",
+        "Model and measurement",
         "Path error before and after",
         "Data and settings",
         "Records",
@@ -239,14 +238,6 @@ def replace_torque(record: SineRecord, factor: float) -> SineRecord:
     return SineRecord(
         record.frequency_hz, record.time_s, record.theta_rad, factor * record.tau_Nm, label=record.label
     )
-
-
-def test_without_reportlab_html_remains(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [m for m in sys.modules if m.split(".")[0] == "reportlab"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "reportlab", None)
-    with pytest.raises(JointIdError, match=r"pip install jointid\[pdf\]"):
-        to_pdf(report)
 
 
 def test_long_tables_break_over_pages() -> None:

@@ -105,7 +105,7 @@ class TestErrorBars:
         self, app: AppTest, joints: int
     ) -> None:
         said = next(c.value for c in opened(app, "app.py", joints).caption if "left out" in c.value)
-        found = re.search(r"within (\S+) % .* (\S+) × the stated errors", said)
+        found = re.search(r"within (\S+) % .* (\S+) × the standard errors", said)
         assert found is not None
         assert 0 < float(found[1]) < 5
         assert 0.3 < float(found[2]) < 3
@@ -152,7 +152,7 @@ class TestTheNextExperiment:
         at = opened(app, PLAN, joints)
         assert len(at.dataframe[0].value) == 3
         assert len(at.get("plotly_chart")) == 1
-        said = re.fullmatch(r"3 records more: worst error (\S+) % → (\S+) %", at.header[0].value)
+        said = re.fullmatch(r"3 additional records: worst error (\S+) % → (\S+) %", at.header[0].value)
         assert said is not None
         assert float(said[2]) < float(said[1])
         # A plan of one's own begins as the suggestion.

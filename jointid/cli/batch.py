@@ -128,19 +128,16 @@ def _bytes(gib: float) -> int:
 
 
 def _document(summary: Summary) -> dict[str, Any]:
+    names = ("studies", "good", "skipped", "kept", "verdicts", "time_s")
+    failures = [
+        {name: getattr(row, name) for name in ("study", "failure", "error")} for row in summary.failures
+    ]
     return {
         "out": str(summary.out),
-        "studies": summary.studies,
-        "good": summary.good,
-        "failed": len(summary.failures),
-        "skipped": summary.skipped,
-        "kept": summary.kept,
-        "verdicts": dict(summary.verdicts),
-        "time_s": summary.time_s,
+        **{name: getattr(summary, name) for name in names},
+        "failed": len(failures),
         "studies_per_s": summary.rate,
-        "failures": [
-            {"study": row.study, "failure": row.failure, "error": row.error} for row in summary.failures
-        ],
+        "failures": failures,
     }
 
 

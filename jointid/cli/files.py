@@ -71,11 +71,6 @@ def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ())
         raise JointIdError(f"{path} exists: choose another path, or replace it with --overwrite.")
 
 
-def require_spared(path: Path, overwrite: bool, reads: Iterable[Path | None]) -> None:
-    """Refuse an output that would replace an input or, without ``overwrite``, part of a study."""
-    require_free(path, overwrite or not (path.suffix.lower() == ".zip" or _in_study(path)), reads)
-
-
 def _in_study(path: Path) -> bool:
     """Whether a file may be part of a study's folder."""
     from jointid.files.study_parts import STUDY_PARTS

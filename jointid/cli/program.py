@@ -8,7 +8,7 @@ from functools import wraps
 from typing import Annotated, Any, ParamSpec, TypeVar
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from jointid.errors import JointIdError
 from jointid.files.application import __version__
@@ -20,6 +20,36 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C, by the convention of shells."""
 
 _WANTS_JSON = "jointid wants JSON"
+
+
+_METAVARS = {
+    "Path": "FILE",
+    "path": "FILE",
+    "str": "TEXT",
+    "float": "NUMBER",
+    "int": "N",
+    "int range": "N",
+}
+"""Values of options in --help, by the type that Typer shows."""
+
+
+class Command(TyperCommand):
+    """A command whose help names values plainly, FILE instead of <list[Path]>."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Arguments and options, with names for their values."""
+        found: list[Any] = super().get_params(ctx)
+        for each in found:
+            if each.metavar is not None or not hasattr(each, "display_type"):  # of newer Typer
+                continue
+            kind = each.display_type(ctx).strip("<>")
+            name = _METAVARS.get(kind.removeprefix("list[").rstrip("]"))
+            if each.param_type_name == "argument":
+                each.metavar = each.name.upper()
+                each.display_type_rich = lambda ctx: ""
+            elif name is not None:
+                each.metavar = name + " …" * kind.startswith("list[")
+        return found
 
 
 class _Commands(TyperGroup):

@@ -101,7 +101,7 @@ def _checked(records: object) -> list[MotionRecord | SineRecord]:
             raise JointIdError(
                 f"theta_m{i + 1}_rad and theta_m{j + 1}_rad hold the same samples in every record: the "
                 "two joints cannot be separated. Check which column belongs to which joint, or add a "
-                f"record in which joint {j + 1} moves otherwise."
+                f"record in which joint {j + 1} moves differently."
             )
     return list(each)
 

@@ -70,10 +70,7 @@ def state_space(
     output : {"acceleration", "velocity", "position"}
         Motor accelerations give H of equation (16), with 2n states; velocities have 3n, positions 4n.
 
-    Raises
-    ------
-    JointIdError
-        When the numbers of joints differ, or the output is not known.
+    Raises JointIdError when the numbers of joints differ, or the output is not known.
     """
     if output not in get_args(Output):
         raise JointIdError(f'output = "{output}": expected one of {", ".join(get_args(Output))}.')
@@ -131,23 +128,12 @@ def control_state_space(
     name : str
         Name of the system.
 
-    Raises
-    ------
-    JointIdError
-        When python-control is not installed.
+    Raises JointIdError when python-control is not installed.
     """
     control = _python_control()
     model = state_space(inertia, elasticity, output=output)
-    return control.ss(
-        model.A,
-        model.B,
-        model.C,
-        model.D,
-        name=name,
-        states=list(model.states),
-        inputs=list(model.inputs),
-        outputs=list(model.outputs),
-    )
+    signals = {key: list(getattr(model, key)) for key in ("states", "inputs", "outputs")}
+    return control.ss(model.A, model.B, model.C, model.D, name=name, **signals)
 
 
 def control_frd(matrix: TransferMatrix, *, smooth: bool = False, name: str = "measured") -> Any:
@@ -162,10 +148,8 @@ def control_frd(matrix: TransferMatrix, *, smooth: bool = False, name: str = "me
     name : str
         Name of the system.
 
-    Raises
-    ------
-    JointIdError
-        When python-control is not installed, or there are too few frequencies to interpolate.
+    Raises JointIdError when python-control is not installed, or there are too few frequencies to
+    interpolate.
     """
     control = _python_control()
     n = matrix.H.shape[1]

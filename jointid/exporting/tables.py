@@ -18,7 +18,7 @@ from jointid.transfer_matrix import TransferMatrix
 _EVERY = 4
 """Of the points of a torsion curve, for a file of moderate size."""
 _ROWS = 101
-"""Of the look-up table of a law, beside its kinks; odd, so that it holds zero."""
+"""Rows of the look-up table of a law, besides its kinks; odd, so that zero is one of them."""
 _NOT_TRIED_RAD = 1e-3
 """Its range for a gear without a torsion curve."""
 _FORMULA = ("=", "+", "-", "@", "\t")
@@ -55,10 +55,6 @@ def phasors_csv(p: Phasors, records: Sequence[SineRecord]) -> str:
 def transfer_matrix_table(analysis: Analysis) -> str:
     """One row per pose and frequency: H of equations (16)-(18), acceleration over torque, 1/(kg·m²).
 
-    Parameters
-    ----------
-    analysis : Analysis
-
     Returns
     -------
     str
@@ -85,16 +81,12 @@ def transfer_matrix_table(analysis: Analysis) -> str:
 def torsion_table(analysis: Analysis) -> str:
     """Torsion curves: one row per joint, record (of a motion: segment) and point of its period.
 
-    Parameters
-    ----------
-    analysis : Analysis
-
     Returns
     -------
     str
-        CSV with a header row: measured wind-up and torque of the gear with their noise (standard
+        CSV with a header row: measured deflection and torque of the gear with their noise (standard
         deviation), and the elastic torque of the fitted law. Motor side; damping and hysteresis are part
-        of the measured torque, the mean wind-up of a record is set to 0.
+        of the measured torque, the mean deflection of a record is set to 0.
     """
     header = ["joint", "record", "pose", "frequency_hz", "deflection_rad", "torque_Nm"]
     header += ["deflection_std_rad", "torque_std_Nm", "law_Nm"]
@@ -118,10 +110,11 @@ def torsion_table(analysis: Analysis) -> str:
 
 
 def gear_table(found: Identification) -> str:
-    """Torque of every gear's law over its wind-up as a look-up table, up to the torque tried.
+    """Torque of every gear's law over its deflection as a look-up table, up to the torque tried.
 
-    For Simulink's 1-D Lookup Table and own controllers, which interpolate linearly: edges of a play and
-    changes of slope are among its rows. Without damping and hysteresis; motor side.
+    For Simulink's 1-D Lookup Table and your own controller, which interpolate linearly: edges of the
+    backlash and changes of slope are among its rows. Without damping and hysteresis; motor side. The
+    torques of an unusable answer are NaN, and the first column's name says so.
 
     Returns
     -------
@@ -133,20 +126,23 @@ def gear_table(found: Identification) -> str:
         for j in range(found.n)
         for name, unit in (("deflection", "rad"), ("torque", "Nm"))
     ]
+    if not found.is_usable:
+        header[:1] = [f"NOT_USABLE_{header[0]}"]
     return csv_text(header, np.concatenate(_law_tables(found), axis=1).tolist())
 
 
 def modelica_table(found: Identification) -> str:
     """The same as tables ``gear1, gear2, ...`` of one text file for Modelica's CombiTable1Ds."""
-    lines = ["#1"]
+    lines = ["#1" if found.is_usable else "#1 NOT USABLE: the torques are NaN for this reason."]
+    lines += [] if found.is_usable else [f"# {' '.join(found.answer.split())}"]
     for j, table in enumerate(_law_tables(found), start=1):
-        lines.append(f"double gear{j}({len(table)},2)  # wind-up (rad), torque (N.m), motor side")
+        lines.append(f"double gear{j}({len(table)},2)  # deflection (rad), torque (N.m), motor side")
         lines += [f"{x!r} {y!r}" for x, y in table.tolist()]
     return "\n".join(lines) + "\n"
 
 
 def _law_tables(found: Identification) -> list[Floats]:
-    """Wind-up and torque of every gear, as many rows of each, shape (rows, 2)."""
+    """Deflection and torque of every gear, as many rows of each, shape (rows, 2)."""
     grids = []
     for gear in found.gears:
         half, most = 0.5 * gear.backlash_rad, gear.tried_rad or _NOT_TRIED_RAD
@@ -159,8 +155,9 @@ def _law_tables(found: Identification) -> list[Floats]:
             widest = int(np.argmax(np.diff(grid)))
             grid = np.insert(grid, widest + 1, grid[widest : widest + 2].mean())
         grids[j] = grid
+    usable = 1.0 if found.is_usable else np.nan
     return [
-        np.stack([grid, gear.torque(grid)], axis=1)
+        np.stack([grid, usable * gear.torque(grid)], axis=1)
         for grid, gear in zip(grids, found.gears, strict=True)
     ]
 

@@ -120,11 +120,8 @@ def analyse_fleet(
     progress : callable, optional
         Called with a ``Progress`` at the beginning and after every row.
 
-    Raises
-    ------
-    JointIdError
-        When there is no study, ``out`` is another kind of file or cannot be written, another batch
-        writes it, or the cluster cannot be reached.
+    Raises JointIdError when there is no study, ``out`` is another kind of file or cannot be written,
+    another batch writes it, or the cluster cannot be reached.
     """
     require_method(method)
     if workers is not None and scheduler is not None:

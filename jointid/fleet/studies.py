@@ -31,10 +31,7 @@ def find_studies(paths: Iterable[str | os.PathLike[str]]) -> tuple[Path, ...]:
         folder by name, numbers in names by value. An explicit path is included even when it is no study:
         its row has the error.
 
-    Raises
-    ------
-    JointIdError
-        When ``paths`` is empty, or a pattern or folder has no study.
+    Raises JointIdError when ``paths`` is empty, or a pattern or folder has no study.
     """
     given = [os.fspath(path) for path in paths]
     if not given:

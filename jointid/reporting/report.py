@@ -53,7 +53,7 @@ def make_report(
     """
     study = analysis.study
     tell = progress or (lambda done, what: None)
-    tell(0.0, "Cutting the path before and after")
+    tell(0.0, "Simulating the cut before and after")
     outcome, problem = outcome_of(analysis) if cut else (None, "")
     numbers = (f"Figure {k}." for k in count(1))
     tell(0.4, "Drawing the transfer matrix")
@@ -61,9 +61,9 @@ def make_report(
         Section("Answer", tuple(_answer(analysis, outcome))),
         Section("Verdict", (Verdict(analysis.findings),)),
         Section("Torsion curves of the gears", tuple(torsion_blocks(analysis, numbers))),
-        Section("Model over measurement", tuple(response_blocks(analysis, numbers))),
+        Section("Model and measurement", tuple(response_blocks(analysis, numbers))),
     ]
-    tell(0.5, "Cutting the three corner zones")
+    tell(0.5, "Simulating the three corner zones")
     if outcome is not None or problem:
         sections.append(
             Section("Path error before and after", tuple(cut_blocks(outcome, problem, numbers)))

@@ -72,7 +72,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             (method, *map(with_error, other.estimate.tolist(), other.standard_error.tolist()))
             for method, other in analysis.fits.items()
         ),
-        "Estimators on the sine records. The others than auto keep the given inertias and ignore "
+        "Estimators on the sine records. All except auto keep the given inertias and ignore "
         "friction and delay: the paper's least squares (13)–(14), its explicit solution (15), and "
         "weighted least squares.",
     )

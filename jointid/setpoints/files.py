@@ -42,10 +42,7 @@ def set_points(
     study : str
         Name of the study, for the head of the file.
 
-    Raises
-    ------
-    JointIdError
-        When the format does not exist or does not fit the robot or the frequencies.
+    Raises JointIdError when the format does not exist or does not fit the robot or the frequencies.
     """
     if file_format not in FORMATS:
         raise JointIdError(f'Format "{file_format}": expected one of {", ".join(FORMATS)}.')

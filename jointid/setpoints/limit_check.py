@@ -117,10 +117,7 @@ def require_within_limits(rows: Sequence[LimitRow], scale: float) -> None:
     scale : float
         Scale of the experiment; the remedy names one that stays within all limits.
 
-    Raises
-    ------
-    JointIdError
-        The limit that needs the smallest scale, with joint, record, time and remedy.
+    Raises JointIdError with the limit that needs the smallest scale: joint, record, time and remedy.
     """
     worst = min(rows, key=lambda row: row.possible_scale)
     if worst.margin >= 0:

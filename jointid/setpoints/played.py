@@ -89,10 +89,7 @@ def play(
     friction : Friction or MotorFriction, optional
         Negative estimates count as none.
 
-    Raises
-    ------
-    JointIdError
-        When the joints disagree or the closed loop is unstable.
+    Raises JointIdError when the joints disagree or the closed loop is unstable.
     """
     n, none = inertia.n, np.zeros(inertia.n)
     friction = friction or MotorFriction()

@@ -24,7 +24,7 @@ _EXACT, _UNKNOWN = 1e-12, 1e6
 """Relative standard deviations below and above which a value counts as exact and as unknown."""
 
 _MODEL_STD = 1e-4
-"""Least relative standard deviation of M2 beside that of a common unknown."""
+"""Least relative standard deviation of M2 in addition to that of a common unknown."""
 
 _LINK_SHARE, _LEAST_LINK_SHARE = 0.2, 1e-3
 """Share of a usual arm that bends with its link, and of one whose M2 is nearly singular."""

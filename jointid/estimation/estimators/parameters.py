@@ -61,9 +61,9 @@ EFFECTS = {
         "a gear with three slopes",
         {
             "piecewise": ("change of slope at T1", "N·m/rad"),
-            "knee": ("wind-up at T1", "rad"),
+            "knee": ("deflection at T1", "rad"),
             "second_bend": ("change of slope at T2", "N·m/rad"),
-            "second_knee": ("wind-up from T1 to T2", "rad"),
+            "second_knee": ("deflection from T1 to T2", "rad"),
         },
     ),
     "backlash": Effect("backlash", {"backlash": ("backlash", "rad")}, positive=True),

@@ -28,18 +28,18 @@ from jointid.small_matrices import inverse
 _STIFFEST = 100.0
 """Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
 _SHAPES = {"presliding": 0.03, "bristle": 0.03, "knee": 0.35, "second_knee": 0.35}
-"""Presliding deflections and angles, and wind-ups at changes of slope: start values over the largest
+"""Presliding deflections and angles, and deflections at changes of slope: start values over the largest
 deflection or angle."""
 _SHARPEST, _SLOWEST = 1e-4, 2.0
 """Their range: beyond it a sharper hysteresis, or one that is a spring, looks the same."""
 _LARGEST = 4.0
-"""Upper bound on play and hysteresis over the largest linear wind-up and torque."""
+"""Upper bound on play and hysteresis over the largest linear deflection and torque."""
 _FLATTEST = 0.1
 """Least slope of a piecewise linear gear, over K."""
 LOWEST_LINK = 4.0
 """Mode of a link over the joint's resonance, of the widest prior: a lower one is no term −s⁴c."""
 _FILTER_SHARE, _LEAST_FILTER = 0.3, 0.05
-"""Start value of a filter's time constant beside a delay or lags: over the delay, which it is taken off,
+"""Start value of a filter's time constant beside a delay or lags: over the delay (reduced by it),
 and over the period at the highest frequency / 2π. At zero its effect is that of the delay."""
 _BENDS = {"piecewise": 0.73, "second_bend": 1.33}
 """Changes of slope in place of a cubic stiffness, over it times the largest deflection squared."""

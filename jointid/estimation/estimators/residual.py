@@ -70,7 +70,7 @@ class Residual:
     law: tuple[Complexes, Complexes]
     """Deflection w and arm friction P of nonlinear laws, each shape (r, H, n)."""
     wound: WoundGears | None
-    """Wind-up of nonlinear gears."""
+    """Deflection of nonlinear gears."""
 
     @classmethod
     def at(cls, problem: Problem, vector: Floats) -> Residual:

@@ -116,7 +116,7 @@ class LogTable:
         Raises
         ------
         JointIdError
-            When there is none; the message lists those there are.
+            When no column has this name; the message lists the existing ones.
         """
         for column in self.columns:
             if column.name == name:

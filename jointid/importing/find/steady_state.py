@@ -205,7 +205,7 @@ def _without_ends(z: Complexes, rounding: Floats, degree: int) -> tuple[int, int
 
 
 def _settled_from(z: Complexes, fewest: int, rounding: Floats) -> int:
-    """First frame from which the first quarter agrees with the second half; 0 where there is none."""
+    """First frame from which the first quarter agrees with the second half; 0 if no frame does."""
     count, before = len(z), False
     for first in range(0, count - max(fewest, count // 4, 8) + 1, max(1, count // 128)):
         rest = z[first:]

@@ -85,7 +85,7 @@ def _is_time(column: LogColumn) -> bool:
 
 
 def _as_columns(values: np.ndarray) -> np.ndarray | None:
-    """Array with one row per sample; None if it is no signal."""
+    """Array with one row per sample; None if it is not a signal."""
     if values.dtype.kind not in "biuf" or values.size < FEWEST_ROWS:
         return None
     if values.ndim == 3 and 1 in values.shape[:2]:

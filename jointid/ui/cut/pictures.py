@@ -28,7 +28,7 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
         "As Figure 7 of the paper. In larger zones the tool passes the corner faster and the springs "
         "deflect more. Grey: reference path; below each shape: largest path error."
     )
-    pairs = cached_cuts.pairs(page.digest, page.method, settings, outcome)
+    pairs = cached_cuts.pairs(page, settings, outcome)
     names = (nominal, "identified")
     own = settings if settings.zone_m in ZONES_M else settings.with_zone(0.0)
     html = page.drawn(f"figure 7 {own}", lambda: _figure_7_html(pairs, names, colours(page.dark)))

@@ -48,7 +48,7 @@ def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> Non
 def _show_distribution(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     st.markdown("**Predicted path error**")
     if outcome.distribution is None:
-        st.caption("Not known: see above.")
+        st.caption("Not available: see the reason above.")
         return
     if not outcome.springs_matter:
         st.caption(remainder(outcome, settings.servo, settings.friction))

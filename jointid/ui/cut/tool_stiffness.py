@@ -49,7 +49,7 @@ def _stiffnesses(
             return planar_tool_stiffness(robot.arm, q, elasticity)
 
         nominal = None if robot.nominal is None else planar(robot.nominal)
-        where = "the arm that cuts, tool at the cutting point, motors held"
+        where = "the arm of the cut, tool at the cutting point, motors held"
         return planar(robot.elasticity), nominal, robot.covariance[:2, :2], where
     model, names = study.robot_model, list(study.pose_angles_rad)
     pose = names[0]

@@ -79,7 +79,7 @@ def _in_words(spread: Spread) -> str:
     *limits, ratio = (significant(x, 2) for x in few_values(spread.value, spread.error))
     return (
         f"mean {significant(float(spread.value.mean()), 4)}, standard deviation {limits[0]} {unit} from "
-        f"{spread.value.size} studies (95 %: {limits[1]} to {limits[2]}), {ratio} × the stated errors"
+        f"{spread.value.size} studies (95 %: {limits[1]} to {limits[2]}), {ratio} × the standard errors"
     )
 
 

@@ -121,8 +121,8 @@ class Entries:
         guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(given)]
         asked = self._confirmed("drive data", found, missing, guesses)
         st.caption(
-            "Logs do not prove these entries. Unconfirmed ones are marked as assumed in the study, its "
-            "report and its files."
+            "A log cannot confirm these entries. Unconfirmed ones are marked as assumed in the study, "
+            "its report and its files."
         )
         of_joints = tuple(ratios.values())
         return replace(asked, gear_ratio=None if np.isnan(of_joints).any() else of_joints)
@@ -204,7 +204,7 @@ class Entries:
     def _scales(
         self, joints: Sequence[JointMapping], place: DeltaGenerator
     ) -> dict[tuple[str, int], float]:
-        """Ask for scales, joints of one unit together; NaN where none is given."""
+        """Ask for scales, joints of one unit together; NaN for an empty entry."""
         found: dict[tuple[str, int], float] = {}
         for role, (_, scales) in QUANTITIES.items():
             meanings = {j: scales.get(getattr(of, role).unit, "") for j, of in enumerate(joints)}
@@ -267,7 +267,7 @@ class Entries:
         example_and_help: tuple[Sequence[str], str],
         meaning: str = "",
     ) -> dict[int, float]:
-        """Ask for a number per joint; NaN where none is given."""
+        """Ask for a number per joint; NaN for an empty entry."""
         example, help_ = example_and_help
         joints = list(joints)
         known = [
@@ -301,17 +301,25 @@ class Entries:
         return tuple(w for w in dict.fromkeys(names) if " of joint " not in w or w.endswith(tuple(ends)))
 
     def _show_reasons(self, open_: Sequence[str]) -> None:
-        """Show the reasons of unconfirmed guesses, equal reasons together."""
-        lines: dict[tuple[str, str], list[str]] = {}
+        """Show the reasons of unconfirmed guesses, those of one entry for many joints in one line."""
+        entries: dict[str, dict[str, list[str]]] = {}
         for what in open_:
             if what in self._reasons:
                 entry, _, joint = what.rpartition(" of joint ")
-                line = self._reasons[what].text, entry or what
-                lines.setdefault(line, []).extend([joint] if entry else [])
-        for (text, entry), of in lines.items():
-            name = markdown_escape(capitalised(entry + _of_joints(of)))
-            # No caption: its pale ink leaves the mark too little contrast.
-            st.markdown(f":orange-badge[To check] :small[**{name}:** {markdown_escape(text)}]")
+                texts = entries.setdefault(entry or what, {})
+                texts.setdefault(self._reasons[what].text, []).extend([joint] if entry else [])
+        for entry, texts in entries.items():
+            if len(texts) > _MOST_REASONS:
+                joints = sorted({joint for of in texts.values() for joint in of}, key=int)
+                every = "\n".join(f"- {markdown_escape(text)}" for text in texts)
+                texts = {f"{len(texts)} guesses, the first: {next(iter(texts))}": joints}
+            else:
+                every = None
+            for text, of in texts.items():
+                name = markdown_escape(capitalised(entry + _of_joints(of)))
+                # No caption: its pale ink leaves the mark too little contrast.
+                line = f":orange-badge[To check] :small[**{name}:** {markdown_escape(text)}]"
+                st.markdown(line, help=every)
 
     def _select(
         self, place: DeltaGenerator, label: str, options: Sequence[str], value: str, name: str
@@ -328,6 +336,10 @@ class Entries:
     def _kept(self, name: str) -> dict[str, Any]:
         """Arguments of a widget whose value outlives its page."""
         return {"key": self._id(name), "persist_state": "session"}
+
+
+_MOST_REASONS = 2
+"""Reasons of one entry with a line each; more of them share a line."""
 
 
 def _of_joints(names: Sequence[str]) -> str:

@@ -219,7 +219,7 @@ def _runs_in_words(used: Sequence[Segment]) -> str:
     hertz = [f for segment in used for f in segment.band_hz or (segment.frequency_hz,)]
     low, high = (plain(float(f"{f:.3g}")) for f in (min(hertz), max(hertz)))
     band = f"{low} Hz" if low == high else f"{low} to {high} Hz"
-    return f"{run_counts(used, 'sine run')}, {band}"
+    return f"{run_counts(used)}, {band}"
 
 
 def _open_as_study(
@@ -262,7 +262,8 @@ def _columns_in_words(asked: Asked) -> str:
     if asked.missing:
         return f"choose: {listed(asked.missing, at_most=3)}"
     time, n = asked.mapping.time, asked.mapping.n
-    text = f"{f'time “{time.column}”' if time.column else 'rows numbered'}, {counted(n, 'joint')}"
+    clock = f'time "{time.column}"' if time.column else "rows numbered"
+    text = f"{clock}, {counted(n, 'joint')}"
     return f"{text}, to check" if asked.to_confirm else text
 
 

@@ -33,7 +33,7 @@ def show_warning(text: object, place: DeltaGenerator | None = None) -> None:
 
 
 def show_info(text: object, place: DeltaGenerator | None = None) -> None:
-    """Show an information."""
+    """Show an information box."""
     (place or st).info(markdown_escape(text))
 
 

@@ -34,8 +34,8 @@ _SNIPPETS = (
     ("SDF", ".sdf", sdf_snippet),
 )
 _HINTS = {
-    "Gear laws (.csv)": "Torque over wind-up of every gear, motor side, up to the largest torque in the "
-    "records: for a 1-D Lookup Table in Simulink or your own controller.",
+    "Gear laws (.csv)": "Torque over deflection of every gear, motor side, up to the largest torque "
+    "in the records: for a 1-D Lookup Table in Simulink or your own controller.",
     "Gear laws (.txt)": "The same for CombiTable1Ds of Modelica: tables gear1, gear2, …",
 }
 _KINDS = {".csv": "text/csv", ".txt": "text/plain"}
@@ -62,8 +62,8 @@ def show_identification_files(found: Identification, analysis: Analysis, stem: s
             lambda: to_mat(analysis),
             f"{stem}.mat",
             "application/octet-stream",
-            hint="identification, model for ss(A, B, C, D), transfer for frd(H, omega), as measured and "
-            "without friction and delay, and phasors.",
+            hint="Structs identification, phasors, model, for ss(A, B, C, D), and transfer, for "
+            "frd(H, omega), as measured and without friction and delay.",
         )
     language = choose_segment("Copy K and D as", list(LANGUAGES), "copy_as")
     st.code(code_listing(found, language), language=None, wrap_lines=language == "Text")
@@ -74,9 +74,9 @@ def show_identification_files(found: Identification, analysis: Analysis, stem: s
 def show_tables(found: Identification, analysis: Analysis, stem: str) -> None:
     """Offer phasors, gear laws and transfer matrix as CSV."""
     st.header("Tables", anchor=False)
-    separate = f", and in separate columns from torques {without(analysis.fit)}"
+    separate = f" and, in separate columns, {without(analysis.fit)}"
     st.write(
-        "CSV with a header line and full precision. H as measured"
+        "CSV with a header line and full precision. H is given as measured"
         + (separate if without_friction_and_delay(analysis) else "")
         + "."
     )
@@ -106,9 +106,9 @@ def show_simulator_files(found: Identification, study: Study, stem: str) -> None
     st.header("For robot simulators", anchor=False)
     st.write(
         "Simulators use joint-side values. With a gear ratio N, a stiffness K at the motor becomes "
-        "N²K at the joint; damping and rotor inertia likewise. These formats hold linear springs: the "
-        "secant of its torsion curve at the largest torque in the records replaces a nonlinear gear, "
-        "and the file states this torque."
+        "N²K at the joint; damping and rotor inertia likewise. These formats hold linear springs: a "
+        "nonlinear gear is replaced by the secant of its torsion curve at the largest torque in the "
+        "records, and the file states this torque."
     )
     if ratio is None:
         entered = st.text_input(
@@ -134,7 +134,7 @@ def show_simulator_files(found: Identification, study: Study, stem: str) -> None
         except JointIdError as error:
             show_error(error)
     else:
-        st.caption("The snippet needs the gear ratios: an error in a ratio enters squared.")
+        st.caption("These files need the gear ratios; an error in a ratio enters squared.")
 
 
 def show_study_files(study: Study, stem: str) -> None:

@@ -64,7 +64,7 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
             "Stiffness of joint {0} over the torque amplitude of the records",
             lambda j: stiffness_over_amplitude(fit, j, poses, unit=unit, dark=dark),
             "K of each record over its torque amplitude. A linear gear gives a level line; hardening "
-            "raises K at large torque, hysteresis at small torque, and play lowers it there.",
+            "raises K at large torque, hysteresis at small torque, and backlash lowers it there.",
         ),
         "Residual": lambda: show(
             "Residual torque of joint {0} against noise",
@@ -85,15 +85,15 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
 
 def _show_torsion(page: Page, analysis: Analysis) -> None:
     st.caption(
-        "Torque through the gear over its wind-up, from motor data alone. The slope of the blue line is "
-        "K; damping opens the loops, one per record, drawn with ± two standard errors. Motions appear "
-        "as dots."
+        "Torque through the gear over its deflection, from motor data alone. The slope of the blue line "
+        "is K; damping opens the loops, one per record, drawn with ± two standard errors. Motions "
+        "appear as dots."
     )
     by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
     joints = page.show_per_joint(
         f"torsion {by}",
         lambda j: torsion_curve(analysis.fit, j, colour_by=by, unit=analysis.unit, dark=page.dark),
-        "Torsion curve of joint {0}, torque over wind-up with the fitted law",
+        "Torsion curve of joint {0}, torque over deflection with the fitted law",
     )
     each = [gear_terms(analysis.fit, j, analysis.unit) for j in joints]
     names = dict.fromkeys(name for terms in each for name in terms)
@@ -109,6 +109,6 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         lambda: torsion_table(analysis).encode(),
         f"{file_stem(page.study.name)}_torsion.csv",
         "text/csv",
-        hint="Torque s = τ − Mθ̈ − friction over wind-up θ − θₐ, with M₂θ̈ₐ = s. The mean wind-up of a "
-        "record is not observable and set to 0.",
+        hint="Torque u = τ − Mθ̈ − friction over deflection θ − θₐ, with M₂θ̈ₐ = u. The mean deflection "
+        "of a record is not observable and set to 0.",
     )

@@ -6,11 +6,10 @@ import streamlit as st
 from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
-from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, plot, side_by_side
 from jointid.ui.shared.messages import show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.uncertainty.poses import PoseFits, fits_by_pose
+from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.torque_prediction import TorquePrediction, predict_torques
 from jointid.uncertainty.validation import (
     Prediction,
@@ -23,28 +22,22 @@ from jointid.verdict.rules_model import EXPLAINED
 from jointid.wording import significant, with_error
 
 
-@st.cache_resource(max_entries=64, show_spinner="Fitting half of the frequencies, predicting the other")
-def _predicted(digest: str, method: str, _analysis: Analysis) -> Prediction | TorquePrediction:
+def _predicted(page: Page, analysis: Analysis) -> Prediction | TorquePrediction:
     """H of one pose; of motions and several poses, which have no single H, the torques of the gears."""
-    study = _analysis.study
+    study, fit = analysis.study, analysis.fit
+    doing = "Fitting half of the frequencies, predicting the other"
     if study.motion_records or any(inertia is not study.inertias[0] for inertia in study.inertias):
-        return run_in_background(predict_torques, _analysis.fit)
-    return predict_left_out(_analysis.phasors, study.inertias[0], _analysis.fit)
-
-
-@st.cache_resource(max_entries=64, show_spinner="Fitting every pose alone")
-def _pose_fits(digest: str, method: str, _analysis: Analysis) -> PoseFits:
-    study = _analysis.study
-    poses = [record.pose for record in study.records]
-    return fits_by_pose(_analysis.phasors, study.inertias, poses, _analysis.fit)
+        return page.computed("prediction", doing, predict_torques, fit)
+    given = analysis.phasors, study.inertias[0], fit
+    return page.computed("prediction", doing, predict_left_out, *given)
 
 
 def show_prediction(page: Page, analysis: Analysis) -> None:
-    """Prediction of what is left out of the fit, or the reason why there is none."""
+    """Prediction of the records left out of the fit, or the reason for its absence."""
     if analysis.state == NOT_USABLE:
         return
     try:
-        prediction = _predicted(page.digest, page.method, analysis)
+        prediction = _predicted(page, analysis)
     except JointIdError as error:
         show_note(f"No prediction of records left out of the fit. {error}")
         return
@@ -57,12 +50,12 @@ def _sentence(prediction: Prediction | TorquePrediction) -> str:
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
     of = "the gears' torque" if isinstance(prediction, TorquePrediction) else "H"
-    text = f"within {apart} % of {of} (median), {times} × the stated errors"
+    text = f"within {apart} % of {of} (median), {times} × the standard errors"
     if prediction.misfit <= EXPLAINED:
-        return f"{text}; noise explains up to {limit}."
+        return f"{text}; up to {limit} is expected from noise."
     return (
-        f"{text}, where {limit} is the most that noise explains: the model lacks something, or these "
-        "records do not show all that the whole fit takes into account."
+        f"{text}; at most {limit} is expected from noise. The model lacks an effect, or these records "
+        "show less than the whole fit takes into account."
     )
 
 
@@ -70,7 +63,7 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
     """Prediction, residuals and harmonics; amplitudes when a study has several."""
     st.markdown("**Prediction of records left out of the fit**")
     try:
-        prediction = _predicted(page.digest, page.method, analysis)
+        prediction = _predicted(page, analysis)
     except JointIdError as error:
         show_info(error)
     else:
@@ -130,8 +123,10 @@ def _show_amplitudes(analysis: Analysis) -> None:
 
 def show_poses(page: Page, analysis: Analysis) -> None:
     """K and D of each pose alone: they should not depend on it."""
+    poses = [record.pose for record in page.study.records]
+    given = analysis.phasors, page.study.inertias, poses, analysis.fit
     try:
-        fits = _pose_fits(page.digest, page.method, analysis)
+        fits = page.computed("poses", "Fitting every pose alone", fits_by_pose, *given)
     except JointIdError as error:
         show_info(error)
         return

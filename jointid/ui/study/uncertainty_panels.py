@@ -108,12 +108,12 @@ def _signed(percent: float) -> str:
 def show_checks(page: Page, analysis: Analysis) -> None:
     """Bootstrap and jackknife, on demand."""
     st.write(
-        "Two checks independent of the stated errors. The bootstrap repeats the estimate with new noise "
-        "and new given inertias: compare it with the stated error. The jackknife leaves out one "
-        "frequency at a time; its scatter includes every cause but the inertias, which all records "
-        "share: compare it with the part from noise. A factor of two is normal. A jackknife far above "
-        "it indicates a wrong model; a bootstrap far above the range of 68 % of its draws indicates "
-        "outliers caused by noise."
+        "Two checks independent of the standard errors above. The bootstrap repeats the estimate with "
+        "new noise and new given inertias: compare it with the standard error. The jackknife leaves out "
+        "one frequency at a time; its scatter includes every cause except the inertias, which all "
+        "records share: compare it with the part from noise. A factor of two is normal. A jackknife "
+        "far above it indicates a wrong model; a bootstrap far above the range of 68 % of its draws "
+        "indicates outliers caused by noise."
     )
     slow = analysis.fit.friction is not None or analysis.fit.delay is not None
     draws = _SLOW_DRAWS if slow else _FAST_DRAWS

@@ -71,7 +71,7 @@ def _floats(file: str, name: str, text: str) -> Floats:
         return np.array([float(words.get(cell.lower(), cell)) for cell in cells])
     except ValueError as error:
         raise JointIdError(
-            f"{file}: {name:.100} holds a value that is no number ({error!s:.80})."
+            f"{file}: {name:.100} holds a value that is not a number ({error!s:.80})."
         ) from error
 
 

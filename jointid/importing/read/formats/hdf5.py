@@ -131,7 +131,7 @@ class _Reader:
 
 
 def _own_object(h5py: Any, file: str, group: Any, key: Any) -> Any:
-    """Object that a group holds under a name (bytes where it is no UTF-8), or that a reference leads to.
+    """Object that a group holds under a name (bytes if not UTF-8), or that a reference leads to.
 
     None where there is nothing, or a soft link: a second name of an object that the file holds under
     another name, or a way through an external link. Raises JointIdError when it is a link to another
