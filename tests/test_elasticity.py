@@ -346,6 +346,17 @@ def test_maximum_likelihood_is_unbiased_where_weighting_is_not() -> None:
     assert np.mean(misfit) == pytest.approx(1.0, abs=0.08)
 
 
+def test_the_misfit_counts_the_parameters() -> None:
+    """Four of the sixteen real numbers of two frequencies go into K and D."""
+    base = example(2, BAND_HZ[[1, 4]])
+    noise = mild_noise(base)
+    fits = [
+        identify_elasticity(noisy(base, noise, error), SERIAL, method="maximum-likelihood")
+        for error in circular(np.random.default_rng(4), noise, 60)
+    ]
+    assert np.mean([fit.misfit for fit in fits]) == pytest.approx(1.0, abs=0.13)
+
+
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_maximum_likelihood_finds_the_truth_without_noise(n: int) -> None:
     fit = identify_elasticity(example(n), ROBOTS[n][0], method="maximum-likelihood")

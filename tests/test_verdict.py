@@ -415,9 +415,8 @@ def test_friction_that_is_ignored_is_a_warning() -> None:
 def test_negative_springs_and_dampers_are_named(K2: float, D2_errors: float, title: str | None) -> None:
     """A damper only where noise does not make it so."""
     case = evidence(sound(), SERIAL, method="weighted")
-    p = case.fit.estimate.copy()
-    p[1], p[3] = K2, D2_errors * case.fit.standard_error[3]
-    fit = replace(case.fit, parameters=ParameterLayout.of(2).named(p))
+    D2 = D2_errors * case.fit.standard_error[3]
+    fit = replace(case.fit, K=np.array([43.0, K2]), D=np.array([0.1, D2]))
     found = list(not_physical(replace(case, fit=fit)))
     assert [f.title for f in found] == ([title] if title else [])
     assert all(f.level == ("problem" if K2 < 0 else "warning") for f in found)
