@@ -26,8 +26,6 @@ _RICHER = {
 sharp to a gradual reversal), and whether friction varies nonlinearly with speed."""
 _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
-_DECISIVE = 0.3
-"""Score over the cost from which a part is fitted before richer friction."""
 NEARLY_ALL = 0.9
 """Score over the cost from which a part is fitted in place of a law, or before others that are."""
 _TRIED_LAWS = 2
@@ -109,7 +107,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     if model.reversal is not None and search.may_be_richer(found):
         richer = _RICHER.get((model.reversal, model.curve), ())
         sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
-        wider = [*wider, *sharper] if highest > _DECISIVE else [*sharper, *wider]
+        wider = [*sharper, *wider]
     if "cubic" in model.effects and search.may_be_richer(found):
         plain = model.without("cubic")
         laws_instead = ["piecewise"] if "backlash" in model.parts else ["backlash", "piecewise"]
