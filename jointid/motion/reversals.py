@@ -55,7 +55,7 @@ def segment_friction(segment: Segment, window: float, widths: Floats) -> Segment
 def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFriction:
     v, H = segment.velocity, segment.highest
     n, N = v.shape
-    blur = _MARGIN * segment.velocity_noise
+    blur, late = _MARGIN * segment.velocity_noise, segment.turn_rad_s * np.ones(n)
     largest = np.abs(v).max(axis=1)
     stationary = blur > _STATIONARY * largest
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
@@ -64,7 +64,7 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
         stretches = _stretches(v[j], max(window * largest[j], blur[j]), blur[j])
         unknown = _polynomials(stretches, N, H, int(2 * _MOST * (H - segment.lowest + 1)))
         columns.append(unknown[:, None] * np.eye(n)[j, :, None])
-        turns, signs = _steps(v[j], blur[j])
+        turns, signs = _steps(v[j], blur[j], late[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
         fades = np.expm1(-np.abs(v[j]) / widths[j][:, None]) * _square_wave(turns, signs, N)
         curve[:, j] = coulomb[:, j, None] + bins_of(fades, H).T
@@ -77,17 +77,18 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
     )
 
 
-def _steps(v: Floats, blur: float) -> tuple[Floats, Floats]:
+def _steps(v: Floats, blur: float, late: float) -> tuple[Floats, Floats]:
     """Samples, with their fraction, at which the direction changes, and the directions (m + 1,).
 
-    Where a motor rests, the change is in the middle of its last and first clear motion.
+    The velocity is then ``late`` in the direction before. Where a motor rests, the change is in the
+    middle of its last and first clear motion.
     """
     clear = np.flatnonzero(np.abs(v) > blur)
     sign = np.sign(v[clear])
     turn = np.flatnonzero(sign[1:] != sign[:-1])
     before, after = clear[turn], clear[turn + 1]
     # A straight line between the last and the first clear sample; exact for neighbours.
-    share = np.abs(v[before]) / (np.abs(v[before]) + np.abs(v[after]))
+    share = (np.abs(v[before]) - late) / (np.abs(v[before]) + np.abs(v[after]))
     return before + share * (after - before), np.append(sign[:1], sign[turn + 1])
 
 

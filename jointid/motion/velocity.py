@@ -9,7 +9,9 @@ _LINES = 15
 """Lines over which the power of a spectrum is averaged."""
 
 
-def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple[Floats, Floats]:
+def smooth_velocity(
+    theta: Floats, interval_s: float, variance: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Derivative of angles with white noise, by Wiener's filter.
 
     Parameters
@@ -25,6 +27,8 @@ def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple
     velocity : ndarray, shape (n, N), rad/s
     noise : ndarray, shape (n,)
         Its standard deviation, rad/s.
+    blur : ndarray, shape (n,)
+        Velocity over half the jump of the acceleration, at the instant of the jump, s.
     """
     N = theta.shape[1]
     # Reflected about its ends, the signal is periodic, with a continuous velocity.
@@ -40,4 +44,9 @@ def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple
     mean = (theta[:, -1] - theta[:, 0]) / (interval_s * (N - 1))
     velocity = np.fft.irfft(1j * omega * gain * spectrum, periodic.shape[1], axis=1)[:, :N]
     left = 2 * variance * ((omega * gain) ** 2).sum(axis=1) / periodic.shape[1]
-    return np.asarray(velocity + mean[:, None]), np.asarray(np.sqrt(left))
+    # A velocity |t| becomes the mean of |t| over the filter's pulse response, at t = 0. Below the main
+    # frequency the filter drops what is not there.
+    main = np.argmax(omega**2 * power, axis=1)[:, None]
+    lost = np.where(np.arange(omega.size) < main, 0.0, 1 - gain)[:, 1:]
+    blur = 2 / np.pi * ((lost / omega[1:] ** 2).sum(axis=1) * omega[1] + 1 / omega[-1])
+    return np.asarray(velocity + mean[:, None]), np.asarray(np.sqrt(left)), blur
