@@ -76,6 +76,8 @@ class JointLaws:
     """1/M + M2⁻¹ of each joint, shape (n,)."""
     sines: bool
     """Whether no record is another motion."""
+    further: Complexes
+    """Deflection at the next T harmonics, as measured, shape (r, T, n), rad."""
     latest: list[WoundGears] = field(default_factory=list)
     """Wind-up as last solved, from which the next solution starts."""
 
@@ -89,6 +91,7 @@ class JointLaws:
         arm: Floats,
         rotor: Floats,
         main: np.ndarray,
+        further: Complexes,
     ) -> JointLaws:
         """Collect the signals.
 
@@ -105,6 +108,8 @@ class JointLaws:
             M of every record.
         main : ndarray, shape (r, H)
             Fundamentals of sines, and lines of motions.
+        further : ndarray, shape (r, T, n)
+            Deflection at further lines of motions.
         """
         n, H = angle.shape[2], angle.shape[1]
         clear = np.abs(np.concatenate([angle, torque], axis=2)) ** 2 > _CLEAR**2 * variance
@@ -116,12 +121,13 @@ class JointLaws:
         locked = (np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[main]
         middle = np.median(locked, axis=0)
         free, sines = (1 / rotor + np.einsum("rjj->rj", arm)).mean(axis=0), not main[:, 1:].any()
-        return cls(s, clear[..., n:], np.asarray(largest), samples, middle, free, sines)
+        return cls(s, clear[..., n:], np.asarray(largest), samples, middle, free, sines, further)
 
     def planned(self, s: Complexes, angle: Complexes) -> JointLaws:
         """The same laws in r other records, at s of shape (r, H) with motor angles (r, H, n)."""
         samples = samples_of(angle.swapaxes(1, 2), _points(s.shape[1]))
-        return replace(self, s=s, clear=np.ones(angle.shape, bool), angle=samples, latest=[])
+        clear, further = np.ones(angle.shape, bool), np.zeros((len(s), 0, angle.shape[2]), complex)
+        return replace(self, s=s, clear=clear, angle=samples, further=further, latest=[])
 
     @property
     def low(self) -> np.ndarray:
@@ -160,7 +166,9 @@ class JointLaws:
         """
         if not any(name in p.layout for name in GEAR_LAWS):
             return None
-        kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
+        none = np.zeros_like(self.further)
+        each = (stiffness, none + p.K), (torque, none), (moved, self.further)
+        kappa, f, d = (np.concatenate(x, axis=1).swapaxes(1, 2).copy() for x in each)
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
             start = (self.latest[-1].delta, self.latest[-1].latest_inverse) if self.latest else ()
             free = self._beyond_measured(p)
@@ -208,9 +216,13 @@ class JointLaws:
                 changed[_GEAR.index(name)] += step
                 there, *_ = beyond_linear(_laws(changed), wound.delta, wound.points)
                 beyond = (there[..., :parts] - wound.beyond) / step[:, None]
-            kappa = _with_mean(stiffness[name], float(name == "K")) if name in stiffness else 0.0
+            kappa: Complexes | float = 0.0
+            if name in stiffness:
+                whole = np.concatenate([stiffness[name], np.zeros_like(self.further)], axis=1)
+                kappa = _with_mean(whole, float(name == "K"))
             found[name] = wound.change(beyond=beyond, stiffness=kappa)
-        return {name: slope.swapaxes(1, 2) for name, slope in found.items()}
+        H = self.s.shape[1]
+        return {name: slope.swapaxes(1, 2)[:, :H] for name, slope in found.items()}
 
     def noise(
         self, wound: WoundGears, torque: Floats, moved: Floats
