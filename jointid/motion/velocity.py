@@ -9,9 +9,7 @@ _LINES = 15
 """Lines over which the power of a spectrum is averaged."""
 
 
-def smooth_velocity(
-    theta: Floats, interval_s: float, variance: Floats
-) -> tuple[Floats, Floats, Floats]:
+def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple[Floats, Floats, Floats]:
     """Derivative of angles with white noise, by Wiener's filter.
 
     Parameters

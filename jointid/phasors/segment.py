@@ -22,7 +22,7 @@ class Segment:
     velocity_noise: Floats
     """Their standard deviation, shape (n,), rad/s."""
     velocity_blur_s: Floats
-    """Velocity at a jump of the acceleration, which smoothing makes, over half the jump, shape (n,), s."""
+    """Velocity at a jump of the acceleration, by smoothing, over half the jump, shape (n,), s."""
     angle_variance: Floats
     """Variance of each sample of the angles by noise, shape (n,), rad²."""
     repeated_variance: Floats

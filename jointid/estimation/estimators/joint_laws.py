@@ -41,6 +41,9 @@ _STEP = 1e-3
 """Relative change of a presliding angle for its derivative."""
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
+_WIDER = 2.0
+"""Frequency over that resonance up to which the deflection of motions with hysteresis follows from the
+torque: the motions lack the terms of the ends."""
 _SIGNIFICANT = 3.5
 """Standard errors from which a joint has a law that is fitted to all joints."""
 _GEAR_FIELDS = {
@@ -119,7 +122,7 @@ class JointLaws:
         arm_angle = np.einsum("rij,rhj->rhi", arm, torque) / (s * s)[..., None]
         size = np.maximum(np.abs(angle - arm_angle), np.finfo(float).tiny)
         locked = (np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[main]
-        middle = np.median(locked, axis=0)
+        middle = np.median(locked, axis=0) * (_WIDER if further.size else 1.0)
         free, sines = (1 / rotor + np.einsum("rjj->rj", arm)).mean(axis=0), not main[:, 1:].any()
         return cls(s, clear[..., n:], np.asarray(largest), samples, middle, free, sines, further)
 
@@ -166,13 +169,12 @@ class JointLaws:
         """
         if not any(name in p.layout for name in GEAR_LAWS):
             return None
-        none = np.zeros_like(self.further)
-        each = (stiffness, none + p.K), (torque, none), (moved, self.further)
-        kappa, f, d = (np.concatenate(x, axis=1).swapaxes(1, 2).copy() for x in each)
+        kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
             start = (self.latest[-1].delta, self.latest[-1].latest_inverse) if self.latest else ()
             free = self._beyond_measured(p)
-            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, *start)
+            given = self.further.swapaxes(1, 2) if self.further.size else 0.0
+            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, *start, given=given)
         self.latest[:] = [found] if np.isfinite(found.delta).all() else []
         return found
 
@@ -180,8 +182,10 @@ class JointLaws:
         """Deflection over torque beyond K δ at as many harmonics again, shape (r, n, T).
 
         The edges of a play reach further than the harmonics of the records. There the controller does
-        nothing, and the gear moves motor and arm apart. Of motions there are none, T = 0.
+        nothing, and the gear moves motor and arm apart. Of motions it is measured, or T = 0.
         """
+        if self.further.shape[1]:
+            return np.zeros_like(self.further.swapaxes(1, 2))
         H = self.s.shape[1]
         count = H * (self.sines and ("backlash" in p.layout or "piecewise" in p.layout))
         s = self.s[:, None, :1] * np.arange(H + 1, H + 1 + count)
@@ -216,13 +220,9 @@ class JointLaws:
                 changed[_GEAR.index(name)] += step
                 there, *_ = beyond_linear(_laws(changed), wound.delta, wound.points)
                 beyond = (there[..., :parts] - wound.beyond) / step[:, None]
-            kappa: Complexes | float = 0.0
-            if name in stiffness:
-                whole = np.concatenate([stiffness[name], np.zeros_like(self.further)], axis=1)
-                kappa = _with_mean(whole, float(name == "K"))
+            kappa = _with_mean(stiffness[name], float(name == "K")) if name in stiffness else 0.0
             found[name] = wound.change(beyond=beyond, stiffness=kappa)
-        H = self.s.shape[1]
-        return {name: slope.swapaxes(1, 2)[:, :H] for name, slope in found.items()}
+        return {name: slope.swapaxes(1, 2) for name, slope in found.items()}
 
     def noise(
         self, wound: WoundGears, torque: Floats, moved: Floats

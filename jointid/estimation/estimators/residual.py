@@ -104,7 +104,7 @@ class Residual:
             moved = angle - (arm @ (waveform - law[1])[..., None])[..., 0]
             wound = problem.laws.wound(waveform, moved, gear, p)
             if wound is not None:
-                law = np.asarray(wound.law.swapaxes(1, 2)[:, : q.shape[1]]), law[1]
+                law = np.asarray(wound.law.swapaxes(1, 2)), law[1]
         r = torque - _through(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
         if problem.law_noise is not None:
