@@ -34,7 +34,7 @@ _FINE = 250
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where the phasors hold fewer."""
 _STILL = 1e-12
-"""Wind-up and torque of a gear that transmits none, rad and N·m."""
+"""Deflection and torque of a gear that transmits none, rad and N·m."""
 _LEAST_ANGLE = 1e-30
 """Presliding angle of a joint that does not move, rad."""
 _STEP = 1e-3
@@ -82,7 +82,7 @@ class JointLaws:
     further: Complexes
     """Deflection at the next T harmonics, as measured, shape (r, T, n), rad."""
     latest: list[WoundGears] = field(default_factory=list)
-    """Wind-up as last solved, from which the next solution starts."""
+    """Deflection as last solved, from which the next solution starts."""
 
     @classmethod
     def of(
@@ -159,7 +159,7 @@ class JointLaws:
     def wound(
         self, torque: Complexes, moved: Complexes, stiffness: Complexes, p: Parameters
     ) -> WoundGears | None:
-        """Wind-up of nonlinear gears; None of linear ones.
+        """Deflection of nonlinear gears; None of linear ones.
 
         Parameters
         ----------
