@@ -205,7 +205,7 @@ def _with_noise(
     torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E, angles)
     torques = np.clip(torques, least, np.maximum(most, least))
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
-    braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named.coulomb, 0)
+    braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
             variance = np.concatenate([segment.angle_variance, torques])

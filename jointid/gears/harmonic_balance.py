@@ -65,7 +65,7 @@ class WoundGears:
         start: Complexes | None = None,
         earlier: Floats | None = None,
         *,
-        given: Complexes | float = 0.0,
+        given: Complexes | None = None,
     ) -> WoundGears:
         """Solve by Newton steps, from the linear deflection where no better one is known.
 
@@ -90,15 +90,15 @@ class WoundGears:
             Further deflection at the harmonics H + 1 to H + T, as measured.
         """
         H, m = f.shape[2], low.shape[2]
-        further = free.shape[2] if np.any(given) else 0
-        points = _POINTS * max(H + further, _LEAST_HARMONICS)
+        measured = 0.0 if given is None or not given.size else given
+        points = _POINTS * max(H + free.shape[2] * (given is measured), _LEAST_HARMONICS)
         first = _started(laws, f, stiffness, points) if start is None else start
         mean = np.zeros_like(f[..., :1])
         solved = np.concatenate([np.ones((*low.shape[:2], 1), bool), low], axis=2)
         delta = np.concatenate([first[..., :1], moved, first[..., 1 + H :]], axis=2)
         delta[..., : 1 + m] = np.where(solved, first[..., : 1 + m], delta[..., : 1 + m])
         if start is None:
-            delta = np.concatenate([delta, given + np.zeros_like(free)], axis=2)
+            delta = np.concatenate([delta, measured + np.zeros_like(free)], axis=2)
         kappa = np.concatenate([mean + (1 + _CENTRED) * laws.K, stiffness], axis=2)
         f = np.concatenate([mean, f], axis=2)
         size = np.abs(f).max(axis=2) + np.finfo(float).tiny
@@ -109,7 +109,7 @@ class WoundGears:
         inverse = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m)) if earlier is None else earlier.copy()
         for turn in range(_NEWTON):
             beyond, slope, samples = beyond_linear(laws, delta, points)
-            delta[..., 1 + H :] = given + free * beyond[..., 1 + H :]
+            delta[..., 1 + H :] = measured + free * beyond[..., 1 + H :]
             beyond = beyond[..., : 1 + H]
             left = np.where(solved, (f - kappa * delta[..., : 1 + H] - beyond)[..., : 1 + m], 0)
             size_left = np.linalg.norm(left, axis=2)

@@ -42,8 +42,7 @@ _STEP = 1e-3
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
 _WIDER = 2.0
-"""Frequency over that resonance up to which the deflection of motions with hysteresis follows from the
-torque: the motions lack the terms of the ends."""
+"""Frequency over the resonance, up to which hysteresis in motions follows from the torque."""
 _SIGNIFICANT = 3.5
 """Standard errors from which a joint has a law that is fitted to all joints."""
 _GEAR_FIELDS = {
@@ -112,7 +111,6 @@ class JointLaws:
         main : ndarray, shape (r, H)
             Fundamentals of sines, and lines of motions.
         further : ndarray, shape (r, T, n)
-            Deflection at further lines of motions.
         """
         n, H = angle.shape[2], angle.shape[1]
         clear = np.abs(np.concatenate([angle, torque], axis=2)) ** 2 > _CLEAR**2 * variance
@@ -128,9 +126,8 @@ class JointLaws:
 
     def planned(self, s: Complexes, angle: Complexes) -> JointLaws:
         """The same laws in r other records, at s of shape (r, H) with motor angles (r, H, n)."""
-        samples = samples_of(angle.swapaxes(1, 2), _points(s.shape[1]))
-        clear, further = np.ones(angle.shape, bool), np.zeros((len(s), 0, angle.shape[2]), complex)
-        return replace(self, s=s, clear=clear, angle=samples, further=further, latest=[])
+        samples, clear = samples_of(angle.swapaxes(1, 2), _points(s.shape[1])), np.ones_like(angle, bool)
+        return replace(self, s=s, clear=clear, angle=samples, further=angle[:, :0], latest=[])
 
     @property
     def low(self) -> np.ndarray:
@@ -172,8 +169,8 @@ class JointLaws:
         kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
             start = (self.latest[-1].delta, self.latest[-1].latest_inverse) if self.latest else ()
-            free = self._beyond_measured(p)
-            given = self.further.swapaxes(1, 2) if self.further.size else 0.0
+            given = self.further.swapaxes(1, 2)
+            free = 0 * given if given.size else self._beyond_measured(p)
             found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, *start, given=given)
         self.latest[:] = [found] if np.isfinite(found.delta).all() else []
         return found
@@ -184,8 +181,6 @@ class JointLaws:
         The edges of a play reach further than the harmonics of the records. There the controller does
         nothing, and the gear moves motor and arm apart. Of motions it is measured, or T = 0.
         """
-        if self.further.shape[1]:
-            return np.zeros_like(self.further.swapaxes(1, 2))
         H = self.s.shape[1]
         count = H * (self.sines and ("backlash" in p.layout or "piecewise" in p.layout))
         s = self.s[:, None, :1] * np.arange(H + 1, H + 1 + count)
