@@ -66,7 +66,9 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
         columns.append(unknown[:, None] * np.eye(n)[j, :, None])
         turns, signs = _steps(v[j], blur[j], late[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
-        fades = np.expm1(-np.abs(v[j]) / widths[j][:, None]) * _square_wave(turns, signs, N)
+        fades = (
+            np.expm1(-np.abs(v[j]) / widths[j][:, None]) * signs[np.searchsorted(turns, np.arange(N))]
+        )
         curve[:, j] = coulomb[:, j, None] + bins_of(fades, H).T
     inside = np.arange(1, H + 1) >= segment.lowest
     return SegmentFriction(
@@ -97,10 +99,6 @@ def _of_steps(turns: Floats, signs: Floats, N: int, H: int) -> Complexes:
     k = 2j * np.pi * np.arange(1, H + 1) / N
     found = signs[0] - signs[-1] + np.exp(-np.outer(k, turns)) @ np.diff(signs)
     return np.asarray(found / k * (2j / N))
-
-
-def _square_wave(turns: Floats, signs: Floats, N: int) -> Floats:
-    return np.asarray(signs[np.searchsorted(turns, np.arange(N))])
 
 
 def _stretches(v: Floats, threshold: float, blur: float) -> np.ndarray:
