@@ -119,7 +119,7 @@ def _spectrum(
     tau = part.tau
     if np.any(np.asarray(coulomb)) or np.any(np.asarray(viscous)):
         floor = np.array([quantum(angle) ** 2 / 12 for angle in part.theta])
-        velocity, _ = smooth_velocity(part.theta, T, floor)
+        velocity, *_ = smooth_velocity(part.theta, T, floor)
         loss = np.reshape(coulomb, (-1, 1)) * np.sign(velocity)
         tau = tau - loss - np.reshape(viscous, (-1, 1)) * velocity
     s = 2j * np.pi * np.fft.rfftfreq(samples, T)[1:]

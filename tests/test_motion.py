@@ -14,6 +14,7 @@ from jointid import ElasticityFit, Inertia, JointIdError, MotionRecord, SineReco
 from jointid.motion.noise import repeated_variances, sensor_variances
 from jointid.motion.sampling import UniformPart, uniform_parts
 from jointid.motion.spectra import motion_phasors
+from jointid.motion.velocity import smooth_velocity
 from jointid.phasors.segment import bins_of
 
 GIVEN = Inertia(CELL.M, CELL.M2)
@@ -226,3 +227,52 @@ def test_two_joints_with_the_same_samples_are_named() -> None:
         JointIdError, match=r"theta_m1_rad and theta_m2_rad .* joint 2 moves differently"
     ):
         identify_motion([alike], GIVEN)
+
+
+def test_a_smoothed_velocity_shows_when_friction_turns_the_motor_back() -> None:
+    """Coulomb friction makes the acceleration jump at a reversal, which smoothing blurs to later."""
+    T, jump, own, quarter = 1e-3, 40.0, 200.0, 0.15
+    late = quarter * (own + jump / 2) / (own - jump / 2)  # it speeds up slower than it slows down
+    t, period = np.arange(0, 10, T), 2 * (quarter + late)
+    place = (t + 0.3e-3) % (period / 2)
+    speed = np.where(place < late, (own - jump / 2) * place, (own + jump / 2) * (period / 2 - place))
+    velocity = speed * (-1.0) ** np.floor((t + 0.3e-3) / (period / 2))
+    noise = 1e-5
+    theta = np.cumsum(velocity) * T + noise * np.random.default_rng(0).standard_normal(t.size)
+    found, _, blur = smooth_velocity(theta[None], T, np.array([noise**2]))
+    turns = np.arange(2, 25) * period / 2 - 0.3e-3
+    before = np.sign(np.interp(turns - 0.02, t, velocity))
+    there = before * np.interp(turns - T / 2, t, found[0])
+    np.testing.assert_allclose(there.mean(), jump / 2 * blur[0], rtol=0.2)
+    assert there.mean() > 5 * there.std() / np.sqrt(there.size)
+
+
+def test_hysteresis_of_the_gear_in_random_motion() -> None:
+    """A gear wound up by a band-limited torque; the loop adds higher frequencies to its deflection."""
+    K, D, M, M2, level, presliding = 20.0, 0.04, 1e-3, 2e-3, 0.02, 1e-3
+    step, each = 1e-4, 10
+    t, rng = np.arange(0, 8, step), np.random.default_rng(2)
+    hz = np.arange(3, 24, 0.05)
+    phase = rng.uniform(0, 2 * np.pi, hz.size)
+    wind_up = np.zeros(t.size)
+    for f, turn in zip(hz, phase, strict=True):
+        wind_up += np.sin(2 * np.pi * f * t + turn)
+    wind_up *= 0.3 / wind_up.std()
+    delta, loop, z = np.zeros(t.size), np.zeros(t.size), 0.0
+    for k, rise in enumerate(np.diff(wind_up).tolist()):
+        sign = 1.0 if rise > 0 else -1.0
+        move = rise / (K + level / presliding * (1 - sign * z))
+        z = sign + (z - sign) * np.exp(-abs(move) / presliding)
+        delta[k + 1], loop[k + 1] = delta[k] + move, z
+    through = K * delta + level * loop + D * np.gradient(delta, step)
+    arm = np.roll(np.cumsum(np.cumsum(through - through.mean())), 1) * step**2 / M2
+    theta = delta + arm
+    tau = M * np.gradient(np.gradient(theta, step), step) + through
+    used = slice(20, -20, each)
+    theta, tau = theta[used, None], tau[used, None]
+    theta = theta + 1e-6 * rng.standard_normal(theta.shape)
+    tau = tau + 3e-3 * rng.standard_normal(tau.shape)
+    record = MotionRecord(time_s=t[used] - t[20], theta_rad=theta, tau_Nm=tau)
+    fit = identify_motion(record, Inertia([M], [[M2]]))
+    assert fit.gears[0].hysteresis_Nm == pytest.approx(level, rel=0.05)
+    assert fit.K[0] == pytest.approx(K, rel=1e-3)

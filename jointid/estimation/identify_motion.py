@@ -204,12 +204,15 @@ def _with_noise(
     least = np.mean([segment.least_torque_variance for segment in motions], axis=0)
     torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E, angles)
     torques = np.clip(torques, least, np.maximum(most, least))
-    covariance = phasors.harmonic_covariance.copy()
+    covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
+    braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
             variance = np.concatenate([segment.angle_variance, torques])
             covariance[row] = 4 / segment.samples * np.diag(variance)
-    return replace(phasors, harmonic_covariance=covariance)
+            late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
+            segments[row] = replace(segment, turn_rad_s=late, known={})
+    return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
 
 def _differ(one: Phasors, other: Phasors) -> bool:

@@ -64,6 +64,8 @@ class WoundGears:
         free: Complexes,
         start: Complexes | None = None,
         earlier: Floats | None = None,
+        *,
+        given: Complexes | None = None,
     ) -> WoundGears:
         """Solve by Newton steps, from the linear deflection where no better one is known.
 
@@ -84,16 +86,19 @@ class WoundGears:
             The deflection at similar parameters.
         earlier : ndarray, shape (r, n, 1 + 2m, 1 + 2m), optional
             The latest inverse there.
+        given : ndarray, shape (r, n, T), optional
+            Further deflection at the harmonics H + 1 to H + T, as measured.
         """
         H, m = f.shape[2], low.shape[2]
-        points = _POINTS * max(H, _LEAST_HARMONICS)
+        measured = 0.0 if given is None or not given.size else given
+        points = _POINTS * max(H + free.shape[2] * (given is measured), _LEAST_HARMONICS)
         first = _started(laws, f, stiffness, points) if start is None else start
         mean = np.zeros_like(f[..., :1])
         solved = np.concatenate([np.ones((*low.shape[:2], 1), bool), low], axis=2)
         delta = np.concatenate([first[..., :1], moved, first[..., 1 + H :]], axis=2)
         delta[..., : 1 + m] = np.where(solved, first[..., : 1 + m], delta[..., : 1 + m])
         if start is None:
-            delta = np.concatenate([delta, np.zeros_like(free)], axis=2)
+            delta = np.concatenate([delta, measured + np.zeros_like(free)], axis=2)
         kappa = np.concatenate([mean + (1 + _CENTRED) * laws.K, stiffness], axis=2)
         f = np.concatenate([mean, f], axis=2)
         size = np.abs(f).max(axis=2) + np.finfo(float).tiny
@@ -104,7 +109,8 @@ class WoundGears:
         inverse = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m)) if earlier is None else earlier.copy()
         for turn in range(_NEWTON):
             beyond, slope, samples = beyond_linear(laws, delta, points)
-            delta[..., 1 + H :], beyond = free * beyond[..., 1 + H :], beyond[..., : 1 + H]
+            delta[..., 1 + H :] = measured + free * beyond[..., 1 + H :]
+            beyond = beyond[..., : 1 + H]
             left = np.where(solved, (f - kappa * delta[..., : 1 + H] - beyond)[..., : 1 + m], 0)
             size_left = np.linalg.norm(left, axis=2)
             is_open = size_left > _CONVERGED * size
@@ -113,7 +119,7 @@ class WoundGears:
             better = size_left < least
             due = better & is_open & (old | (size_left > _SLOW * least))
             if np.any(due):
-                inverse[due] = _inverse(laws, slope, samples, kappa, solved, due)
+                inverse[due] = _inverse(laws, slope, samples, H, kappa, solved, due)
             old = ~better & ~fresh  # to where that step began
             fresh = np.where(better, due, fresh)
             least = np.where(old, np.inf, np.minimum(size_left, least))
@@ -137,7 +143,8 @@ class WoundGears:
 
     def _spread(self, m: int) -> Floats:
         _, slope, samples = beyond_linear(self.laws, self.delta, self.points)
-        return whole_spread(self.laws, slope, samples, m, self.stiffness.shape[2])
+        H = self.stiffness.shape[2]
+        return whole_spread(self.laws, slope, _thinned(samples, H), m, H)
 
     @cached_property
     def inverse(self) -> Floats:
@@ -208,10 +215,16 @@ class WoundGears:
         return -own[0] / self.stiffness, -own[1] / self.stiffness, rest
 
 
+def _thinned(samples: Floats, H: int) -> Floats:
+    """Samples that suffice for slopes."""
+    return samples[..., :: samples.shape[-1] // (_POINTS * max(H, _LEAST_HARMONICS))]
+
+
 def _inverse(
     laws: GearLaws,
     slope: Floats,
     samples: Floats,
+    H: int,
     kappa: Complexes,
     solved: np.ndarray,
     due: np.ndarray,
@@ -219,7 +232,9 @@ def _inverse(
     """``WoundGears.inverse`` of some gears in some records, due (r, n), at samples of the deflection."""
     m = solved.shape[2] - 1
     if laws.hysteretic:
-        return np.asarray(_inverted(kappa, whole_spread(laws, slope, samples, m, m), solved)[due])
+        return np.asarray(
+            _inverted(kappa, whole_spread(laws, slope, _thinned(samples, H), m, m), solved)[due]
+        )
     return _inverted(kappa[due], smooth_spread(slope[due], m, m), solved[due])
 
 

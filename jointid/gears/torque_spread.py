@@ -25,14 +25,30 @@ def _moves(delta: Floats) -> Floats:
 
 
 def _periodic(decay: Floats, drive: Floats) -> Floats:
-    """Periodic solution of z[k + 1] = decay[k] z[k] + drive[k], first axis time."""
-    z = np.zeros((len(drive) + 1, *drive.shape[1:]))  # from zero
-    for k in range(len(drive)):
+    """Periodic solution of z[k + 1] = decay[k] z[k] + drive[k], first axis time.
+
+    Blocks are solved side by side from zero, with the effect of their starts, and then joined.
+    """
+    samples = len(drive)
+    length = int(np.ceil(np.sqrt(samples)))
+    blocks = -(-samples // length)
+    spare = ((0, blocks * length - samples),)
+    decay = np.pad(decay, spare + ((0, 0),) * (decay.ndim - 1), constant_values=1.0)
+    drive = np.pad(drive, spare + ((0, 0),) * (drive.ndim - 1))
+    decay, drive = (x.reshape(blocks, length, *x.shape[1:]).swapaxes(0, 1) for x in (decay, drive))
+    z = np.zeros((length + 1, *drive.shape[1:]))
+    left = np.ones((length + 1, *decay.shape[1:]))
+    for k in range(length):
         np.multiply(decay[k], z[k], out=z[k + 1])
         z[k + 1] += drive[k]
-    left = np.cumprod(np.concatenate([np.ones_like(decay[:1]), decay]), axis=0)
-    first = z[-1] / np.maximum(1 - left[-1], 1e-9)
-    return np.asarray(z[:-1] + left[:-1] * first)
+        np.multiply(decay[k], left[k], out=left[k + 1])
+    start = np.zeros((blocks + 1, *z.shape[2:]))
+    for k in range(blocks):
+        start[k + 1] = left[-1, k] * start[k] + z[-1, k]
+    before = np.cumprod(np.concatenate([np.ones_like(left[-1, :1]), left[-1]]), axis=0)
+    start += before * (start[-1] / np.maximum(1 - before[-1], 1e-9))
+    whole = z[:-1] + left[:-1] * start[:-1]
+    return np.asarray(whole.swapaxes(0, 1).reshape(blocks * length, *whole.shape[2:])[:samples])
 
 
 def inner(m: int, H: int) -> list[int]:

@@ -13,10 +13,13 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.phasors.extract import Phasors
-from jointid.phasors.segment import bins_of
+from jointid.phasors.segment import Segment, bins_of
 
 _DEGREE = 3
 """Of the polynomial at the motors: with 1 the Fourier integral is exact, with 3 that of samples."""
+_FURTHER, _MOST_BINS, _CLEAR = 3, 600, 1.5
+"""Bins beyond those of a motion that shape the loop of a hysteresis, over their number; the most with
+them; and the square of their frequency over that of the arm's highest resonance."""
 _ROWS = 150
 """Complex equations in a group of bins that share a misfit."""
 
@@ -69,13 +72,42 @@ def motor_motion(phasors: Phasors) -> Complexes | None:
     found = np.zeros((2, r, H, phasors.n), complex)
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
-            rates = segment.velocity, np.gradient(segment.velocity, segment.interval_s, axis=1)
             used = slice(segment.lowest - 1, segment.highest)
-            for k, each in enumerate(rates):
-                found[k, row, used] = bins_of(each, segment.highest).T[segment.lowest - 1 :]
-            # A central difference is too small by the sine of ωT over ωT.
-            turn = 2 * np.arange(segment.lowest, segment.highest + 1) / segment.samples
-            found[1, row, used] /= np.sinc(turn)[:, None]
+            found[0, row, used] = bins_of(segment.velocity, segment.highest).T[used]
+            found[1, row, used] = _acceleration(segment, segment.highest)[used]
+    return found
+
+
+def _acceleration(segment: Segment, bins: int) -> Complexes:
+    """First bins of the motors' acceleration, shape (bins, n)."""
+    rise = np.gradient(segment.velocity, segment.interval_s, axis=1)
+    # A central difference is too small by the sine of ωT over ωT.
+    turn = 2 * np.arange(1, bins + 1) / segment.samples
+    return np.asarray(bins_of(rise, bins).T / np.sinc(turn)[:, None])
+
+
+def deflection_beyond(phasors: Phasors, arm: Floats, K: Floats) -> Complexes:
+    """Deflection of the gears at the next bins of motions, shape (r, T, n), by the motors' acceleration.
+
+    There the arm hardly moves, δ = (I + M2⁻¹K/s²)⁻¹ θ. Near its resonance, and for sines, it is zero.
+
+    Parameters
+    ----------
+    arm : ndarray, shape (r, n, n)
+        M2⁻¹ of every record.
+    K : ndarray, shape (n,)
+    """
+    r, H, _ = phasors.harmonics.shape
+    count = min(_FURTHER * H, max(_MOST_BINS - H, 0)) if phasors.motion.any() else 0
+    found = np.zeros((r, count, phasors.n), complex)
+    for row, segment in enumerate(phasors.segments):
+        if segment is not None:
+            last = min(H + count, segment.samples // 2 - 1)
+            squared = -((phasors.omega[row] * np.arange(H + 1, last + 1)) ** 2)[:, None, None]
+            angle = _acceleration(segment, last)[H:, :, None] / squared
+            moved = np.linalg.solve(np.eye(phasors.n) + arm[row] * K / squared, angle)[..., 0]
+            clear = np.abs(squared[..., 0]) > _CLEAR * np.linalg.norm(arm[row] * K, 2)
+            found[row, : last - H] = np.where(clear, moved, 0)
     return found
 
 

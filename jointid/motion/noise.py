@@ -62,7 +62,7 @@ def sensor_variances(
             variance[[j, n + j]], error = _non_negative(gains.T, power, count)
             most[j] = variance[n + j] + _SURE * error[1]
         steps = [quantum(part.theta[j, :_EXAMINED]) for part in parts]
-        size = [max(float(np.abs(each[j]).max()) for each in pair) for pair in _signals(parts)]
+        size = np.max([np.abs([part.theta[j], part.tau[j]]).max(axis=1) for part in parts], axis=0)
         variance[j] = max(variance[j], max(steps) ** 2 / 12, (_FLOOR * size[0]) ** 2)
         variance[n + j] = max(variance[n + j], (_FLOOR * size[1]) ** 2)
         most[j] = max(most[j], variance[n + j])
@@ -101,10 +101,6 @@ def _repeated_rounding(theta: Floats) -> float:
     difference = theta[period:] - theta[:-period]
     repeats = step**2 / 12 - float(difference.var()) / 2
     return max(repeats, 0.0) * (N / period - 1)
-
-
-def _signals(parts: Sequence[UniformPart]) -> tuple[list[Floats], list[Floats]]:
-    return [part.theta for part in parts], [part.tau for part in parts]
 
 
 def _spectra(part: UniformPart, highest_hz: float) -> tuple[tuple[Floats, Floats], Complexes, Complexes]:

@@ -55,7 +55,7 @@ def segment_friction(segment: Segment, window: float, widths: Floats) -> Segment
 def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFriction:
     v, H = segment.velocity, segment.highest
     n, N = v.shape
-    blur = _MARGIN * segment.velocity_noise
+    blur, late = _MARGIN * segment.velocity_noise, segment.turn_rad_s * np.ones(n)
     largest = np.abs(v).max(axis=1)
     stationary = blur > _STATIONARY * largest
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
@@ -64,9 +64,11 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
         stretches = _stretches(v[j], max(window * largest[j], blur[j]), blur[j])
         unknown = _polynomials(stretches, N, H, int(2 * _MOST * (H - segment.lowest + 1)))
         columns.append(unknown[:, None] * np.eye(n)[j, :, None])
-        turns, signs = _steps(v[j], blur[j])
+        turns, signs = _steps(v[j], blur[j], late[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
-        fades = np.expm1(-np.abs(v[j]) / widths[j][:, None]) * _square_wave(turns, signs, N)
+        fades = (
+            np.expm1(-np.abs(v[j]) / widths[j][:, None]) * signs[np.searchsorted(turns, np.arange(N))]
+        )
         curve[:, j] = coulomb[:, j, None] + bins_of(fades, H).T
     inside = np.arange(1, H + 1) >= segment.lowest
     return SegmentFriction(
@@ -77,17 +79,18 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
     )
 
 
-def _steps(v: Floats, blur: float) -> tuple[Floats, Floats]:
+def _steps(v: Floats, blur: float, late: float) -> tuple[Floats, Floats]:
     """Samples, with their fraction, at which the direction changes, and the directions (m + 1,).
 
-    Where a motor rests, the change is in the middle of its last and first clear motion.
+    The velocity is then ``late`` in the direction before. Where a motor rests, the change is in the
+    middle of its last and first clear motion.
     """
     clear = np.flatnonzero(np.abs(v) > blur)
     sign = np.sign(v[clear])
     turn = np.flatnonzero(sign[1:] != sign[:-1])
     before, after = clear[turn], clear[turn + 1]
     # A straight line between the last and the first clear sample; exact for neighbours.
-    share = np.abs(v[before]) / (np.abs(v[before]) + np.abs(v[after]))
+    share = (np.abs(v[before]) - late) / (np.abs(v[before]) + np.abs(v[after]))
     return before + share * (after - before), np.append(sign[:1], sign[turn + 1])
 
 
@@ -96,10 +99,6 @@ def _of_steps(turns: Floats, signs: Floats, N: int, H: int) -> Complexes:
     k = 2j * np.pi * np.arange(1, H + 1) / N
     found = signs[0] - signs[-1] + np.exp(-np.outer(k, turns)) @ np.diff(signs)
     return np.asarray(found / k * (2j / N))
-
-
-def _square_wave(turns: Floats, signs: Floats, N: int) -> Floats:
-    return np.asarray(signs[np.searchsorted(turns, np.arange(N))])
 
 
 def _stretches(v: Floats, threshold: float, blur: float) -> np.ndarray:

@@ -99,7 +99,7 @@ def _segments(
     """Segments of equal length with their samples (2n, N); a fixed band is used to its lowest line."""
     n, N = part.theta.shape
     samples = np.concatenate([part.theta, part.tau])
-    velocity, noise = smooth_velocity(part.theta, part.interval_s, variance[:n])
+    velocity, noise, blur = smooth_velocity(part.theta, part.interval_s, variance[:n])
     whole = N * part.interval_s
     length = max(_SEGMENT_S, _PERIODS / band[1])
     if fixed:
@@ -119,6 +119,7 @@ def _segments(
             interval_s=part.interval_s,
             velocity=velocity[:, begin:end],
             velocity_noise=noise,
+            velocity_blur_s=blur,
             angle_variance=variance[:n],
             repeated_variance=limits[2],
             least_torque_variance=limits[0],

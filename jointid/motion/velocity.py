@@ -7,9 +7,11 @@ from jointid.arrays import Floats
 
 _LINES = 15
 """Lines over which the power of a spectrum is averaged."""
+_NEAR_HZ = 5.0
+"""Band over which the gain of the filter is averaged, Hz."""
 
 
-def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple[Floats, Floats]:
+def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple[Floats, Floats, Floats]:
     """Derivative of angles with white noise, by Wiener's filter.
 
     Parameters
@@ -25,6 +27,8 @@ def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple
     velocity : ndarray, shape (n, N), rad/s
     noise : ndarray, shape (n,)
         Its standard deviation, rad/s.
+    blur : ndarray, shape (n,)
+        Velocity over half the jump of the acceleration, at the instant of the jump, s.
     """
     N = theta.shape[1]
     # Reflected about its ends, the signal is periodic, with a continuous velocity.
@@ -40,4 +44,14 @@ def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple
     mean = (theta[:, -1] - theta[:, 0]) / (interval_s * (N - 1))
     velocity = np.fft.irfft(1j * omega * gain * spectrum, periodic.shape[1], axis=1)[:, :N]
     left = 2 * variance * ((omega * gain) ** 2).sum(axis=1) / periodic.shape[1]
-    return np.asarray(velocity + mean[:, None]), np.asarray(np.sqrt(left))
+    # A velocity |t| becomes the mean of |t| over the filter's pulse response, at t = 0. Below the main
+    # frequency, and between the lines of a periodic motion, the filter drops what is not there.
+    main = np.argmax(omega**2 * power, axis=1)[:, None]
+    near = round(2 * _NEAR_HZ * interval_s * N) + 1
+    kept, whole = (
+        uniform_filter1d(each, near, axis=1, mode="nearest") for each in (gain * power, power)
+    )
+    share = np.divide(kept, whole, out=np.zeros_like(whole), where=whole > 0)
+    lost = np.where(np.arange(omega.size) < main, 0.0, 1 - share)[:, 1:]
+    blur = 2 / np.pi * ((lost / omega[1:] ** 2).sum(axis=1) * omega[1] + 1 / omega[-1])
+    return np.asarray(velocity + mean[:, None]), np.asarray(np.sqrt(left)), blur

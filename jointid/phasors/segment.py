@@ -21,6 +21,8 @@ class Segment:
     """Smoothed velocities of the motors, shape (n, N), rad/s."""
     velocity_noise: Floats
     """Their standard deviation, shape (n,), rad/s."""
+    velocity_blur_s: Floats
+    """Velocity at a jump of the acceleration, by smoothing, over half the jump, shape (n,), s."""
     angle_variance: Floats
     """Variance of each sample of the angles by noise, shape (n,), rad²."""
     repeated_variance: Floats
@@ -35,6 +37,8 @@ class Segment:
     """First bin of its band."""
     highest: int
     """Last bin of its band."""
+    turn_rad_s: Floats | float = 0.0
+    """Velocity, in the direction before, at which a motor with friction turns back, shape (n,)."""
     known: dict[tuple[object, ...], Any] = field(default_factory=dict, repr=False)
     """Friction waveforms that were found already: of all fits they are the same."""
 

@@ -8,7 +8,7 @@ import numpy as np
 from jointid.answer import EFFECT_PARAMETERS, Quantity, effect_values
 from jointid.estimation.estimators.parameters import GEAR_LAWS
 from jointid.uncertainty.validation import second_amplitude
-from jointid.verdict.evidence import Evidence, Finding, note, warning
+from jointid.verdict.evidence import Evidence, Finding, note
 from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample, hold_change
 from jointid.wording import capitalised, enumerated, significant
 
@@ -84,17 +84,8 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
             "",
             *(hold_change(evidence) if name in _TIMES else []),
         )
-        if name == "hysteresis" and not evidence.sines:
-            yield warning(
-                "Hysteresis from motions alone is approximate",
-                "K and D can differ from the true values by several standard errors.",
-                "Add sine records of two amplitudes: they show the loop of the hysteresis.",
-                _HYSTERESIS_OF_MOTIONS,
-            )
 
 
-_HYSTERESIS_OF_MOTIONS = 0.007
-"""Relative deviation of K in simulated random motions with hysteresis."""
 _TIMES = ("lag", "position_filter", "torque_filter")
 """Effects that act like a delay."""
 

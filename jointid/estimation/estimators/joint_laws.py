@@ -41,6 +41,8 @@ _STEP = 1e-3
 """Relative change of a presliding angle for its derivative."""
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
+_WIDER = 2.0
+"""Frequency over the resonance, up to which hysteresis in motions follows from the torque."""
 _SIGNIFICANT = 3.5
 """Standard errors from which a joint has a law that is fitted to all joints."""
 _GEAR_FIELDS = {
@@ -76,6 +78,8 @@ class JointLaws:
     """1/M + M2⁻¹ of each joint, shape (n,)."""
     sines: bool
     """Whether no record is another motion."""
+    further: Complexes
+    """Deflection at the next T harmonics, as measured, shape (r, T, n), rad."""
     latest: list[WoundGears] = field(default_factory=list)
     """Deflection as last solved, from which the next solution starts."""
 
@@ -89,6 +93,7 @@ class JointLaws:
         arm: Floats,
         rotor: Floats,
         main: np.ndarray,
+        further: Complexes,
     ) -> JointLaws:
         """Collect the signals.
 
@@ -105,6 +110,7 @@ class JointLaws:
             M of every record.
         main : ndarray, shape (r, H)
             Fundamentals of sines, and lines of motions.
+        further : ndarray, shape (r, T, n)
         """
         n, H = angle.shape[2], angle.shape[1]
         clear = np.abs(np.concatenate([angle, torque], axis=2)) ** 2 > _CLEAR**2 * variance
@@ -114,14 +120,14 @@ class JointLaws:
         arm_angle = np.einsum("rij,rhj->rhi", arm, torque) / (s * s)[..., None]
         size = np.maximum(np.abs(angle - arm_angle), np.finfo(float).tiny)
         locked = (np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[main]
-        middle = np.median(locked, axis=0)
+        middle = np.median(locked, axis=0) * (_WIDER if further.size else 1.0)
         free, sines = (1 / rotor + np.einsum("rjj->rj", arm)).mean(axis=0), not main[:, 1:].any()
-        return cls(s, clear[..., n:], np.asarray(largest), samples, middle, free, sines)
+        return cls(s, clear[..., n:], np.asarray(largest), samples, middle, free, sines, further)
 
     def planned(self, s: Complexes, angle: Complexes) -> JointLaws:
         """The same laws in r other records, at s of shape (r, H) with motor angles (r, H, n)."""
-        samples = samples_of(angle.swapaxes(1, 2), _points(s.shape[1]))
-        return replace(self, s=s, clear=np.ones(angle.shape, bool), angle=samples, latest=[])
+        samples, clear = samples_of(angle.swapaxes(1, 2), _points(s.shape[1])), np.ones_like(angle, bool)
+        return replace(self, s=s, clear=clear, angle=samples, further=angle[:, :0], latest=[])
 
     @property
     def low(self) -> np.ndarray:
@@ -163,8 +169,9 @@ class JointLaws:
         kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
             start = (self.latest[-1].delta, self.latest[-1].latest_inverse) if self.latest else ()
-            free = self._beyond_measured(p)
-            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, *start)
+            given = self.further.swapaxes(1, 2)
+            free = 0 * given if given.size else self._beyond_measured(p)
+            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, *start, given=given)
         self.latest[:] = [found] if np.isfinite(found.delta).all() else []
         return found
 
@@ -172,7 +179,7 @@ class JointLaws:
         """Deflection over torque beyond K δ at as many harmonics again, shape (r, n, T).
 
         The edges of a play reach further than the harmonics of the records. There the controller does
-        nothing, and the gear moves motor and arm apart. T = 0 for motions.
+        nothing, and the gear moves motor and arm apart. Of motions it is measured, or T = 0.
         """
         H = self.s.shape[1]
         count = H * (self.sines and ("backlash" in p.layout or "piecewise" in p.layout))

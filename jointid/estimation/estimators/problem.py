@@ -19,7 +19,7 @@ from jointid.estimation.estimators.parameters import (
     ParameterLayout,
     Parameters,
 )
-from jointid.motion.end_terms import EndTerms, motor_motion, row_groups, torque_images
+from jointid.motion.end_terms import EndTerms, deflection_beyond, motor_motion, row_groups, torque_images
 from jointid.motion.free_friction import FreeFriction
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
@@ -239,7 +239,11 @@ def make_problem(
             angle = np.where(moves, motion[1] / (s * s)[..., None], angle)
             main = np.where(moves[..., 0], np.any(motion[1] != 0, axis=2), main)
         arm = inverse(prior.M2)[prior.pose]
-        laws = JointLaws.of(s, angle, z[..., n:] - torque, variance, arm, prior.M[prior.rotor], main)
+        turns = "hysteresis" in layout  # which small moves turn back
+        laws = JointLaws.of(
+            s, angle, z[..., n:] - torque, variance, arm, prior.M[prior.rotor], main,
+            deflection_beyond(phasors, arm, stiffness) if turns else np.zeros((len(s), 0, n), complex),
+        )  # fmt: skip
     repeated = np.zeros((len(s), n))
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
