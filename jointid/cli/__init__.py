@@ -5,6 +5,7 @@ standard error, the result to standard output; with --json it is JSON only.
 """
 
 try:
+    from jointid.cli.arm_side import arm_side
     from jointid.cli.batch import batch
     from jointid.cli.convert import convert
     from jointid.cli.cut import cut
@@ -21,6 +22,6 @@ except KeyboardInterrupt:  # during the imports
 
 __all__ = ["app"]
 
-for _command in (identify, simulate, cut, report, export, plan, setpoints, convert, batch):
+for _command in (identify, simulate, cut, report, export, plan, setpoints, convert, arm_side, batch):
     app.command()(_command)
 app.command(name="app")(start_app)

@@ -14,7 +14,7 @@ from jointid.ui.shared import cached
 from jointid.ui.shared.background import note_session, queue_said
 from jointid.ui.shared.charts import choose_segment, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import show_error
-from jointid.ui.shared.method_steps import IMPORT, RECORDS, SIMULATE
+from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.refused_file import show_refused
 from jointid.ui.shared.sidebar import choose_study
 from jointid.ui.shared.workspace import open_study
@@ -69,6 +69,9 @@ class Page:
                 found = cached.analysis(self.digest, self.method, self.study)
         except JointIdError as error:
             _show_problem(error)
+            if any(record.arm_rad is not None for record in self.study.motion_records):
+                st.write("The sensors behind the gears give K of the joints:")
+                st.page_link(ELASTICITY.path, label=ELASTICITY.name)
             st.stop()
         at_motor = self.study.gear_ratios is None and self.unit.endswith("joint")
         return found if at_motor else found.shown_in(self.unit)
