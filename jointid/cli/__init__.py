@@ -5,12 +5,11 @@ standard error, the result to standard output; with --json it is JSON only.
 """
 
 try:
-    from jointid.cli.arm_side import arm_side
     from jointid.cli.batch import batch
     from jointid.cli.convert import convert
     from jointid.cli.cut import cut
     from jointid.cli.export import export
-    from jointid.cli.identify import identify
+    from jointid.cli.identify import arm_side, identify
     from jointid.cli.plan import plan
     from jointid.cli.program import app
     from jointid.cli.report import report
