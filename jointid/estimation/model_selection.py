@@ -252,8 +252,8 @@ class _Search:
                 self.fit(self.base.with_part("delay"), self.start)
             if self._is_lost() and "friction" in fits.optional and rubbing not in fits.tried:
                 self.fit(rubbing, self.start)
-        rubs = NEEDED * min(map(fits.misfit, fits.tried)) < fits.misfit(self.base) < np.inf
-        laws = []
+        plain = fits.misfit(self.base if self.base in fits.tried else rubbing)  # motors stick
+        rubs, laws = NEEDED * min(map(fits.misfit, fits.tried)) < plain < np.inf, []
         if not rubs and not self.phasors.motion.any():
             begins = {"backlash": with_play}
             laws += [(self.base, law, begins.get(law, by_motion)) for law in _FAR_LAWS]
