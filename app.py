@@ -1,4 +1,6 @@
-"""The study on one screen: the answer first, then what it rests on."""
+"""The study on one screen: the answer first, then its evidence."""
+
+from functools import partial
 
 import streamlit as st
 
@@ -17,7 +19,7 @@ from jointid.ui.study.overview import (
     show_tiles,
 )
 
-page = open_page("Study")
+page = open_page("Study", heading=False)
 show_heading(page.study)
 show_changes(page)
 analysis = page.analysis()
@@ -28,7 +30,7 @@ show_prediction(page, analysis)
 outcome_panel(page, analysis)
 show_findings(page, analysis)
 
-st.header("Model over measurement", anchor=False)
+st.header("Model and measurement", anchor=False)
 st.caption(
     "Acceleration of each motor over its own torque, the controllers removed. Where points and line "
     "agree, the model holds." + freed_note(analysis.fit)
@@ -37,7 +39,7 @@ if analysis.transfer_matrices:
     pose = next(iter(analysis.transfer_matrices))
     page.show_per_joint(
         f"model {pose}",
-        lambda j: model_over_measurement(analysis, j, pose=pose, dark=page.dark),
+        partial(model_over_measurement, analysis, pose=pose),
         "Magnitude of H{0}{0} over frequency, measured and modelled",
         heading="",
     )

@@ -37,7 +37,7 @@ LONG = {
     "arm_side": "K from sensors behind the gears: errors, skew, predictions of other records",
     "setpoints": "10,000 random experiments as set points: no limit exceeded in a written file",
     "mutated_logs": "100,000 damaged logs over all readers: only tables and JointIdError",
-    "friction": "what friction and an untold delay do to the estimators",
+    "friction": "effect of friction and an unstated delay on the estimators",
     "app": "the app in a real browser",
     "sessions": "twenty people at one server: latency, memory and descriptors",
     "kills": "200 kills each of server, batch and convert while they write",

@@ -1,4 +1,4 @@
-"""What friction and an untold delay do to the estimators, on the paper's robot in closed loop.
+"""Effect of friction and an unstated delay on the estimators, for the paper's robot in closed loop.
 
     python -m benchmarks.friction [seeds]          or  python -m benchmarks friction
 
@@ -27,7 +27,7 @@ CASES = {
     "heavy friction and the delay": ("heavy", 0.0015),
 }
 HEADINGS = (
-    "disturbance", "estimator", "K off by", "D off by", "in standard errors", "model chosen"
+    "disturbance", "estimator", "error of K", "error of D", "largest error, σ", "chosen model"
 )  # fmt: skip
 
 
@@ -58,7 +58,7 @@ def measure(quick: bool) -> list[Table]:
     """Return the table for ``python -m benchmarks friction``."""
     chosen = rows(1, ["none"]) if quick else rows(5)
     found = tuple(dict(zip(HEADINGS, row, strict=True)) for row in chosen)
-    return [Table("friction", "Friction and untold delay", dict.fromkeys(HEADINGS, ""), found)]
+    return [Table("friction", "Friction and unstated delay", dict.fromkeys(HEADINGS, ""), found)]
 
 
 if __name__ == "__main__":

@@ -65,21 +65,18 @@ class Analysis:
     def shown_in(self, name: str) -> Analysis:
         """Return this analysis with K and D shown in a unit of ``jointid.answer.STIFFNESS_UNITS``.
 
-        Raises
-        ------
-        JointIdError
-            When the unit is not known, or the study lacks the gear ratios for it.
+        Raises JointIdError when the unit is not known, or the study lacks the gear ratios for it.
         """
         return replace(self, unit=StiffnessUnit.named(name, self.study.gear_ratios))
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """K1 ... Kn and D1 ... Dn with the whole standard error, in ``unit``."""
+        """K1 ... Kn and D1 ... Dn with their standard errors (all causes), in ``unit``; 2n values."""
         return elasticity_quantities(self.fit, self.unit)
 
     @property
     def nominal(self) -> Floats | None:
-        """Nominal K and D in ``unit``, shape (2n,); None where there are none."""
+        """Nominal K1 ... Kn and D1 ... Dn in ``unit``, shape (2n,); None if the study has no nominal."""
         of = self.study.nominal
         return None if of is None else self.unit.shown(np.concatenate([of.K, of.D]))
 
@@ -96,7 +93,7 @@ class Analysis:
 
     @property
     def headline(self) -> str:
-        """The answer as a sentence; of an unusable one, the reason."""
+        """The answer as a sentence; the reason if it is not usable."""
         if self.state == NOT_USABLE:
             return f"Not usable: {self.state_reason}."
         stated = self.study.torque_std is not None
@@ -114,11 +111,11 @@ class Analysis:
 
     @property
     def priors(self) -> tuple[PriorRow, ...]:
-        """Inertias and torque scales as given and as fitted."""
+        """Inertias (motor side, kg·m²) and torque scales, as given and as fitted."""
         return prior_rows(self.fit, [record.pose or "" for record in self.study.records])
 
     def inertia(self, pose: str = "") -> Inertia:
-        """Fitted inertia of a pose, "" for records without one; the given one if it has no record."""
+        """Fitted inertia of a pose ("" for records without a pose), or the given one without records."""
         given = self.study.poses[pose] if pose else self.study.inertia
         of_records = zip(self.study.records, self.fit.inertias, strict=True)
         return next((found for record, found in of_records if (record.pose or "") == pose), given)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -44,10 +45,8 @@ class StiffnessUnit:
     def named(cls, name: str, gear_ratio: Floats | None = None) -> StiffnessUnit:
         """Return the unit of a name in ``STIFFNESS_UNITS``.
 
-        Raises
-        ------
-        JointIdError
-            When the name is another, or the joint's side needs gear ratios that are not given.
+        Raises JointIdError when the name is another, or the joint's side needs gear ratios that are not
+        given.
         """
         if name not in STIFFNESS_UNITS:
             raise JointIdError(f'The unit "{name:.60}" is not known: {listed(STIFFNESS_UNITS)}.')
@@ -56,7 +55,7 @@ class StiffnessUnit:
             return cls(angle)
         if gear_ratio is None:
             raise JointIdError(
-                f'"{name}" needs the gear ratios, and the study has none: state gear_ratio in '
+                f'"{name}" needs the gear ratios: state gear_ratio in '
                 "study.toml, motor turns per joint turn."
             )
         return cls(angle, gear_ratio)
@@ -83,7 +82,7 @@ class StiffnessUnit:
         return np.asarray(values * np.concatenate([side * _RADIANS[self.angle], side]))
 
     def of_gear(self, joint: int) -> GearScale:
-        """Factors for the wind-up and the torque of one gear, from 0."""
+        """Factors for the deflection and the torque of one gear, from 0."""
         ratio = 1.0 if self.gear_ratio is None else abs(float(self.gear_ratio[joint]))
         per_rad, angle = (1e3, "mrad") if self.angle == "rad" else (1 / _RADIANS[self.angle], self.angle)
         side = "motor side" if self.gear_ratio is None else "joint side"
@@ -99,7 +98,7 @@ class GearScale(NamedTuple):
     torque: float
     stiffness: float
     angle: str
-    """Unit of the wind-up."""
+    """Unit of the deflection."""
     unit: str
     """Of the stiffness."""
     side: str
@@ -182,7 +181,7 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
 
     largest = torques(gear.tried_Nm, digits=2) if gear.tried_Nm else "–"
     terms = {"Law": " + ".join(gear.laws), "Largest torque": largest}
-    small = "K outside the play" if gear.backlash_rad else "K at small torque"
+    small = "K outside the backlash" if gear.backlash_rad else "K at small torque"
     K, error = scale.stiffness * gear.K, scale.stiffness * float(fit.standard_error[joint])
     terms[small] = f"{with_error(K, error)} {scale.unit}"
     if gear.kind in ("hardening", "piecewise"):
@@ -190,8 +189,8 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
         slope = float(np.diff(gear.torque([edge, 1.001 * edge]))[0]) / (0.001 * edge)
         terms[f"K at {largest}"] = stiffnesses(slope)
     if gear.K2:
-        terms["K1, K2, K3"] = stiffnesses(gear.K, gear.K2, gear.K3)
-        terms["T1, T2"] = torques(gear.T1_Nm, gear.T2_Nm)
+        terms["Slopes K1, K2, K3"] = stiffnesses(gear.K, gear.K2, gear.K3)
+        terms["Torques T1, T2"] = torques(gear.T1_Nm, gear.T2_Nm)
     if gear.backlash_rad:
         terms["Backlash"] = wind_up(gear.backlash_rad)
     if gear.hysteresis_Nm:
@@ -199,7 +198,7 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
     lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0
     noise = curve.deflection_noise_rad
     least = f"noise {wind_up(float(np.median(noise)), 1)}" if noise.size else "no curve"
-    terms["Lost motion"] = wind_up(lost) if lost else f"not seen ({least})"
+    terms["Lost motion"] = wind_up(lost) if lost else f"not detected ({least})"
     return terms
 
 
@@ -256,14 +255,8 @@ def answer_sentence(
 ) -> str:
     """State the identified stiffnesses, relative to the nominal ones if these are given.
 
-    Parameters
-    ----------
-    fit : ElasticityFit
-    nominal : Elasticity, optional
-        K and D in the controller at present.
-    torque_stated : bool
-        Whether the uncertainty of the torque scale is part of the errors. If not, the sentence says so.
-    unit : StiffnessUnit, optional
+    ``nominal`` holds K and D in the controller at present; ``torque_stated`` is whether the uncertainty
+    of the torque scale is part of the errors. If not, the sentence says so.
     """
     unknown = [j for j in range(fit.n) if not fit.K[j] > 2 * fit.standard_error[j]]
     if unknown:
@@ -276,30 +269,59 @@ def answer_sentence(
 
 
 def _stiffnesses(fit: ElasticityFit, nominal: Elasticity | None, unit: StiffnessUnit) -> str:
+    joints = [f"joint {j + 1}" for j in range(fit.n)]
     if nominal is None:
-        parts = [" ".join(found.shown) for found in elasticity_quantities(fit, unit)[: fit.n]]
-        joints = enumerated([f"joint {j + 1}" for j in range(fit.n)])
+        found = [quantity.shown for quantity in elasticity_quantities(fit, unit)[: fit.n]]
+        if fit.n > _FEW:
+            values = enumerated([value for value, _ in found])
+            return f"Joints 1 to {fit.n} have stiffnesses of {values} {found[0][1]}, {unit.side}"
         verb = "has a stiffness" if fit.n == 1 else "have stiffnesses"
-        return f"{capitalised(joints)} {verb} of {enumerated(parts)}, {unit.side}"
-    whole = {_compared(fit, nominal, j, short=False) for j in range(fit.n)}
-    if fit.n > 1 and len(whole) == 1:
-        return f"Every joint {whole.pop()}"
-    parts = [f"joint {j + 1} {_compared(fit, nominal, j, short=j > 0)}" for j in range(fit.n)]
-    return capitalised(enumerated(parts))
+        parts = [" ".join(shown) for shown in found]
+        return f"{capitalised(enumerated(joints))} {verb} of {enumerated(parts)}, {unit.side}"
+    differences = [_difference(fit, nominal, j) for j in range(fit.n)]
+    texts = [f"{verb} {size} {kind}".replace("  ", " ") for verb, size, kind, _ in differences]
+    if fit.n > 1 and len(set(texts)) == 1:
+        return f"Every joint {texts[0]}"
+    if fit.n > _FEW:
+        return _grouped(differences)
+    texts[1:] = [re.sub(" (than|as) nominal$", "", text) for text in texts[1:]]
+    return capitalised(
+        enumerated([f"{joint} {text}" for joint, text in zip(joints, texts, strict=True)])
+    )
 
 
-def _compared(fit: ElasticityFit, nominal: Elasticity, j: int, *, short: bool) -> str:
-    """Stiffness relative to the nominal one; ``short`` omits the reference."""
+def _grouped(differences: Sequence[tuple[str, str, str, float]]) -> str:
+    """Joints with the same kind of difference together, with the range of its size."""
+    groups: dict[str, dict[str, float]] = {}
+    for j, (_, _, kind, size) in enumerate(differences):
+        groups.setdefault(kind, {})[f"{j + 1}"] = size
+    parts = []
+    for kind, sizes in groups.items():
+        joints, one = enumerated(list(sizes)), len(sizes) == 1
+        text = f"is {' to '.join({significant(f(sizes.values()), 2): 1 for f in (min, max)})} {kind}"
+        text = f"has {kind}" if kind == _NOMINAL else text
+        for single, plural in () if one else (("is ", "are "), ("has its ", "have their ")):
+            text = re.sub(f"^{single}", plural, text)
+        parts.append(f"joint{'' if one else 's'} {joints} {text}")
+    return capitalised("; ".join(parts))
+
+
+_NOMINAL = "its nominal stiffness"
+_FEW = 2
+"""Joints that the answer states one by one; of more, it groups those with the same difference."""
+
+
+def _difference(fit: ElasticityFit, nominal: Elasticity, j: int) -> tuple[str, str, str, float]:
+    """Verb, size in words, kind and size of the difference of a stiffness from the nominal one."""
     ratio = float(fit.K[j] / nominal.K[j])
     error = float(fit.standard_error[j] / nominal.K[j])
     if abs(ratio - 1) <= max(_AGREEMENT, 2 * error):
-        return "has its nominal stiffness"
+        return "has", "", _NOMINAL, 0.0
     if 0.67 < ratio < 1.5:
-        kind = "stiffer" if ratio > 1 else "softer"
-        tail = "" if short else " than nominal"
-        return f"is {_two_digits(100 * abs(ratio - 1), 100 * error)} % {kind}{tail}"
-    tail = "" if short else " as nominal"
-    return f"is {_two_digits(ratio, error)} times as stiff{tail}"
+        percent = 100 * abs(ratio - 1)
+        kind = f"% {'stiffer' if ratio > 1 else 'softer'} than nominal"
+        return "is", _two_digits(percent, 100 * error), kind, percent
+    return "is", _two_digits(ratio, error), "times as stiff as nominal", ratio
 
 
 def _two_digits(value: float, error: float) -> str:

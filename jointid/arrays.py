@@ -17,10 +17,7 @@ Complexes = NDArray[np.complex128]
 def per_joint(name: str, value: ArrayLike, n: int) -> Floats:
     """Return a setting of n joints as (n,); a single number applies to all joints.
 
-    Raises
-    ------
-    JointIdError
-        When the value has neither one element nor n.
+    Raises JointIdError when the value has neither one element nor n.
     """
     array = finite_array(name, np.atleast_1d(np.asarray(value)), ndim=1)
     if array.size not in (1, n):
@@ -29,23 +26,10 @@ def per_joint(name: str, value: ArrayLike, n: int) -> Floats:
 
 
 def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -> Floats:
-    """Return ``value`` as a read-only float64 array.
+    """Return ``value`` as a read-only float64 copy with ``ndim`` dimensions, in memory order "C" or "F".
 
-    Parameters
-    ----------
-    name : str
-        Name of the value with its unit, for the error message.
-    value : array_like
-        Numbers; they are copied.
-    ndim : int
-        Expected number of dimensions.
-    order : {"C", "F"}, optional
-        Memory layout of the copy.
-
-    Raises
-    ------
-    JointIdError
-        When the value is not numeric, has another number of dimensions or is not finite.
+    ``name`` is that of the value with its unit, for the error message. Raises JointIdError when the
+    value is not numeric, has another number of dimensions or is not finite.
     """
     try:
         if np.asarray(value).dtype.kind not in "iufO":  # text, dates, truth values, complex numbers
@@ -73,10 +57,7 @@ def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -
 def bounded_number(name: str, unit: str, value: ArrayLike, *, zero: bool = False) -> float:
     """Return a setting that must be positive, or not negative if ``zero`` is allowed.
 
-    Raises
-    ------
-    JointIdError
-        When the value is not a finite number or out of range.
+    Raises JointIdError when the value is not a finite number or out of range.
     """
     number = float(finite_array(f"{name} ({unit})", value, ndim=0))
     if number < 0 or (number == 0 and not zero):
@@ -88,10 +69,7 @@ def bounded_number(name: str, unit: str, value: ArrayLike, *, zero: bool = False
 def whole_number(name: str, value: object, least: int, most: float = np.inf) -> int:
     """Return a setting that counts something.
 
-    Raises
-    ------
-    JointIdError
-        When the value is not a whole number from ``least`` to ``most``.
+    Raises JointIdError when the value is not a whole number from ``least`` to ``most``.
     """
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= most:
         return int(value)
@@ -107,11 +85,6 @@ def frozen(array: Floats) -> Floats:
 
 
 def true_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the runs of True in a mask, each as its first index and one past its last.
-
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (N,)
-    """
+    """Return the runs of True in a mask, shape (N,), each as its first index and one past its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]

@@ -42,7 +42,7 @@ class JointIdError(ValueError):
         self.hint = hint
 
     def within(self, place: str, *, file: str | None = None) -> JointIdError:
-        """Return the same error with a place before its message; ``file`` where none is known yet."""
+        """Return the error with a place before its message; ``file`` applies if no file is set."""
         outer = JointIdError(f"{place}: {self}")
         outer.file, outer.line, outer.column = self.file or file, self.line, self.column
         outer.hint = self.hint

@@ -23,45 +23,28 @@ _SLOWEST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """Rigid-body inertia of n joints, equation (7), motor side.
+    """Rigid-body inertia of n joints, equation (7), motor side; fields take any array_like.
 
-    Parameters
-    ----------
-    M : array_like, shape (n,)
-        Rotor inertias J_m1 ... J_mn, kg·m².
-    M2 : array_like, shape (n, n)
-        Arm inertia matrix with the coupling inertias J_12 = J_21 off its diagonal, kg·m².
-        A single joint may give a plain number.
-    added : array_like, shape (n, n), optional
-        Exactly known part of M2, kg·m², such as a payload of known mass and position. The uncertainty
-        of M2 then applies to M2 − added. By default zero.
-    gravity : array_like, shape (n, n), optional
-        Stiffness of gravity, the derivative of the static torque by the joint angles, motor side,
-        N·m/rad; exact. By default zero: a horizontal arm.
-    shared : array_like, shape (n, n), optional
-        Change of M2 by one standard deviation of an unknown common to all poses, such as the mass of the
-        payload, kg·m². By default zero.
-    shared_gravity : array_like, shape (n, n), optional
-        Change of ``gravity`` by the same standard deviation, N·m/rad. By default zero.
-
-    Raises
-    ------
-    JointIdError
-        When a rotor inertia is not positive, or M2 or M2 − added is not symmetric and positive definite.
+    Raises JointIdError when a rotor inertia is not positive, or M2 or M2 − added is not symmetric and
+    positive definite.
     """
 
     M: Floats
-    """Rotor inertias, shape (n,), kg·m²."""
+    """Rotor inertias J_m1 ... J_mn, shape (n,), kg·m²."""
     M2: Floats
-    """Arm inertia matrix, shape (n, n), kg·m²."""
+    """Arm inertia matrix with the coupling inertias J_12 = J_21 off its diagonal, shape (n, n), kg·m².
+    A single joint may give a plain number."""
     added: Floats
-    """Exactly known part of M2, shape (n, n), kg·m²; zero without one."""
+    """Exactly known part of M2, shape (n, n), kg·m², such as a payload of known mass and position. The
+    uncertainty of M2 then applies to M2 − added. By default zero."""
     gravity: Floats
-    """Stiffness of gravity, shape (n, n), N·m/rad; zero without it."""
+    """Stiffness of gravity, the derivative of the static torque by the joint angles, shape (n, n),
+    N·m/rad; exact. By default zero: a horizontal arm."""
     shared: Floats
-    """Change of M2 by one standard deviation of the common unknown, shape (n, n), kg·m²."""
+    """Change of M2 by one standard deviation of an unknown common to all poses, such as the mass of the
+    payload, shape (n, n), kg·m². By default zero."""
     shared_gravity: Floats
-    """Change of the gravity stiffness by the same, shape (n, n), N·m/rad."""
+    """Change of ``gravity`` by the same, shape (n, n), N·m/rad. By default zero."""
 
     def __init__(
         self,
@@ -79,16 +62,15 @@ class Inertia:
         arm = _symmetric("M2", "arm inertia", M2, n)
         _require_positive("M", rotor, "kg·m²")
         _require_positive_definite("M2", arm)
-        known = np.zeros((n, n)) if added is None else _symmetric("added", "known part of M2", added, n)
+        zero = np.zeros((n, n))
+        known = _symmetric("added", "known part of M2", zero if added is None else added, n)
         if known.any():
             _require_positive_definite("M2 − added (M2 is the total)", arm - known)
-        object.__setattr__(self, "M", rotor)
-        object.__setattr__(self, "M2", arm)
-        object.__setattr__(self, "added", frozen(known))
-        object.__setattr__(self, "gravity", _gravity(gravity, n))
-        common = np.zeros((n, n)) if shared is None else _symmetric("shared", "change of M2", shared, n)
-        object.__setattr__(self, "shared", frozen(common))
-        object.__setattr__(self, "shared_gravity", _gravity(shared_gravity, n, "shared_gravity"))
+        common = _symmetric("shared", "change of M2", zero if shared is None else shared, n)
+        slow = _gravity("gravity", zero if gravity is None else gravity, n)
+        change = _gravity("shared_gravity", zero if shared_gravity is None else shared_gravity, n)
+        for name, value in zip(_FIELDS, (rotor, arm, known, slow, common, change), strict=True):
+            object.__setattr__(self, name, value)
 
     @property
     def n(self) -> int:
@@ -96,17 +78,9 @@ class Inertia:
         return int(self.M.size)
 
     def with_added(self, added: ArrayLike) -> Inertia:
-        """Return the inertia with an exactly known addition, such as a payload of known mass.
+        """Return the inertia with an exactly known addition to M2, shape (n, n), motor side, kg·m².
 
-        Parameters
-        ----------
-        added : array_like, shape (n, n)
-            Addition to M2, motor side, kg·m².
-
-        Raises
-        ------
-        JointIdError
-            When it is not symmetric or has another shape, or the sum is no inertia.
+        Raises JointIdError when it is not symmetric or has another shape, or the sum is no inertia.
         """
         more = _symmetric("added", "addition to M2", added, self.n)
         return Inertia(
@@ -114,15 +88,14 @@ class Inertia:
         )
 
 
+_FIELDS = ("M", "M2", "added", "gravity", "shared", "shared_gravity")
+
+
 def dynamic_arm_inertia(omega: ArrayLike, inertia: Inertia | Sequence[Inertia]) -> Floats:
     """Return M2 − gravity/ω², shape (f, n, n): torque over acceleration of the arm at a frequency.
 
-    Parameters
-    ----------
-    omega : array_like, shape (f,)
-        Angular frequencies, rad/s; 0 counts as 0.001 rad/s where gravity acts.
-    inertia : Inertia or sequence of Inertia
-        One for all frequencies, or one for each.
+    ``omega``, shape (f,), is in rad/s, where 0 counts as 0.001 rad/s if gravity acts; ``inertia`` is one
+    for all frequencies, or one for each.
     """
     each = [inertia] if isinstance(inertia, Inertia) else inertia
     M2, gravity = np.array([i.M2 for i in each]), np.array([i.gravity for i in each])
@@ -132,9 +105,7 @@ def dynamic_arm_inertia(omega: ArrayLike, inertia: Inertia | Sequence[Inertia]) 
     return np.asarray(M2 - gravity / squared[:, None, None])
 
 
-def _gravity(values: ArrayLike | None, n: int, name: str = "gravity") -> Floats:
-    if values is None:
-        return frozen(np.zeros((n, n)))
+def _gravity(name: str, values: ArrayLike, n: int) -> Floats:
     matrix = finite_array(f"{name} (stiffness of gravity, N·m/rad)", values, ndim=2)
     if matrix.shape != (n, n):
         raise JointIdError(f"{name} has shape {matrix.shape}: expected ({n}, {n}).")
@@ -178,25 +149,15 @@ def arm_inertia(i: int, j: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Elasticity:
-    """Stiffness and damping of n joints, equation (7), motor side.
+    """Stiffness and damping of n joints, equation (7), motor side; fields take any array_like.
 
-    Parameters
-    ----------
-    K : array_like, shape (n,)
-        Stiffness, N·m/rad, positive.
-    D : array_like, shape (n,)
-        Damping, N·m·s/rad, not negative.
-
-    Raises
-    ------
-    JointIdError
-        When the shapes differ, or a value is out of range.
+    Raises JointIdError when the shapes differ, or a value is out of range.
     """
 
     K: Floats
-    """Stiffness, shape (n,), N·m/rad."""
+    """Stiffness, shape (n,), N·m/rad, positive."""
     D: Floats
-    """Damping, shape (n,), N·m·s/rad."""
+    """Damping, shape (n,), N·m·s/rad, not negative."""
 
     def __init__(self, K: ArrayLike, D: ArrayLike) -> None:
         stiffness = finite_array("K (stiffness, N·m/rad)", K, ndim=1)
@@ -245,7 +206,9 @@ def motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -
     JointIdError
         When inertia and elasticity have different numbers of joints.
     """
-    S = _arm_compliance(omega, inertia, elasticity)
+    s2, spring = _laplace(omega, inertia, elasticity)
+    arm = np.linalg.inv(dynamic_arm_inertia(np.ravel(omega), inertia))
+    S = arm + _diagonal(s2[:, None] / spring)
     return np.asarray(S @ np.linalg.inv(np.eye(inertia.n) + inertia.M[:, None] * S))
 
 
@@ -254,19 +217,9 @@ def motor_impedance(
 ) -> tuple[Complexes, Complexes]:
     """Torque over angle at the motors, Z = s²(M + S⁻¹), the inverse of equation (16) times s².
 
-    Parameters
-    ----------
-    s : ndarray, shape (...,), complex
-        Laplace variable, rad/s.
-    M, arm : ndarray, shapes (..., n) and (..., n, n)
-        Rotor inertias and M2⁻¹.
-    K, D : ndarray, shape (n,)
-        Stiffness and damping; unlike those of a model they may have any sign.
-
-    Returns
-    -------
-    Z, stiff : ndarray, shape (..., n, n), complex
-        The impedance, N·m/rad, and S⁻¹ = (M2⁻¹ + s²(K + sD)⁻¹)⁻¹, kg·m².
+    Of the Laplace variable s, shape (...,), rad/s, rotor inertias M, (..., n), ``arm`` = M2⁻¹,
+    (..., n, n), and K and D, (n,), which unlike those of a model may have any sign. Returns Z, N·m/rad,
+    and S⁻¹ = (M2⁻¹ + s²(K + sD)⁻¹)⁻¹, kg·m², each (..., n, n).
     """
     s2 = s * s
     compliance = np.empty((*s.shape, K.size, K.size), complex)
@@ -286,20 +239,13 @@ def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasti
 
     Parameters
     ----------
-    omega : array_like, shape (f,)
-        Angular frequencies, rad/s.
-    inertia, elasticity
-        The model, n joints, motor side.
+    omega, inertia, elasticity
+        As in ``motor_response``, likewise the errors.
 
     Returns
     -------
     ndarray, shape (f, n, n), complex
         Response of the arm on its springs, 1/(kg·m²); infinite only where an undamped joint resonates.
-
-    Raises
-    ------
-    JointIdError
-        When inertia and elasticity have different numbers of joints.
     """
     s2, spring = _laplace(omega, inertia, elasticity)
     dynamic = inertia.M2 * s2[:, None, None] + inertia.gravity + _diagonal(spring)
@@ -315,17 +261,12 @@ def resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
     Parameters
     ----------
     inertia, elasticity
-        The model, n joints, motor side.
+        As in ``motor_response``, likewise the errors.
 
     Returns
     -------
     ndarray, shape (n,)
         Frequencies in Hz, ascending, without the n rigid-body zeros.
-
-    Raises
-    ------
-    JointIdError
-        When inertia and elasticity have different numbers of joints.
     """
     return _natural_frequencies_hz(inertia, elasticity, moving=np.ones(inertia.n, bool))
 
@@ -336,17 +277,12 @@ def locked_resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
     Parameters
     ----------
     inertia, elasticity
-        The model, n joints, motor side.
+        As in ``motor_response``, likewise the errors.
 
     Returns
     -------
     ndarray, shape (n,)
         Frequencies in Hz, ascending.
-
-    Raises
-    ------
-    JointIdError
-        When inertia and elasticity have different numbers of joints.
     """
     return _natural_frequencies_hz(inertia, elasticity, moving=np.zeros(inertia.n, bool))
 
@@ -357,49 +293,31 @@ def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
     Parameters
     ----------
     inertia, elasticity
-        The model, n joints, motor side.
+        As in ``motor_response``, likewise the errors.
 
     Returns
     -------
     ndarray, shape (n, n)
         Row j holds the n zeros of H_jj in Hz, ascending.
-
-    Raises
-    ------
-    JointIdError
-        When inertia and elasticity have different numbers of joints.
     """
-    everyone = np.arange(inertia.n)
-    return np.array(
-        [_natural_frequencies_hz(inertia, elasticity, moving=everyone != j) for j in everyone]
-    )
+    rows = ~np.eye(inertia.n, dtype=bool)
+    return np.array([_natural_frequencies_hz(inertia, elasticity, moving=row) for row in rows])
 
 
 def _natural_frequencies_hz(inertia: Inertia, elasticity: Elasticity, moving: np.ndarray) -> Floats:
     """Spring deflections x obey ẍ = −(M⁻¹ + M2⁻¹)K x; a motor held still counts as M⁻¹ = 0."""
     _require_same_joints(inertia, elasticity)
-    if inertia.gravity.any():
-        return _frequencies_with_gravity_hz(inertia, elasticity, moving)
-    mobility = np.linalg.inv(inertia.M2) + np.diag(np.where(moving, 1 / inertia.M, 0.0))
-    root = np.sqrt(elasticity.K)
-    squared = np.linalg.eigvalsh(root[:, None] * mobility * root)
-    return np.sqrt(np.maximum(squared, 0.0)) / (2 * np.pi)  # rounding may be below zero
-
-
-def _frequencies_with_gravity_hz(inertia: Inertia, elasticity: Elasticity, moving: np.ndarray) -> Floats:
-    """The n highest of the arm and the moving motors: the others are the slow swings under gravity."""
-    K = np.diag(elasticity.K)
-    stiffness = np.block([[K, -K], [-K, K + inertia.gravity]])
-    kept = np.concatenate([moving, np.ones(inertia.n, bool)])
-    mass = block_diag(np.diag(inertia.M), inertia.M2)
-    squared = eigh(stiffness[np.ix_(kept, kept)], mass[np.ix_(kept, kept)], eigvals_only=True)
-    return np.asarray(np.sqrt(np.maximum(squared[-inertia.n :], 0.0)) / (2 * np.pi))
-
-
-def _arm_compliance(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> Complexes:
-    s2, spring = _laplace(omega, inertia, elasticity)
-    arm = np.linalg.inv(dynamic_arm_inertia(np.ravel(omega), inertia))
-    return np.asarray(arm + _diagonal(s2[:, None] / spring))
+    if inertia.gravity.any():  # the n highest of arm and motors: the others swing slowly under gravity
+        K, kept = np.diag(elasticity.K), np.concatenate([moving, np.ones(inertia.n, bool)])
+        stiffness = np.block([[K, -K], [-K, K + inertia.gravity]])
+        mass = block_diag(np.diag(inertia.M), inertia.M2)
+        squared = eigh(stiffness[np.ix_(kept, kept)], mass[np.ix_(kept, kept)], eigvals_only=True)
+        squared = squared[-inertia.n :]
+    else:
+        mobility = np.linalg.inv(inertia.M2) + np.diag(np.where(moving, 1 / inertia.M, 0.0))
+        root = np.sqrt(elasticity.K)
+        squared = np.linalg.eigvalsh(root[:, None] * mobility * root)
+    return np.asarray(np.sqrt(np.maximum(squared, 0.0)) / (2 * np.pi))  # rounding may be below zero
 
 
 def _laplace(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> tuple[Complexes, Complexes]:

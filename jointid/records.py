@@ -20,16 +20,23 @@ class JointRecord:
     """Fields and checks that a sine and any other motion have in common."""
 
     time_s: Floats
-    """Sample times, shape (N,), s."""
+    """Sample times, shape (N,), strictly increasing, s. Jitter is allowed and measured."""
     theta_rad: Floats
-    """Motor angles, shape (N, n), each joint contiguous in memory, rad."""
+    """Motor angles, shape (N, n), each joint contiguous in memory, motor side, rad. A single joint may
+    give shape (N,)."""
     tau_Nm: Floats
-    """Motor torques, shape (N, n), each joint contiguous in memory, N·m."""
+    """Motor torques, like the angles, N·m."""
     torque_hold: bool = False
+    """Whether the torque of a sample is held until the next one (zero-order hold), as a digital
+    controller does, or the samples are the momentary torque."""
     torque_delay_s: float = 0.0
+    """The torque acts this much after its sample, s."""
     start_s: float | None = None
+    """Start of the steady state on the clock of ``time_s``; earlier rows are kept but not used."""
     pose: str | None = None
+    """Name of the pose; M2 depends on the pose, K and D do not."""
     label: str = ""
+    """Name for messages and plots, for instance the file name."""
     start: int = field(init=False, repr=False)
     """Index of the first sample used."""
     interval_s: float = field(init=False)
@@ -52,7 +59,10 @@ class JointRecord:
             raise JointIdError(f"torque_hold = {self.torque_hold!r}: expected true or false.")
         if not isinstance(self.label, str) or not isinstance(self.pose, str | None):
             raise JointIdError(f"label and pose must be text, got {self.label!r} and {self.pose!r}.")
-        start = self._first_sample(time)
+        begin = None if self.start_s is None else float(finite_array("start_s", self.start_s, ndim=0))
+        start = 0 if begin is None else int(np.searchsorted(time, begin - 1e-9))
+        if start >= time.size:
+            raise JointIdError(f"start_s = {begin:g} s lies after the last sample at {time[-1]:g} s.")
         used = time[start:]
         interval = float((used[-1] - used[0]) / (used.size - 1)) if used.size > 1 else 0.0
         self._set(
@@ -69,15 +79,6 @@ class JointRecord:
     def _set(self, **values: object) -> None:
         for name, value in values.items():
             object.__setattr__(self, name, value)
-
-    def _first_sample(self, time: Floats) -> int:
-        if self.start_s is None:
-            return 0
-        begin = float(finite_array("start_s", self.start_s, ndim=0))
-        start = int(np.searchsorted(time, begin - 1e-9))
-        if start >= time.size:
-            raise JointIdError(f"start_s = {begin:g} s lies after the last sample at {time[-1]:g} s.")
-        return start
 
     @property
     def n(self) -> int:
@@ -107,33 +108,11 @@ class _OfOneFrequency:
 class SineRecord(JointRecord, _OfOneFrequency):
     """A log of n joints that move in a sine of one known frequency under closed-loop control.
 
-    Parameters
-    ----------
-    frequency_hz : float
-        Excitation frequency, Hz.
-    time_s : array_like, shape (N,)
-        Sample times, strictly increasing, s. Jitter is allowed and measured.
-    theta_rad : array_like, shape (N, n)
-        Motor angles, motor side, rad. A single joint may give shape (N,).
-    tau_Nm : array_like, shape (N, n)
-        Motor torques, motor side, N·m.
-    torque_hold : bool, default False
-        The torque of a sample is held until the next one (zero-order hold), as a digital
-        controller does. False: the samples are the momentary torque.
-    torque_delay_s : float, default 0.0
-        The torque acts this much after its sample, s.
-    start_s : float, optional
-        Start of the steady state on the clock of ``time_s``; earlier rows are kept but not used.
-    pose : str, optional
-        Name of the pose; M2 depends on the pose, K and D do not.
-    label : str, default ""
-        Name for messages and plots, for instance the file name.
+    ``frequency_hz`` is its first argument; the others are those of ``JointRecord``.
 
-    Raises
-    ------
-    JointIdError
-        On shapes that disagree, values that are not finite, times that do not increase, less than
-        one period of data after ``start_s``, or a frequency at or above half the sample rate.
+    Raises JointIdError on shapes that disagree, values that are not finite, times that do not
+    increase, less than one period of data after ``start_s``, or a frequency at or above half the sample
+    rate.
     """
 
     def __post_init__(self) -> None:
@@ -175,24 +154,14 @@ class SineRecord(JointRecord, _OfOneFrequency):
 class MotionRecord(JointRecord):
     """A log of n joints in any motion around one pose: a sweep, random motion, the robot's own moves.
 
-    Parameters
-    ----------
-    time_s, theta_rad, tau_Nm, torque_hold, torque_delay_s, start_s, pose, label
-        As in ``SineRecord``.
-    arm_rad : array_like, shape (N, n), optional
-        Joint angles measured behind the gears, rad; a column of NaN for a joint without a sensor.
-    band_hz : (float, float), optional
-        Lowest and highest frequency to use, Hz. None: chosen from the record.
-
-    Raises
-    ------
-    JointIdError
-        On shapes that disagree, values that are not finite, times that do not increase, fewer than
-        16 samples after ``start_s``, or a band that is empty or reaches half the sample rate.
+    Raises JointIdError on shapes that disagree, values that are not finite, times that do not
+    increase, fewer than 16 samples after ``start_s``, or a band that is empty or reaches half the sample
+    rate.
     """
 
     arm_rad: Floats | None = None
-    """Joint angles measured behind the gears, shape (N, n), rad; NaN columns without a sensor."""
+    """Joint angles measured behind the gears, shape (N, n), rad; a column of NaN for a joint without a
+    sensor."""
     band_hz: tuple[float, float] | None = None
     """Lowest and highest frequency to use, Hz; None: chosen from the record."""
 
@@ -208,11 +177,8 @@ class MotionRecord(JointRecord):
     @property
     def excitation(self) -> str:
         """The band in words."""
-        return (
-            "automatic band"
-            if self.band_hz is None
-            else f"{self.band_hz[0]:.3g}–{self.band_hz[1]:.3g} Hz"
-        )
+        band = self.band_hz
+        return "automatic band" if band is None else f"{band[0]:.3g}–{band[1]:.3g} Hz"
 
     def _checked_arm(self) -> Floats | None:
         if self.arm_rad is None:
@@ -287,10 +253,7 @@ def _require_increasing(time: Floats) -> None:
 def require_torques(records: Sequence[JointRecord]) -> None:
     """Refuse a joint that moves while its torque is the same number throughout all records.
 
-    Raises
-    ------
-    JointIdError
-        When there is one.
+    Raises JointIdError when there is one.
     """
     constant = np.array([record.constant for record in records])
     n = constant.shape[1] // 2

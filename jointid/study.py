@@ -1,4 +1,4 @@
-"""A study: the records of one robot with its inertias, and the whole method in one call."""
+"""A study: the records of one robot with its inertias."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -26,71 +27,48 @@ known to a few per cent."""
 class Study:
     """Records of one robot, sines or any other motion, with its rigid-body inertias.
 
-    Parameters
-    ----------
-    records : sequence of SineRecord and MotionRecord
-        At least one; all with the joints of ``inertia``.
-    inertia : Inertia
-        Motor side, for records without a pose.
-    nominal : Elasticity, optional
-        Nominal K and D: those in the controller at present.
-    name : str, default ""
-    origin : {"", "simulated", "measured"}
-        Origin of the records; empty when not stated.
-    description : str, default ""
-        Free text.
-    poses : mapping of str to Inertia, optional
-        Inertia of each named pose.
-    robot : str, default ""
-        Name of the robot, to compare robots of a fleet and to follow one over time.
-    date : date or datetime, optional
-        Date of the measurement; the UTC offset of a datetime, if any, in whole minutes.
-    inertia_std : float, default 0.05
-        Relative standard deviation of the given inertias: 0.05 for 5 %, 0 for exact ones,
-        ``math.inf`` for unknown ones.
-    torque_std : float, optional
-        The same for the torque constant of each joint. None: not stated and assumed exact.
-    robot_model : RobotModel, optional
-        Rigid model of the robot.
-    gear_ratio : array_like, shape (n,), optional
-        Motor turns per joint turn, negative for opposite directions. They convert K and D to the joint
-        side; the method does not need them.
-    gear_temperature_C : float, optional
-        Temperature of the gears, °C.
-    note : str, default ""
-        Remark on the measurement, shown beside the answer.
-    assumed : sequence of str, optional
-        Unconfirmed facts about the logs, such as "gear ratio 1 (joint 2)".
-    changes : sequence of str, optional
-        Changes of the logged data, oldest first, see ``jointid.corrections``.
-    pose_angles_rad : mapping of str to (n,), optional
-        Joint angles of poses, "" for records without one. Poses that are not in ``poses`` get their
-        inertia from the model; the others must agree with it.
-
-    Raises
-    ------
-    JointIdError
-        When there is no record, joints or pose of a record do not fit, or a value has a wrong type.
+    Raises JointIdError when there is no record, joints or pose of a record do not fit, or a value has a
+    wrong type.
     """
 
     records: tuple[SineRecord | MotionRecord, ...]
+    """At least one; all with the joints of ``inertia``."""
     inertia: Inertia
+    """Motor side, for records without a pose."""
     nominal: Elasticity | None = None
+    """Nominal K and D: those in the controller at present."""
     name: str = ""
     origin: str = ""
+    """"simulated" or "measured"; empty when not stated."""
     description: str = ""
+    """Free text."""
     poses: Mapping[str, Inertia] = field(default_factory=dict)
+    """Inertia of each named pose."""
     robot: str = ""
+    """Name of the robot, to compare robots of a fleet and to follow one over time."""
     date: datetime.date | datetime.datetime | None = None
+    """Date of the measurement; the UTC offset of a datetime, if any, in whole minutes."""
     inertia_std: float = INERTIA_STD
+    """Relative standard deviation of the given inertias: 0.05 for 5 %, 0 for exact ones, ``math.inf``
+    for unknown ones."""
     torque_std: float | None = None
+    """The same for the torque constant of each joint. None: not stated and assumed exact."""
     robot_model: RobotModel | None = None
+    """Rigid model of the robot."""
     pose_angles_rad: Mapping[str, Floats] = field(default_factory=dict)
+    """Joint angles of poses, each (n,), "" for records without one. Poses that are not in ``poses`` get
+    their inertia from the model; the others must agree with it."""
     gear_ratio: Floats | None = None
+    """Motor turns per joint turn, shape (n,), negative for opposite directions. They convert K and D to
+    the joint side; the method does not need them."""
     gear_temperature_C: float | None = None
+    """Temperature of the gears, °C."""
     note: str = ""
+    """Remark on the measurement, shown beside the answer."""
     assumed: tuple[str, ...] = ()
+    """Unconfirmed facts about the logs, such as "gear ratio 1 (joint 2)"."""
     changes: tuple[str, ...] = ()
+    """Changes of the logged data, oldest first, see ``jointid.corrections``."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.inertia, Inertia):
@@ -117,22 +95,14 @@ class Study:
         object.__setattr__(self, "inertia_std", checked_std("inertia_std", self.inertia_std))
         if self.torque_std is not None:
             object.__setattr__(self, "torque_std", checked_std("torque_std", self.torque_std))
-        for number, record in enumerate(self.records, start=1):
-            where = record.label or f"record {number}"
-            if record.n != self.inertia.n:
-                raise JointIdError(
-                    f"{where} has {counted(record.n, 'joint')}, the study's inertia has "
-                    f"{self.inertia.n}."
-                )
+        records = [(r.label or f"record {k}", r) for k, r in enumerate(self.records, start=1)]
+        for what, joints in [*records, ("nominal", self.nominal), *self.poses.items()]:
+            self._require_joints(what, joints)
+        for where, record in records:
             if record.pose is not None and record.pose not in self.poses:
                 known = ", ".join(self.poses) or "none"
                 raise JointIdError(
                     f'{where}: pose "{record.pose}" is not defined. Known poses: {known}.'
-                )
-        for what, joints in [("nominal", self.nominal), *self.poses.items()]:
-            if joints is not None and joints.n != self.inertia.n:
-                raise JointIdError(
-                    f"{what} has {counted(joints.n, 'joint')}, the study's inertia has {self.inertia.n}."
                 )
 
     @property
@@ -164,7 +134,7 @@ class Study:
 
     @property
     def gear_ratios(self) -> Floats | None:
-        """Gear ratios as given, else of the robot model, shape (n,); None without, or if coupled."""
+        """Gear ratios as given, else of the robot model, shape (n,); None if unknown or coupled."""
         if self.gear_ratio is not None or self.robot_model is None:
             return self.gear_ratio
         C = self.robot_model.coupling
@@ -180,6 +150,13 @@ class Study:
         remarks += [self.note] if self.note else []
         assumed = f"Assumed, not confirmed: {'; '.join(self.assumed)}."
         return [*remarks, assumed] if self.assumed else remarks
+
+    def _require_joints(self, what: str, joints: Any) -> None:
+        """Refuse another number of joints than that of the inertia."""
+        if joints is not None and joints.n != self.inertia.n:
+            raise JointIdError(
+                f"{what} has {counted(joints.n, 'joint')}, the study's inertia has {self.inertia.n}."
+            )
 
     def _check_remarks(self) -> None:
         """Check gear ratios, temperature, note and assumptions."""
@@ -202,11 +179,7 @@ class Study:
     def _take_poses_from_model(self) -> None:
         """Complete ``poses`` by the joint angles of ``pose_angles_rad``."""
         poses, angles = dict(self.poses), {}
-        if self.robot_model is not None and self.robot_model.n != self.inertia.n:
-            raise JointIdError(
-                f"The robot's model has {counted(self.robot_model.n, 'joint')}, the study's inertia has "
-                f"{self.inertia.n}."
-            )
+        self._require_joints("The robot's model", self.robot_model)
         for name, value in self.pose_angles_rad.items():
             if self.robot_model is None:
                 raise JointIdError("pose_angles_rad is given without a robot_model: give both.")

@@ -1,7 +1,8 @@
 """Transfer matrix of the motors from phasors, equations (16)-(18), independent of the controllers."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -71,20 +72,9 @@ def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
     JointIdError
         When no frequency can be inverted.
     """
-    n = phasors.n
-    kept, rejected = [], []
-    for omega, group in phasors.by_frequency():
-        try:
-            kept.append((omega, *_solve(phasors, omega, group)))
-        except JointIdError as error:
-            rejected.append(str(error))
-    if not kept:
-        raise JointIdError(
-            f"The transfer matrix of {counted(n, 'joint')} cannot be found at any frequency. "
-            f"{rejected[0]}"
-        )
-    omegas, matrices, covariances, conditions = zip(*kept, strict=True)
-    return _matrix(omegas, matrices, covariances, conditions, rejected)
+    groups = {omega: partial(_solve, phasors, omega, group) for omega, group in phasors.by_frequency()}
+    problem = f"The transfer matrix of {counted(phasors.n, 'joint')} cannot be found at any frequency."
+    return _matrix(groups, problem)
 
 
 def motion_transfer_matrix(
@@ -94,25 +84,13 @@ def motion_transfer_matrix(
     viscous: Floats | float = 0.0,
     delay: float = 0.0,
 ) -> TransferMatrix:
-    """Estimate H from any motion by local polynomials, without a model of the robot.
+    """Estimate H from any motion of one pose by local polynomials, without a model of the robot.
 
     Within a narrow band H is a polynomial of the frequency, and so is the contribution of the states at
     both ends of each record (Pintelon and Schoukens, System Identification, 2nd ed. 2012, section 7.2).
-    The scatter about both gives the covariance.
-
-    Parameters
-    ----------
-    records : sequence of MotionRecord
-        Of one pose.
-    coulomb, viscous : ndarray, shape (n,)
-        Friction to subtract from the torque, N·m and N·m·s/rad.
-    delay : float
-        Delay of the torque in addition to that of the records, s.
-
-    Raises
-    ------
-    JointIdError
-        When a clock is too uneven, or no frequency can be solved for.
+    The scatter about both gives the covariance. ``coulomb`` and ``viscous``, shape (n,), are friction to
+    subtract from the torque, N·m and N·m·s/rad; ``delay`` is that of the torque in addition to that of
+    the records, s. Raises JointIdError when a clock is too uneven, or no frequency can be solved for.
     """
     parts = [
         (part, record, coherent_band(record) if record.band_hz is None else record.band_hz)
@@ -123,18 +101,9 @@ def motion_transfer_matrix(
     half = max(_LINES / longest, _NARROW)
     spectra = [_spectrum(*part, coulomb, viscous, delay) for part in parts]
     low, high = min(band[0] for *_, band in parts), max(band[1] for *_, band in parts)
-    kept, rejected = [], []
-    for centre in np.arange(low + half, high - half, 2 * half).tolist():
-        try:
-            kept.append((2 * np.pi * centre, *_local(spectra, centre, half)))
-        except JointIdError as error:
-            rejected.append(str(error))
-    if not kept:
-        raise JointIdError(
-            f"The transfer matrix cannot be found from these motions. {' '.join(rejected[:1])}"
-        )
-    omegas, matrices, covariances, conditions = zip(*kept, strict=True)
-    return _matrix(omegas, matrices, covariances, conditions, rejected)
+    centres = np.arange(low + half, high - half, 2 * half).tolist()
+    bands = {2 * np.pi * centre: partial(_local, spectra, centre, half) for centre in centres}
+    return _matrix(bands, "The transfer matrix cannot be found from these motions.")
 
 
 def _spectrum(
@@ -219,12 +188,18 @@ def _polynomial(
 
 
 def _matrix(
-    omegas: Sequence[float],
-    matrices: Sequence[Complexes],
-    covariances: Sequence[Complexes],
-    conditions: Sequence[float],
-    rejected: Sequence[str],
+    solvers: Mapping[float, Callable[[], tuple[Complexes, Complexes, float]]], problem: str
 ) -> TransferMatrix:
+    """Solve for H at every frequency; ``problem`` is the message when none can be solved."""
+    kept, rejected = [], []
+    for omega, solve in solvers.items():
+        try:
+            kept.append((omega, *solve()))
+        except JointIdError as error:
+            rejected.append(str(error))
+    if not kept:
+        raise JointIdError(" ".join([problem, *rejected[:1]]))
+    omegas, matrices, covariances, conditions = zip(*kept, strict=True)
     H = np.array(matrices)
     size = np.sqrt(np.abs(np.einsum("fii->fi", H)))
     unlike, scale = np.abs(H - H.swapaxes(1, 2)), size[:, :, None] * size[:, None]
@@ -265,8 +240,8 @@ def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes
     at = f"At {omega / (2 * np.pi):.4g} Hz"
     if group.size < n:
         raise JointIdError(
-            f"{at} the study has {counted(group.size, 'record')} ({names}), {n} joints need {n}: "
-            "measure another in which the joints move with other relative amplitudes or phases."
+            f"{at} the study has {counted(group.size, 'record')} ({names}); {n} joints need {n}: "
+            "measure another with different relative amplitudes or phases of the joints."
         )
     T, Y = phasors.tau[group].T, -(omega**2) * phasors.q[group].T  # records as columns
     scale = np.linalg.norm(T, axis=1)
@@ -286,8 +261,8 @@ def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes
             )
         raise JointIdError(
             f"{at} the torques of {names} (columns tau_m1_Nm ... tau_m{n}_Nm) are not independent: the "
-            "records are the same experiment. Measure one in which the joints move with other relative "
-            "amplitudes or phases, for instance one joint reversed."
+            "records are the same experiment. Measure one with different relative amplitudes or phases "
+            "of the joints, for instance with one joint reversed."
         )
     inverse = np.linalg.pinv(T)
     H = Y @ inverse

@@ -10,11 +10,10 @@ from jointid.ui.fleet.studies import show_failed, show_studies
 from jointid.ui.shared.charts import download, is_dark
 from jointid.ui.shared.page import start
 
-start("Fleet")
-st.title("Fleet", anchor=False)
-st.write(
+start(
+    "Fleet",
     "Many robots, or one robot over the years: spread and drift of stiffness and damping, and outliers. "
-    "Each study is analysed separately, as on the page Study."
+    "Each study is analysed separately, as on the page Study.",
 )
 fleet = open_fleet()
 rows = list(fleet.rows.values())
@@ -37,7 +36,6 @@ download(
     "Save these results (.parquet)",
     lambda: to_parquet(rows),
     "results.parquet",
-    "application/vnd.apache.parquet",
     hint="One row per study: state, K1, K1_error (all causes), D1 and so on, verdict, errors; misfit is "
     "the square of residual over noise, 1 is ideal; equal data have an equal digest.",
 )

@@ -1,15 +1,12 @@
 """Two studies, or two estimators, side by side."""
 
-import streamlit as st
-
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.comparison import choose_other, show_differences, show_models
 
-page = open_page("Compare")
-st.title("Compare", anchor=False)
-st.write(
+page = open_page(
+    "Compare",
     "The chosen study beside another one: before and after a gear change, cold and warm, one robot and "
-    "its neighbour, or two estimators on the same records."
+    "its neighbour, or two estimators on the same records.",
 )
 analysis = page.analysis()
 other = choose_other(page)

@@ -1,19 +1,20 @@
 """The records as logged."""
 
+from functools import partial
+
 import streamlit as st
 
 from jointid import SineRecord
 from jointid.figures import coherences, spectra, waveforms
-from jointid.ui.shared import cached
+from jointid.phasors.sine_fit import fit_sines
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import show_distortion, show_quality
 
-page = open_page("Records")
-st.title("Records", anchor=False)
-st.write(
+page = open_page(
+    "Records",
     "Each record is one experiment with the controllers on: sines of one frequency, or any other "
-    "motion. The method uses the motors' angles and torques only."
+    "motion. The method uses the motors' angles and torques only.",
 )
 if page.study.sine_records:
     st.write("A sine, an offset and a drift are fitted to each signal; the sine is its phasor.")
@@ -28,15 +29,18 @@ number = st.selectbox(
     bind="query-params",
 )
 record = records[number]
-fitted = cached.fitted_sine(page.digest, number, page.study)
 is_sine = isinstance(record, SineRecord)
+fitted = None
+if isinstance(record, SineRecord):
+    (sine,) = page.computed(("sine", number), "Fitting the sine", fit_sines, [record])
+    fitted = sine.at(record.time_s, record.omega)
 
 
 def show_waveforms(periods: float | None) -> None:
     """Angle and torque over time."""
     page.show_per_joint(
         f"waveforms {number} {periods}",
-        lambda joint: waveforms(record, joint, fitted, periods=periods, dark=page.dark),
+        partial(waveforms, record, fitted=fitted, periods=periods),
         "Angle and torque of joint {0} over time" + (" with the fitted sine" if is_sine else ""),
     )
 
@@ -45,7 +49,7 @@ def show_spectra() -> None:
     """Spectra of angle and torque."""
     page.show_per_joint(
         f"spectra {number}",
-        lambda joint: spectra(record, joint, dark=page.dark),
+        partial(spectra, record),
         "Spectra of angle and torque of joint {0}",
     )
     if is_sine:
@@ -56,7 +60,7 @@ def show_coherence() -> None:
     """Coherence of a motion, and its distortion."""
     page.show_per_joint(
         f"coherence {number}",
-        lambda joint: coherences(record, joint, dark=page.dark),
+        partial(coherences, record),
         "Coherence of the motion of joint {0} with the torques, over frequency",
     )
     st.caption(

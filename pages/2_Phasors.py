@@ -1,5 +1,7 @@
 """One complex number per signal."""
 
+from functools import partial
+
 import streamlit as st
 
 from jointid.exporting.tables import phasors_csv
@@ -9,12 +11,11 @@ from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import phasor_table
 
-page = open_page("Phasors")
-st.title("Phasors", anchor=False)
-st.write(
+page = open_page(
+    "Phasors",
     "A sine of known frequency is fully described by its amplitude and phase: one complex number, the "
     "phasor. Velocity and acceleration follow by multiplication with iω, without numerical "
-    "differentiation of encoder noise. Hold and delay of the torque are corrected."
+    "differentiation of encoder noise. Hold and delay of the torque are corrected.",
 )
 st.latex(
     r"\theta = a + ib,\;\; \dot\theta = i\omega\,\theta,\;\; "
@@ -38,7 +39,7 @@ for place, (heading, what, torque) in zip(st.columns(2), signals, strict=True):
         st.markdown(f"**{heading}**")
         page.show(
             f"{what} {chosen}",
-            lambda torque=torque: phasor_plane(phasors, torque=torque, chosen=chosen, dark=page.dark),
+            partial(phasor_plane, phasors, torque=torque, chosen=chosen),
             f"Phasors of the motor {what} in the complex plane",
         )
 st.caption(
@@ -51,6 +52,4 @@ joint = choose_segment(
 )
 table(phasor_table(phasors, joint))
 records = page.study.sine_records
-download(
-    "Save the phasors (.csv)", lambda: phasors_csv(phasors, records).encode(), "phasors.csv", "text/csv"
-)
+download("Save the phasors (.csv)", lambda: phasors_csv(phasors, records), "phasors.csv")

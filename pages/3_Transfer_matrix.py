@@ -12,7 +12,6 @@ from jointid.ui.study.matrix_elements import (
 )
 
 page = open_page("Transfer matrix")
-st.title("Transfer matrix", anchor=False)
 n = page.study.inertia.n
 if n > 1:
     st.write(
@@ -45,6 +44,5 @@ if not analysis.transfer_matrices:
     st.stop()
 pose = choose_pose(list(analysis.transfer_matrices))
 i, j = choose_element(n)
-matrix = analysis.transfer_matrices[pose]
 show_element(page, analysis, pose, i, j)
-show_how_well_known(matrix, i, j, dark=page.dark)
+show_how_well_known(page, analysis.transfer_matrices[pose], pose, i, j)

@@ -15,11 +15,10 @@ from jointid.ui.study.uncertainty_panels import (
     show_inertias,
 )
 
-page = open_page("Elasticity")
-st.title("Elasticity", anchor=False)
-st.write(
-    "The inertias and the motor data give the wind-up of each gear and the torque through it. Their "
-    "ratio is the dynamic stiffness K + iωD."
+page = open_page(
+    "Elasticity",
+    "The inertias and the motor data give the deflection of each gear and the torque through it. Their "
+    "ratio is the dynamic stiffness K + iωD.",
 )
 show_arm_side(page)
 analysis = page.analysis()

@@ -24,14 +24,13 @@ from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 
 page = open_page("Cut")
-st.title("Cut", anchor=False)
 analysis = page.analysis()
 show_own_path(page, analysis)
 stage = st.container()  # the drawing, above the controls
 try:
     robot = cut_robot(analysis)
     settings = ask(robot, page.digest)
-    outcome = cached_cuts.outcome(page.digest, page.method, settings, analysis)
+    outcome = cached_cuts.outcome(page, settings, analysis)
 except JointIdError as error:
     show_error(error)
     st.stop()

@@ -1,11 +1,13 @@
 """Experiment planning: the records that reduce the error bars most."""
 
+from functools import partial
+
 import streamlit as st
 
 from jointid import JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import worst_error
-from jointid.ui.shared.charts import csv_bytes, download, plot, table
+from jointid.ui.shared.charts import csv_of, download, table
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.motion_plan_form import show_motion_plan
@@ -22,7 +24,6 @@ from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted
 
 page = open_page("Plan")
-st.title("Plan", anchor=False)
 analysis = page.analysis()
 if analysis.state == NOT_USABLE:
     show_error(analysis.headline)
@@ -44,7 +45,7 @@ if found is None:
     st.stop()
 count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
-st.header(f"{counted(count, 'record')} more: worst error {before} → {after}", anchor=False)
+st.header(f"{counted(count, 'additional record')}: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
 if advice := second_amplitude(analysis.fit):
     st.info(advice)
@@ -55,12 +56,12 @@ st.caption(
 )
 download(
     "Save these records (.csv)",
-    lambda: csv_bytes(suggested_columns(found)),
+    lambda: csv_of(suggested_columns(found)),
     "next_records.csv",
-    "text/csv",
     hint="With the motor angles, for a controller that follows positions.",
 )
-plot(worst_error(found, dark=page.dark), "Worst relative error over the number of records added")
+what = "Worst relative error over the number of records added"
+page.show(f"worst {settings}", partial(worst_error, found), what)
 
 own, set_points, motions = st.tabs(["Your own plan", "Set points", "Motions in place of sines"])
 try:

@@ -3,19 +3,21 @@
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.analysis import NOT_USABLE
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import downloads
 from jointid.ui.study.report_panel import show_report
 from jointid.wording import file_stem
 
-page = open_page("Report and export")
-st.title("Report and export", anchor=False)
-st.write(
+page = open_page(
+    "Report and export",
     "All results for a colleague or another tool. Each file states version, settings and the digest of "
-    "the study. The same study gives the same files, byte for byte."
+    "the study. The same study gives the same files, byte for byte.",
 )
 analysis = page.analysis()
+if analysis.state == NOT_USABLE:
+    show_error(f"{analysis.headline} Every file states this first.")
 stem, study = file_stem(page.study.name), page.study
 try:
     found = downloads.results(page.digest, page.method, analysis)

@@ -1,4 +1,4 @@
-"""A robot whose springs are known."""
+"""Records of a simulated robot with known K and D."""
 
 import streamlit as st
 
@@ -9,11 +9,10 @@ from jointid.ui.shared.page import start
 from jointid.ui.shared.workspace import keep
 from jointid.ui.study.simulation_form import ask, simulated_study
 
-start("Simulate a robot")
-st.title("Simulate a robot", anchor=False)
-st.write(
+start(
+    "Simulate a robot",
     "Define a robot and a closed-loop experiment, sines or another motion, with friction, noise and "
-    "rounding. Its records become a study with known K and D."
+    "rounding. Its records become a study with known K and D.",
 )
 st.latex(
     r"""\begin{gathered}

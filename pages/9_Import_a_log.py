@@ -6,11 +6,10 @@ from jointid.ui.importing.panels import import_steps
 from jointid.ui.importing.saved_import import kept_import
 from jointid.ui.shared.page import start
 
-start("Import a log")
-st.title("Import a log", anchor=False)
-st.write(
+start(
+    "Import a log",
     "Logs of any controller become a study in five steps. One long log with many runs is as good as one "
-    "log per run."
+    "log per run.",
 )
 progress = st.empty()
 with kept_import():

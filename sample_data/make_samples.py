@@ -197,8 +197,34 @@ def six_axes() -> Study:
 
 
 def swapped_torques() -> Study:
-    """The paper's robot with the torque columns of the joints exchanged: what a failed study shows."""
-    records = simulate_records(
+    """The torque columns of the joints exchanged: what a failed study shows."""
+    return _faulty(
+        "Exercise: torques of the joints exchanged",
+        "The paper's robot. Its log has the torque columns of joints 1 and 2 exchanged; the page Study "
+        "finds this and offers the correction.",
+        [replace(r, tau_Nm=r.tau_Nm[:, ::-1]) for r in _short_records()],
+    )
+
+
+def doubled_record() -> Study:
+    """A record twice: what an answer that is usable with care shows."""
+    records = _short_records()
+    return _faulty(
+        "Exercise: a record twice",
+        "The paper's robot. Its log contains one record twice; the page Study finds this and offers the "
+        "correction.",
+        [*records, replace(records[0], label="copy of " + records[0].label)],
+    )
+
+
+def _faulty(name: str, description: str, records: Sequence[SineRecord]) -> Study:
+    nominal = Elasticity(K=[20.0, 3.5], D=[0.10, 0.015])
+    given = {"origin": "simulated", "inertia": CUTTING_POSE, "nominal": nominal}
+    return Study(name=name, description=description, records=_compact(records), **given)
+
+
+def _short_records() -> list[SineRecord]:
+    return simulate_records(
         CUTTING_POSE,
         PAPER,
         np.geomspace(4.0, 28.0, 6).round(2),
@@ -207,15 +233,6 @@ def swapped_torques() -> Study:
         friction=MotorFriction(coulomb=[0.05, 0.012]),
         measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.02, 0.01]),
         seed=6,
-    )
-    return Study(
-        name="Wrong on purpose: torques of the joints exchanged",
-        origin="simulated",
-        description="The paper's robot, logged with the torque columns of joints 1 and 2 exchanged: an "
-        "answer that is not usable, with its cause and a remedy.",
-        records=_compact([replace(r, tau_Nm=r.tau_Nm[:, ::-1]) for r in records]),
-        inertia=CUTTING_POSE,
-        nominal=Elasticity(K=[20.0, 3.5], D=[0.10, 0.015]),
     )
 
 
@@ -266,6 +283,7 @@ if __name__ == "__main__":
         ("motions.zip", motions()),
         ("six_axes.zip", six_axes()),
         ("swapped_torques.zip", swapped_torques()),
+        ("doubled_record.zip", doubled_record()),
     ]:
         save_study(study, HERE / name, overwrite=True)
         print(f"{name}: {len(study.records)} records")

@@ -1,6 +1,6 @@
 """A six-axis robot with elastic gears and a second encoder, by its inverse dynamics: no integration.
 
-The links follow given curves; torque through the gear, wind-up, transmission error and friction then
+The links follow given curves; torque through the gear, deflection, transmission error and friction then
 give the motor's angle exactly.
 """
 

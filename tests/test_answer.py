@@ -6,11 +6,13 @@ import json
 import math
 import re
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 from jointid import Analysis, Elasticity, Finding, Inertia, Study, analyse, load_study
 from jointid.analysis import answer_state
@@ -24,11 +26,16 @@ from jointid.answer import (
 from jointid.estimation.elasticity import Friction
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.exporting import (
+    LANGUAGES,
+    code_listing,
     from_json,
     from_toml,
+    gear_table,
     identification,
+    modelica_table,
     mujoco_snippet,
     to_json,
+    to_mat,
     to_toml,
     urdf_snippet,
 )
@@ -55,6 +62,12 @@ def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
         ([10.0], [40.0], "Joint 1 is 0.25 times as stiff as nominal."),
         ([40.2], [40.0], "Joint 1 has its nominal stiffness."),
         ([43.0, 3.5], [20.0, 3.5], "joint 2 has its nominal stiffness."),
+        (
+            [14.3, 14.2, 10.0, 14.4, 10.0, 7.0],
+            [10.0] * 6,
+            "Joints 1, 2 and 4 are 42 to 44 % stiffer than nominal; joints 3 and 5 have their nominal "
+            "stiffness; joint 6 is 30 % softer than nominal.",
+        ),
     ],
 )
 def test_against_the_nominal_stiffness(K: list[float], nominal: list[float], said: str) -> None:
@@ -130,6 +143,18 @@ def test_an_unusable_answer_says_so_first_everywhere(study: Study) -> None:
     assert analysis.headline == "Not usable: A problem."
     found = identification(analysis)
     assert urdf_snippet(found, [100.0]).startswith("<!-- Not usable: A problem.\n")
+    assert 'damping="nan"' in urdf_snippet(found, [100.0])
+    for language, (comment, *_) in LANGUAGES.items():
+        first, *others = code_listing(found, language).splitlines()
+        assert first.startswith(f"{comment}NOT USABLE")
+        assert all(line.startswith(comment) for line in others)
+    live: dict[str, object] = {}
+    exec(code_listing(found, "Python"), live)
+    assert "K" not in live
+    assert gear_table(found).startswith("NOT_USABLE_")
+    assert modelica_table(found).startswith("#1 NOT USABLE")
+    assert set(gear_table(found).splitlines()[3].split(",")[1::2]) == {"nan"}
+    assert "model" not in loadmat(BytesIO(to_mat(analysis)))
     document = json.loads(to_json(found))
     assert (document["state"], document["answer"]) == ("not usable", "Not usable: A problem.")
     blocks = make_report(analysis, cut=False).sections[0].blocks

@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields, is_dataclass
 from functools import partial
 from pathlib import Path
@@ -256,27 +257,28 @@ def test_the_cache_has_a_limit_whatever_is_kept() -> None:
     assert kept.get(4) is None
 
 
-def test_a_queue_is_said_when_all_processors_are_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_queue_is_said_when_all_processors_are_busy(
+    pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
     said: list[str] = []
 
-    class Place:
-        def empty(self) -> None:
-            said.append("gone")
-
-    def info(text: str) -> Place:
+    def spinner(text: str) -> AbstractContextManager[None]:
         said.append(text)
-        return Place()
+        end.set()
+        return nullcontext()
 
-    monkeypatch.setattr(background.st, "info", info)
-    with background.queue_said():
-        assert said == []
+    monkeypatch.setattr(background.st, "spinner", spinner)
+    long, began, end = held
     waiting = [object() for _ in range(background._PROCESSES + 2)]
     background._asked.update(waiting)
     try:
-        with background.queue_said():
-            assert run_in_background(sum, [1, 2]) == 3
-            assert said == ["The server is busy: 3 computations in the queue."]
+        begun = background.submit(long)
+        assert began.wait(PATIENCE_S)
+        background.awaited("Computing", begun)
     finally:
         background._asked.difference_update(waiting)
-    assert said[1:] == ["gone"]
+    assert begun.result() == "long"
+    assert said == ["Computing. The server is busy: 3 computations in the queue."]
+    background.awaited("Computing", begun)
+    assert len(said) == 1, "a finished computation shows nothing"
     assert background.queue_text() == ""

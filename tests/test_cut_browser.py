@@ -89,7 +89,7 @@ def scrub(page: Page, time_s: float) -> None:
 def playing(page: Page) -> None:
     """In view and playing at true time, errors as they are, whatever an earlier test left."""
     canvas(page).scroll_into_view_if_needed()
-    page.locator(".speed select").select_option("true time")
+    page.locator(".speed select").select_option("real time")
     page.get_by_role("slider", name="Magnify errors").press("Home")
     if state(page)["playing"] == "false":
         page.get_by_role("button", name="Play", exact=True).click()

@@ -35,7 +35,8 @@ from jointid.ui.cut import cached_cuts as cut_cached
 from jointid.ui.cut.animation import animation_data, tracks
 from jointid.ui.cut.pictures import cut_drawing
 from jointid.ui.cut.settings import CutSettings, usual
-from jointid.ui.shared.cached import DEFAULT_METHOD
+from jointid.ui.shared.estimators import DEFAULT_METHOD
+from jointid.ui.shared.page import Page
 
 PAGE = "pages/5_Cut.py"
 COVARIANCE = np.diag([0.43, 0.075, 0.002, 0.0003]) ** 2
@@ -115,14 +116,17 @@ class TestPage:
         calls: list[Outcome] = []
         app.run()
         analysis = analyse(load_study(sample_folder / "paper.zip"))
-        digest, alone = study_digest(analysis.study), study_outcome(analysis)
+        alone, study = study_outcome(analysis), analysis.study
+        page = Page(
+            "paper", study, study_digest(study), DEFAULT_METHOD, "N·m/rad at the motor", dark=False
+        )
         assert alone is not None
         with pytest.MonkeyPatch.context() as never:
             never.setattr(cut_cached, "track", lambda *_, **__: calls.append(alone))
             never.setattr(cut_cached, "predicted_cut", lambda *_, **__: calls.append(alone))
-            shown_first = cut_cached.overview(digest, DEFAULT_METHOD, analysis)
+            shown_first = cut_cached.overview(page, analysis)
             settings = usual(cut_robot(analysis))
-            on_its_page = cut_cached.outcome(digest, DEFAULT_METHOD, settings, analysis)
+            on_its_page = cut_cached.outcome(page, settings, analysis)
         assert shown_first is not None
         assert not calls
         for one in (shown_first, on_its_page):
@@ -137,9 +141,9 @@ class TestPage:
         seen: list[CutSettings] = []
         compute = cut_cached.outcome
 
-        def noted(digest: str, method: str, settings: CutSettings, analysis: Analysis) -> Outcome:
+        def noted(page: Page, settings: CutSettings, analysis: Analysis) -> Outcome:
             seen.append(settings)
-            return compute(digest, method, settings, analysis)
+            return compute(page, settings, analysis)
 
         monkeypatch.setattr(cut_cached, "outcome", noted)
         app.run()
@@ -147,14 +151,7 @@ class TestPage:
         assert len(seen) >= 2
         assert len(set(seen)) == 1
 
-    def test_its_choice_survives_a_change_to_a_study_without_nominal_values(self, app: AppTest) -> None:
-        at = shown(app.switch_page(PAGE).run())
-        at = shown(at.selectbox(key="study").set_value("one joint").run())
-        at = shown(control(at, "cut_nominal").set_value("3 K").run())
-        at = shown(at.selectbox(key="study").set_value("paper").run())
-        assert control(at, "cut_nominal").value == "3 K"
-
-    def test_a_study_without_nominal_values_does_not_rule_the_next(self, app: AppTest) -> None:
+    def test_a_study_without_nominal_values_rules_the_next_only_by_choice(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
         first = headline(at)
         at = shown(at.selectbox(key="study").set_value("one joint").run())
@@ -162,6 +159,10 @@ class TestPage:
         at = shown(at.selectbox(key="study").set_value("paper").run())
         assert control(at, "cut_nominal").value == "Study's own"
         assert headline(at) == first
+        at = shown(at.selectbox(key="study").set_value("one joint").run())
+        at = shown(control(at, "cut_nominal").set_value("3 K").run())
+        at = shown(at.selectbox(key="study").set_value("paper").run())
+        assert control(at, "cut_nominal").value == "3 K"
 
     def test_every_nominal_controller_cuts_differently(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
@@ -216,9 +217,9 @@ class TestPage:
         at = shown(at.selectbox(key="cut_friction").set_value("Custom").run())
         rough = headline(at)[1]
         assert rough > ideal + 0.1
-        assert "which the servo does not compensate" in words(at)
+        assert "The servo does not compensate it" in words(at)
         assert "comes from friction, delay and encoder, not from the springs" in words(at)
-        assert "95 of 100" not in words(at)
+        assert "95 % of these robots" not in words(at)
         at = shown(at.checkbox(key="cut_compensated").check().run())
         assert headline(at)[1] < 0.2 * rough
 

@@ -298,7 +298,7 @@ def test_what_is_too_long_to_be_sent_is_refused_and_analysed_here(
         monkeypatch.setattr(content, "MAX_TOTAL_BYTES", 1 << 30)
     else:
         monkeypatch.setattr(study_parts, "LONG_BYTES", 1 << 30)
-    with pytest.raises(JointIdError, match=r"cannot be sent to a cluster, .*\.parquet is too long"):
+    with pytest.raises(JointIdError, match=r"cannot be sent to a cluster: .*\.parquet is too long"):
         packed(path)
     about = {"do": "pack", "study": "x", "method": "auto", "known": "", "path": str(path)}
     refused = from_plain(answer(about, b"", lambda done: None)[0]["row"])

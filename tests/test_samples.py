@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from jointid import analyse, load_study
-from jointid.analysis import NOT_USABLE, USABLE
+from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
 from jointid.corrections.changes import corrected
 from jointid.fleet.spread import fleet_spread, robot_drift
 from jointid.fleet.table import read_fleet
@@ -21,6 +21,16 @@ def test_the_failed_study_names_its_cause_and_the_remedy_mends_it() -> None:
     mended = analyse(corrected(study, analysis.findings[0].changes[0]))
     assert mended.state == USABLE
     assert np.all(np.abs(mended.fit.K - [43.0, 7.5]) < 4 * mended.fit.standard_error[:2])
+
+
+def test_a_record_twice_makes_the_answer_usable_with_care_until_one_is_left_out() -> None:
+    study = load_study(SAMPLES / "doubled_record.zip")
+    analysis = analyse(study)
+    assert analysis.state == WITH_CARE
+    (change,) = analysis.findings[0].changes
+    mended = corrected(study, change)
+    assert len(mended.records) == len(study.records) - 1
+    assert analyse(mended).state == USABLE
 
 
 def test_the_fleet_has_a_soft_joint_and_one_that_wears() -> None:

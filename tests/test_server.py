@@ -141,6 +141,13 @@ def test_a_websocket_without_pongs_ends(server: Server) -> None:
     assert PATIENCE_S < took < 5 * PATIENCE_S
 
 
+def test_it_follows_no_files(server: Server) -> None:
+    with visiting(server):
+        links = [os.readlink(link) for link in Path(f"/proc/{server.process.pid}/fd").iterdir()]
+    assert links
+    assert "anon_inode:inotify" not in links
+
+
 def test_descriptors_come_back_after_visitors_leave(server: Server) -> None:
     with visiting(server):
         pass

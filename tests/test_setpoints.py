@@ -15,7 +15,19 @@ from plants import PAPER, PARALLELOGRAM, ROBOTS
 from setpoint_readers import limit_shares, outcome, random_trial, read
 from typer.testing import CliRunner
 
-from jointid import Inertia, JointIdError, MotorFriction, Study, analyse, motor_response
+from jointid import (
+    Inertia,
+    JointIdError,
+    Motion,
+    MotionRecord,
+    MotorFriction,
+    Study,
+    analyse,
+    identify_motion,
+    motor_response,
+    save_study,
+    simulate_motion,
+)
 from jointid.arrays import Floats
 from jointid.cli import app
 from jointid.importing import MappedLog, find_segments, study_from_logs
@@ -24,6 +36,7 @@ from jointid.setpoints.files import FORMATS, set_points
 from jointid.setpoints.from_plan import KINDS, planned_experiment
 from jointid.setpoints.played import PlayedExperiment, play
 from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml
+from jointid.uncertainty.motion_plan import PlannedMotion
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
 
 RATIO = np.array([100.0, -90.0])
@@ -266,6 +279,39 @@ def imported(log: MappedLog, kind: str) -> None:
     assert np.allclose(fit.D, PAPER.D, rtol=5e-3)
 
 
+@pytest.mark.parametrize("kind", ["sweep", "multisine", "random", "moves"])
+def test_a_planned_motion_is_played_and_gives_k_and_d_back(kind: str) -> None:
+    """Within its limits, from rest to rest; a log of the full amplitude goes to the estimator."""
+    motion = Motion(
+        kind, 3, 30, 8.0, velocity_rad_s=6.0, acceleration_rad_s2=[300.0, 500.0], position_rad=0.5
+    )
+    (record,) = simulate_motion(PARALLELOGRAM, PAPER, replace(motion, duration_s=2.0), records=1)
+    planned = PlannedMotion(motion, (record, record), (), np.zeros(4), np.zeros(4))
+    made = play(planned_experiment(planned, PARALLELOGRAM, PAPER, scale=0.5), PARALLELOGRAM, PAPER)
+    spans = list(made.experiment.spans())
+    assert len(spans) == 2
+    position, velocity, acceleration = made.experiment.motion(made.time_s)
+    assert np.abs(position[[0, -1]]).max() < 1e-9
+    slope = np.gradient(position, made.time_s[1], axis=0)
+    assert np.allclose(slope, velocity, atol=2e-3 * np.abs(velocity).max())
+    inside = np.concatenate([np.flatnonzero((made.time_s > a) & (made.time_s < b)) for _, a, b in spans])
+    share = np.abs(acceleration[inside]).max(axis=0) / [150.0, 250.0]
+    assert np.all(share < 1.02)
+    assert kind == "moves" or np.all(share > 0.5)
+    torque, _ = followed(made.time_s, position, PARALLELOGRAM, PAPER)
+    noise = np.random.default_rng(1).standard_normal((2, *torque.shape))
+    records = []
+    for _, begin, end in spans:
+        rows = slice(*np.searchsorted(made.time_s, [begin, end]), 2)
+        theta, tau = position + 1e-7 * noise[0], torque + 1e-4 * noise[1]
+        records.append(MotionRecord(made.time_s[rows], theta[rows], tau[rows], band_hz=(3, 30)))
+    fit = identify_motion(records, PARALLELOGRAM)
+    assert np.allclose(fit.K, PAPER.K, rtol=2e-3)
+    assert np.allclose(fit.D, PAPER.D, rtol=2e-2)
+    text = set_points(made, replace(WIDE, acceleration_deg_s2=1e5), "csv").text()
+    assert f"{kind} 2 (3 to 30 Hz): " in text
+
+
 def test_texts_of_a_user_do_not_end_the_comment() -> None:
     evil = replace(
         WIDE, robot="x\nmovej([0,0,0,0,0,0])\u2028y", joint_names=tuple("a: ]\nb" + c for c in "123456")
@@ -450,12 +496,27 @@ def test_the_command_writes_a_checked_file(
     assert "Margin" in CliRunner().invoke(app, [*command, "--overwrite"]).stdout
 
 
-def test_an_answer_that_is_not_usable_gives_no_set_points(tmp_path: Path) -> None:
+def test_the_command_writes_a_planned_motion_of_a_study_of_motions(tmp_path: Path) -> None:
+    limits, output = tmp_path / "limits.toml", tmp_path / "cell.csv"
+    limits.write_text(TOML, "utf-8")
+    command = ["setpoints", "motions", "--limits", str(limits), "-o", str(output)]
+    refused = CliRunner().invoke(app, command)
+    assert "add --motion sweep" in refused.stderr
+    run = CliRunner().invoke(app, [*command, "--motion", "multisine", "--count", "1"])
+    assert run.exit_code == 0, run.stderr
+    assert "multisine 1 (2 to 40 Hz): " in output.read_text("utf-8")
+
+
+def test_an_answer_that_is_not_usable_gives_no_set_points(
+    tmp_path: Path, studies: dict[int, Study]
+) -> None:
     """The check of the limits plays on the identified robot, which would be a wrong one."""
     limits, output = tmp_path / "limits.toml", tmp_path / "cell.csv"
     limits.write_text(TOML, "utf-8")
-    command = ["setpoints", "swapped_torques", "--limits", str(limits), "-o", str(output)]
+    reversed_torque = [replace(record, tau_Nm=-record.tau_Nm) for record in studies[1].records]
+    save_study(replace(studies[1], records=reversed_torque), tmp_path / "wrong.zip")
+    command = ["setpoints", str(tmp_path / "wrong.zip"), "--limits", str(limits), "-o", str(output)]
     run = CliRunner().invoke(app, command)
     assert run.exit_code == 1
-    assert "exchanged" in run.stderr
+    assert "The sign of the torque" in run.stderr
     assert not output.exists()

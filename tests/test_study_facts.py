@@ -86,7 +86,7 @@ def test_remarks_travel_with_the_answer(analysis: Analysis) -> None:
 class TestUnits:
     @pytest.mark.parametrize("name", STIFFNESS_UNITS)
     def test_each_unit_is_the_same_spring(self, analysis: Analysis, name: str) -> None:
-        """The torque for one degree of the joint's wind-up, from each of the units."""
+        """The torque for one degree of the joint's deflection, from each of the units."""
         side, angle = STIFFNESS_UNITS[name]
         shown = analysis.shown_in(name).quantities
         per_degree = {"rad": np.pi / 180, "arcmin": 60.0, "°": 1.0}[angle]

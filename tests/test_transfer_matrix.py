@@ -130,7 +130,7 @@ def test_the_same_experiment_twice_is_refused_with_the_remedy(repeated: list[com
     phasors = plant_phasors(SERIAL, PAPER, np.array([5.0, 5.0]), torques)
     with pytest.raises(JointIdError, match=r"At 5 Hz .*record 1, record 2.*tau_m1_Nm.*not independent"):
         estimate_transfer_matrix(phasors)
-    with pytest.raises(JointIdError, match=r"other relative amplitudes or phases"):
+    with pytest.raises(JointIdError, match=r"different relative amplitudes or phases"):
         estimate_transfer_matrix(phasors)
 
 

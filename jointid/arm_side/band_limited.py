@@ -107,7 +107,7 @@ def joint_angles(record: MotionRecord, robot: RobotModel) -> Floats:
     if record.n != robot.n:
         raise JointIdError(
             f"The record {record.label!r} has {record.n} joints and the robot {robot.n}: log all of "
-            "them, the torque of one joint depends on the motion of the others."
+            "them, because the torque of one joint depends on the motion of the others."
         )
     if not np.isfinite(robot.coupling).all():
         raise JointIdError("The robot's gear ratios are unknown: give gear_ratio when loading it.")

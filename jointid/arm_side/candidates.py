@@ -15,7 +15,7 @@ _SLOW_RAD = tuple(a * _ARC_SECOND for a in (1.0, 3.0, 10.0, 30.0, 100.0))
 _RIPPLE_RAD = tuple(a * _ARC_SECOND for a in (0.1, 3.0))
 """Expected size of each wave of the gear's ripple and of the harmonics of the motor."""
 _FRICTION_RAD = 20 * _ARC_SECOND
-"""Expected wind-up by friction in the gear."""
+"""Expected deflection by friction in the gear."""
 _FRICTION_LOAD_NM = 3000.0
 """Torque at which friction by load is expected to equal the constant friction."""
 _DAMPING_S = 3e-3
@@ -32,7 +32,7 @@ class Scale:
     compliance: float
     """Scale of the compliance for priors that are relative to it, rad/(N·m)."""
     skew_std_s: float = np.inf
-    """Prior of what remains of the skew, s: infinite where it is fitted, 0 where it is taken out."""
+    """Prior of the remaining skew, s: infinite where it is fitted, 0 where it is left out."""
 
 
 @dataclass(frozen=True)

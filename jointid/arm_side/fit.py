@@ -52,9 +52,13 @@ class ArmSideFit:
     """Root mean square of measured minus fitted deflection in the band, shape (n,), rad."""
     robot: RobotModel
     band_hz: float | None
+    """Upper edge of the band, Hz; None for that of each record."""
     joints: tuple[JointDeflection | None, ...]
+    """Terms of each joint, for ``predict``; None where K is refused."""
     payload_mean: Floats
+    """Estimate of the payload's standardised parameters, shape (4,)."""
     payload_root: Floats
+    """Square root of their covariance, shape (4, 4)."""
 
     @property
     def table(self) -> dict[str, list[str]]:

@@ -102,7 +102,7 @@ def identify_arm_side(
 
 
 def _distinct(given: Sequence[MotionRecord]) -> list[MotionRecord]:
-    """Drop repeated records: the same noise twice is no evidence."""
+    """Drop repeated records: the same noise twice adds no evidence."""
     found: list[MotionRecord] = []
     for record in given:
         if not any(

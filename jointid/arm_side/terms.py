@@ -61,7 +61,7 @@ def waves(angle: Floats, orders: Floats) -> Floats:
 
 
 def _presliding(q: Floats, reach_rad: float) -> tuple[Floats, Floats]:
-    """Dahl's friction state between −1 and 1 from rest, and what remains of an unknown first state."""
+    """Dahl's friction state between −1 and 1 from rest, and the remainder of an unknown first state."""
     step = np.diff(q, prepend=q[0])
     decay = np.exp(-np.abs(step) / reach_rad)
     state, forgotten = np.zeros_like(q), np.asarray(np.cumprod(decay), float)

@@ -99,7 +99,7 @@ class Child:
                     process.wait(1.0)  # its own exit code says more than SIGKILL
                 code = self._end()
                 if late.is_set():
-                    text = f"It took more than {self._limits.time_s:g} s and was ended."
+                    text = f"It took more than {self._limits.time_s:g} s and was stopped."
                     raise Ended(text, late=True) from None
                 if begun or attempt or self._stopped:
                     raise Ended(f"It crashed the worker process ({_exit_reason(code)}).") from None

@@ -11,7 +11,7 @@ try:
     from jointid.cli.export import export
     from jointid.cli.identify import arm_side, identify
     from jointid.cli.plan import plan
-    from jointid.cli.program import app
+    from jointid.cli.program import Command, app
     from jointid.cli.report import report
     from jointid.cli.setpoints import setpoints
     from jointid.cli.simulate import simulate
@@ -22,5 +22,5 @@ except KeyboardInterrupt:  # during the imports
 __all__ = ["app"]
 
 for _command in (identify, simulate, cut, report, export, plan, setpoints, convert, arm_side, batch):
-    app.command()(_command)
-app.command(name="app")(start_app)
+    app.command(cls=Command)(_command)
+app.command(name="app", cls=Command)(start_app)

@@ -80,10 +80,14 @@ def convert(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Convert logs of any controller, with sines or other motions, into a study."""
+    """Convert logs of any controller, with sines or other motions, into a study.
+
+    First write the proposed mapping with --guess and correct it; then convert with --mapping,
+    --inertia and --output.
+    """
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(
-            "Give --guess FILE first, look at the mapping it writes, then convert with --mapping FILE."
+            "Give --guess FILE first, check the mapping in this file, then convert with --mapping FILE."
         )
     if guess is not None:
         require_ending("--guess", guess, ".json")
@@ -105,7 +109,7 @@ def convert(
             mapped = json.loads(mapping_to_json(guessed.mapping))
             print_json({"mapping": mapped, "reasons": [asdict(r) for r in guessed.reasons]})
             return
-        rows = [[r.what, "" if r.sure else "look", r.text] for r in guessed.reasons]
+        rows = [[r.what, "" if r.sure else "check", r.text] for r in guessed.reasons]
         print_table(["entry", "", "reason"], rows)
         for text in tables[0].notes:
             typer.echo(f"{tables[0].name}: {text}", err=True)
@@ -133,7 +137,10 @@ def convert(
     save_study(study, output, overwrite=overwrite)
     made(study, output, as_json, notes=list(notes))
     if study.assumed:
-        notes = (*notes, f"{study.remarks[-1]} Correct them in {mapping}, or take them out of its list.")
+        notes = (
+            *notes,
+            f"{study.remarks[-1]} Correct them in {mapping}, or confirm them (assumed = []).",
+        )
     for line in (*notes, *[_NOT_STATED] * (study.torque_std is None)):
         typer.echo(line, err=True)
 
@@ -189,13 +196,8 @@ def mapped_study(
     study = study_from_logs(
         logs,
         segments,
-        robot.inertia,
-        nominal=robot.nominal,
-        poses=robot.poses,
         pose_of=list(poses) * len(logs) if len(poses) == 1 else poses,
-        name=robot.name,
-        inertia_std=robot.inertia_std,
-        torque_std=robot.torque_std,
+        **vars(robot),
     )
     of_logs = (f"{log.name}: {note}" for log in logs for note in log.notes)
     return study, (*without, *of_logs, *unused)

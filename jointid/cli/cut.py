@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from jointid.cli.files import analysed, require_spared
-from jointid.cli.options import JSON, METHOD, named, numbers, require_ending
+from jointid.cli.files import analysed, require_free
+from jointid.cli.options import JSON, METHOD, OVERWRITE, named, numbers, require_ending
 from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
@@ -34,9 +34,10 @@ def cut(
         Path | None, typer.Option(help="Write the picture of the cut paths to this file, .svg.")
     ] = None,
     method: Annotated[str, METHOD] = "auto",
+    overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Simulate the cut of the paper before and after identification."""
+    """Simulate the paper's cut with nominal and with identified K and D."""
     from jointid.cut.outcome import millimetres, remainder
     from jointid.cut.path_deflection import has_own_path
     from jointid.cut.robot import DEMONSTRATION, NOMINAL_NAMES, cut_robot, demonstration
@@ -48,7 +49,7 @@ def cut(
         raise typer.BadParameter(f'--assumed "{assumed}": expected study, rigid, soft or stiff.')
     if svg is not None:
         require_ending("--svg", svg, ".svg")
-        require_spared(svg, False, [study])
+        require_free(svg, overwrite, [study])
     if study is None:
         robot = demonstration(drive or "parallelogram")  # type: ignore[arg-type]
     else:

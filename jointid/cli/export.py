@@ -10,7 +10,7 @@ import typer
 
 from jointid import exporting
 from jointid.analysis import Analysis
-from jointid.cli.files import analysed, require_spared
+from jointid.cli.files import analysed, require_free
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, numbers
 from jointid.cli.output import warn_if_unusable, written
 from jointid.cli.program import reported
@@ -68,7 +68,7 @@ def export(
     ratio = numbers(gear_ratio) if gear_ratio else None
     for file in output:
         _ending(file)
-        require_spared(file, overwrite, [study])
+        require_free(file, overwrite, [study])
     analysis = analysed(study, method, quiet=as_json)
     known = analysis.study.gear_ratios
     ratio = ratio or (None if known is None else known.tolist())

@@ -62,7 +62,7 @@ def gears(texts: Sequence[str], joints: int) -> list[Gear]:
             try:
                 law = {GEAR_FIELDS[name]: float(value)}
             except (KeyError, ValueError) as error:
-                fault = f"{name!r} is no law" if name not in GEAR_FIELDS else f"{value!r} is no number"
+                fault = f"{value!r} is not a number" if name in GEAR_FIELDS else f"{name!r} is not a law"
                 laws_as = f'Laws: {", ".join(GEAR_FIELDS)}, as in "1: cubic=9000, backlash=0.004".'
                 raise typer.BadParameter(f'"{text}": {fault}. {laws_as}') from error
             for own in [laws[int(joint) - 1]] if joint else laws:
@@ -91,7 +91,7 @@ STUDY = typer.Argument(
 )
 METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHODS)}.")
 JSON = typer.Option("--json", help="Print only JSON.")
-OVERWRITE = typer.Option("--overwrite", help="Replace an existing study or file.")
+OVERWRITE = typer.Option("--overwrite", help="Replace existing outputs, which are refused otherwise.")
 INERTIA_STD = typer.Option(
     help="Relative standard deviation of M and M2: 0.03 for 3 %; 0: exact; inf: unknown."
 )
@@ -100,7 +100,9 @@ UNIT = typer.Option(
     "the study states gear_ratio.",
     show_default=next(iter(STIFFNESS_UNITS)),
 )
-TORQUE_STD = typer.Option(help="Relative standard deviation of the torque constants, likewise.")
+TORQUE_STD = typer.Option(
+    help="Relative standard deviation of the torque constants: 0.02 for 2 %; 0: exact; inf: unknown."
+)
 NOMINAL_K = typer.Option(
     "--nominal-K", help="Nominal stiffness: that in the controller at present, N·m/rad."
 )

@@ -3,12 +3,13 @@
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from typing import Annotated, Any, ParamSpec, TypeVar
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from jointid.errors import JointIdError
 from jointid.files.application import __version__
@@ -22,31 +23,61 @@ INTERRUPTED = 130
 _WANTS_JSON = "jointid wants JSON"
 
 
+_METAVARS = {
+    "Path": "FILE",
+    "path": "FILE",
+    "str": "TEXT",
+    "float": "NUMBER",
+    "int": "N",
+    "int range": "N",
+}
+"""Values of options in --help, by the type that Typer shows."""
+
+
+class Command(TyperCommand):
+    """A command whose help names values plainly, FILE instead of <list[Path]>."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Arguments and options, with names for their values."""
+        found: list[Any] = super().get_params(ctx)
+        for each in found:
+            if each.metavar is not None or not hasattr(each, "display_type"):  # of newer Typer
+                continue
+            kind = each.display_type(ctx).strip("<>")
+            name = _METAVARS.get(kind.removeprefix("list[").rstrip("]"))
+            if each.param_type_name == "argument":
+                each.metavar = each.name.upper()
+                each.display_type_rich = lambda ctx: ""
+            elif name is not None:
+                each.metavar = name + " …" * kind.startswith("list[")
+        return found
+
+
 class _Commands(TyperGroup):
     """The commands; with --json, usage errors are JSON too."""
 
     def make_context(self, info_name: str | None, args: list[str], *more: Any, **extra: Any) -> Any:
         as_json = "--json" in args
-        try:
+        with _usage_errors(as_json):
             context = super().make_context(info_name, args, *more, **extra)
-        except Exception as error:
-            _not_understood(error, as_json)
-            raise
         context.meta[_WANTS_JSON] = as_json
         return context
 
     def invoke(self, ctx: Any) -> Any:
-        try:
+        with _usage_errors(ctx.meta[_WANTS_JSON]):
             return super().invoke(ctx)
-        except Exception as error:
-            _not_understood(error, ctx.meta[_WANTS_JSON])
-            raise
 
 
-def _not_understood(error: Exception, as_json: bool) -> None:
-    message = getattr(error, "format_message", None)  # only usage errors have it
-    if as_json and message is not None:
-        print_error(message())
+@contextmanager
+def _usage_errors(as_json: bool) -> Iterator[None]:
+    """Print usage errors as JSON too."""
+    try:
+        yield
+    except Exception as error:
+        message = getattr(error, "format_message", None)  # only usage errors have it
+        if as_json and message is not None:
+            print_error(message())
+        raise
 
 
 def print_error(message: str) -> None:

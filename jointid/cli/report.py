@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from jointid.cli.files import analysed, require_spared
-from jointid.cli.options import JSON, METHOD, STUDY, UNIT, require_ending
+from jointid.cli.files import analysed, require_free
+from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, UNIT, require_ending
 from jointid.cli.output import progress, written
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
@@ -21,13 +21,14 @@ def report(
     with_cut: Annotated[bool, typer.Option("--cut/--no-cut", help="Include the simulated cut.")] = True,
     method: Annotated[str, METHOD] = "auto",
     unit: Annotated[str, UNIT] = "",
+    overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Write a report as one HTML file or as PDF."""
     files = output or [Path(f"{study.resolve().stem or 'study'}-report.html")]
     for file in files:
         require_ending("--output", file, ".html", ".htm", ".pdf")
-        require_spared(file, False, [study])
+        require_free(file, overwrite, [study])
     analysis = analysed(study, method, quiet=as_json)
     analysis = analysis.shown_in(unit) if unit else analysis
     from jointid.reporting.report import make_report, to_html, to_pdf

@@ -6,10 +6,20 @@ from typing import Annotated
 
 import typer
 
-from jointid.cli.files import require_spared
+from jointid.cli.files import require_free
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers
 from jointid.cli.output import print_json, print_table, progress
-from jointid.cli.plan import COUNT, DURATION, TORQUE_LIMIT, VELOCITY_LIMIT, suggested
+from jointid.cli.plan import (
+    COUNT,
+    DURATION,
+    FROM_HZ,
+    MOTION,
+    POSITION_LIMIT,
+    TO_HZ,
+    TORQUE_LIMIT,
+    VELOCITY_LIMIT,
+    planned,
+)
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
 
@@ -24,7 +34,9 @@ def setpoints(
     file_format: Annotated[
         str, typer.Option("--format", help="csv, ros2 (JointTrajectory), ur, egm or rsi.")
     ] = "csv",
-    kind: Annotated[str, typer.Option(help="sines, multisine or sweep.")] = "sines",
+    kind: Annotated[
+        str, typer.Option(help="Form of the planned sines: sines, multisine or sweep.")
+    ] = "sines",
     interval_ms: Annotated[
         float | None, typer.Option(help="Time between set points; default: the format's.")
     ] = None,
@@ -42,6 +54,10 @@ def setpoints(
     duration_s: Annotated[float, DURATION] = 4.0,
     torque_limit: Annotated[str, TORQUE_LIMIT] = "",
     velocity_limit: Annotated[str, VELOCITY_LIMIT] = "",
+    motion: Annotated[str, MOTION] = "",
+    position_limit: Annotated[str, POSITION_LIMIT] = "",
+    from_hz: Annotated[float, FROM_HZ] = 2.0,
+    to_hz: Annotated[float, TO_HZ] = 40.0,
     method: Annotated[str, METHOD] = "auto",
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
@@ -53,17 +69,17 @@ def setpoints(
     from jointid.setpoints.played import play
     from jointid.setpoints.robot_limits import limits_from_toml
 
-    require_spared(output, overwrite, [study, limits])
+    require_free(output, overwrite, [study, limits])
     with limits.open("rb") as file:
         robot = limits_from_toml(file.read(1 << 21), limits.name)
-    analysis, suggestion = suggested(
-        study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
-    )
+    texts = position_limit, velocity_limit, torque_limit
+    shape = (motion, from_hz, to_hz) if motion else None
+    analysis, found = planned(study, method, count, duration_s, texts, shape, quiet=as_json)
     analysis.require_usable()
     fit = analysis.fit
-    with progress("Playing on the simulated robot", quiet=as_json):
+    with progress("Running on the simulated robot", quiet=as_json):
         experiment = planned_experiment(
-            suggestion.records,
+            found if motion else found.records,
             fit.inertias[0],
             fit.elasticity,
             kind=kind,

@@ -156,10 +156,10 @@ _CHANGES: Mapping[ChangeKind, Callable[[Study, Change], tuple[Study, str]]] = {
 
 _LABELS: Mapping[ChangeKind, Callable[[Study, Change], str]] = {
     "start": lambda study, change: f"Start {_some(study, change)} at the steady state",
-    "frequency": lambda study, change: f"Take the measured frequency of {_some(study, change)}",
+    "frequency": lambda study, change: f"Use the measured frequency of {_some(study, change)}",
     "leave out": lambda study, change: f"Leave out {_some(study, change)}",
     "delay": lambda study, change: f"Set the torque delay to {_milliseconds(_delays(study, change))}",
-    "hold": lambda _, change: f"Take the torque as {'held' if change.values[0] else 'momentary'}",
+    "hold": lambda _, change: f"Treat the torque as {'held' if change.values[0] else 'momentary'}",
     "scale": lambda study, change: (
         capitalised(_factors(change.values)) + (f" in {_some(study, change)}" if change.records else "")
     ),
@@ -214,13 +214,12 @@ def _factors(values: tuple[float, ...]) -> str:
     n, parts = len(values) // 2, dict[str, list[str]]()
     for k, value in enumerate(values):
         if value != 1:
-            size = 1 / value if abs(value) < 1 else value
-            sign = "reverse" if value < 0 else ""
-            verb = "multiply" if abs(value) < 1 else "divide"
-            by = "" if abs(value) == 1 else f"{verb} by {significant(abs(size), 4)}"
+            verb, size = ("multiply", 1 / value) if abs(value) < 1 else ("divide", value)
+            by = "" if abs(value) == 1 else f" by {significant(abs(size), 4)}"
+            how = f"{verb} {{}}{by}" if value > 0 else "reverse {}" + (by and f" and {verb}{by}")
             what = f"the {'angle' if k < n else 'torque'} of joint {k % n + 1}"
-            parts.setdefault(" and ".join(filter(None, (sign, by))), []).append(what)
-    return "; ".join(f"{how}: {enumerated(what)}" for how, what in parts.items())
+            parts.setdefault(how, []).append(what)
+    return "; ".join(how.format(enumerated(what)) for how, what in parts.items())
 
 
 def _exchange(values: tuple[float, ...]) -> str:

@@ -1,1 +1,1 @@
-"""The cut: servo, arm and toolpath, and the path error that parameters are worth."""
+"""The cut: servo, arm and toolpath, and the path error for assumed K and D."""

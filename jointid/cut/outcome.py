@@ -202,7 +202,7 @@ def study_outcome(analysis: Analysis) -> Outcome | None:
 def whose(robot: CutRobot) -> str:
     """Describe the robot that cuts: geometry, and origin of its stiffness."""
     return {
-        "direct": "an arm of this study's inertias and springs",
+        "direct": "an arm with this study's inertias and springs",
         "springs": "the example arm with this study's springs",
         "relative": "the example arm with this study's springs, scaled to it",
         "demonstration": "the example arm with the paper's springs",

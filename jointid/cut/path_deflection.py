@@ -21,11 +21,20 @@ from jointid.joints import Elasticity
 from jointid.robot_models.model import RobotModel
 
 MEANING = (
-    "The paper's rectangle, horizontal about the tool of this study's own robot in its pose{pose}: "
-    "wind-up of the gears by gravity and inertia, without vibration and without forces of the process. "
+    "The paper's rectangle, horizontal, about the tool of this study's own robot in its pose{pose}. "
+    "Deflection of the gears by gravity and inertia, without vibration and process forces. "
     "The sag at the start of the path is taught with the path and does not count. Servo: K that it "
     "compensates; rigid: no compensation."
 )
+_COLUMNS = {
+    "assumed_m": "servo: nominal K",
+    "identified_m": "servo: identified K (95th percentile)",
+    "rigid_m": "servo: rigid",
+    "inertia_m": "by inertia",
+    "gravity_m": "by gravity",
+    "sag_m": "sag at start",
+}
+"""Columns of the table by their quantity, the answer first."""
 _STEP_S = 0.004
 _ROUNDS = 3
 _NEAR_M = 1e-6
@@ -110,15 +119,14 @@ def rows_of(
     zones_mm: Sequence[float], found: Sequence[PathDeflection]
 ) -> tuple[list[str], list[list[str]]]:
     """Header and cells of the table of deflections."""
-    names = ["corner zone", "sag at start", "gravity", "inertia", "servo: rigid", "servo: nominal K"]
     rows = [
         [
             f"{zone:g} mm",
-            *("–" if value is None else millimetres(value) for value in vars(each).values()),
+            *("–" if (x := getattr(each, name)) is None else millimetres(x) for name in _COLUMNS),
         ]
         for zone, each in zip(zones_mm, found, strict=True)
     ]
-    return [*names, "servo: identified K (95th percentile)"], rows
+    return ["corner zone", *_COLUMNS.values()], rows
 
 
 def has_own_path(analysis: Analysis) -> bool:

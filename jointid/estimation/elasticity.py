@@ -43,6 +43,7 @@ class ElasticityFit:
     """Stiffness and damping of n joints, identified from r records."""
 
     method: str
+    """Estimator, a key of ``METHODS``."""
     K: Floats
     """Stiffness, shape (n,), N·m/rad; negative when the data contradict the model."""
     D: Floats
@@ -72,7 +73,7 @@ class ElasticityFit:
     parameter_covariance: Floats
     """Their covariance by noise and prior, shape (P, P), in the order of ``parameters.layout``."""
     torsion_curves: tuple[TorsionCurve, ...]
-    """Measured torque over wind-up of every gear."""
+    """Measured torque over deflection of every gear."""
     gears: tuple[Gear, ...]
     """Laws of the gears, n of them; one that is not significant at a joint is left out."""
     inflation: float = 1.0
@@ -104,12 +105,12 @@ class ElasticityFit:
 
     @property
     def estimate(self) -> Floats:
-        """K1 ... Kn, D1 ... Dn, shape (2n,)."""
+        """K1 ... Kn, D1 ... Dn, shape (2n,), N·m/rad and N·m·s/rad."""
         return np.concatenate([self.K, self.D])
 
     @property
     def standard_error(self) -> Floats:
-        """Root of the covariance's diagonal, shape (2n,), order K1 ... Kn, D1 ... Dn."""
+        """One standard error of ``estimate`` from all causes, shape (2n,); inf if undetermined."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
@@ -195,7 +196,7 @@ def likelihood_fit(
     )
     fit = replace(fit, covariance=fit.covariance + choice.spread)
     if "coulomb" in layout:
-        share = 4 / np.pi * np.abs(p.coulomb) / np.median(estimate.phasors.torque_size, axis=0)
+        share = 4 / np.pi * np.abs(p["coulomb"]) / np.median(estimate.phasors.torque_size, axis=0)
         of_sines = share * (not estimate.phasors.motion.all())
         of_motions = share**2 * estimate.phasors.motion.any()
         by_K = _UNSEEN_K * of_sines + _TURNING_K * of_motions
@@ -205,7 +206,7 @@ def likelihood_fit(
             fit,
             covariance=fit.covariance + np.diag(floor**2),
             unseen_error=floor,
-            friction=Friction(p.coulomb, p.viscous, error[layout.span("coulomb", "viscous")]),
+            friction=Friction(p["coulomb"], p["viscous"], error[layout.span("coulomb", "viscous")]),
         )
     if "delay" in layout:
         fit = replace(fit, delay=p.delay, delay_error=float(error[layout["delay"]].item()))

@@ -28,12 +28,12 @@ _ROUGH = 0.1
 """At the start of a fit of gear laws damping over stiffness, and hysteresis over the largest torque and
 deflection."""
 _WIDE, _NARROW, _SHARP = 0.3, 0.03, 2e-3
-"""Width of a loop, over the largest wind-up, that makes it a spring, a usual one and mere friction."""
+"""Width of a loop, over the largest deflection, for a spring, a usual loop and mere friction."""
 _KNEES = (0.5, 0.3), (0.2, 0.3)
-"""Wind-ups at changes of slope over the largest: other starts of a gear with three slopes."""
+"""Deflections at changes of slope over the largest: other starts of a gear with three slopes."""
 _POINTS, _LOADED, _LEAST = 128, 0.2, 1e-30
 """Samples over a period for the start of a play, torque over its largest from which they count, and
-what stands for zero."""
+the least number above zero."""
 _UNEXPLAINED = 0.1
 """Relative residual of the linear estimate from which friction is looked for."""
 _OUTLIER = 0.1
@@ -89,8 +89,8 @@ def other_laws(
 ) -> tuple[Parameters, ...]:
     """Start values for a law of the gears in place of those that led to the fit ``p``.
 
-    A loop of hysteresis as wide as the wind-up is a spring, and one without width is friction: such fits
-    are lost beside the right one with small loops. Changes of slope are found from one side only.
+    A loop of hysteresis as wide as the deflection is a spring, and one without width is friction: such
+    fits miss the right one with small loops. Changes of slope are found from one side only.
     """
     torque = phasors.tau + phasors.omega[:, None] ** 2 * prior.M[prior.rotor] * phasors.q
     peak, found = np.abs(torque).max(axis=0), []
@@ -122,10 +122,10 @@ def with_delay(p: Parameters) -> Parameters:
 
 
 def with_play(phasors: Phasors, prior: InertiaPrior) -> Parameters:
-    """K, D, play and Coulomb friction by regression of the wind-up on the torque, its sign and the speed.
+    """K, D, play and Coulomb friction by regression of the deflection on torque, its sign and speed.
 
-    Friction of the motor changes the torque and, by the arm's compliance, the wind-up that follows from
-    it. A record counts by the inverse of what errors of the given inertias make of its wind-up.
+    Friction of the motor changes the torque and, by the arm's compliance, the deflection that follows
+    from it. A record counts by the inverse of what errors of the given inertias make of its deflection.
     """
     n, z = phasors.n, phasors.harmonics
     s = 1j * phasors.omega[:, None, None] * np.arange(1, z.shape[1] + 1)[:, None]
@@ -135,8 +135,8 @@ def with_play(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     arm = (compliance @ torque[..., None])[..., 0] / (s * s)
     delta = z[..., :n] - arm
     sign = np.sign(samples_of((s * z[..., :n]).swapaxes(1, 2), _POINTS))
-    moved = np.diagonal(compliance, axis1=2, axis2=3) / (s * s)
-    moved = moved * phasors_of(sign, z.shape[1]).swapaxes(1, 2)
+    own = np.diagonal(compliance, axis1=2, axis2=3) / (s * s)
+    moved = own * phasors_of(sign, z.shape[1]).swapaxes(1, 2)
     waves = samples_of(np.stack([torque, delta, s * delta, moved, arm, rotor]).swapaxes(2, 3), _POINTS)
     found = np.zeros((5, n))
     for j in range(n):

@@ -21,18 +21,10 @@ _DIGITS = 7
 
 
 def code_listing(found: Identification, language: str) -> str:
-    """Write K and D with their standard errors in a programming language.
+    """Write K and D with their standard errors in a language of ``LANGUAGES``.
 
-    Parameters
-    ----------
-    found : Identification
-    language : str
-        One of ``LANGUAGES``.
-
-    Raises
-    ------
-    JointIdError
-        When the language is not supported.
+    Of an answer that is not usable, every line is a comment. Raises JointIdError when the language is
+    not supported.
     """
     if language not in LANGUAGES:
         known = enumerated(list(LANGUAGES))
@@ -40,7 +32,9 @@ def code_listing(found: Identification, language: str) -> str:
     comment, line, brackets = LANGUAGES[language]
     n, error = found.n, found.standard_error
     study = " ".join(found.obtained.study.split()) or "study without a name"
+    unusable = "" if found.is_usable else comment or "# "
     lines = [
+        *([] if found.is_usable else [f"{comment}NOT USABLE: the values are comments for this reason."]),
         f"{comment}{study}: {found.state or 'state unknown'}; jointid {found.obtained.version}",
         *([f"{comment}{' '.join(found.answer.split())}"] if found.answer else []),
         f"{comment}Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error from all causes",
@@ -48,7 +42,9 @@ def code_listing(found: Identification, language: str) -> str:
     rows = {"K": found.K, "K_std": error[:n], "D": found.D, "D_std": error[n:]}
     for name, values in rows.items():
         if np.isfinite(values).all():
-            lines.append(line.format(name=name, n=n, values=_list(values.tolist(), *brackets)))
+            lines.append(
+                unusable + line.format(name=name, n=n, values=_list(values.tolist(), *brackets))
+            )
         else:
             lines.append(f"{comment}{name}: not determined by the records")
     return "\n".join(lines) + "\n"

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from jointid.analysis import STATES, Analysis
+from jointid.analysis import NOT_USABLE, STATES, Analysis
 from jointid.answer import AT_MOTOR, effect_values, model_name
 from jointid.arrays import Floats, finite_array, frozen
 from jointid.errors import JointIdError
@@ -55,10 +55,7 @@ class Obtained:
 class Identification:
     """K and D of n joints with their model, for other tools; motor side.
 
-    Raises
-    ------
-    JointIdError
-        When shapes disagree or a value is not finite.
+    Raises JointIdError when shapes disagree or a value is not finite.
     """
 
     K: Floats
@@ -134,6 +131,11 @@ class Identification:
         return self.inertia.n
 
     @property
+    def is_usable(self) -> bool:
+        """Whether files for controllers and simulators may hold its numbers."""
+        return self.state != NOT_USABLE
+
+    @property
     def standard_error(self) -> Floats:
         """Root of the covariance's diagonal, shape (2n,), order K1 ... Kn, D1 ... Dn."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
@@ -142,10 +144,7 @@ class Identification:
     def elasticity(self) -> Elasticity:
         """K and D as a model; a damping that is negative within two standard errors counts as zero.
 
-        Raises
-        ------
-        JointIdError
-            When they are unphysical.
+        Raises JointIdError when they are unphysical.
         """
         below_noise = self.D + 2 * self.standard_error[self.n :] < 0
         return Elasticity(K=self.K, D=np.where(below_noise, self.D, np.maximum(self.D, 0.0)))
@@ -154,14 +153,7 @@ class Identification:
 def identification(analysis: Analysis) -> Identification:
     """Return the exported part of an analysis.
 
-    Parameters
-    ----------
-    analysis : Analysis
-
-    Raises
-    ------
-    JointIdError
-        When the fit holds a value that is not finite.
+    Raises JointIdError when the fit holds a value that is not finite.
     """
     analysis = replace(analysis, unit=AT_MOTOR)  # as the numbers of the file
     fit, study = analysis.fit, analysis.study

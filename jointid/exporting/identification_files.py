@@ -101,9 +101,17 @@ _EFFECT = {"values": "values = […]", "standard_error": "standard_error = […]
 _GEARS = {field.name: f"{field.name} = […]" for field in fields(Gear)} | {"kind": "kind = […]"}
 
 
-def _examples(table: str = "") -> dict[str, str]:
-    """Examples of the keys of the document or of a table in it."""
-    values = EXAMPLE[table] if table else EXAMPLE
+_SEPARATE = {"effects", "gears", "inertia", "poses", "nominal"}
+"""Tables with readers of their own."""
+_FOR_PEOPLE = {"kind", "format", "side", "standard_error", "units", "undetermined", "disagreement"}
+"""Keys at the top, and the disagreement of priors, that hold nothing to read."""
+_FINITE = {"K", "D", "coulomb", "viscous", "frequencies_hz"}
+_OPTIONAL = {"state", "answer", "error_parts", "friction", "delay", "priors"}
+_OPTIONAL |= {*EXAMPLE["error_parts"], "inertia_std", "torque_std", "changes"}
+
+
+def _examples(values: dict[str, Any]) -> dict[str, str]:
+    """Examples of the keys of a table."""
     return {
         key: f"[{key}]"
         if isinstance(value, dict)
@@ -115,57 +123,51 @@ def _examples(table: str = "") -> dict[str, str]:
 def to_document(identification: Identification) -> dict[str, Any]:
     """Return the document that JSON and TOML hold, of plain lists, numbers, texts and None."""
     i = identification
+    names = np.array(elasticity_labels(i.n))[np.isinf(i.standard_error)].tolist()
+    effects = {name: dict(zip(_EFFECT, pair, strict=True)) for name, pair in i.effects.items()}
+    errors = {} if i.delay_error is None else {"standard_error": i.delay_error}
+    obtained = {name: getattr(i.obtained, name) for name in EXAMPLE["obtained"]}
     document: dict[str, Any] = {
         "format": 1,
         "kind": KIND,
         "side": "motor",
         "state": i.state,
         "answer": i.answer,
-        "K": i.K.tolist(),
-        "D": i.D.tolist(),
-        "standard_error": i.standard_error.tolist(),
-        "covariance": i.covariance.tolist(),
+        "K": i.K,
+        "D": i.D,
+        "standard_error": i.standard_error,
+        "covariance": i.covariance,
         "units": _UNITS,
+        "undetermined": dict.fromkeys(names, f"{UNDETERMINED} by these records"),
+        "error_parts": i.error_parts,
+        "friction": i.friction and vars(i.friction),
+        "delay": {} if i.delay is None else {"seconds": i.delay} | errors,
+        "effects": effects,
+        "gears": i.gears and {name: [getattr(gear, name) for gear in i.gears] for name in _GEARS},
+        "inertia": inertia_table(i.inertia),
+        "poses": {name: inertia_table(pose) for name, pose in i.poses.items()},
+        "priors": i.priors
+        and {name: [getattr(row, name) for row in i.priors] for name in EXAMPLE["priors"]},
+        "nominal": i.nominal and vars(i.nominal),
+        "obtained": {
+            name: value
+            for name, value in obtained.items()
+            if value is not None and (name != "changes" or value)
+        },
     }
-    names = np.array(elasticity_labels(i.n))[np.isinf(i.standard_error)]
-    if names.size:
-        document["undetermined"] = dict.fromkeys(names.tolist(), f"{UNDETERMINED} by these records")
-    if i.error_parts:
-        document["error_parts"] = {name: error.tolist() for name, error in i.error_parts.items()}
-    if i.friction is not None:
-        document["friction"] = {name: getattr(i.friction, name).tolist() for name in EXAMPLE["friction"]}
-    if i.delay is not None:
-        document["delay"] = {"seconds": i.delay}
-        if i.delay_error is not None:
-            document["delay"]["standard_error"] = i.delay_error
-    if i.effects:
-        document["effects"] = {
-            name: {"values": values.tolist(), "standard_error": errors.tolist()}
-            for name, (values, errors) in i.effects.items()
-        }
-    if i.gears:
-        document["gears"] = {name: [getattr(gear, name) for gear in i.gears] for name in _GEARS}
-    document["inertia"] = inertia_table(i.inertia)
-    if i.poses:
-        document["poses"] = {name: inertia_table(pose) for name, pose in i.poses.items()}
-    if i.priors:
-        document["priors"] = {
-            name: [getattr(row, name) for row in i.priors] for name in EXAMPLE["priors"]
-        }
-    if i.nominal is not None:
-        document["nominal"] = {"K": i.nominal.K.tolist(), "D": i.nominal.D.tolist()}
-    obtained = {name: getattr(i.obtained, name) for name in EXAMPLE["obtained"]}
-    document["obtained"] = {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in obtained.items()
-        if value is not None and (name != "changes" or value)
+    there = {
+        key: value
+        for key, value in document.items()
+        if value is not None and (not isinstance(value, dict | tuple) or value)
     }
-    finite: dict[str, Any] = with_infinite_as(None, document)
+    finite: dict[str, Any] = with_infinite_as(None, there)
     return finite
 
 
 def with_infinite_as(word: str | None, value: Any) -> Any:
-    """Return a document with ``word`` for None and for numbers that are not finite."""
+    """Return a document with ``word`` for None and for numbers that are not finite, arrays as lists."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     if isinstance(value, dict):
         return {
             key: with_infinite_as(_TOML_WORDS.get(key, word) if word else None, item)
@@ -178,17 +180,7 @@ def with_infinite_as(word: str | None, value: Any) -> Any:
 
 
 def to_json(identification: Identification) -> str:
-    """Write an identification as JSON.
-
-    Parameters
-    ----------
-    identification : Identification
-
-    Returns
-    -------
-    str
-        ``from_json`` returns the same identification, bit for bit.
-    """
+    """Write an identification as JSON; ``from_json`` returns the same one, bit for bit."""
     return json.dumps(to_document(identification), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -198,18 +190,9 @@ def to_toml(identification: Identification) -> str:
 
 
 def from_json(data: str | bytes, *, where: str = "JSON") -> Identification:
-    """Read what ``to_json`` wrote.
+    """Read what ``to_json`` wrote; ``where`` is the name of the file, for messages.
 
-    Parameters
-    ----------
-    data : str or bytes
-    where : str
-        Name of the file, for messages.
-
-    Raises
-    ------
-    JointIdError
-        When it is not JSON or not such a document; the message names the key.
+    Raises JointIdError when it is not JSON or not such a document; the message names the key.
     """
     if len(data) > MAX_TOML_BYTES:
         raise JointIdError(
@@ -224,22 +207,19 @@ def from_json(data: str | bytes, *, where: str = "JSON") -> Identification:
         raise JointIdError(f"{where} is not valid JSON: {error!s:.200}.", file=where) from error
     if not isinstance(values, dict):
         raise JointIdError(f"{where} holds {shown(values)}; expected a {KIND}.", file=where)
-    return _identification(CheckedTable(where, values, _examples()))
+    return _identification(CheckedTable(where, values, _examples(EXAMPLE)))
 
 
 def from_toml(data: str | bytes, *, where: str = "TOML") -> Identification:
     """Read what ``to_toml`` wrote; parameters and errors as in ``from_json``."""
     raw = data.encode("utf-8", "surrogatepass") if isinstance(data, str) else data
-    return _identification(parse_toml(where, raw, _examples()))
+    return _identification(parse_toml(where, raw, _examples(EXAMPLE)))
 
 
 def load_identification(path: str | os.PathLike[str]) -> Identification:
     """Read an identification from a .json or .toml file.
 
-    Raises
-    ------
-    JointIdError
-        When the file cannot be read, or holds something else.
+    Raises JointIdError when the file cannot be read, or holds something else.
     """
     file = Path(path)
     if file.suffix.lower() not in (".json", ".toml"):
@@ -262,71 +242,58 @@ def _identification(top: CheckedTable) -> Identification:
         raise top.error(f"format = {shown(number)}, but this version reads format 1.")
     if (side := top.text("side", "motor")) != "motor":
         raise top.error(f'side = "{side:.60}"; expected side = "motor".')
-    known: dict[str, Any] = dict.fromkeys(("friction", "delay", "delay_error"))
-    if "friction" in top:
-        table = top.table("friction", _examples("friction"))
-        parts: dict[str, Any] = {name: table.numbers(name) for name in ("coulomb", "viscous")}
-        parts["standard_error"] = table.numbers("standard_error", words=_INFINITE)
-        known["friction"] = Friction(**parts)  # checked and converted by Identification
-    if "delay" in top:
-        table = top.table("delay", _examples("delay"))
-        known["delay"] = table.number("seconds")
-        if "standard_error" in table:
-            known["delay_error"] = table.number("standard_error")
+    known = _values(top, EXAMPLE)
+    if "friction" in known:
+        known["friction"] = Friction(**known["friction"])  # checked by Identification
+    delay = known.pop("delay", {})
+    known |= {"delay": delay.get("seconds"), "delay_error": delay.get("standard_error")}
     known["inertia"] = read_inertia(top.table("inertia", INERTIA_KEYS))
-    known["poses"] = read_poses(top)
-    how = top.table("obtained", _examples("obtained"))
-    names = ("version", "digest", "study", "origin", "method", "model")
-    texts: dict[str, Any] = {name: how.text(name) for name in names}
-    stated: dict[str, Any] = {
-        name: how.deviation(name, words=_INFINITE)
-        for name in ("inertia_std", "torque_std")
-        if name in how
+    known |= {"poses": read_poses(top), "nominal": read_nominal(top)}
+    known["effects"] = {
+        name: (table.numbers("values"), table.numbers("standard_error", words=_INFINITE))
+        for name, table in top.named_tables("effects", _EFFECT).items()
+        if name in EFFECT_PARAMETERS
     }
-    known["nominal"] = read_nominal(top)
-    known |= {name: top.numbers(name) for name in "KD"}
-    known["covariance"] = top.matrix("covariance", words=_INFINITE)
-    known["state"], known["answer"] = top.text("state", ""), top.text("answer", "")
-    if "error_parts" in top:
-        table = top.table("error_parts", _examples("error_parts"))
-        known["error_parts"] = {
-            k: table.numbers(k, words=_INFINITE) for k in EXAMPLE["error_parts"] if k in table
-        }
-    if "effects" in top:
-        known["effects"] = {
-            name: (table.numbers("values"), table.numbers("standard_error", words=_INFINITE))
-            for name, table in top.named_tables("effects", _EFFECT).items()
-            if name in EFFECT_PARAMETERS
-        }
     if "gears" in top:
         table = top.table("gears", _GEARS)
         columns = {name: table.numbers(name) for name in _GEARS if name in table and name != "kind"}
         rows = zip(*columns.values(), strict=False)
         known["gears"] = tuple(Gear(**dict(zip(columns, row, strict=True))) for row in rows)
-    if "priors" in top:
-        known["priors"] = _prior_rows(top.table("priors", _examples("priors")))
-    known["obtained"] = Obtained(
-        **texts,
-        free_reversal=how.number("free_reversal"),
-        records=how.integer("records"),
-        frequencies_hz=tuple(how.numbers("frequencies_hz")),
-        misfit=how.number("misfit"),
-        changes=tuple(how.texts("changes")) if "changes" in how else (),
-        **stated,
-    )
+    if "priors" in known:
+        try:
+            rows = zip(*known["priors"].values(), strict=True)
+            known["priors"] = tuple(PriorRow(*row) for row in rows)
+        except ValueError:
+            raise top.error("[priors]: all lists must have the same length.") from None
+    how = known["obtained"]
+    how |= {name: tuple(how[name]) for name in ("frequencies_hz", "changes") if name in how}
     with in_place(top.where, top.file):
-        return Identification(**known)
+        return Identification(**{"friction": None} | known | {"obtained": Obtained(**how)})
 
 
-def _prior_rows(table: CheckedTable) -> tuple[PriorRow, ...]:
-    numbers = (
-        table.numbers(name, words=_INFINITE) for name in ("given", "given_std", "fitted", "fitted_std")
-    )
-    columns = (table.texts("name"), table.texts("unit"), *numbers, table.flags("is_fitted"))
-    try:
-        return tuple(PriorRow(*row) for row in zip(*columns, strict=True))
-    except ValueError:
-        raise table.error("all lists must have the same length.") from None
+def _values(table: CheckedTable, example: dict[str, Any]) -> dict[str, Any]:
+    """Values of a table, each of the kind that its example has."""
+    found: dict[str, Any] = {}
+    skipped = _SEPARATE | _FOR_PEOPLE if example is EXAMPLE else {"disagreement"}
+    optional = _OPTIONAL | ({"standard_error"} if example is EXAMPLE["delay"] else set())
+    for key, value in example.items():
+        if key in skipped or (key not in table and key in optional):
+            continue
+        kind = value[0] if isinstance(value, list) else value
+        words = () if key in _FINITE else _INFINITE
+        if isinstance(value, dict):
+            found[key] = _values(table.table(key, _examples(value)), value)
+        elif isinstance(kind, list):
+            found[key] = table.matrix(key, words=words)
+        elif isinstance(value, list):
+            read: Any = {str: table.texts, bool: table.flags}.get(type(kind))
+            found[key] = read(key) if read else table.numbers(key, words=words)
+        elif key in ("inertia_std", "torque_std"):
+            found[key] = table.deviation(key, words=words)
+        else:
+            read = {str: table.text, int: table.integer}.get(type(value), table.number)
+            found[key] = read(key)
+    return found
 
 
 def _no_constant(name: str) -> float:

@@ -1,13 +1,14 @@
 """All results as one MATLAB file (version 5), for ``ss`` and ``frd``."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from io import BytesIO
 from typing import Any
 
 import numpy as np
 from scipy.io import savemat
 
-from jointid.analysis import Analysis
+from jointid.analysis import NOT_USABLE, Analysis
 from jointid.errors import JointIdError
 from jointid.exporting.identification import identification
 from jointid.exporting.identification_files import to_document
@@ -23,20 +24,12 @@ _HEADER_BYTES = 116
 def to_mat(analysis: Analysis) -> bytes:
     """Write results as a .mat file; equal analyses give equal bytes.
 
-    Parameters
-    ----------
-    analysis : Analysis
-
-    Returns
-    -------
-    bytes
-        Variables: ``identification`` (struct as in JSON: state, K, D, covariance, obtained ...; Inf
-        where JSON has null); ``model`` (struct A, B, C, D for ``ss(model.A, model.B, model.C,
-        model.D)``, torque to acceleration of the motors, with the fitted inertias; missing for an
-        unphysical estimate); ``transfer`` (struct array by pose: ``frd(transfer(1).H,
-        transfer(1).omega)``, H as measured); ``transfer_without_friction_and_delay`` (friction- and
-        delay-compensated; missing without
-        them); ``phasors`` (struct omega, q, tau, std, labels).
+    Variables: ``identification`` (struct as in JSON: state, K, D, covariance, obtained ...; Inf where
+    JSON has null); ``model`` (struct A, B, C, D for ``ss(model.A, model.B, model.C, model.D)``, torque
+    to acceleration of the motors, with the fitted inertias; missing for an unphysical estimate and an
+    unusable answer); ``transfer`` (struct array by pose: ``frd(transfer(1).H, transfer(1).omega)``, H as
+    measured); ``transfer_without_friction_and_delay`` (friction- and delay-compensated; missing without
+    them); ``phasors`` (struct omega, q, tau, std, labels).
     """
     document = to_document(identification(analysis))
     if poses := document.pop("poses", None):
@@ -56,12 +49,10 @@ def to_mat(analysis: Analysis) -> bytes:
         contents["transfer"] = _transfer(analysis.transfer_matrices)
     if free := without_friction_and_delay(analysis):
         contents["transfer_without_friction_and_delay"] = _transfer(free)
-    try:
-        model = state_space(analysis.inertia(), analysis.fit.elasticity)
-    except JointIdError:  # an unphysical estimate has no model
-        pass
-    else:
-        contents["model"] = {"A": model.A, "B": model.B, "C": model.C, "D": model.D}
+    if analysis.state != NOT_USABLE:
+        with suppress(JointIdError):  # an unphysical estimate has no model
+            model = state_space(analysis.inertia(), analysis.fit.elasticity)
+            contents["model"] = {"A": model.A, "B": model.B, "C": model.C, "D": model.D}
     file = BytesIO()
     savemat(file, contents, long_field_names=True, do_compression=True)  # type: ignore[arg-type]
     data = file.getvalue()

@@ -50,19 +50,11 @@ class ArmSide:
 
 
 def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
-    """Reflect an identification to the joint side.
+    """Reflect an identification to the joint side; K and D of an unusable answer are NaN.
 
-    Parameters
-    ----------
-    identification : Identification
-        Motor side.
-    gear_ratio : array_like, shape (n,)
-        Motor turns per joint turn; a single number holds for all joints.
+    ``gear_ratio`` holds motor turns per joint turn; a single number holds for all joints.
 
-    Raises
-    ------
-    JointIdError
-        When there is not one ratio per joint, or one is zero.
+    Raises JointIdError when there is not one ratio per joint, or one is zero.
     """
     i = identification
     ratio = finite_array("gear_ratio (motor turns per joint turn)", np.atleast_1d(gear_ratio), ndim=1)
@@ -83,10 +75,11 @@ def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
     for j, gear in enumerate(i.gears):
         if gear.kind != "linear":
             K[j] = gear.secant(gear.tried_Nm)
+    usable = 1.0 if i.is_usable else np.nan
     return ArmSide(
         gear_ratio=N,
-        K=N**2 * K,
-        D=N**2 * i.elasticity.D,
+        K=usable * N**2 * K,
+        D=usable * N**2 * i.elasticity.D,
         covariance=twice[:, None] * i.covariance * twice,
         rotor=N**2 * i.inertia.M,
         M2=N[:, None] * i.inertia.M2 * N,
@@ -100,24 +93,11 @@ def mujoco_snippet(
 ) -> str:
     """Hinges, armatures and actuators for MuJoCo.
 
-    Parameters
-    ----------
-    identification : Identification
-    gear_ratio : array_like, shape (n,)
-        Motor turns per joint turn.
-    names : sequence of str, optional
-        Names of the joints; by default joint1 ... jointn.
+    ``gear_ratio`` holds motor turns per joint turn, ``names`` those of the joints, by default joint1 ...
+    jointn. Returns XML that MuJoCo loads: each joint on its own, with the two hinges of its link's body,
+    and the motors. The actuators' inputs are motor torques.
 
-    Returns
-    -------
-    str
-        XML that MuJoCo loads: each joint on its own, with the two hinges of its link's body, and the
-        motors. The actuators' inputs are motor torques.
-
-    Raises
-    ------
-    JointIdError
-        As in ``arm_side``, or when the names do not fit.
+    Raises JointIdError as in ``arm_side``, or when the names do not fit.
     """
     arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
     root = Element("mujoco", model="elastic_joints")
@@ -148,12 +128,11 @@ def urdf_snippet(
     root = Element("robot", name="elastic_joints")
     _add(root, "link", name=_BASE)
     for j, name in enumerate(names):
-        for link, mass, inertia in _links(arm, name, j):
-            inertial = _add(_add(root, "link", name=link), "inertial")
-            _add(inertial, "mass", value=mass)
-            diagonal = {"ixx": inertia, "iyy": inertia, "izz": inertia}
-            _add(inertial, "inertia", **diagonal, ixy=0, ixz=0, iyz=0)
-        motor, spring = _hinges(arm, name, j)
+        motor, spring = hinges = _hinges(arm, name, j)
+        for hinge in hinges:
+            inertial = _add(_add(root, "link", name=hinge.child), "inertial")
+            _add(inertial, "mass", value=hinge.mass)
+            _add(inertial, "inertia", **dict.fromkeys(_DIAGONAL, hinge.inertia), ixy=0, ixz=0, iyz=0)
         for hinge in (motor, spring):
             joint = _add(root, "joint", name=hinge.name, type="continuous")
             _add(joint, "parent", link=hinge.parent)
@@ -161,8 +140,7 @@ def urdf_snippet(
             _add(joint, "axis", xyz="0 0 1")
             _add(joint, "dynamics", damping=hinge.damping, friction=hinge.friction)
         gazebo = _add(root, "gazebo", reference=spring.name)
-        _add(gazebo, "springReference", 0)
-        _add(gazebo, "springStiffness", spring.stiffness)
+        _add_texts(gazebo, springReference=0, springStiffness=spring.stiffness)
         transmission = _add(root, "transmission", name=f"{name}_transmission")
         _add(transmission, "type", "transmission_interface/SimpleTransmission")
         _add(transmission, "joint", name=motor.name)
@@ -183,27 +161,20 @@ def sdf_snippet(
     model = _add(root, "model", name="elastic_joints")
     _add(model, "link", name=_BASE)
     fixed = _add(model, "joint", name=f"{_BASE}_fixed", type="fixed")
-    _add(fixed, "parent", "world")
-    _add(fixed, "child", _BASE)
+    _add_texts(fixed, parent="world", child=_BASE)
     for j, name in enumerate(names):
-        for link, mass, inertia in _links(arm, name, j):
-            inertial = _add(_add(model, "link", name=link), "inertial")
-            _add(inertial, "mass", mass)
-            tensor = _add(inertial, "inertia")
-            for element in ("ixx", "iyy", "izz"):
-                _add(tensor, element, inertia)
         for hinge in _hinges(arm, name, j):
+            inertial = _add(_add(model, "link", name=hinge.child), "inertial")
+            _add_texts(inertial, mass=hinge.mass)
+            _add_texts(_add(inertial, "inertia"), **dict.fromkeys(_DIAGONAL, hinge.inertia))
             joint = _add(model, "joint", name=hinge.name, type="continuous")
-            _add(joint, "parent", hinge.parent)
-            _add(joint, "child", hinge.child)
+            _add_texts(joint, parent=hinge.parent, child=hinge.child)
             axis = _add(joint, "axis")
-            _add(axis, "xyz", "0 0 1")
+            _add_texts(axis, xyz="0 0 1")
             dynamics = _add(axis, "dynamics")
-            _add(dynamics, "damping", hinge.damping)
-            _add(dynamics, "friction", hinge.friction)
+            _add_texts(dynamics, damping=hinge.damping, friction=hinge.friction)
             if hinge.stiffness:
-                _add(dynamics, "spring_reference", 0)
-                _add(dynamics, "spring_stiffness", hinge.stiffness)
+                _add_texts(dynamics, spring_reference=0, spring_stiffness=hinge.stiffness)
     return _document(identification, arm, _ROTOR_NOTE, root)
 
 
@@ -226,28 +197,28 @@ _ROTOR_NOTE = """\
      rotor's mass only keeps it from being zero. -->"""
 
 
+_DIAGONAL = ("ixx", "iyy", "izz")
+
+
 class _Hinge(NamedTuple):
-    """A hinge between two links of URDF and SDFormat."""
+    """A hinge between two links of URDF and SDFormat, with mass and inertia of the second one."""
 
     name: str
     parent: str
     child: str
+    mass: float
+    inertia: float
     damping: float
-    friction: float
-    stiffness: float
-
-
-def _links(arm: ArmSide, name: str, j: int) -> tuple[tuple[str, float, float], ...]:
-    """Name, mass in kg and inertia in kg·m² of a joint's rotor and link."""
-    rotor = (f"{name}_rotor", _ROTOR_MASS_KG, float(arm.rotor[j]))
-    return rotor, (f"{name}_link", _LINK_MASS_KG, float(arm.M2[j, j]))
+    friction: float = 0.0
+    stiffness: float = 0.0
 
 
 def _hinges(arm: ArmSide, name: str, j: int) -> tuple[_Hinge, _Hinge]:
-    """The motor's hinge and the spring's."""
-    rotor, link = f"{name}_rotor", f"{name}_link"
-    motor = _Hinge(f"{name}_motor", _BASE, rotor, arm.viscous[j], arm.coulomb[j], 0.0)
-    return motor, _Hinge(f"{name}_spring", rotor, link, arm.D[j], 0.0, arm.K[j])
+    """The motor's hinge with its rotor, and the spring's with the link."""
+    rotor = f"{name}_rotor", _ROTOR_MASS_KG, arm.rotor[j]
+    link = f"{name}_link", _LINK_MASS_KG, arm.M2[j, j]
+    motor = _Hinge(f"{name}_motor", _BASE, *rotor, arm.viscous[j], arm.coulomb[j])
+    return motor, _Hinge(f"{name}_spring", rotor[0], *link, arm.D[j], stiffness=arm.K[j])
 
 
 def _add(parent: Element, tag: str, text: str | float = "", /, **attributes: str | float) -> Element:
@@ -255,6 +226,12 @@ def _add(parent: Element, tag: str, text: str | float = "", /, **attributes: str
     element = SubElement(parent, tag, {name: _text(value) for name, value in attributes.items()})
     element.text = _text(text)
     return element
+
+
+def _add_texts(element: Element, /, **texts: str | float) -> None:
+    """Append elements with a text each."""
+    for tag, text in texts.items():
+        _add(element, tag, text)
 
 
 def _text(value: str | float) -> str:
@@ -290,9 +267,9 @@ def _heading(identification: Identification, arm: ArmSide) -> list[str]:
         if i.gears and i.gears[j].kind != "linear":
             gear = i.gears[j]
             lines.append(
-                f"     Its gear is not linear ({' + '.join(gear.laws)}), this format is: the stiffness "
-                f"below is the secant {_text(gear.secant(gear.tried_Nm))} N.m/rad at "
-                f"{gear.tried_Nm:.3g} N.m, without play, motor side."
+                f"     Its gear is not linear ({' + '.join(gear.laws)}), but this format is. The "
+                f"stiffness below is the secant {_text(gear.secant(gear.tried_Nm))} N.m/rad at "
+                f"{gear.tried_Nm:.3g} N.m, without backlash, motor side."
             )
     fitted = any(row.is_fitted for row in i.priors)
     lines.append(f"     Inertias are those {'fitted together with K and D' if fitted else 'given'}.")

@@ -18,7 +18,7 @@ from jointid.transfer_matrix import TransferMatrix
 _EVERY = 4
 """Of the points of a torsion curve, for a file of moderate size."""
 _ROWS = 101
-"""Of the look-up table of a law, beside its kinks; odd, so that it holds zero."""
+"""Rows of the look-up table of a law, besides its kinks; odd, so that zero is one of them."""
 _NOT_TRIED_RAD = 1e-3
 """Its range for a gear without a torsion curve."""
 _FORMULA = ("=", "+", "-", "@", "\t")
@@ -33,11 +33,8 @@ def phasor_table(analysis: Analysis) -> str:
 def phasors_csv(p: Phasors, records: Sequence[SineRecord]) -> str:
     """One row per record: the phasors of the motor angles and torques, equations (2)-(4).
 
-    Returns
-    -------
-    str
-        CSV with a header row. f(t) = re sin ωt + im cos ωt; ``std`` is the root of the variance of the
-        complex number. The torque is corrected for hold and delay.
+    CSV with a header row: f(t) = re sin ωt + im cos ωt; ``std`` is the root of the variance of the
+    complex number. The torque is corrected for hold and delay.
     """
     header = ["record", "pose", "frequency_hz"]
     for signal, unit in (("theta", "rad"), ("tau", "Nm")):
@@ -55,15 +52,8 @@ def phasors_csv(p: Phasors, records: Sequence[SineRecord]) -> str:
 def transfer_matrix_table(analysis: Analysis) -> str:
     """One row per pose and frequency: H of equations (16)-(18), acceleration over torque, 1/(kg·m²).
 
-    Parameters
-    ----------
-    analysis : Analysis
-
-    Returns
-    -------
-    str
-        CSV with a header row; only the header without a transfer matrix. H as measured; with identified
-        friction or delay also compensated, in columns ``H11_without_friction_and_delay_re`` and so on.
+    CSV with a header row; only the header without a transfer matrix. H as measured; with identified
+    friction or delay also compensated, in columns ``H11_without_friction_and_delay_re`` and so on.
     """
     n = analysis.study.inertia.n
     free = without_friction_and_delay(analysis)
@@ -85,16 +75,9 @@ def transfer_matrix_table(analysis: Analysis) -> str:
 def torsion_table(analysis: Analysis) -> str:
     """Torsion curves: one row per joint, record (of a motion: segment) and point of its period.
 
-    Parameters
-    ----------
-    analysis : Analysis
-
-    Returns
-    -------
-    str
-        CSV with a header row: measured wind-up and torque of the gear with their noise (standard
-        deviation), and the elastic torque of the fitted law. Motor side; damping and hysteresis are part
-        of the measured torque, the mean wind-up of a record is set to 0.
+    CSV with a header row: measured deflection and torque of the gear with their noise (standard
+    deviation), and the elastic torque of the fitted law. Motor side; damping and hysteresis are part of
+    the measured torque, the mean deflection of a record is set to 0.
     """
     header = ["joint", "record", "pose", "frequency_hz", "deflection_rad", "torque_Nm"]
     header += ["deflection_std_rad", "torque_std_Nm", "law_Nm"]
@@ -118,50 +101,45 @@ def torsion_table(analysis: Analysis) -> str:
 
 
 def gear_table(found: Identification) -> str:
-    """Torque of every gear's law over its wind-up as a look-up table, up to the torque tried.
+    """Torque of every gear's law over its deflection as a look-up table, up to the torque tried.
 
-    For Simulink's 1-D Lookup Table and own controllers, which interpolate linearly: edges of a play and
-    changes of slope are among its rows. Without damping and hysteresis; motor side.
-
-    Returns
-    -------
-    str
-        CSV with a header row, columns ``deflection_m1_rad, torque_m1_Nm, deflection_m2_rad, ...``.
+    For Simulink's 1-D Lookup Table and your own controller, which interpolate linearly: edges of the
+    backlash and changes of slope are among its rows. Without damping and hysteresis; motor side. CSV
+    with columns ``deflection_m1_rad, torque_m1_Nm, deflection_m2_rad, ...``. The torques of an unusable
+    answer are NaN, and the first column's name says so.
     """
     header = [
         f"{name}_m{j + 1}_{unit}"
         for j in range(found.n)
         for name, unit in (("deflection", "rad"), ("torque", "Nm"))
     ]
+    if not found.is_usable:
+        header[:1] = [f"NOT_USABLE_{header[0]}"]
     return csv_text(header, np.concatenate(_law_tables(found), axis=1).tolist())
 
 
 def modelica_table(found: Identification) -> str:
     """The same as tables ``gear1, gear2, ...`` of one text file for Modelica's CombiTable1Ds."""
-    lines = ["#1"]
+    lines = ["#1" if found.is_usable else "#1 NOT USABLE: the torques are NaN for this reason."]
+    lines += [] if found.is_usable else [f"# {' '.join(found.answer.split())}"]
     for j, table in enumerate(_law_tables(found), start=1):
-        lines.append(f"double gear{j}({len(table)},2)  # wind-up (rad), torque (N.m), motor side")
+        lines.append(f"double gear{j}({len(table)},2)  # deflection (rad), torque (N.m), motor side")
         lines += [f"{x!r} {y!r}" for x, y in table.tolist()]
     return "\n".join(lines) + "\n"
 
 
 def _law_tables(found: Identification) -> list[Floats]:
-    """Wind-up and torque of every gear, as many rows of each, shape (rows, 2)."""
-    grids = []
-    for gear in found.gears:
-        half, most = 0.5 * gear.backlash_rad, gear.tried_rad or _NOT_TRIED_RAD
-        kinks = np.array([half, *(half + knee for knee in knees(gear)[0])])
-        grids.append(np.unique(np.concatenate([most * np.linspace(-1, 1, _ROWS), -kinks, kinks])))
-        grids[-1] = grids[-1][np.abs(grids[-1]) <= most]
-    rows = max((grid.size for grid in grids), default=0)
-    for j, grid in enumerate(grids):
-        while grid.size < rows:
-            widest = int(np.argmax(np.diff(grid)))
-            grid = np.insert(grid, widest + 1, grid[widest : widest + 2].mean())
-        grids[j] = grid
+    """Deflection and torque of every gear, as many rows of each, shape (rows, 2)."""
+    most = [gear.tried_rad or _NOT_TRIED_RAD for gear in found.gears]
+    shares = [np.linspace(-1, 1, _ROWS)]
+    for gear, range_rad in zip(found.gears, most, strict=True):
+        half = 0.5 * gear.backlash_rad
+        kinks = np.array([half, *(half + knee for knee in knees(gear)[0])]) / range_rad
+        shares += [-kinks[kinks <= 1], kinks[kinks <= 1]]
+    grid, usable = np.unique(np.concatenate(shares)), 1.0 if found.is_usable else np.nan
     return [
-        np.stack([grid, gear.torque(grid)], axis=1)
-        for grid, gear in zip(grids, found.gears, strict=True)
+        np.stack([range_rad * grid, usable * gear.torque(range_rad * grid)], axis=1)
+        for gear, range_rad in zip(found.gears, most, strict=True)
     ]
 
 

@@ -10,7 +10,7 @@ from jointid.arrays import Floats
 from jointid.cut.outcome import Outcome
 from jointid.cut.tolerance import PathErrorDistribution
 from jointid.cut.tracking import TrackingRun
-from jointid.figures.style import Trace, colours, figure, line, linear_axis
+from jointid.figures.style import Trace, bars, colours, figure, line, linear_axis
 
 _STRIDE = 4
 """One point per millisecond."""
@@ -63,15 +63,11 @@ def corner_detail(outcome: Outcome, corner: int = 0, *, dark: bool = False) -> g
     inwards = np.array([-ahead[corner][1], ahead[corner][0]]) - ahead[corner]
     middle = 1e3 * 0.45 * half * inwards
     limits = [[float(m - 1e3 * half), float(m + 1e3 * half)] for m in middle]
-    return figure(
-        traces,
-        height=420,
-        dark=dark,
-        xaxis=linear_axis("x from the corner (mm)", range=limits[0], constrain="domain"),
-        yaxis=linear_axis(
-            "y from the corner (mm)", range=limits[1], scaleanchor="x", constrain="domain"
-        ),
+    x, y = (
+        linear_axis(f"{name} from the corner (mm)", range=limit, constrain="domain")
+        for name, limit in zip("xy", limits, strict=True)
     )
+    return figure(traces, x, y | {"scaleanchor": "x"}, height=420, dark=dark)
 
 
 def path_error_histogram(distribution: PathErrorDistribution, *, dark: bool = False) -> go.Figure:
@@ -81,18 +77,10 @@ def path_error_histogram(distribution: PathErrorDistribution, *, dark: bool = Fa
     unit, factor = ("mm", 1e-3) if error.max() >= 100 else ("µm", 1.0)
     counts, edges = np.histogram(factor * error, bins=20)
     share = 100 * counts / error.size
-    traces: list[Trace] = [
-        {
-            "type": "bar",
-            "x": 0.5 * (edges[1:] + edges[:-1]),
-            "width": np.diff(edges),
-            "y": share,
-            "name": "robots",
-            "marker": {"color": ink.identified, "opacity": 0.75},
-            "hovertemplate": f"%{{x:.3g}} {unit}<br>%{{y:.0f}} % of the robots<extra></extra>",
-            "showlegend": False,
-        }
-    ]
+    hover = f"%{{x:.3g}} {unit}<br>%{{y:.0f}} % of the robots<extra></extra>"
+    look: Trace = {"width": np.diff(edges), "marker": {"opacity": 0.75}, "showlegend": False}
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    traces = [bars(middle, share, "robots", ink.identified, hovertemplate=hover, **look)]
     top = 1.08 * float(share.max())
     for name, value, dash in (
         ("median", distribution.median_m, "dot"),
@@ -102,14 +90,9 @@ def path_error_histogram(distribution: PathErrorDistribution, *, dark: bool = Fa
         text = f"{name}: {x[0]:.3g} {unit}"
         style = {"line": {"dash": dash}, "hovertemplate": f"{text}<extra></extra>"}
         traces.append(line(x, np.array([0.0, top]), text, ink.measured, **style))
-    return figure(
-        traces,
-        height=420,
-        dark=dark,
-        xaxis=linear_axis(f"Largest path error ({unit})", nticks=6),
-        yaxis=linear_axis("Share of the robots (%)", range=[0.0, top]),
-        bargap=0,
-    )
+    across = linear_axis(f"Largest path error ({unit})", nticks=6)
+    upwards = linear_axis("Share of the robots (%)", range=[0.0, top])
+    return figure(traces, across, upwards, height=420, dark=dark, bargap=0)
 
 
 def _over_time(
@@ -127,14 +110,8 @@ def _over_time(
             style = {"yaxis": ("y", "y2")[k], "showlegend": k == 0, "legendgroup": name}
             x, y = 1e3 * run.time_s[::_STRIDE], values(run)[::_STRIDE]
             traces.append(line(x, y, name, colour, hovertemplate=hover, **style))
-    return figure(
-        traces,
-        height=420,
-        dark=dark,
-        xaxis=linear_axis("Time (ms)", anchor="y2"),
-        yaxis=linear_axis(panels[0][0], domain=[0.54, 1.0], **axis),
-        yaxis2=linear_axis(panels[1][0], domain=[0.0, 0.46], **axis),
-    )
+    axes = [linear_axis(title, **axis) for title, _ in panels]
+    return figure(traces, linear_axis("Time (ms)"), *axes, height=420, dark=dark)
 
 
 def _both(outcome: Outcome, dark: bool) -> list[tuple[str, TrackingRun, str]]:

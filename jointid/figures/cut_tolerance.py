@@ -94,18 +94,10 @@ def tolerance_heatmap(
     if assumed is not None:
         free.append(_place(x, y, assumed.K / elasticity.K))
     notes = [_level_note(x, y, np.log10(error), level, free) for level in levels]
-    return figure(
-        traces,
-        height=520,
-        dark=dark,
-        xaxis=_ratio_axis("K̂1 / K1", x),
-        yaxis=_ratio_axis("K̂2 / K2", y),
-        annotations=[
-            note | {"font": {"size": 12, "color": ink.measured}, "bgcolor": shades[0]}
-            for note in notes
-            if note is not None
-        ],
-    )
+    look = {"font": {"size": 12, "color": ink.measured}, "bgcolor": shades[0]}
+    notes = [note | look for note in notes if note is not None]
+    axes = _ratio_axis("K̂1 / K1", x), _ratio_axis("K̂2 / K2", y)
+    return figure(traces, *axes, height=520, dark=dark, annotations=notes)
 
 
 def _ellipse(elasticity: Elasticity, covariance: Floats, colour: str, visible: float) -> list[Trace]:

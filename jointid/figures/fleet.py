@@ -5,7 +5,17 @@ import plotly.graph_objects as go
 
 from jointid.answer import UNITS
 from jointid.arrays import Floats
-from jointid.figures.style import Trace, colours, figure, line, linear_axis, plain_text, points, upright
+from jointid.figures.style import (
+    Trace,
+    bars,
+    colours,
+    figure,
+    line,
+    linear_axis,
+    plain_text,
+    points,
+    upright,
+)
 from jointid.fleet.spread import Drift, Spread
 from jointid.wording import with_error
 
@@ -32,38 +42,20 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
     count = int(np.clip(2 * np.sqrt(inside.sum()), 5, _MOST_BINS))
     height, edges = np.histogram(spread.value[inside], bins=count, range=(low, high))
     unit = UNITS[spread.name[0]]
-    bars = {
-        "type": "bar",
-        "x": (edges[:-1] + edges[1:]) / 2,
-        "y": height,
-        "width": np.diff(edges),
-        "customdata": np.stack([edges[:-1], edges[1:]], axis=1),
-        "marker": {
-            "color": ink.identified,
-            "opacity": 0.85,
-            "line": {"width": 1, "color": _PAPER[dark]},
-        },
-        "name": "studies",
-        "hovertemplate": f"%{{y}} studies<br>%{{customdata[0]:.4g}} to %{{customdata[1]:.4g}} {unit}"
-        "<extra></extra>",
-    }
-    traces = [bars]
+    hover = f"%{{y}} studies<br>%{{customdata[0]:.4g}} to %{{customdata[1]:.4g}} {unit}<extra></extra>"
+    ends, edge = np.stack([edges[:-1], edges[1:]], axis=1), {"width": 1, "color": _PAPER[dark]}
+    look: Trace = {"width": np.diff(edges), "marker": {"opacity": 0.85, "line": edge}}
+    about: Trace = {"customdata": ends, "hovertemplate": hover}
+    traces = [bars(ends.mean(axis=1), height, "studies", ink.identified, **look, **about)]
     if spread.outliers.any():
         traces.append(_outliers(spread, low, high, ink.measured))
     shapes = [upright(spread.median, ink.measured)]
     if np.isfinite(spread.spread) and spread.spread > 0:
         for side in (-1, 1):
             shapes.append(upright(spread.median + side * spread.spread, ink.measured, dash="dot"))
-    return figure(
-        traces,
-        height=270,
-        dark=dark,
-        xaxis=linear_axis(f"{spread.name} ({unit})", range=[low, high], nticks=6),
-        yaxis=linear_axis("Studies", rangemode="tozero", tick0=0, dtick=_whole_step(int(height.max()))),
-        shapes=shapes,
-        bargap=0,
-        showlegend=True,
-    )
+    x = linear_axis(f"{spread.name} ({unit})", range=[low, high], nticks=6)
+    y = linear_axis("Studies", rangemode="tozero", tick0=0, dtick=_whole_step(int(height.max())))
+    return figure(traces, x, y, height=270, dark=dark, shapes=shapes, bargap=0, showlegend=True)
 
 
 def drift_over_time(
@@ -117,13 +109,9 @@ def drift_over_time(
         inside = [v for v in (shown.value.min(), shown.value.max()) if np.isfinite(v)]
         low, high = min([low, *inside]), max([high, *inside])
     margin = 0.03 * (high - low)
-    return figure(
-        traces,
-        height=300,
-        dark=dark,
-        xaxis={"type": "date", "nticks": 5, "title": {"text": "Date"}},
-        yaxis=linear_axis(f"{spread.name} ({unit})", range=[low - margin, high + margin], nticks=6),
-    )
+    x = linear_axis("Date", type="date", nticks=5)
+    y = linear_axis(f"{spread.name} ({unit})", range=[low - margin, high + margin], nticks=6)
+    return figure(traces, x, y, height=300, dark=dark)
 
 
 def _outliers(spread: Spread, low: float, high: float, colour: str) -> Trace:

@@ -1,7 +1,6 @@
 """A whole log with the sine runs that were found in it."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -13,7 +12,8 @@ from jointid.importing import MappedLog, Mapping, Segment
 from jointid.importing.columns.units import QUANTITIES
 
 _ROW_PX = 112
-_LADDER_PX = 120
+_LADDER = 1.07
+"""Height of the row of frequencies, in rows."""
 
 
 def log_spans(
@@ -39,11 +39,7 @@ def log_spans(
     """
     ink = colours(dark)
     rows = [row for j in range(log.n) for row in _rows(log, j, mapping)]
-    height = 60 + _LADDER_PX + _ROW_PX * len(rows)
-    ladder = _LADDER_PX / (_LADDER_PX + _ROW_PX * len(rows))
-    axes: dict[str, Any] = {
-        "yaxis": linear_axis("Sine (Hz)", domain=[1 - 0.86 * ladder, 1.0], nticks=4, rangemode="tozero")
-    }
+    axes = [linear_axis("Sine (Hz)", share=_LADDER, nticks=4, rangemode="tozero")]
     traces: list[Trace] = []
     shapes: list[Shape] = []
     for chosen, name, colour, dash, opacity in (
@@ -55,18 +51,14 @@ def log_spans(
         shapes += [span(s.start_s, s.stop_s, colour, opacity, layer="below") for s in chosen]
     if not traces:  # an axis without a curve is not drawn
         traces.append(line(log.time_s[[0, -1]], np.zeros(2), "", "rgba(0,0,0,0)", showlegend=False))
-    for row, (title, values) in enumerate(rows):
-        top = (1 - ladder) * (1 - row / len(rows))
-        gap = 0.12 if row + 1 < len(rows) else 0.0  # the last stands on the axis of time
-        bottom = max(top - (1 - gap) * (1 - ladder) / len(rows), 0.0)
-        axes[f"yaxis{row + 2}"] = linear_axis(title, domain=[bottom, top], nticks=4)
+    for number, (title, values) in enumerate(rows, start=2):
+        axes.append(linear_axis(title, nticks=4))
         x, y = thinned(log.time_s, values)
-        style: Trace = {"line": {"width": 1.1}, "showlegend": False, "yaxis": f"y{row + 2}"}
+        style: Trace = {"line": {"width": 1.1}, "showlegend": False, "yaxis": f"y{number}"}
         traces.append(line(x, y, title, ink.measured, hovertemplate="%{x:.5g} s: %{y:.4g}", **style))
-    axes["xaxis"] = linear_axis(
-        "Time (s)", anchor=f"y{len(rows) + 1}", range=[float(log.time_s[0]), float(log.time_s[-1])]
-    )
-    return figure(traces, height=height, dark=dark, shapes=shapes, **axes)
+    across = linear_axis("Time (s)", range=[float(log.time_s[0]), float(log.time_s[-1])])
+    height = 60 + round(_ROW_PX * (_LADDER + len(rows)))
+    return figure(traces, across, *axes, height=height, dark=dark, shapes=shapes)
 
 
 def _rows(log: MappedLog, j: int, mapping: Mapping | None) -> list[tuple[str, Floats]]:

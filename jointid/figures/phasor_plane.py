@@ -3,7 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.figures.style import Trace, colours, figure, joint_symbol, plain_text
+from jointid.figures.style import GRID, Trace, colours, figure, joint_symbol, plain_text
 from jointid.phasors.extract import Phasors
 from jointid.wording import significant, with_error
 
@@ -74,8 +74,7 @@ def phasor_plane(
                     "hoverinfo": "skip",
                 }
             )
-    grid = "rgba(150, 150, 150, 0.35)"
-    radial = {"gridcolor": grid, "linecolor": grid, "angle": 45, "tickangle": 45, "nticks": 4}
+    radial = {"gridcolor": GRID, "linecolor": GRID, "angle": 45, "tickangle": 45, "nticks": 4}
     if logarithmic:
         shown = [float(np.log10(low / 2)), float(np.log10(high * 1.3))]
         decades = [10.0**k for k in range(int(np.ceil(shown[0])), int(np.floor(shown[1])) + 1)]
@@ -94,7 +93,7 @@ def phasor_plane(
         polar={
             "bgcolor": "rgba(0,0,0,0)",
             "radialaxis": radial,
-            "angularaxis": {"gridcolor": grid, "dtick": 45, "ticksuffix": "°", "linecolor": grid},
+            "angularaxis": {"gridcolor": GRID, "dtick": 45, "ticksuffix": "°", "linecolor": GRID},
         },
         legend={"orientation": "h", "x": 0.5, "xanchor": "center", "y": -0.08, "yanchor": "top"},
     )

@@ -38,6 +38,8 @@ from jointid.figures.style import (
 from jointid.transfer_matrix import TransferMatrix
 
 _UNIT = "1/(kg·m²)"
+_TWO_LINES = {"l": 8, "r": 12, "t": 60, "b": 8}
+"""Margin with room for a legend of two lines."""
 View = Literal["Magnitude and phase", "In dB", "Nyquist"]
 VIEWS: tuple[View, ...] = get_args(View)
 """Ways to draw a frequency response; 0 dB is 1/(kg·m²)."""
@@ -84,14 +86,9 @@ def model_over_measurement(
         Curve(name, "measured", measured(matrix, joint, joint), "circle"),
     ]
     traces = [_magnitude(curve, element_name(joint, joint), dark) for curve in curves]
-    title = f"|{element_name(joint, joint)}| ({_UNIT})"
-    return figure(
-        traces,
-        height=300,
-        dark=dark,
-        xaxis=frequency_axis(measured_frequencies(curves)),
-        yaxis=log_axis(title, range=_log_range(magnitude_limits(analysis, pose, joint))),
-    )
+    x = frequency_axis(measured_frequencies(curves))
+    size = _size_axis(joint, magnitude_limits(analysis, pose, joint))
+    return figure(traces, x, size, height=300, dark=dark)
 
 
 def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure:
@@ -114,14 +111,8 @@ def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure
         if top < 20
         else log_axis(title, range=[-0.05, float(np.log10(top))])
     )
-    return figure(
-        traces,
-        height=380,
-        dark=dark,
-        xaxis=frequency_axis(f, anchor="y2"),
-        yaxis=scale | {"domain": [0.56, 1.0]},
-        yaxis2=from_zero("Reciprocity (%)", reciprocity, domain=[0.0, 0.44]),
-    )
+    asymmetry = from_zero("Reciprocity (%)", reciprocity)
+    return figure(traces, frequency_axis(f), scale, asymmetry, height=380, dark=dark)
 
 
 def compared_models(
@@ -151,14 +142,8 @@ def compared_models(
             traces.append(_magnitude(replace(curve, name=label), label, dark))
         limits.append(magnitude_limits(analysis, pose, joint))
         frequencies.append(points_of.response.frequency_hz)
-    low, high = min(low for low, _ in limits), max(high for _, high in limits)
-    return figure(
-        traces,
-        height=340,
-        dark=dark,
-        xaxis=frequency_axis(np.concatenate(frequencies)),
-        yaxis=log_axis(f"|{element_name(joint, joint)}| ({_UNIT})", range=_log_range((low, high))),
-    )
+    size = _size_axis(joint, (min(low for low, _ in limits), max(high for _, high in limits)))
+    return figure(traces, frequency_axis(np.concatenate(frequencies)), size, height=340, dark=dark)
 
 
 def _drawn(
@@ -171,7 +156,7 @@ def _drawn(
     traces: list[Trace] = []
     for curve, phase in zip(curves, phases, strict=True):
         traces += [_magnitude(curve, curve.name, dark, decibels=decibels), _phase(curve, phase, dark)]
-    y: Axis = {"domain": [0.42, 1.0]}
+    y: Axis = {"share": 1.6}
     if magnitudes is not None:
         y["range"] = [20 * limit if decibels else limit for limit in _log_range(magnitudes)]
     size = linear_axis(f"Magnitude (dB of {_UNIT})", **y)
@@ -182,21 +167,9 @@ def _drawn(
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 180.0)
     if magnitudes is not None:  # a diagonal element; the same scale for all views of it
         low, high = min(low, -90.0), max(high, 180.0)
-    return figure(
-        traces,
-        height=520,
-        dark=dark,
-        xaxis=frequency_axis(measured_frequencies(curves), anchor="y2"),
-        yaxis=size,
-        yaxis2=linear_axis(
-            "Phase (°)",
-            domain=[0.0, 0.36],
-            range=[min(low, 0.0) - 15, max(high, 90.0) + 15],
-            tick0=0,
-            dtick=90,
-        ),
-        margin={"l": 8, "r": 12, "t": 60, "b": 8},  # room for a legend of two lines
-    )
+    x, span = frequency_axis(measured_frequencies(curves)), [min(low, 0.0) - 15, max(high, 90.0) + 15]
+    turn = linear_axis("Phase (°)", range=span, tick0=0, dtick=90)
+    return figure(traces, x, size, turn, height=520, dark=dark, margin=_TWO_LINES)
 
 
 def _nyquist(curves: list[Curve], dark: bool) -> go.Figure:
@@ -209,14 +182,8 @@ def _nyquist(curves: list[Curve], dark: bool) -> go.Figure:
             more |= {"error": {"array": error}, "error_x": {"type": "data", "array": error, "width": 3}}
         hover = f"%{{customdata:.4g}} Hz<br>%{{x:.4g}} + %{{y:.4g}} i {_UNIT}<extra>{curve.name}</extra>"
         traces.append(_trace(curve, H.imag, dark, x=H.real, hovertemplate=hover, **more))
-    return figure(
-        traces,
-        height=520,
-        dark=dark,
-        xaxis=linear_axis(f"Real part ({_UNIT})"),
-        yaxis=linear_axis(f"Imaginary part ({_UNIT})", scaleanchor="x"),
-        margin={"l": 8, "r": 12, "t": 60, "b": 8},
-    )
+    axes = linear_axis(f"Real part ({_UNIT})"), linear_axis(f"Imaginary part ({_UNIT})", scaleanchor="x")
+    return figure(traces, *axes, height=520, dark=dark, margin=_TWO_LINES)
 
 
 def _magnitude(curve: Curve, label: str, dark: bool, *, decibels: bool = False) -> Trace:
@@ -256,6 +223,10 @@ def _trace(curve: Curve, y: Floats, dark: bool, **more: Any) -> Trace:
         return points(x, y, curve.name, colour, marker={"symbol": curve.symbol}, **more)
     dash = "dash" if curve.source == "nominal" else "solid"
     return line(x, y, curve.name, colour, line={"dash": dash}, **more)
+
+
+def _size_axis(joint: int, limits: tuple[float, float]) -> Axis:
+    return log_axis(f"|{element_name(joint, joint)}| ({_UNIT})", range=_log_range(limits))
 
 
 def _log_range(limits: tuple[float, float]) -> list[float]:

@@ -67,18 +67,11 @@ def dynamic_stiffness(
     traces.append(points(f, measured.real, "each record", ink.measured, **shared, **dots))
     lower = {"yaxis": "y2", "showlegend": False}
     traces.append(points(f, measured.imag, "each record", ink.measured, **lower, **shared, **dots))
-    return figure(
-        traces,
-        height=460,
-        dark=dark,
-        xaxis=frequency_axis(f, anchor="y2"),
-        yaxis=linear_axis(
-            f"Re b/a → K{joint + 1} ({scale.unit})", domain=[0.54, 1.0], rangemode="tozero"
-        ),
-        yaxis2=linear_axis(
-            f"Im b/a → ωD{joint + 1} ({scale.unit})", domain=[0.0, 0.46], rangemode="tozero"
-        ),
-    )
+    axes = [
+        linear_axis(f"{part}{joint + 1} ({scale.unit})", rangemode="tozero")
+        for part in ("Re b/a → K", "Im b/a → ωD")
+    ]
+    return figure(traces, frequency_axis(f), *axes, height=460, dark=dark)
 
 
 def stiffness_error(fit: ElasticityFit) -> np.ndarray:
@@ -111,4 +104,4 @@ def unexplained_torque(fit: ElasticityFit, joint: int, *, dark: bool = False) ->
     if sizes.size:  # the same for every joint
         more["range"] = [float(np.log10(sizes.min() / 1.5)), float(np.log10(sizes.max() * 1.5))]
     axis = log_axis("Motor torque (N·m)", **more)
-    return figure(traces, height=320, dark=dark, xaxis=frequency_axis(f), yaxis=axis)
+    return figure(traces, frequency_axis(f), axis, height=320, dark=dark)

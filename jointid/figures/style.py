@@ -17,6 +17,17 @@ Shape = dict[str, Any]
 
 _MOST_DECADES = 3
 """Of an axis with ticks at 1, 2 and 5; a longer one has ticks at some powers of ten."""
+_GAP = 0.16
+"""Share of a panel below it that stays free."""
+GRID = "rgba(150, 150, 150, 0.35)"
+_LOOK: Axis = {
+    "gridcolor": GRID,
+    "zeroline": False,
+    "automargin": True,
+    "ticks": "outside",
+    "ticklen": 4,
+    "tickcolor": "rgba(0,0,0,0)",
+}
 _FULL_HEIGHT: Shape = {"yref": "paper", "y0": 0, "y1": 1}
 
 JOINT_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star")
@@ -49,15 +60,37 @@ def colours(dark: bool) -> Colours:
     return DARK if dark else LIGHT
 
 
-def figure(traces: Sequence[Trace], *, height: int, dark: bool, **layout: Any) -> go.Figure:
-    """Assemble a figure from plain dictionaries, with the margins and the legend all figures have."""
-    quiet = "rgba(150, 150, 150, 0.35)"
-    for name, axis in layout.items():
-        if name.startswith(("xaxis", "yaxis")):
-            title = {"standoff": 10, "text": ""} | (axis.get("title") or {})
-            apart = {"ticks": "outside", "ticklen": 4, "tickcolor": "rgba(0,0,0,0)"}
-            layout[name] = {"gridcolor": quiet, "zeroline": False, "automargin": True} | apart | axis
-            layout[name]["title"] = title
+def figure(
+    traces: Sequence[Trace], x: Axis | None = None, *y: Axis, height: int, dark: bool, **layout: Any
+) -> go.Figure:
+    """Assemble a figure from plain dictionaries, with the margins and the legend all figures have.
+
+    Parameters
+    ----------
+    traces : sequence of dict
+        Those of the second panel have ``"yaxis": "y2"``, and so on.
+    x : dict, optional
+        The axis that all panels share; a polar figure has none.
+    *y : dict
+        Axis of each panel, from top to bottom; ``share`` is its relative height, by default 1.
+    height : int
+        In pixels.
+    dark : bool
+        For a dark background.
+    **layout
+        Anything else of plotly's layout.
+    """
+    bottom, total = 1.0, sum(axis.get("share", 1.0) for axis in y)
+    for number, axis in enumerate(y, start=1):
+        top, bottom = bottom, max(bottom - axis.get("share", 1.0) / total, 0.0)
+        own = {key: value for key, value in axis.items() if key != "share"}
+        if number < len(y):
+            own["domain"] = [bottom + _GAP * (top - bottom), top]
+        elif number > 1:
+            own["domain"] = [0.0, top]
+        layout[f"yaxis{number}" if number > 1 else "yaxis"] = _LOOK | own
+    if x is not None:
+        layout["xaxis"] = _LOOK | ({"anchor": f"y{len(y)}"} if len(y) > 1 else {}) | x
     ink = "#FAFAFA" if dark else "#31333F"
     base = {
         "height": height,
@@ -114,6 +147,12 @@ def points(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
     return trace
 
 
+def bars(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
+    """Return a bar trace."""
+    style = {"color": colour} | more.pop("marker", {})
+    return {"type": "bar", "x": x, "y": y, "name": name, "marker": style} | more
+
+
 def upright(x: float, colour: str, *, width: float = 1.5, dash: str = "solid", **more: Any) -> Shape:
     """Return a vertical line over the whole height of a figure."""
     stroke = {"color": colour, "width": width, "dash": dash}
@@ -138,14 +177,14 @@ def frequency_axis(frequency_hz: Floats, **more: Any) -> Axis:
         "range": [float(np.log10(low / margin)), float(np.log10(high * margin))],
         "tickvals": ticks,
         "ticktext": [f"{tick:g}" for tick in ticks],
-        "title": {"text": "Frequency (Hz)"},
+        "title": _title("Frequency (Hz)"),
     } | more
 
 
 def log_axis(title: str, **more: Any) -> Axis:
     """Return a logarithmic axis with plain numbers at 1, 2, 5 of every decade, more if short."""
     low, high = more.get("range") or (0.0, 2.0)
-    axis = {"type": "log", "title": {"text": title}}
+    axis = {"type": "log", "title": _title(title)}
     if high - low > _MOST_DECADES:
         return axis | {"dtick": -(-(high - low) // 6), "exponentformat": "power"} | more
     steps = (1, 2, 5) if high - low > 1 else (1, 1.5, 2, 3, 4, 5, 7)
@@ -156,7 +195,11 @@ def log_axis(title: str, **more: Any) -> Axis:
 
 def linear_axis(title: str, **more: Any) -> Axis:
     """Return a linear axis with its quantity and unit."""
-    return {"title": {"text": title}} | more
+    return {"title": _title(title)} | more
+
+
+def _title(text: str) -> dict[str, Any]:
+    return {"standoff": 10, "text": text}
 
 
 def from_zero(title: str, values: Floats, **more: Any) -> Axis:

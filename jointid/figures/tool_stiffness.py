@@ -46,10 +46,5 @@ def deflection_ellipse(
     worst = 1e3 * force_N * stiffness.principal[0][0] * (directions[0] @ plane.T)
     ends = np.stack([-worst, worst])
     traces.append(line(ends[:, 0], ends[:, 1], "worst direction", ink.quiet, hoverinfo="skip"))
-    return figure(
-        traces,
-        height=320,
-        dark=dark,
-        xaxis=linear_axis(f"Deflection along {axes[0]} (mm)"),
-        yaxis=linear_axis(f"Deflection along {axes[1]} (mm)", scaleanchor="x", scaleratio=1),
-    )
+    x, y = (linear_axis(f"Deflection along {axis} (mm)") for axis in axes)
+    return figure(traces, x, y | {"scaleanchor": "x"}, height=320, dark=dark)

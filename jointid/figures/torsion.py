@@ -1,4 +1,4 @@
-"""Torsion curves of the gears: measured torque over wind-up, with the fitted law; K over amplitude."""
+"""Torsion curves: measured torque of a gear over deflection, with the fitted law; K over amplitude."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -10,10 +10,10 @@ from jointid.answer import AT_MOTOR, StiffnessUnit
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import (
-    JOINT_SYMBOLS,
     Trace,
     colours,
     figure,
+    joint_symbol,
     line,
     linear_axis,
     plain_text,
@@ -24,7 +24,7 @@ from jointid.gears.harmonic_balance import sine_stiffness
 _MOST_RECORDS = 10
 """Records drawn; more would hide each other."""
 _MOST_TURNS = 12
-"""Changes of sign of the wind-up in a record that is drawn as a line."""
+"""Changes of sign of the deflection in a record that is drawn as a line."""
 _SCALE = ("#7D5BA6", "#5B7DB1", "#2A9D8F", "#6DAF3F", "#B89A00")
 """Colours of rising frequency or amplitude, visible on black and on white."""
 ColourBy = Literal["frequency", "amplitude"]
@@ -38,7 +38,7 @@ def torsion_curve(
     unit: StiffnessUnit = AT_MOTOR,
     dark: bool = False,
 ) -> go.Figure:
-    """Torque of one gear over its wind-up, a period of every record, and the fitted elastic law.
+    """Torque of one gear over its deflection, a period of every record, and the fitted elastic law.
 
     Parameters
     ----------
@@ -86,13 +86,9 @@ def torsion_curve(
     if gear.kind != "linear":
         flat = {"line": {"dash": "dot", "width": 1.5}, "hoverinfo": "skip"}
         traces.append(line(shown, scale.torque * gear.K * tried, "slope K", ink.quiet, **flat))
-    return figure(
-        traces,
-        height=420,
-        dark=dark,
-        xaxis=linear_axis(f"Wind-up ({scale.angle}, {scale.side})"),
-        yaxis=linear_axis(f"Torque (N·m, {scale.side})"),
-    )
+    across = linear_axis(f"Deflection ({scale.angle}, {scale.side})")
+    upwards = linear_axis(f"Torque (N·m, {scale.side})")
+    return figure(traces, across, upwards, height=420, dark=dark)
 
 
 def drawn_records(amplitude: Floats) -> list[int]:
@@ -110,7 +106,7 @@ def stiffness_over_amplitude(
     unit: StiffnessUnit = AT_MOTOR,
     dark: bool = False,
 ) -> go.Figure:
-    """Torque over wind-up of every record's fundamental against its torque amplitude, by pose.
+    """Torque over deflection of every record's fundamental against its torque amplitude, by pose.
 
     Parameters
     ----------
@@ -132,7 +128,7 @@ def stiffness_over_amplitude(
         name = plain_text(pose) or ("each record" if np.all(own) else "no pose stated")
         hover = f"%{{x:.3g}} N·m<br>%{{y:.4g}} ± %{{customdata:.2g}} {scale.unit}<extra></extra>"
         shared = {"customdata": error[own], "error": {"array": error[own]}, "hovertemplate": hover}
-        symbol = {"symbol": JOINT_SYMBOLS[k % len(JOINT_SYMBOLS)], "size": 6}
+        symbol = {"symbol": joint_symbol(k), "size": 6}
         colour = ink.measured if k == 0 else _SCALE[(2 * k) % len(_SCALE)]
         traces.append(points(amplitude[own], K[own], name, colour, marker=symbol, **shared))
     size = np.geomspace(0.01, 1, 80) * gear.tried_rad
@@ -141,10 +137,5 @@ def stiffness_over_amplitude(
     law = {"hovertemplate": f"%{{x:.3g}} N·m<br>%{{y:.4g}} {scale.unit}<extra>fitted law</extra>"}
     inside = torque >= amplitude.min(initial=np.inf)
     traces.insert(0, line(torque[inside], secant[inside], "fitted law", ink.identified, **law))
-    return figure(
-        traces,
-        height=260,
-        dark=dark,
-        xaxis=linear_axis(f"Torque amplitude (N·m, {scale.side})", rangemode="tozero"),
-        yaxis=linear_axis(f"K{joint + 1} ({scale.unit})"),
-    )
+    across = linear_axis(f"Torque amplitude (N·m, {scale.side})", rangemode="tozero")
+    return figure(traces, across, linear_axis(f"K{joint + 1} ({scale.unit})"), height=260, dark=dark)

@@ -8,6 +8,7 @@ import plotly.graph_objects as go
 from jointid.answer import UNITS
 from jointid.figures.style import (
     Trace,
+    bars,
     colours,
     figure,
     frequency_axis,
@@ -57,7 +58,7 @@ def confidence_outlines(
         linear_axis(f"{name} ({(units or UNITS).get(name, UNITS[name[0]])})", nticks=5, range=[a, b])
         for name, a, b in zip((first, second), low - margin, high + margin, strict=True)
     ]
-    return figure(traces, height=380, dark=dark, xaxis=axes[0], yaxis=axes[1])
+    return figure(traces, *axes, height=380, dark=dark)
 
 
 def influence_strip(jackknife: Jackknife, names: Sequence[str], *, dark: bool = False) -> go.Figure:
@@ -78,13 +79,9 @@ def influence_strip(jackknife: Jackknife, names: Sequence[str], *, dark: bool = 
         "colorbar": {"thickness": 12, "tickfont": {"size": 12}},
         "hovertemplate": "%{y} without %{x} Hz<br>%{customdata:+.2f} standard errors<extra></extra>",
     }
-    return figure(
-        [trace],
-        height=110 + 32 * len(names),
-        dark=dark,
-        xaxis=linear_axis("Frequency left out (Hz)", type="category", nticks=12, showgrid=False),
-        yaxis=linear_axis("", type="category", showgrid=False),
-    )
+    across = linear_axis("Frequency left out (Hz)", type="category", nticks=12, showgrid=False)
+    upwards = linear_axis("", type="category", showgrid=False)
+    return figure([trace], across, upwards, height=110 + 32 * len(names), dark=dark)
 
 
 def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Figure:
@@ -113,16 +110,9 @@ def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Fig
             hovertemplate="%{x:.4g} Hz<br>%{y:.2g} %<extra>difference of H</extra>",
         )
     )
-    return figure(
-        traces,
-        height=430,
-        dark=dark,
-        xaxis=frequency_axis(f, anchor="y2"),
-        yaxis=log_axis("Magnitude (1/(kg·m²))", domain=[0.46, 1.0]),
-        yaxis2=from_zero(
-            "Difference (%)", 100 * prediction.relative_error, domain=[0.0, 0.38], nticks=4
-        ),
-    )
+    magnitude = log_axis("Magnitude (1/(kg·m²))", share=1.6)
+    difference = from_zero("Difference (%)", 100 * prediction.relative_error, nticks=4)
+    return figure(traces, frequency_axis(f), magnitude, difference, height=430, dark=dark)
 
 
 def normalised_residuals(residuals: RecordResiduals, *, dark: bool = False) -> go.Figure:
@@ -149,7 +139,7 @@ def normalised_residuals(residuals: RecordResiduals, *, dark: bool = False) -> g
     sizes = residuals.normalised[residuals.normalised > 1e-3]
     low, high = float(sizes.min(initial=0.3)) / 1.3, max(4.0, 1.3 * float(sizes.max(initial=1.0)))
     axis = log_axis("Residual / noise", range=[float(np.log10(low)), float(np.log10(high))])
-    return figure(traces, height=320, dark=dark, xaxis=frequency_axis(f), yaxis=axis)
+    return figure(traces, frequency_axis(f), axis, height=320, dark=dark)
 
 
 def harmonic_bars(
@@ -166,54 +156,39 @@ def harmonic_bars(
         Of the records.
     """
     ink = colours(dark)
-    number = np.arange(1, len(labels) + 1)
+    number = np.arange(1.0, len(labels) + 1)
     clear = np.where(content.significance[:, column] > _SIGNIFICANT, 1.0, 0.35)
     traces: list[Trace] = [
-        {
-            "type": "bar",
-            "x": number,
-            "y": 100 * share[:, column],
-            "name": name,
-            "marker": {"color": colour, "opacity": clear},
-            "text": [plain_text(label) for label in labels],
-            "textposition": "none",
-            "hovertemplate": f"%{{text}}<br>%{{y:.2g}} % of the fundamental<extra>{name}</extra>",
-        }
+        bars(
+            number,
+            100 * share[:, column],
+            name,
+            colour,
+            marker={"opacity": clear},
+            text=[plain_text(label) for label in labels],
+            textposition="none",
+            hovertemplate=f"%{{text}}<br>%{{y:.2g}} % of the fundamental<extra>{name}</extra>",
+        )
         for name, share, colour in (
             ("odd", content.odd, ink.measured),
             ("even", content.even, ink.quiet),
         )
     ]
-    return figure(
-        traces,
-        height=260,
-        dark=dark,
-        xaxis=linear_axis("Record"),
-        yaxis=linear_axis("Harmonics (%)", rangemode="tozero"),
-        bargap=0.3,
-    )
+    share = linear_axis("Harmonics (%)", rangemode="tozero")
+    return figure(traces, linear_axis("Record"), share, height=260, dark=dark, bargap=0.3)
 
 
 def worst_error(suggestion: Suggestion, *, dark: bool = False) -> go.Figure:
     """Largest relative standard error of K and D over the number of records that are added."""
     ink = colours(dark)
-    count = np.arange(suggestion.worst.size)
+    count = np.arange(float(suggestion.worst.size))
     names = [suggestion.names[k] for k in suggestion.relative_error.argmax(axis=1)]
-    trace = {
-        "type": "scatter",
-        "mode": "lines+markers",
-        "x": count,
-        "y": np.where(np.isfinite(suggestion.worst), 100 * suggestion.worst, np.nan),
-        "line": {"color": ink.identified, "width": 2, "dash": "dot"},
-        "marker": {"color": ink.identified, "size": 8},
-        "customdata": names,
-        "hovertemplate": "%{x} records more<br>%{customdata} ± %{y:.2g} %<extra></extra>",
-        "showlegend": False,
-    }
-    return figure(
-        [trace],
-        height=300,
-        dark=dark,
-        xaxis=linear_axis("Records added", tickformat="d", nticks=min(count.size, 10) + 1),
-        yaxis=linear_axis("Worst error of K and D (%)", rangemode="tozero"),
-    )
+    worst = np.where(np.isfinite(suggestion.worst), 100 * suggestion.worst, np.nan)
+    hover = "%{x} additional records<br>%{customdata} ± %{y:.2g} %<extra></extra>"
+    dots = {"color": ink.identified, "size": 8}
+    look: Trace = {"mode": "lines+markers", "line": {"dash": "dot"}, "marker": dots}
+    about: Trace = {"customdata": names, "hovertemplate": hover, "showlegend": False}
+    trace = line(count, worst, "worst error", ink.identified, **look, **about)
+    x = linear_axis("Records added", tickformat="d", nticks=min(count.size, 10) + 1)
+    y = linear_axis("Worst error of K and D (%)", rangemode="tozero")
+    return figure([trace], x, y, height=300, dark=dark)

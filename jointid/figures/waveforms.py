@@ -92,15 +92,8 @@ def waveforms(
         label = {"text": "not used", "textposition": "top left"}
         end = float(record.time_s[record.start])
         shapes.append(span(float(time[0]), end, ink.quiet, 0.25, label=label))
-    return figure(
-        traces,
-        height=430,
-        dark=dark,
-        shapes=shapes,
-        xaxis=linear_axis("Time (s)", anchor="y2"),
-        yaxis=linear_axis("Motor angle (rad)", domain=[0.54, 1.0]),
-        yaxis2=linear_axis("Motor torque (N·m)", domain=[0.0, 0.46]),
-    )
+    axes = [linear_axis(f"Motor {quantity.lower()} ({unit})") for quantity, unit in _QUANTITIES]
+    return figure(traces, linear_axis("Time (s)"), *axes, height=430, dark=dark, shapes=shapes)
 
 
 def gear_deflection(
@@ -170,15 +163,11 @@ def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure
         traces.append(line(nowhere, nowhere, name, colour, xaxis="x", yaxis="y1", **mark))
         for f in (h * sine for h in orders if h * sine < shown[1]):
             marks.append(upright(f, colour, width=width, dash=dash, layer="below"))
-    return figure(
-        traces,
-        height=430,
-        dark=dark,
-        shapes=marks,
-        xaxis=frequency_axis(shown, anchor="y2"),
-        yaxis=_decades("Angle (rad)", traces, "y1", domain=[0.54, 1.0]),
-        yaxis2=_decades("Torque (N·m)", traces, "y2", domain=[0.0, 0.46]),
-    )
+    axes = [
+        _decades(f"{quantity} ({unit})", traces, f"y{row}")
+        for row, (quantity, unit) in enumerate(_QUANTITIES, start=1)
+    ]
+    return figure(traces, frequency_axis(shown), *axes, height=430, dark=dark, shapes=marks)
 
 
 def coherences(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure:
@@ -200,25 +189,20 @@ def coherences(record: JointRecord, joint: int, *, dark: bool = False) -> go.Fig
         traces.append(
             line(found.frequency_hz, y, name, ink.measured, xaxis="x", yaxis=f"y{row}", **style)
         )
-    return figure(
-        traces,
-        height=430,
-        dark=dark,
-        shapes=_band_shapes(record, ink.quiet),
-        xaxis=frequency_axis(_shown_hz(record), anchor="y2"),
-        yaxis=linear_axis("Coherence", domain=[0.54, 1.0], range=[0, 1.02]),
-        yaxis2=_decades("Angle / noise floor", traces, "y2", domain=[0.0, 0.46]),
-    )
+    axes = linear_axis("Coherence", range=[0, 1.02]), _decades("Angle / noise floor", traces, "y2")
+    shapes = _band_shapes(record, ink.quiet)
+    x = frequency_axis(_shown_hz(record))
+    return figure(traces, x, *axes, height=430, dark=dark, shapes=shapes)
 
 
-def _decades(title: str, traces: list[Trace], axis: str, **more: Any) -> Axis:
+def _decades(title: str, traces: list[Trace], axis: str) -> Axis:
     """Return a logarithmic axis for all that is drawn on it."""
     values = np.concatenate([trace["y"] for trace in traces if trace["yaxis"] == axis])
     values = np.log10(values[np.isfinite(values) & (values > 0)])
     if not values.size:
-        return log_axis(title, **more)
+        return log_axis(title)
     margin = 0.06 * float(np.ptp(values)) + 0.05
-    return log_axis(title, range=[float(values.min()) - margin, float(values.max()) + margin], **more)
+    return log_axis(title, range=[float(values.min()) - margin, float(values.max()) + margin])
 
 
 def _shown_hz(record: JointRecord) -> Floats:
@@ -265,25 +249,18 @@ def raw_columns(
     known = np.isfinite(time)
     if 0 < known.sum() < time.size:  # a row without a time has a place all the same
         time = np.interp(np.arange(time.size), np.flatnonzero(known), time[known])
-    count = len(shown)
-    axes: dict[str, Any] = {}
     traces = []
-    for row, name in enumerate(shown):
+    for row, name in enumerate(shown, start=1):
         x, y = thinned(time, np.asarray(columns[name], float))
-        suffix = str(row + 1) if row else ""
-        style: Trace = {"yaxis": f"y{suffix}", "line": {"width": 1.2}, "showlegend": False}
+        style: Trace = {"yaxis": f"y{row}", "line": {"width": 1.2}, "showlegend": False}
         traces.append(line(x, y, plain_text(name), ink.measured, **style))
-        top = 1 - row / count
-        axes[f"yaxis{suffix}"] = linear_axis(
-            plain_text(name, most=_LONGEST_TITLE), domain=[top - 0.88 / count, top], nticks=4
-        )
-    axes["xaxis"] = linear_axis(
-        plain_text(names[0]) if len(names) > 1 else "Row", anchor=f"y{count}" if count > 1 else "y"
-    )
+    axes = [linear_axis(plain_text(name, most=_LONGEST_TITLE), nticks=4) for name in shown]
+    shapes = []
     if marked is not None and 0 <= marked < time.size:
         label = {"text": "refused here", "textposition": "start", "textangle": 0}
-        axes["shapes"] = [upright(float(time[marked]), ink.identified, dash="dash", label=label)]
-    return figure(traces, height=60 + 110 * count, dark=dark, **axes)
+        shapes = [upright(float(time[marked]), ink.identified, dash="dash", label=label)]
+    across = linear_axis(plain_text(names[0]) if len(names) > 1 else "Row")
+    return figure(traces, across, *axes, height=60 + 110 * len(shown), dark=dark, shapes=shapes)
 
 
 def thinned(x: Floats, y: Floats, *, peaks_only: bool = False) -> tuple[Floats, Floats]:

@@ -79,7 +79,7 @@ def locked(file: int | BinaryIO) -> bool | None:
 
 
 def remove_left_over(folder: Path) -> None:
-    """Remove what killed writes left: nobody holds its lock."""
+    """Remove files of killed writes: those with a free lock."""
     for left in folder.glob(".*.new"):
         with suppress(OSError):
             age = time.time() - left.stat().st_mtime

@@ -60,8 +60,8 @@ def packed(path: Path) -> bytes:
                 left -= size
                 if left < 0 or is_long(name, Path(file.name)):
                     raise JointIdError(
-                        f"{path} cannot be sent to a cluster, {name} is too long. Analyse it on this "
-                        "computer, without a scheduler, where long Parquet files are read in parts."
+                        f"{path} cannot be sent to a cluster: {name} is too long. Analyse it on this "
+                        "computer, without a scheduler; long Parquet files are then read in parts."
                     )
                 with archive.open(zipfile.ZipInfo(name), "w") as member:
                     for chunk in chunks(file, size):

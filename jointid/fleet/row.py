@@ -91,7 +91,7 @@ class Row:
 
     @property
     def state(self) -> str:
-        """State of the answer, one of ``jointid.study.STATES``; empty without an answer."""
+        """State of the answer, one of ``jointid.analysis.STATES``; empty without an answer."""
         return answer_state([self.verdict]) if self.is_good else ""
 
     @property

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, median_abs_deviation, theilslopes
 
 from jointid.arrays import Floats
 from jointid.fleet.row import Row
@@ -18,8 +18,6 @@ OUTLIER_Z = 4.0
 MIN_VALUES = 5
 """Fewest values for a spread or a drift."""
 
-_NORMAL = 1.4826
-"""Standard deviation over median absolute deviation of a normal distribution, 1 / Φ⁻¹(3/4)."""
 _THEIL_SEN = float(np.sqrt(np.pi / 3))
 """Standard error of the Theil-Sen slope over that of least squares, for normal errors."""
 _MAX_PAIRED = 300  # most values of which all pairs are formed; of more, an evenly spaced selection
@@ -102,36 +100,24 @@ def robust_spread(values: Floats) -> float:
 
     It estimates the standard deviation of normal values; up to half of them may be outliers.
     """
-    if values.size < MIN_VALUES:
-        return float("nan")
-    return float(_NORMAL * np.median(np.abs(values - np.median(values))))
+    few = values.size < MIN_VALUES
+    return float("nan") if few else float(median_abs_deviation(values, scale="normal"))
 
 
 def few_values(values: Floats, errors: Floats) -> tuple[float, float, float, float]:
-    """Return the scatter of two or more values whose number is too small for a robust spread.
+    """Return the scatter of two or more values, with their standard errors, too few for a robust spread.
 
-    Parameters
-    ----------
-    values, errors : ndarray, shape (m,)
-        With one standard error each, m ≥ 2.
-
-    Returns
-    -------
-    tuple of float
-        Standard deviation s of the values, lower and upper 95 % limit of the true one (normal values,
-        (m − 1) s²/σ² ~ χ²), and the scatter over the stated errors, about 1 for values that agree.
+    These are the standard deviation s of the values, the lower and upper 95 % limit of the true one
+    (normal values, (m − 1) s²/σ² ~ χ²), and the scatter over the stated errors, about 1 for values that
+    agree.
     """
     left = values.size - 1
     deviation = float(values.std(ddof=1))
     low, high = deviation * np.sqrt(left / chi2.ppf([0.975, 0.025], left))
     weight = 1 / np.maximum(errors, 1e-300) ** 2
     mean = (weight * values).sum() / weight.sum()
-    return (
-        deviation,
-        float(low),
-        float(high),
-        float(np.sqrt((weight * (values - mean) ** 2).sum() / left)),
-    )
+    scatter = float(np.sqrt((weight * (values - mean) ** 2).sum() / left))
+    return deviation, float(low), float(high), scatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,10 +187,8 @@ def _theil_sen(time: Floats, value: Floats) -> tuple[float, float, float]:
         return float("nan"), float("nan"), float(np.median(value)) if value.size else float("nan")
     pick = np.unique(np.linspace(0, time.size - 1, min(time.size, _MAX_PAIRED)).round().astype(int))
     t, v = time[pick] - np.median(time), value[pick]
-    i, j = np.triu_indices(t.size, 1)
-    apart = t[j] != t[i]
-    slope = float(np.median((v[j] - v[i])[apart] / (t[j] - t[i])[apart]))
+    with np.errstate(invalid="ignore"):  # in its interval, not used here, where values repeat
+        slope = float(theilslopes(v, t).slope)
     level = float(np.median(v - slope * t))
-    scatter = _NORMAL * float(np.median(np.abs(v - slope * t - level)))
-    scatter *= np.sqrt(t.size / (t.size - 2))
+    scatter = robust_spread(v - slope * t) * np.sqrt(t.size / (t.size - 2))
     return slope, float(_THEIL_SEN * scatter / np.sqrt(np.sum((t - t.mean()) ** 2))), level

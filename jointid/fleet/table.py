@@ -83,10 +83,7 @@ def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
 
     ``read_untrusted`` reads tables from unknown sources in a child process.
 
-    Raises
-    ------
-    JointIdError
-        When it cannot be read, or is not a table of a fleet's results.
+    Raises JointIdError when it cannot be read, or is not a table of a fleet's results.
     """
     name = "The table" if isinstance(source, bytes) else str(source)
     try:
@@ -155,7 +152,7 @@ def read_untrusted(data: bytes) -> tuple[Row, ...]:
     try:
         answer, body = child.ask({"do": "read"}, data)
     except Ended as ended:
-        raise JointIdError(f"The table cannot be read, it is damaged. {ended}") from None
+        raise JointIdError(f"The table is damaged. {ended}") from None
     finally:
         child.stop()
     if "error" in answer:

@@ -1,1 +1,1 @@
-"""Gears: laws of their torque over wind-up, and measured torsion curves."""
+"""Gears: laws of their torque over deflection, and measured torsion curves."""

@@ -1,4 +1,4 @@
-"""Torque of a gear over its wind-up: linear, hardening, three slopes, backlash, hysteresis."""
+"""Torque of a gear over its deflection: linear, hardening, three slopes, backlash, hysteresis."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 
 _BISECTIONS = 60
-"""Halvings of the range of a wind-up."""
+"""Halvings of the range of a deflection."""
 
 
 @dataclass(frozen=True)
 class Gear:
     """Torque over deflection of one gear, motor side.
 
-    With the deflection δ less the play, e = δ − clip(δ, ± backlash/2), the elastic torque is
+    With the deflection δ less the backlash, e = δ − clip(δ, ± backlash/2), the elastic torque is
     K e + cubic e³, plus the changes of slope to K2 at the torque T1 and to K3 at T2. Damping D δ̇ and
     hysteresis (Dahl: dz/dδ = (1 − z sign δ̇)/presliding, torque ``hysteresis`` · z) come in addition.
 
@@ -30,24 +30,26 @@ class Gear:
     """
 
     K: float = 0.0
-    """Parallel elastic spring, N·m/rad: slope at zero, with backlash outside the play. As a setting of
-    a simulated robot, 0 stands for the K of its elasticity."""
+    """Parallel elastic spring, N·m/rad: slope at zero, or outside the backlash. In a
+    simulated robot, 0 means the K of its elasticity."""
     cubic: float = 0.0
     """Cubic stiffness, N·m/rad³; negative for a softening gear."""
     backlash_rad: float = 0.0
-    """Total play, rad."""
+    """Total angle between the flanks, rad."""
     hysteresis_Nm: float = 0.0
     """Saturation level of the hysteresis, half the height of its loop, N·m."""
     presliding_rad: float = 0.0
     """The level of the hysteresis over its initial slope, rad."""
     loss_factor: float = 0.0
-    """Structural damping, a torque of loss factor times K in phase with the velocity."""
+    """Structural damping: amplitude of the torque in phase with the velocity over that of K δ."""
     K2: float = 0.0
     """Slope between the torques T1 and T2, N·m/rad; 0: no change of slope."""
     K3: float = 0.0
     """Slope beyond T2, N·m/rad."""
     T1_Nm: float = 0.0
+    """Torque from which the slope is K2, N·m."""
     T2_Nm: float = 0.0
+    """Torque from which the slope is K3, N·m."""
     tried_rad: float = 0.0
     """Largest deflection in the records, rad."""
     tried_Nm: float = 0.0
@@ -66,7 +68,7 @@ class Gear:
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """Names of the laws present, the dominant one first; ("linear",) without any.
+        """Names of the laws present, the dominant one first; ("linear",) if there is no other.
 
         Dominant is the law with the largest torque, over K δ, at the deflection tried.
         """
@@ -86,16 +88,16 @@ class Gear:
         return self.laws[0]
 
     def torque(self, deflection_rad: ArrayLike) -> Floats:
-        """Elastic torque, without damping and hysteresis, N·m; like ``deflection_rad``."""
+        """Elastic torque, without damping and hysteresis, N·m, in the shape of ``deflection_rad``."""
         delta = np.asarray(deflection_rad, dtype=np.float64)
         half = 0.5 * self.backlash_rad
         e = delta - np.clip(delta, -half, half)
         return np.asarray(self.K * e + self.cubic * e**3 + _bend(self, e))
 
     def deflection(self, torque_Nm: ArrayLike) -> Floats:
-        """Wind-up at an elastic torque, rad: the inverse of ``torque``, half the play included.
+        """Deflection at an elastic torque, rad: the inverse of ``torque``, half the backlash included.
 
-        A softening gear carries no more than the torque at its flattest slope; beyond it the wind-up
+        A softening gear carries no more than the torque at its flattest slope; beyond it the deflection
         is the one there.
         """
         torque = np.asarray(torque_Nm, dtype=np.float64)
@@ -111,7 +113,7 @@ class Gear:
         return np.asarray(np.sign(torque) * low)
 
     def secant(self, torque_Nm: float) -> float:
-        """Stiffness of the straight line through zero and ±torque, without the play, N·m/rad."""
+        """Stiffness of the straight line through zero and ±torque, without the backlash, N·m/rad."""
         wind_up = float(self.deflection(torque_Nm)) - 0.5 * self.backlash_rad
         return torque_Nm / wind_up
 

@@ -1,4 +1,4 @@
-"""Harmonic balance: the wind-up of nonlinear gears in periodic motion, from torques and motions."""
+"""Harmonic balance: the deflection of nonlinear gears in periodic motion, from torques and motions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LEAST_HARMONICS = 16
 _SINE_POINTS = 512
 """Samples of a sine."""
 _NEWTON, _CONVERGED = 36, 1e-6
-"""Most Newton steps for the wind-up, and the relative torque residual that ends them."""
+"""Most Newton steps for the deflection, and the relative torque residual that ends them."""
 _SLOW = 0.2
 """Ratio of torque residuals of a step with earlier slopes from which they are evaluated again."""
 _CENTRED = 1e-9
@@ -282,7 +282,7 @@ def beyond_linear(laws: GearLaws, delta: Complexes, points: int) -> tuple[Comple
 
 
 def sine_stiffness(gear: Gear, amplitude_rad: Floats) -> Floats:
-    """Stiffness of a gear in a sine of the wind-up, hysteresis included, N·m/rad, as the amplitudes."""
+    """Stiffness of a gear at sines of the deflection, with hysteresis, N·m/rad; like the amplitudes."""
     delta = np.zeros((*amplitude_rad.shape, 2), complex)
     delta[..., 1] = amplitude_rad
     beyond, *_ = beyond_linear(GearLaws.of([gear]), delta, _SINE_POINTS)

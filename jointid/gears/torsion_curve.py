@@ -1,4 +1,4 @@
-"""The measured torsion curve of a gear: the torque through it over its wind-up."""
+"""The measured torsion curve of a gear: the torque through it over its deflection."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ _NOTHING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class TorsionCurve:
-    """Measured torque of one gear over its wind-up, a period of every record.
+    """Measured torque of one gear over its deflection, a period of every record.
 
     A motion has a row for each segment that moves above the locked resonance, with these lines of its
     spectrum; there may be none.
@@ -51,7 +51,7 @@ class TorsionCurve:
 
     @property
     def stiffness(self) -> tuple[Floats, Floats, Floats]:
-        """Real part of torque over wind-up at the fundamental, its noise, and the torque amplitude.
+        """Real part of torque over deflection at the fundamental, its noise, and the torque amplitude.
 
         Each shape (records,); N·m/rad, N·m/rad and N·m; NaN for a motion whose band lacks it.
         """

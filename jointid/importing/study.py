@@ -91,7 +91,7 @@ def segment_records(
                     )
                 )
             except JointIdError as error:
-                raise JointIdError(f"Segment {number} ({place}): {error}") from error
+                raise JointIdError(f"Run {number} ({place}): {error}") from error
     return tuple(records)
 
 
@@ -148,11 +148,11 @@ def study_from_logs(
     each = [list(part) for part in cast(Sequence[Sequence[Segment]], segments)]
     if len(each) != len(logs):
         raise JointIdError(
-            f"{counted(len(logs), 'log')}, but segments of {len(each)}: give those of each log."
+            f"{counted(len(logs), 'log')}, but runs of {len(each)}: give those of every log."
         )
     if not any(each):
         raise JointIdError(
-            "No sine segments or other motions were found or chosen. Mark one by its start and stop, or "
+            "No sine runs or other motions were found or chosen. Mark one by its start and stop, or "
             "check the time, position and torque columns."
         )
     pose_of = pose_of or [None] * len(logs)
@@ -206,11 +206,11 @@ def _settled(
     return [later.get(id(record), record) for record in records], len(later)
 
 
-def run_counts(segments: Sequence[Segment], sine: str = "sine segment") -> str:
-    """Return "3 sine segments and 1 motion"."""
+def run_counts(segments: Sequence[Segment]) -> str:
+    """Return "3 sine runs and 1 motion"."""
     motions = sum(segment.is_motion for segment in segments)
     sines = len(segments) - motions
-    parts = [counted(sines, sine)] if sines or not motions else []
+    parts = [counted(sines, "sine run")] if sines or not motions else []
     return " and ".join([*parts, *([counted(motions, "motion")] if motions else [])])
 
 

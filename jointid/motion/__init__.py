@@ -1,1 +1,1 @@
-"""Records of any motion: spectra, band, noise, velocities, and what their ends and pauses hide."""
+"""Records of any motion: spectra, band, noise, velocities, end terms, and friction at pauses."""

@@ -1,4 +1,4 @@
-"""Terms of the two ends of a motion's segment in the residual, and what else its bins need.
+"""Terms of the two ends of a motion's segment in the residual, and further terms of its bins.
 
 Over a finite time the motors and the arm differ at the ends in angle and velocity. In the residual
 that is a polynomial in s with real coefficients at each motor, and X A⁻¹ times one of degree 1 from the

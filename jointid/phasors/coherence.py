@@ -84,7 +84,7 @@ def coherent_band(record: JointRecord) -> tuple[float, float]:
     Raises
     ------
     JointIdError
-        When there is none, or the record is too short.
+        When no frequency is coherent, or the record is too short.
     """
     frequency, share, above = coherence(record)
     usable = np.any((_smooth(share) >= _COHERENT) & (_smooth(above) >= _ABOVE_FLOOR), axis=1)

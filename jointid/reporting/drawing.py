@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Literal
-from xml.sax.saxutils import escape, quoteattr
+from xml.etree.ElementTree import Element, SubElement, tostring
 
 from jointid.arrays import Floats
 
@@ -88,70 +88,47 @@ def _moved(shape: Line | Marks | Text, across: float, down: float) -> Line | Mar
 
 
 def to_svg(drawing: Drawing, *, title: str = "") -> str:
-    """Return a drawing as an inline SVG element as wide as its container, or as a file on white.
-
-    Parameters
-    ----------
-    drawing : Drawing
-    title : str
-        Title of the file; "" for an inline element.
+    """Return a drawing as an inline SVG element as wide as its container, or with a title as a file on
+    white.
     """
     width, height = _n(drawing.width), _n(drawing.height)
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
-        f'role="img" aria-label={quoteattr(drawing.description)}'
-    ]
+    size = {"width": width, "height": height}
+    root = Element("svg", xmlns="http://www.w3.org/2000/svg", viewBox=f"0 0 {width} {height}")
+    root.attrib |= {"role": "img", "aria-label": drawing.description}
     if title:
-        size = f'width="{width}" height="{height}"'
-        parts.append(f' {size} font-family="sans-serif"><title>{escape(title)}</title>')
-        parts.append(f'<rect {size} fill="#FFFFFF"/>')
-    else:
-        parts.append(">")
+        root.attrib |= size | {"font-family": "sans-serif"}
+        SubElement(root, "title").text = title
+        SubElement(root, "rect", size, fill="#FFFFFF")
     for shape in drawing.shapes:
-        if isinstance(shape, Line):
-            parts.append(_line(shape))
-        elif isinstance(shape, Marks):
-            parts.append(_marks(shape))
+        if isinstance(shape, Text):
+            place = {"x": _n(shape.x), "y": _n(shape.y), "font-size": _n(shape.size)}
+            text = SubElement(root, "text", place, fill=shape.colour)
+            text.text = shape.text
+            text.attrib |= {"text-anchor": shape.anchor} if shape.anchor != "start" else {}
+            text.attrib |= {"font-weight": "bold"} if shape.bold else {}
+            if shape.turned:
+                text.set("transform", f"rotate(-90 {_n(shape.x)} {_n(shape.y)})")
+        elif isinstance(shape, Line):
+            path = "L".join(f"{_n(x)} {_n(y)}" for x, y in shape.points.tolist())
+            stroke = {"stroke": shape.colour, "stroke-width": _n(shape.width)}
+            stroke |= {"stroke-dasharray": " ".join(map(_n, shape.dash))} if shape.dash else {}
+            stroke |= {"stroke-opacity": _n(shape.opacity)} if shape.opacity < 1 else {}
+            SubElement(root, "path", stroke | {"stroke-linejoin": "round"}, d=f"M{path}", fill="none")
         else:
-            parts.append(_text(shape))
-    return "".join([*parts, "</svg>"])
+            filled = shape.symbol == "circle"
+            style = {"stroke": shape.colour, "stroke-width": ".8"} if not filled else {}
+            path = "".join(f"M{_n(x)} {_n(y)}{_outline(shape)}" for x, y in shape.points.tolist())
+            SubElement(root, "path", style, d=path, fill=shape.colour if filled else "none")
+    return tostring(root, "unicode")
 
 
-def _line(line: Line) -> str:
-    path = "L".join(f"{_n(x)} {_n(y)}" for x, y in line.points.tolist())
-    dash = f' stroke-dasharray="{" ".join(_n(d) for d in line.dash)}"' if line.dash else ""
-    faint = f' stroke-opacity="{_n(line.opacity)}"' if line.opacity < 1 else ""
-    return (
-        f'<path d="M{path}" fill="none" stroke="{line.colour}" stroke-width="{_n(line.width)}"'
-        f'{dash}{faint} stroke-linejoin="round"/>'
-    )
-
-
-def _marks(marks: Marks) -> str:
+def _outline(marks: Marks) -> str:
+    """Path of one mark from its centre."""
     r = marks.size / 2
-    filled = marks.symbol == "circle"
-    style = (
-        f'fill="{marks.colour}"' if filled else f'fill="none" stroke="{marks.colour}" stroke-width=".8"'
-    )
     if marks.symbol == "square":
-        one = f"m{_n(-r)} {_n(-r)}h{_n(2 * r)}v{_n(2 * r)}h{_n(-2 * r)}z"
-    else:
-        half = f"a{_n(r)} {_n(r)} 0 1 0 "
-        one = f"m{_n(-r)} 0{half}{_n(2 * r)} 0{half}{_n(-2 * r)} 0"
-    path = "".join(f"M{_n(x)} {_n(y)}{one}" for x, y in marks.points.tolist())
-    return f'<path d="{path}" {style}/>'
-
-
-def _text(text: Text) -> str:
-    place = f'x="{_n(text.x)}" y="{_n(text.y)}"'
-    if text.turned:
-        place += f' transform="rotate(-90 {_n(text.x)} {_n(text.y)})"'
-    anchor = f' text-anchor="{text.anchor}"' if text.anchor != "start" else ""
-    weight = ' font-weight="bold"' if text.bold else ""
-    return (
-        f'<text {place} font-size="{_n(text.size)}" fill="{text.colour}"{anchor}{weight}>'
-        f"{escape(text.text)}</text>"
-    )
+        return f"m{_n(-r)} {_n(-r)}h{_n(2 * r)}v{_n(2 * r)}h{_n(-2 * r)}z"
+    half = f"a{_n(r)} {_n(r)} 0 1 0 "
+    return f"m{_n(-r)} 0{half}{_n(2 * r)} 0{half}{_n(-2 * r)} 0"
 
 
 def _n(value: float) -> str:

@@ -34,7 +34,7 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
     text = (
         "Acceleration of each motor over its torque. One record alone (first figure) shows the "
         "neighbour's controller as well; equations (17)–(18) remove it from H₁₁, H₂₂ by combining "
-        "the records of a frequency. "
+        "the records of each frequency. "
         if n > 1
         else "Acceleration of the motor over its torque. "
     )
@@ -69,9 +69,9 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
     """Torsion curve of every gear, with the terms of catalogues."""
     fit = analysis.fit
     yield Paragraph(
-        "Torque through each gear over its wind-up, from motor data alone; the blue line is the fitted "
-        "elastic law, damping and hysteresis open the measured loops. The mean wind-up of a record is "
-        "not observable and set to 0."
+        "Torque through each gear over its deflection, from motor data alone. The blue line is the "
+        "fitted elastic law; damping and hysteresis open the measured loops. The mean deflection of a "
+        "record is not observable and set to 0."
     )
     for joints, width in _pairs(fit.n):
         terms = ". ".join(gear_text(fit, j, analysis.unit) for j in joints)
@@ -89,7 +89,7 @@ def _pairs(n: int) -> Iterator[tuple[list[int], float]]:
 
 
 def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:
-    """The simulated cut before and after, or why there is none; neither without two joints."""
+    """The simulated cut before and after, or the reason for its absence; two joints only."""
     if analysis.study.inertia.n != 2:
         return None, ""
     if any(finding.level == "problem" for finding in analysis.findings):
@@ -111,6 +111,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         if assumed is None
         else f"assumes K = {_list(assumed.K)} N·m/rad and D = {_list(assumed.D)} N·m·s/rad"
     )
+    below = millimetres(outcome.after_m)
+    below = below if below.startswith("under") else f"below {below}"
     friction = " and friction" if outcome.robot.friction is not None else ""
     yield Paragraph(
         "The same path, a rectangle of 28 × 45 mm at 300 mm/s, cut before and after. Before: a robot "
@@ -118,7 +120,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         "identified values, "
         + (
             "and those of the robot are drawn from their uncertainty: of "
-            f"{outcome.distribution.K.shape[0]} robots, 95 % stay {_below(outcome.after_m)} "
+            f"{outcome.distribution.K.shape[0]} robots, 95 % stay {below} "
             "in the largest corner zone; the robot at this limit is shown."
             if outcome.distribution is not None
             else f"and the robot has exactly these. {outcome.problem}"
@@ -147,8 +149,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
             "(Figure 7 of the paper).",
         )
     yield Paragraph(
-        f"{outcome.robot.meaning} The paper states neither "
-        "geometry, inertias and zone sizes nor the non-optimal parameters: arm, corner zones and the "
+        f"{outcome.robot.meaning} The paper does not state "
+        "geometry, inertias, zone sizes and non-optimal parameters: arm, corner zones and the "
         "servo's values before are assumptions of this software or of the study. Both robots are "
         "simulated.",
         "quiet",
@@ -165,11 +167,6 @@ def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
         for true, assumed in ((robot.elasticity, outcome.assumed), (outcome.p95, robot.elasticity))
     )
     return before, after
-
-
-def _below(length_m: float) -> str:
-    text = millimetres(length_m)
-    return text if text.startswith("under") else f"below {text}"
 
 
 def _list(values: Floats) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from jointid.analysis import Analysis
 from jointid.answer import gear_terms
-from jointid.arrays import Floats
+from jointid.arrays import Floats, true_runs
 from jointid.cut.outcome import millimetres
 from jointid.cut.tracking import TrackingRun
 from jointid.figures.response_curves import (
@@ -43,6 +43,10 @@ _MARKS: dict[str, tuple[Symbol, float]] = {
 """Symbol and diameter in points; others are drawn as circles."""
 
 
+_Ticks = dict[float, str]
+"""Labels by their place on an axis."""
+
+
 @dataclass(frozen=True)
 class _Frame:
     """A plot's box on the page and its axis limits (logarithms on a logarithmic axis)."""
@@ -66,16 +70,8 @@ def element_figure(
 ) -> Drawing:
     """Figures 4 and 5: measured H_jj with ± one standard error, and the models.
 
-    Parameters
-    ----------
-    analysis : Analysis
-        With a transfer matrix for the pose.
-    joint : int
-        From 0.
-    pose : str
-        "" for records without a pose.
-    width : float
-        Points.
+    The joint counts from 0; the pose is one with a transfer matrix, "" for records without; the width in
+    points.
     """
     curves = element_curves(analysis, pose, joint, joint)
     name = element_name(joint, joint)
@@ -93,21 +89,20 @@ def single_record_figure(analysis: Analysis, joint: int, *, pose: str = "") -> D
 
 
 def torsion_figure(analysis: Analysis, joint: int, *, width: float = PAGE_WIDTH / 2) -> Drawing:
-    """Measured torque of one gear over its wind-up, and the fitted law; the joint from 0."""
+    """Measured torque of one gear over its deflection, and the fitted law; the joint from 0."""
     curve, gear = analysis.fit.torsion_curves[joint], analysis.fit.gears[joint]
     scale = analysis.unit.of_gear(joint)
     wind_up, torque = scale.wind_up * curve.deflection_rad, scale.torque * curve.torque_Nm
     x, y = (1.08 * np.abs(v).max(initial=0.0) or 1.0 for v in (wind_up, torque))
     frame = _Frame(36.0, 6.0, width - 42.0, 130, (-x, x), (-y, y))
-    ticks = [_linear_ticks(limit) for limit in (x, y)]
-    shapes = _frame(frame, ticks[0], _signed(ticks[0]), ticks[1], _signed(ticks[1]))
+    shapes = _frame(frame, _linear_ticks(x), _linear_ticks(y))
     for r in drawn_records(curve.amplitude_Nm):
         loop = frame.place(wind_up[r, ::2], torque[r, ::2])
         shapes.append(Line(loop, LIGHT.measured, 0.5, opacity=0.6))
     tried = np.linspace(-gear.tried_rad, gear.tried_rad, 101)
     law = frame.place(scale.wind_up * tried, scale.torque * gear.torque(tried))
     shapes.append(Line(law, LIGHT.identified, 1.6))
-    shapes.append(Text(width / 2 + 15, 156, f"Wind-up ({scale.angle})", 7, "middle"))
+    shapes.append(Text(width / 2 + 15, 156, f"Deflection ({scale.angle})", 7, "middle"))
     shapes.append(Text(8, 71, f"Torque of gear {joint + 1} (N·m)", 7, "middle", turned=True))
     terms = "; ".join(
         f"{name}: {value}" for name, value in gear_terms(analysis.fit, joint, analysis.unit).items()
@@ -117,20 +112,19 @@ def torsion_figure(analysis: Analysis, joint: int, *, width: float = PAGE_WIDTH 
     )
 
 
-def _linear_ticks(limit: float) -> Floats:
+def _linear_ticks(limit: float) -> _Ticks:
     """About five round numbers between ± limit."""
     step = 10.0 ** np.floor(np.log10(limit))
     step *= next(f for f in (0.2, 0.5, 1.0, 2.0) if limit / (f * step) < 4 or f == 2.0)
-    return np.asarray(step * np.arange(-int(limit / step), int(limit / step) + 1))
+    return {
+        float(step * k): minus(f"{step * k:g}") for k in range(-int(limit / step), int(limit / step) + 1)
+    }
 
 
 def cut_figure(rows: Sequence[tuple[str, str, Sequence[tuple[str, TrackingRun]]]]) -> Drawing:
     """Figure 7: rows of cuts over the reference path, to one scale, with their largest path errors.
 
-    Parameters
-    ----------
-    rows : sequence of (str, str, sequence of (str, TrackingRun))
-        Heading and colour of each row, and its cuts with their labels.
+    Each row has a heading, a colour, and its cuts with their labels.
     """
     runs = [run for _, _, cuts in rows for _, run in cuts]
     paths = [path[::_STRIDE] for run in runs for path in (run.wanted_m, run.tool_m)]
@@ -185,24 +179,21 @@ def _bode(
     size = _Frame(left, legend, inner, 86, x, (np.log10(limits[0] / 1.3), np.log10(limits[1] * 1.3)))
     turn = _Frame(left, legend + 94, inner, 46, x, (lowest - 15, highest + 15))
     shapes: list[Line | Marks | Text] = [*keys]
-    ticks = [m * 10.0**d for d in range(-4, 5) for m in (1, 2, 3, 5)]
-    shapes += _frame(size, np.log10(ticks), [""] * len(ticks), *_log_ticks(size.y))
-    degrees = np.arange(-720.0, 721.0, 90.0)
-    shapes += _frame(turn, np.log10(ticks), [f"{t:g}" for t in ticks], degrees, _signed(degrees))
+    ticks = _log_ticks(1, 2, 3, 5)
+    magnitudes = _log_ticks(*((1, 2, 5) if size.y[1] - size.y[0] < 2.5 else (1,)))
+    shapes += _frame(size, dict.fromkeys(ticks, ""), magnitudes)
+    shapes += _frame(turn, ticks, {k: minus(f"{k}") for k in range(-720, 721, 90)})
     for curve, phase in zip(curves, phases, strict=True):
         f = np.log10(curve.response.frequency_hz)
         with np.errstate(divide="ignore", invalid="ignore"):
             logarithm = np.log10(np.abs(curve.response.H))
         relative = curve.response.relative_error if curve.symbol == "circle" else None
-        bars = None
+        below = above = half = None
         if relative is not None:
-            down = np.log10(np.maximum(1 - relative, 0.05))
-            bars = logarithm + down, logarithm + np.log10(1 + relative)
-        shapes += _plot(size, curve, f, logarithm, bars)
-        if relative is not None:
+            below, above = np.log10(np.maximum(1 - relative, 0.05)), np.log10(1 + relative)
             half = np.degrees(np.minimum(relative, np.pi))
-            bars = phase - half, phase + half
-        shapes += _plot(turn, curve, f, phase, bars)
+        shapes += _plot(size, curve, f, logarithm, below, above)
+        shapes += _plot(turn, curve, f, phase, None if half is None else -half, half)
     bottom = turn.top + turn.height
     shapes.append(Text(left + inner / 2, bottom + 20, "Frequency (Hz)", 7, "middle"))
     middle = size.top + size.height / 2
@@ -215,44 +206,42 @@ def _bode(
     )
 
 
-def _frame(
-    frame: _Frame, x: Floats, x_text: Sequence[str], y: Floats, y_text: Sequence[str]
-) -> list[Line | Marks | Text]:
+def _frame(frame: _Frame, x: _Ticks, y: _Ticks) -> list[Line | Marks | Text]:
     """Grid lines and labels of the ticks within the axes."""
     shapes: list[Line | Marks | Text] = []
-    right, bottom = frame.left + frame.width, frame.top + frame.height
-    for tick, label in zip(x, x_text, strict=True):
+    bottom = frame.top + frame.height
+    across, up = np.array(frame.x), np.array(frame.y)
+    for tick, label in x.items():
         if frame.x[0] <= tick <= frame.x[1]:
-            at = float(frame.place(np.array([tick]), np.array([frame.y[0]]))[0, 0])
-            shapes.append(Line(np.array([[at, frame.top], [at, bottom]]), _GRID, 0.5))
-            shapes.append(Text(at, bottom + 9, label, 6.5, "middle"))
-    for tick, label in zip(y, y_text, strict=True):
+            line = frame.place(np.full(2, tick), up)
+            shapes += [Line(line, _GRID, 0.5), Text(float(line[0, 0]), bottom + 9, label, 6.5, "middle")]
+    for tick, label in y.items():
         if frame.y[0] <= tick <= frame.y[1]:
-            at = float(frame.place(np.array([frame.x[0]]), np.array([tick]))[0, 1])
-            shapes.append(Line(np.array([[frame.left, at], [right, at]]), _GRID, 0.5))
-            shapes.append(Text(frame.left - 3, at + 2.3, label, 6.5, "end"))
-    corners = [[frame.left, frame.top], [right, frame.top], [right, bottom], [frame.left, bottom]]
-    shapes.append(Line(np.array([*corners, corners[0]]), "#888888", 0.6))
+            line = frame.place(across, np.full(2, tick))
+            text = Text(frame.left - 3, float(line[0, 1]) + 2.3, label, 6.5, "end")
+            shapes += [Line(line, _GRID, 0.5), text]
+    corners = frame.place(across[[0, 1, 1, 0, 0]], up[[0, 0, 1, 1, 0]])
+    shapes.append(Line(corners, "#888888", 0.6))
     return [s for s in shapes if not (isinstance(s, Text) and not s.text)]
 
 
 def _plot(
-    frame: _Frame, curve: Curve, x: Floats, y: Floats, bars: tuple[Floats, Floats] | None
+    frame: _Frame, curve: Curve, x: Floats, y: Floats, below: Floats | None, above: Floats | None
 ) -> list[Line | Marks | Text]:
+    """Points with error bars from y + ``below`` to y + ``above``, or lines, within the axes."""
     inside = np.isfinite(y) & (y >= frame.y[0]) & (y <= frame.y[1])
     inside &= (x >= frame.x[0]) & (x <= frame.x[1])
     colour = getattr(LIGHT, curve.source)
     if not curve.symbol:
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
         return [
             Line(frame.place(x[a:b], y[a:b]), colour, 1.2, _dash(curve))
-            for a, b in zip(edges[::2], edges[1::2], strict=True)
+            for a, b in true_runs(inside)
             if b - a > 1
         ]
     shapes: list[Line | Marks | Text] = []
-    if bars is not None:
+    if below is not None and above is not None:
         for k in np.flatnonzero(inside):
-            ends = np.clip([bars[0][k], bars[1][k]], *frame.y)
+            ends = np.clip([y[k] + below[k], y[k] + above[k]], *frame.y)
             at = frame.place(np.full(2, x[k]), ends)
             if abs(at[1, 1] - at[0, 1]) > 2.6:  # the mark hides shorter ones
                 shapes.append(Line(at, colour, 0.7))
@@ -288,11 +277,7 @@ def _legend(
     return shapes, down + 9
 
 
-def _log_ticks(limits: tuple[float, float]) -> tuple[Floats, list[str]]:
-    steps = (1, 2, 5) if limits[1] - limits[0] < 2.5 else (1,)
-    ticks = np.array([m * 10.0**d for d in range(-12, 10) for m in steps])
-    return np.log10(ticks), [f"{tick:g}" for tick in ticks]
-
-
-def _signed(values: Floats) -> list[str]:
-    return [minus(f"{value:g}") for value in values]
+def _log_ticks(*steps: int) -> _Ticks:
+    """Labels of some steps of every decade by their logarithms."""
+    ticks = [m * 10.0**d for d in range(-12, 10) for m in steps]
+    return {float(np.log10(tick)): f"{tick:g}" for tick in ticks}

@@ -4,91 +4,32 @@ from collections.abc import Callable
 from io import BytesIO
 from typing import Any
 
-from jointid.errors import JointIdError
+from reportlab.lib.pagesizes import A4
+from reportlab.pdfbase.pdfmetrics import stringWidth
+from reportlab.platypus import CondPageBreak, KeepTogether, SimpleDocTemplate
+from reportlab.platypus import Paragraph as Set
+from reportlab.platypus import Table as Grid
+
 from jointid.reporting.blocks import Figure, Paragraph, Report, Table, Verdict
 from jointid.reporting.html import LEVELS
-from jointid.reporting.pdf_figure import figure_piece
-from jointid.reporting.pdf_type import (
-    BOLD,
-    QUIET,
-    REGULAR,
-    RULE,
-    clean,
-    page_styles,
-    printable,
-    register_fonts,
-)
+from jointid.reporting.pdf_figure import Piece
+from jointid.reporting.pdf_type import BOLD, QUIET, REGULAR, RULE, clean, page_styles, printable
 from jointid.verdict.findings import Finding
 
 _MARGIN = 56.7
 """20 mm in points."""
 _HEADING_NEEDS = 140.0
 """Room for a heading and the beginning of its section, points; with less it moves to the next page."""
-_SHARES = (1.0, 0.95, 0.9, 0.85, 0.8)
-"""Heights to try for the figures, to avoid large gaps before them."""
-_TRIALS = 0.6
-"""Share of the time for the trials."""
-_ALLOWED_GAP = 1 / 3
-"""Empty share of a page that needs no smaller figures."""
 _TOGETHER = 4
 """Fewest rows of a table on either side of a page break."""
 _LEVEL_COLOURS = {"problem": "#B3261E", "warning": "#B26A00", "good": "#1B7F4D", "note": "#767676"}
 
 
 def to_pdf(report: Report, *, progress: Callable[[float], object] | None = None) -> bytes:
-    """Return a report as PDF.
+    """Return a report as PDF; letters outside Latin, Greek and Cyrillic show as boxes.
 
-    Parameters
-    ----------
-    report : Report
-        As ``make_report`` wrote it. Letters outside Latin, Greek and Cyrillic show as boxes.
-    progress : callable, optional
-        Called with the share done. Its exceptions end the work.
-
-    Raises
-    ------
-    JointIdError
-        When reportlab is not installed.
+    ``progress`` is called with the share done; its exceptions end the work.
     """
-    try:
-        import reportlab  # noqa: F401
-    except ImportError as error:
-        raise JointIdError(
-            "A PDF needs the package reportlab, which is not installed: pip install jointid[pdf]. "
-            "The HTML report needs nothing."
-        ) from error
-    tell = progress or (lambda share: None)
-    shares = _SHARES if any(isinstance(b, Figure) for s in report.sections for b in s.blocks) else ()
-    tried = []
-    for k, share in enumerate(shares):
-        tell(_TRIALS * k / len(shares))
-        rooms, _ = _build(report, share, painted=False)
-        # First few pages, then small gaps, then large figures.
-        worst = max([_ALLOWED_GAP, *(round(room, 3) for room in rooms[:-1])])
-        tried.append((len(rooms), worst, -share))
-    share = -min(tried)[2] if tried else 1.0
-    _, data = _build(report, share, progress=lambda done: tell(_TRIALS + (1 - _TRIALS) * done))
-    return data
-
-
-def _build(
-    report: Report,
-    share: float,
-    *,
-    painted: bool = True,
-    progress: Callable[[float], object] | None = None,
-) -> tuple[list[float], bytes]:
-    """Build the report with lowered figures; return the empty share of each page, and the file."""
-    from reportlab.lib.pagesizes import A4
-    from reportlab.platypus import SimpleDocTemplate
-
-    empty: list[float] = []
-
-    class Document(SimpleDocTemplate):  # type: ignore[misc]
-        """A document that records the empty share of each page."""
-
-        def afterPage(self) -> None:
-            empty.append(float(self.frame._y - self.frame._y1p) / self.height)
 
     def foot(canvas: Any, document: Any) -> None:
         canvas.saveState()
@@ -99,7 +40,7 @@ def _build(
         canvas.restoreState()
 
     file = BytesIO()
-    document = Document(
+    document = SimpleDocTemplate(
         file,
         pagesize=A4,
         leftMargin=_MARGIN - 6,  # a frame has 6 points of padding
@@ -112,29 +53,27 @@ def _build(
         creator="jointid",
         lang="en",
         invariant=1,
-        pageCompression=int(painted),
+        pageCompression=1,
     )
-    story = _story(report, A4[0] - 2 * _MARGIN, share, painted)
+    story = _story(report, A4[0] - 2 * _MARGIN)
     if progress is not None:
         count = len(story)
         document.setProgressCallBack(
             lambda kind, value: progress(min(value / count, 1.0)) if kind == "PROGRESS" else None
         )
     document.build(story, onFirstPage=foot, onLaterPages=foot)
-    return empty, file.getvalue()
+    return file.getvalue()
 
 
-def _story(report: Report, width: float, share: float, painted: bool) -> list[Any]:
+def _story(report: Report, width: float) -> list[Any]:
     """The flowables of the report, in order."""
-    from reportlab.platypus import CondPageBreak, KeepTogether
-
     styles = page_styles()
     story = [_set(report.title, styles["title"]), _set(report.facts, styles["facts"])]
     for section in report.sections:
         heading = [CondPageBreak(_HEADING_NEEDS), _set(section.title, styles["heading"])]
         for block in section.blocks:
             if isinstance(block, Figure):
-                pieces, together = [figure_piece(block, styles, share, painted=painted)], False
+                pieces, together = [Piece(block, styles["caption"])], False
             else:
                 pieces, together = _block(block, styles, width)
             story += [KeepTogether([*heading, *pieces])] if together else [*heading, *pieces]
@@ -156,7 +95,6 @@ def _block(
 
 def _table(table: Table, styles: dict[str, Any], width: float) -> Any:
     """A table with the caption as its last row, which keeps it with the others over a page break."""
-    from reportlab.platypus import Table as Grid
 
     answer = table.kind == "answer"
     size = "answer" if answer else "cell"
@@ -202,11 +140,9 @@ def _table(table: Table, styles: dict[str, Any], width: float) -> Any:
 
 def _columns(table: Table, width: float, size: float) -> list[float]:
     """Column widths: the longest text each; the first column fills the page."""
-    from reportlab.pdfbase.pdfmetrics import stringWidth
 
     if table.kind == "facts":
         return [110.0, width - 110.0]
-    register_fonts()
     rows = [*([table.header] if table.header else []), *table.rows]
     columns = range(len(rows[0]))
     widths = [max(stringWidth(printable(row[k]), BOLD, size) for row in rows) + 14 for k in columns]
@@ -229,14 +165,10 @@ def _shared(width: float, wanted: list[float]) -> list[float]:
 
 def _set(text: str, style: Any) -> Any:
     """A paragraph or cell of plain text."""
-    from reportlab.platypus import Paragraph as Set
-
     return Set(clean(text), style)
 
 
 def _finding(finding: Finding, styles: dict[str, Any], width: float) -> Any:
-    from reportlab.platypus import Paragraph as Set
-    from reportlab.platypus import Table as Grid
 
     text = f"<b>{LEVELS[finding.level]}: {clean(finding.title)}.</b> {clean(finding.detail)}"
     parts = [Set(text, styles["plain"])]

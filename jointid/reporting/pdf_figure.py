@@ -2,6 +2,9 @@
 
 from typing import Any
 
+from reportlab.platypus import Flowable
+from reportlab.platypus import Paragraph as Set
+
 from jointid.reporting.blocks import Figure
 from jointid.reporting.drawing import Drawing, Line, Marks
 from jointid.reporting.pdf_type import BOLD, REGULAR, clean, printable
@@ -10,60 +13,42 @@ _GAP = 5.0
 """Between drawings and caption, points."""
 
 
-def figure_piece(
-    figure: Figure, styles: dict[str, Any], share: float = 1.0, *, painted: bool = True
-) -> Any:
-    """Return drawings side by side above their caption, as one flowable.
+class Piece(Flowable):  # type: ignore[misc]
+    """Drawings side by side above their caption.
 
-    Parameters
-    ----------
-    figure : Figure
-    styles : dict
-        Styles of ``page_styles``.
-    share : float
-        Height of the drawings over their full height. They shrink further to fit the rest of a page,
-        down to their smallest legible height; below it they move to the next page.
-    painted : bool
-        False reserves the space only.
+    They shrink to fit the rest of a page, down to their smallest legible height; below it they move to
+    the next page.
     """
-    from reportlab.platypus import Flowable
-    from reportlab.platypus import Paragraph as Set
 
-    class Piece(Flowable):  # type: ignore[misc]
-        """Drawings and caption."""
+    def __init__(self, figure: Figure, style: Any) -> None:
+        super().__init__()
+        self.spaceBefore, self.spaceAfter = 6, 10
+        self._caption = Set(clean(figure.caption), style)
+        self._full = self._drawings = figure.drawings
 
-        def __init__(self) -> None:
-            super().__init__()
-            self.spaceBefore, self.spaceAfter = 6, 10
-            self._caption = Set(clean(figure.caption), styles["caption"])
-            self._drawings = figure.drawings
+    def wrap(self, width: float, height: float) -> tuple[float, float]:
+        """Choose the height of the drawings for the room that is left; return the size."""
+        _, below = self._caption.wrap(width, height)
+        room = (height - below - _GAP) / max(drawing.height for drawing in self._full)
+        least = max(drawing.least for drawing in self._full)
+        given = min(1.0, room) if room >= least else 1.0
+        self._drawings = tuple(drawing.lowered(given) for drawing in self._full)
+        self.width = width
+        self.height = max(drawing.height for drawing in self._drawings) + _GAP + below
+        return self.width, self.height
 
-        def wrap(self, width: float, height: float) -> tuple[float, float]:
-            _, below = self._caption.wrap(width, height)
-            room = (height - below - _GAP) / max(drawing.height for drawing in figure.drawings)
-            least = max(drawing.least for drawing in figure.drawings)
-            target = max(share, least)
-            given = min(target, room) if room >= least else target
-            self._drawings = tuple(drawing.lowered(given) for drawing in figure.drawings)
-            self.width = width
-            self.height = max(drawing.height for drawing in self._drawings) + _GAP + below
-            return self.width, self.height
-
-        def draw(self) -> None:
-            if not painted:
-                return
-            used = sum(drawing.width for drawing in self._drawings)
-            gap = (self.width - used) / max(1, len(self._drawings) - 1)
-            at = 0.0
-            for drawing in self._drawings:
-                self.canv.saveState()
-                self.canv.translate(at, self.height - drawing.height)
-                _paint(drawing, self.canv)
-                self.canv.restoreState()
-                at += drawing.width + gap
-            self._caption.drawOn(self.canv, 0, 0)
-
-    return Piece()
+    def draw(self) -> None:
+        """Paint drawings and caption."""
+        used = sum(drawing.width for drawing in self._drawings)
+        gap = (self.width - used) / max(1, len(self._drawings) - 1)
+        at = 0.0
+        for drawing in self._drawings:
+            self.canv.saveState()
+            self.canv.translate(at, self.height - drawing.height)
+            _paint(drawing, self.canv)
+            self.canv.restoreState()
+            at += drawing.width + gap
+        self._caption.drawOn(self.canv, 0, 0)
 
 
 def _paint(drawing: Drawing, canvas: Any) -> None:

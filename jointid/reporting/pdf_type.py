@@ -6,6 +6,10 @@ from importlib.resources import files
 from io import BytesIO
 from typing import Any
 
+from reportlab.lib.styles import ParagraphStyle
+from reportlab.pdfbase.pdfmetrics import registerFont, registerFontFamily
+from reportlab.pdfbase.ttfonts import TTFont
+
 REGULAR, BOLD = "jointid", "jointid-bold"
 QUIET, RULE = "#565B63", "#C9CDD2"
 
@@ -13,8 +17,6 @@ QUIET, RULE = "#565B63", "#C9CDD2"
 @cache
 def register_fonts() -> None:
     """Register the typeface with reportlab."""
-    from reportlab.pdfbase.pdfmetrics import registerFont, registerFontFamily
-    from reportlab.pdfbase.ttfonts import TTFont
 
     for name, file in ((REGULAR, "Roboto-Regular.ttf"), (BOLD, "Roboto-Bold.ttf")):
         data = files("font_roboto").joinpath("files", file).read_bytes()
@@ -24,7 +26,6 @@ def register_fonts() -> None:
 
 def page_styles() -> dict[str, Any]:
     """Return the styles of paragraphs and cells by name."""
-    from reportlab.lib.styles import ParagraphStyle
 
     register_fonts()
 

@@ -156,7 +156,7 @@ def _require_unique(file: str, parts: list[Element]) -> None:
 
 
 def _require_numbers(file: str, root: Element, known: dict[str, dict[str, range]]) -> None:
-    """Refuse attributes that are no numbers, and negative masses."""
+    """Refuse attributes that are not numbers, and negative masses."""
     for owner in root.iter():
         for part in owner:
             for key, count in known.get(part.tag, {}).items():

@@ -1,10 +1,11 @@
 """An experiment as a smooth motion of the motors, from the start pose and back to it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from jointid.arrays import Complexes, Floats
 
@@ -23,7 +24,7 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Sines of constant amplitude or one logarithmic sweep, between two ramps.
+    """Sines of constant amplitude, one logarithmic sweep or any other motion, between two ramps.
 
     The angle is w(t) Im Σ A_l e^{iω_l t} + v ∫ w dt. The envelope w and its first two derivatives are
     continuous. The amplitude of a sweep falls with the frequency: its velocity amplitude is constant.
@@ -36,11 +37,13 @@ class Run:
     """Amplitudes and phases A, motor side, shape (L, n); of a sweep at its first frequency."""
     hold_s: float
     """Time between the ramps."""
-    ramp_s: float
-    velocity_rad_s: Floats
+    ramp_s: float = 0.0
+    velocity_rad_s: Floats = field(default_factory=lambda: np.zeros(1))
     """Superposed velocity v, motor side, shape (n,)."""
     last_hz: float | None = None
-    """Last frequency of a sweep."""
+    """Last frequency of a sweep or another motion."""
+    wave: BSpline | None = None
+    """Another motion in place of the sines, (N, n) over the time of the run; A is a factor on it."""
 
     @property
     def duration_s(self) -> float:
@@ -73,7 +76,10 @@ class Run:
         )
 
     def _sines(self, time: Floats) -> tuple[Floats, Floats, Floats]:
-        """Im Σ A e^{g(t)} and its first two derivatives, each (N, n)."""
+        """Im Σ A e^{g(t)} or the other motion, and its first two derivatives, each (N, n)."""
+        if self.wave is not None:
+            wave = [self.wave(time, order) * self.angle_rad.real for order in range(3)]
+            return wave[0], wave[1], wave[2]
         omega, t = 2 * np.pi * self.frequency_hz, time[:, None]
         if self.last_hz is None:
             g, dg, ddg = 1j * omega * t, 1j * omega, 0j * omega

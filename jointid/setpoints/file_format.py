@@ -34,10 +34,7 @@ class SetPoints:
     def text(self) -> str:
         """Return the file.
 
-        Raises
-        ------
-        JointIdError
-            When a limit is exceeded.
+        Raises JointIdError when a limit is exceeded.
         """
         require_within_limits(self.rows, self.scale)
         return "\n".join([*self.write(self), ""])

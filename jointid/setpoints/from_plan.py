@@ -1,14 +1,19 @@
-"""Planned records as an experiment: sines, multisines or sweeps."""
+"""Planned records as an experiment: sines, multisines, sweeps or a planned motion."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
 
-from jointid.arrays import Complexes, Floats, bounded_number, per_joint, whole_number
+from jointid.arrays import Floats, bounded_number, per_joint, whole_number
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.setpoints.experiment import Experiment, Run
+from jointid.simulation.motion import sampled
+from jointid.uncertainty.motion_plan import PlannedMotion
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
 
 KINDS = ("sines", "multisine", "sweep")
@@ -17,12 +22,14 @@ LONGEST_S = 600.0
 """Longest experiment that is played and written."""
 _FEWEST_PERIODS = 8
 """Fewest periods at full amplitude: the first ones settle, and a segment needs five steady ones."""
+_SAMPLES = 20
+"""Samples of a motion per period of its highest frequency."""
 _LINE_SPACING = 3
 """Smallest distance of the lines of a multisine, over the inverse of its length."""
 
 
 def planned_experiment(
-    plan: PlannedRecords,
+    plan: PlannedRecords | PlannedMotion,
     inertia: Inertia,
     elasticity: Elasticity,
     *,
@@ -37,8 +44,8 @@ def planned_experiment(
 
     Parameters
     ----------
-    plan : PlannedRecords
-        r records of n joints.
+    plan : PlannedRecords or PlannedMotion
+        r sines of n joints, or another motion, which ignores ``kind``.
     inertia, elasticity
         The model of the plan; it limits the torques of multisines and sweeps to those of the plan.
     kind : {"sines", "multisine", "sweep"}
@@ -55,31 +62,36 @@ def planned_experiment(
     scale : float, default 1.0
         Factor on all amplitudes and on the superposed velocity.
 
-    Raises
-    ------
-    JointIdError
-        When a setting is out of range or the experiment too long.
+    Raises JointIdError when a setting is out of range or the experiment too long.
     """
-    n = plan.angle_rad.shape[1]
     repeats = whole_number("repeats", repeats, 1, 100)
     ramp_s, rest_s = bounded_number("ramp_s", "s", ramp_s), bounded_number("rest_s", "s", rest_s)
     scale = bounded_number("scale", "", scale)
-    drift = scale * per_joint("velocity_rad_s", velocity_rad_s, n)
-    makers = {
-        "sines": lambda: _sines(plan),
-        "multisine": lambda: _multisines(plan),
-        "sweep": lambda: _sweeps(plan, inertia, elasticity),
-    }
-    if kind not in makers:
+    if kind not in KINDS:
         raise JointIdError(f'kind = "{kind}": expected one of {", ".join(KINDS)}.')
-    contents = list(makers[kind]())
+    if isinstance(plan, PlannedMotion):
+        made = _motions(plan, ramp_s)
+    else:
+        makers: dict[str, Callable[..., Iterator[Run]]] = {
+            "sines": _sines,
+            "multisine": _multisines,
+            "sweep": _sweeps,
+        }
+        made = makers[kind](plan, inertia, elasticity)
+    contents = list(made)
+    drift = scale * per_joint("velocity_rad_s", velocity_rad_s, inertia.n)
+    ways = ((", forward", 1), (", back", -1)) if drift.any() else (("", 1),)
     runs = []
-    for repeat in range(1, repeats + 1):
-        for label, frequency, angle, hold, last in contents:
-            name = label + (f", repeat {repeat}" if repeats > 1 else "")
-            for way, sign in (("", 1),) if not drift.any() else ((", forward", 1), (", back", -1)):
-                ramp = max(ramp_s, 1 / float(frequency.min()))
-                runs.append(Run(name + way, frequency, scale * angle, hold, ramp, sign * drift, last))
+    for repeat, run, (way, sign) in product(range(1, repeats + 1), contents, ways):
+        runs.append(
+            replace(
+                run,
+                label=run.label + (f", repeat {repeat}" if repeats > 1 else "") + way,
+                angle_rad=scale * run.angle_rad,
+                ramp_s=max(ramp_s, 1 / float(run.frequency_hz.min())),
+                velocity_rad_s=sign * drift,
+            )
+        )
     experiment = Experiment(tuple(runs), rest_s, scale)
     if experiment.duration_s > LONGEST_S:
         raise JointIdError(
@@ -89,19 +101,15 @@ def planned_experiment(
     return experiment
 
 
-Content = tuple[str, Floats, Complexes, float, float | None]
-"""Label, frequencies, angles, time at full amplitude, last frequency of a sweep."""
-
-
-def _sines(plan: PlannedRecords) -> Iterator[Content]:
+def _sines(plan: PlannedRecords, *_: object) -> Iterator[Run]:
     each = zip(plan.frequency_hz, plan.angle_rad, plan.duration_s, strict=True)
     for number, (frequency, angle, duration) in enumerate(each, start=1):
         hold = float(np.ceil(max(duration * frequency - 1e-9, _FEWEST_PERIODS)) / frequency)
         label = f"record {number} ({frequency:.4g} Hz)"
-        yield label, np.array([frequency]), angle[None], hold, None
+        yield Run(label, np.array([frequency]), angle[None], hold)
 
 
-def _multisines(plan: PlannedRecords) -> Iterator[Content]:
+def _multisines(plan: PlannedRecords, *_: object) -> Iterator[Run]:
     length = max(float(plan.duration_s.max()), _FEWEST_PERIODS / float(plan.frequency_hz.min()))
     rank = np.rint(plan.frequency_hz * length).astype(int)
     groups: list[list[int]] = []
@@ -122,10 +130,10 @@ def _multisines(plan: PlannedRecords) -> Iterator[Content]:
             _room(np.abs(plan.torque_Nm), (wave @ torque).imag),
         )
         label = f"multisine {number} ({frequency[0]:.4g} to {frequency[-1]:.4g} Hz)"
-        yield label, frequency, share * angle, length, None
+        yield Run(label, frequency, share * angle, length)
 
 
-def _sweeps(plan: PlannedRecords, inertia: Inertia, elasticity: Elasticity) -> Iterator[Content]:
+def _sweeps(plan: PlannedRecords, inertia: Inertia, elasticity: Elasticity) -> Iterator[Run]:
     first, last = float(plan.frequency_hz.min()), float(plan.frequency_hz.max())
     if last < 1.2 * first:
         raise JointIdError(
@@ -146,7 +154,24 @@ def _sweeps(plan: PlannedRecords, inertia: Inertia, elasticity: Elasticity) -> I
         share = _room(np.abs(plan.torque_Nm), np.abs(grid.torque_Nm))
         label = f"sweep {number + 1} ({first:.4g} to {last:.4g} Hz)"
         angle = share * pattern[None] / first
-        yield label, np.array([first]), angle, float(plan.duration_s.max()), last
+        yield Run(label, np.array([first]), angle, float(plan.duration_s.max()), last_hz=last)
+
+
+def _motions(plan: PlannedMotion, ramp_s: float) -> Iterator[Run]:
+    """The motion of each record; its first and last parts are the ramps."""
+    motion, n = plan.motion, plan.records[0].n
+    interval = min(1e-3, 1 / (_SAMPLES * motion.to_hz))
+    before = round(max(ramp_s, 1 / motion.from_hz) / interval)
+    hold = motion.duration_s - before * interval
+    if hold <= 0:
+        raise JointIdError(f"The ramps of {before * interval:g} s are longer than the motion.")
+    reference = sampled(motion, n, len(plan.records), interval, before, 0)
+    time = interval * np.arange(-1, len(reference.position) - 1)
+    for number in range(len(plan.records)):
+        label = f"{motion.kind} {number + 1} ({motion.from_hz:.4g} to {motion.to_hz:.4g} Hz)"
+        wave = make_interp_spline(time, reference.position[:, :, number], k=5)
+        first, one = np.array([motion.from_hz]), np.ones(1, complex)
+        yield Run(label, first, one, hold, last_hz=motion.to_hz, wave=wave)
 
 
 def _room(allowed: Floats, used: Floats) -> float:

@@ -11,7 +11,7 @@ from jointid.setpoints.robot_limits import RobotLimits
 _SAFETY = (
     "The check below uses a simulated robot, for small motions around the start pose. It does not",
     "cover collisions, cables, tool and workpiece, tool speed, singularities, or wrong inertias, K, D",
-    "and limits. It is no safety function and replaces no risk assessment (ISO 10218).",
+    "and limits. It is not a safety function and replaces no risk assessment (ISO 10218).",
     "Release: a person responsible for this cell. Safety-rated monitoring of speed, space and stop",
     "remains on; nobody is in the safeguarded space; an emergency stop is within reach.",
     "First run: in the maker's simulator, then on the robot with a file of scale 0.1 at reduced speed,",

@@ -33,10 +33,7 @@ _POSITIVE = ("velocity_deg_s", "acceleration_deg_s2", "torque_Nm")
 class RobotLimits:
     """Limits of n joints in degrees as in data sheets, torques of the motors, and the start pose.
 
-    Raises
-    ------
-    JointIdError
-        When a value is out of range or a count is wrong.
+    Raises JointIdError when a value is out of range or a count is wrong.
     """
 
     gear_ratio: Floats
@@ -97,10 +94,7 @@ class RobotLimits:
 def limits_from_toml(data: bytes, file: str) -> RobotLimits:
     """Read limits from TOML with the keys ``LIMIT_KEYS``.
 
-    Raises
-    ------
-    JointIdError
-        When a key is missing, unknown or wrong.
+    Raises JointIdError when a key is missing, unknown or wrong.
     """
     top = parse_toml(file, data, LIMIT_KEYS)
     optional = [key for key in ("load_Nm", "axes") if key not in top]

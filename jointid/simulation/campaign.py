@@ -1,4 +1,4 @@
-"""Records of a robot whose inertias are given wrongly, without and with a known payload."""
+"""Records of a robot with errors in its given inertias, without and with a known payload."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -60,7 +60,7 @@ def finding_of(
         whose, columns = _joints(wrong, factor.size), _columns(what, wrong)
         return problem(
             f"The sign of the {what} of {whose} looks reversed",
-            f"At low frequency the torque is −1 times the value from M and M2.  {proof}",
+            f"At low frequency the torque is −1 times the value from M and M2. {proof}",
             f"Set the direction of the {what} of {whose} to reversed on import, or reverse the sign of "
             f"{columns} in the study's tables: a positive torque then accelerates the motor to positive "
             "positions.",
@@ -226,10 +226,11 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
     for ratio, where in ((ratios, "position or torque"), (np.sqrt(ratios), "both")):
         if ratio.max() <= LARGEST_GEAR_RATIO:
             gears.append(f"{_values(ratio)} in {where}")
-    causes = f"It may be a torque in another unit, one unit being {_values(1 / size)} N·m."
+    unit = f"a torque in units of {_values(1 / size)} N·m."
+    causes = f"The cause may be {unit}"
     if gears:
         how = "applied once too often" if size.max() < 1 else "left out"
-        causes = f"A gear ratio of {', or '.join(gears)}, {how}, would explain it; or {causes[10:]}"
+        causes = f"The cause may be a gear ratio of {', or '.join(gears)}, {how}; or {unit}"
         if side:
             causes += f" The coupling between the joints points to {_SEEN[side]}"
     if np.any(factor[wrong] < 0):
@@ -237,9 +238,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
     if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < ALIKE:
         # Accelerations go with the square of time, in all joints alike.
         right = number(np.sqrt(factor.mean()))
-        causes += (
-            f" All joints agree, so a sample rate {right} times the given one would explain it, too."
-        )
+        causes += f" All joints agree: a sample rate of {right} times the given one is possible, too."
     return problem(
         f"A gear ratio, or the unit of the torque, looks wrong in {whose}",
         f"Torque over acceleration is {_values(factor[wrong])} times {_EXPECTED}. {causes} {proof}",
@@ -255,7 +254,7 @@ def _unknown_remedy(factor: Floats, joints: Iterable[int]) -> str:
     near = dict.fromkeys(c.why for j in indices if (c := known_cause(float(factor[j]), NEAR)))
     return (
         "On import, check the side of the gear, the gear ratio and the unit of position and torque: a "
-        "torque in per cent needs the rated torque, one in amperes the torque constant. "
+        "torque in % needs the rated torque, one in amperes the torque constant. "
         f"The torque times {each} fits ({_columns('torque', indices)} in a "
         "study's tables)." + (f" Similar factors: {'; '.join(near)}." if near else "")
     )

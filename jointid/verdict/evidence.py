@@ -15,7 +15,7 @@ from jointid.transfer_matrix import TransferMatrix
 from jointid.wording import minus, significant
 
 Action = Literal["", "edit columns", "edit mapping", "edit runs", "edit inertias"]
-"""Kind of edit that a remedy asks for, apart from a new measurement; the app knows its page."""
+"""Part of the import that a remedy edits; the app maps it to a page."""
 
 
 ChangeKind = Literal["start", "frequency", "leave out", "delay", "hold", "scale", "order", "inertias"]
@@ -38,7 +38,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found in the data, with its figure and its remedy."""
+    """One statement of the verdict on the data or the answer, with its figures and a remedy."""
 
     level: str
     """"problem" (the answer is unusable), "warning" (the error bars are too small), "good" (no action
@@ -53,7 +53,7 @@ class Finding:
     """Importance, for the order: from 100 for problems, from 10 for warnings, 5 for "good", from 0 for
     notes; plus the relative change in K or D, if known."""
     action: Action = ""
-    """Kind of edit of the remedy; empty for none, or for the study's files only."""
+    """Part of the import that the remedy edits; empty if it edits the study's files only, or nothing."""
     changes: tuple[Change, ...] = field(default=(), compare=False)
     """Changes of the study that may remedy it, the most likely first."""
 
@@ -80,7 +80,7 @@ class Evidence:
 
     @property
     def poses(self) -> tuple[str, ...]:
-        """Pose of each record, "" being none."""
+        """Pose of each record, "" if it has none."""
         return tuple(record.pose or "" for record in self.records)
 
     @property
@@ -138,8 +138,9 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def some(names: Sequence[str]) -> str:
-    """List three names, and the number of the others."""
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    """List three names, and the number of the others; semicolons separate names with commas."""
+    mark = "; " if any("," in name for name in names) else ", "
+    return mark.join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def relative(change: Floats, p: Floats) -> Floats:

@@ -48,7 +48,7 @@ _REMEDIES = {
         "A gear has three slopes",
         "K holds for small deflections. Measure at the amplitude that the work needs.",
     ),
-    "backlash": ("A gear has backlash", "K holds outside the play. Check the gear's preload."),
+    "backlash": ("A gear has backlash", "K holds outside the backlash. Check the gear's preload."),
     "hysteresis": ("A gear has hysteresis", "K excludes the hysteresis."),
 }
 """Title, with {one verb|another} for positive and negative values, and remedy by effect."""
@@ -65,7 +65,9 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
             Quantity(label, float(size), float(error), unit).shown
             for size, error in zip(sizes, errors, strict=True)
         ]
-        values = ", ".join(f"{value} (joint {j})" for j, (value, _) in enumerate(shown, start=1))
+        values = ", ".join(
+            f"{value} {of}".rstrip() + f" (joint {j})" for j, (value, of) in enumerate(shown, start=1)
+        )
         title, remedy = _REMEDIES[name]
         negative = sizes[int(np.argmax(np.abs(sizes) / np.where(errors > 0, errors, np.inf)))] < 0
         title = re.sub(r"\{(.*)\|(.*)\}", r"\2" if negative else r"\1", title)
@@ -76,8 +78,7 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
             remedy = f"{remedy} {_settled_by(evidence)}".strip()
         yield note(
             f"{title}, or there is {others}" if others else title,
-            f"{capitalised(label)}: {values} {shown[0][1]}".rstrip()
-            + f". {CANNOT_TELL if others else ''}The fit includes it.",
+            f"{capitalised(label)}: {values}. {CANNOT_TELL if others else ''}The fit includes it.",
             remedy,
             0.01,
             "",
@@ -86,7 +87,7 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         if name == "hysteresis" and not evidence.sines:
             yield warning(
                 "Hysteresis from motions alone is approximate",
-                "K and D can differ from the true values by several of their stated errors.",
+                "K and D can differ from the true values by several standard errors.",
                 "Add sine records of two amplitudes: they show the loop of the hysteresis.",
                 _HYSTERESIS_OF_MOTIONS,
             )

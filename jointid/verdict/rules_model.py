@@ -150,7 +150,7 @@ def one_frequency(evidence: Evidence) -> Iterator[Finding]:
         return
     make = problem if count == 1 else warning
     yield make(
-        f"{'One record' if count == 1 else 'Records'} at one frequency cannot give K and D",
+        f"{'One record' if count == 1 else 'Records'} at one frequency cannot confirm K and D",
         f"{counted(count, 'record')} at {number(f[0])} Hz: "
         + (
             "two equations for the two unknowns of each joint, so some K and D always fit"

@@ -71,8 +71,8 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
     )
     detail = (
         f"With it, {before}; without it, the residual of the other {evidence.phasors.omega.size - 1} is "
-        f"{number(np.sqrt(found.misfit_without), 2)} × noise. Alone, it gives a dynamic "
-        f"stiffness of joint {k + 1} {number(float(found.stiffness[k]), 2)} times that of the "
+        f"{number(np.sqrt(found.misfit_without), 2)} × noise. Alone, it gives "
+        f"{number(float(found.stiffness[k]), 2)} times the dynamic stiffness of joint {k + 1} from the "
         "others. "
     )
     title, cause, remedy = _told(found, label, n)
@@ -139,12 +139,12 @@ def _told(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
     joints = "" if wrong.size == n else " of joint " + " and ".join(str(j + 1) for j in wrong)
     factor = float(found.factor[wrong[0]])
     scale = 1 / factor if found.by_angle else factor
-    cause = f"Its {signal}s{joints} are {number(scale)} times the value from the other records."
+    cause = f"The {signal}{joints} is {number(scale)} times the value from the other records."
     for known, usual, looks, remedy in _KNOWN:
         if np.allclose(found.factor[wrong], known) and (known == -1 or usual == signal):
             return f"The {signal}{joints} in {label} {looks}", cause, remedy.format(names)
     return (
-        f"The {signal}{joints} in {label} has another scale than in all other records",
+        f"The {signal}{joints} in {label} differs in scale from all other records",
         cause,
         f"Check the gear ratio, the unit and the sign of {names} in {label}, or leave the record out: "
         f"{_LEAVE_OUT}.",

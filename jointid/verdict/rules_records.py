@@ -59,7 +59,7 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
 
 
 def off_frequency(evidence: Evidence) -> tuple[int, ...]:
-    """Indices of records whose motor angle has another frequency than stated."""
+    """Indices of records whose motor angle has a frequency other than the stated one."""
     found = evidence.phasors.frequency_found_hz
     off = np.abs(found / evidence.frequency_hz - 1)
     return tuple(
@@ -207,10 +207,9 @@ def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
         share = len(names) / len(phasors.labels)
         make = warning if share > 0.9 else note
         yield make(
-            f"Joint {j + 1} does not move",
-            f"In {len(names)} of {counted(len(phasors.labels), 'record')} ({some(names)}) joint {j + 1} "
-            f"moves less than its noise: static friction carries the torque (Coulomb friction "
-            f"{number(fit.friction.coulomb[j], 2)} N·m).",
+            f"Joint {j + 1} does not move in {len(names)} of {counted(len(phasors.labels), 'record')}",
+            f"Joint {j + 1} moves less than its noise in {some(names)}: static friction carries the "
+            f"torque (Coulomb friction {number(fit.friction.coulomb[j], 2)} N·m).",
             "Move all joints in every record, with different relative phases, or superpose a constant "
             "velocity.",
             0.02 * share,
@@ -258,7 +257,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
             yield make(
                 f"The encoder of joint {j + 1} "
                 + ("dominates the noise" if limited else "is coarse for the smallest motion"),
-                f"Its step is {number(size, 2)} rad ({2 * np.pi / size:.0f} per revolution); "
+                f"Its step is {number(size, 2)} rad ({2 * np.pi / size:.0f} counts per revolution); "
                 f"the smallest sine has an amplitude of {number(counts.min(), 2)} steps. "
                 + (
                     f"Rounding causes {share} of the angle's noise."

@@ -17,7 +17,7 @@ _REMAINING = 5.0
 _SIGNIFICANT = 3.0
 """Standard errors of a significant change."""
 _NEGLIGIBLE = 2e-3
-"""Relative change of the phasor that is no settling, whatever the noise."""
+"""Relative change of the phasor that never counts as settling."""
 _CHANCE = 1e-3
 """Probability that any signal of steady records looks as if it were settling."""
 

@@ -62,7 +62,7 @@ def wrong_data(
     subtle = [h.kind == "gear torque" or (h.kind == "torque" and h.scale[-1] in SUBTLE) for h in tried]
     cost[(cost > GOOD) & subtle] = np.inf  # wrong inertias come near to these
     if cost.min() > GOOD:
-        # At low frequency ratios are seen roughly only, too roughly for a spring to come out.
+        # At low frequency the ratios are too uncertain to give a spring.
         rough = [tried[int(np.argmin(cost))]] if cost.min() < bar else []
         refined = [_refined(h, scorer) for h in (*rough, *_on_sides(_ratio(measured, inertias)))]
         possible = [h for h in refined if _is_possible(h)]
@@ -170,7 +170,7 @@ def _side(chosen: Hypothesis, after: float, scorer: Scorer) -> str:
 
 
 def _refined(hypothesis: Hypothesis, scorer: Scorer) -> Hypothesis:
-    """The gear ratios that explain the data best; at low frequency they are seen roughly only."""
+    """The gear ratios that explain the data best; at low frequency they are uncertain."""
     n = scorer.n
     parts = np.concatenate([hypothesis.scale, hypothesis.gear]).reshape(3, n)
     logs = np.log(np.abs(parts))
@@ -231,7 +231,7 @@ def _snapped(ratio: float) -> float:
 def low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floats | None:
     """Return the matrix (n, n) that maps acceleration to torque at ω → 0, as measured; None if too few.
 
-    The springs' share grows with ω²; it is taken off by extrapolation over the lowest frequencies. The
+    The springs' share grows with ω²; it is removed by extrapolation over the lowest frequencies. The
     torque of gravity is subtracted.
     """
     gravity = np.einsum("rij,rj->ri", np.array([i.gravity for i in inertias]), phasors.q)

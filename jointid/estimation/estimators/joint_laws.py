@@ -34,7 +34,7 @@ _FINE = 250
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where the phasors hold fewer."""
 _STILL = 1e-12
-"""Wind-up and torque of a gear that transmits none, rad and N·m."""
+"""Deflection and torque of a gear that transmits none, rad and N·m."""
 _LEAST_ANGLE = 1e-30
 """Presliding angle of a joint that does not move, rad."""
 _STEP = 1e-3
@@ -77,7 +77,7 @@ class JointLaws:
     sines: bool
     """Whether no record is another motion."""
     latest: list[WoundGears] = field(default_factory=list)
-    """Wind-up as last solved, from which the next solution starts."""
+    """Deflection as last solved, from which the next solution starts."""
 
     @classmethod
     def of(
@@ -150,7 +150,7 @@ class JointLaws:
     def wound(
         self, torque: Complexes, moved: Complexes, stiffness: Complexes, p: Parameters
     ) -> WoundGears | None:
-        """Wind-up of nonlinear gears; None of linear ones.
+        """Deflection of nonlinear gears; None of linear ones.
 
         Parameters
         ----------
@@ -172,7 +172,7 @@ class JointLaws:
         """Deflection over torque beyond K δ at as many harmonics again, shape (r, n, T).
 
         The edges of a play reach further than the harmonics of the records. There the controller does
-        nothing, and the gear moves motor and arm apart. Of motions there are none, T = 0.
+        nothing, and the gear moves motor and arm apart. T = 0 for motions.
         """
         H = self.s.shape[1]
         count = H * (self.sines and ("backlash" in p.layout or "piecewise" in p.layout))

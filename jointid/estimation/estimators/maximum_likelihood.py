@@ -183,14 +183,14 @@ class Misfit:
     cost: float
     """Σ rᴴV⁻¹r."""
     expected_cost: float
-    """Its expected value: parameters that the data determine and free friction are taken off."""
+    """Its expected value, less the parameters that the data determine and the free friction."""
     rank: int
     """Effective degrees of freedom of the free friction."""
     scale: Floats
     """Factor on each harmonic's variance, its misfit, at least 1, (r, H): a harmonic that the model
     does not explain gets less weight."""
     fundamental: tuple[float, float]
-    """Misfit of the fundamentals, which the parameters are taken off, and their degrees of freedom."""
+    """Misfit of the fundamentals, corrected for the parameters, and their degrees of freedom."""
 
     @classmethod
     def at(cls, problem: Problem, p: Floats, normal: Floats) -> Misfit:

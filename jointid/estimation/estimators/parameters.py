@@ -61,9 +61,9 @@ EFFECTS = {
         "a gear with three slopes",
         {
             "piecewise": ("change of slope at T1", "N·m/rad"),
-            "knee": ("wind-up at T1", "rad"),
+            "knee": ("deflection at T1", "rad"),
             "second_bend": ("change of slope at T2", "N·m/rad"),
-            "second_knee": ("wind-up from T1 to T2", "rad"),
+            "second_knee": ("deflection from T1 to T2", "rad"),
         },
     ),
     "backlash": Effect("backlash", {"backlash": ("backlash", "rad")}, positive=True),
@@ -236,21 +236,6 @@ class Parameters:
     def D(self) -> Floats:
         """Damping, shape (n,), N·m·s/rad."""
         return self["D"]
-
-    @property
-    def coulomb(self) -> Floats:
-        """Coulomb friction, shape (n,), N·m."""
-        return self["coulomb"]
-
-    @property
-    def viscous(self) -> Floats:
-        """Viscous friction, shape (n,), N·m·s/rad."""
-        return self["viscous"]
-
-    @property
-    def curve(self) -> Floats:
-        """Weights of the parts of each joint's friction curve, shape (n, parts), N·m."""
-        return self["curve"]
 
     @property
     def torque_scale(self) -> Floats | float:

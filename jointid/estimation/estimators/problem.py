@@ -28,18 +28,18 @@ from jointid.small_matrices import inverse
 _STIFFEST = 100.0
 """Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
 _SHAPES = {"presliding": 0.03, "bristle": 0.03, "knee": 0.35, "second_knee": 0.35}
-"""Presliding deflections and angles, and wind-ups at changes of slope: start values over the largest
+"""Presliding deflections and angles, and deflections at changes of slope: start values over the largest
 deflection or angle."""
 _SHARPEST, _SLOWEST = 1e-4, 2.0
 """Their range: beyond it a sharper hysteresis, or one that is a spring, looks the same."""
 _LARGEST = 4.0
-"""Upper bound on play and hysteresis over the largest linear wind-up and torque."""
+"""Upper bound on play and hysteresis over the largest linear deflection and torque."""
 _FLATTEST = 0.1
 """Least slope of a piecewise linear gear, over K."""
 LOWEST_LINK = 4.0
 """Mode of a link over the joint's resonance, of the widest prior: a lower one is no term −s⁴c."""
 _FILTER_SHARE, _LEAST_FILTER = 0.3, 0.05
-"""Start value of a filter's time constant beside a delay or lags: over the delay, which it is taken off,
+"""Start value of a filter's time constant beside a delay or lags: over the delay (reduced by it),
 and over the period at the highest frequency / 2π. At zero its effect is that of the delay."""
 _BENDS = {"piecewise": 0.73, "second_bend": 1.33}
 """Changes of slope in place of a cubic stiffness, over it times the largest deflection squared."""
@@ -270,19 +270,21 @@ def motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
     """s²M with viscous friction, shape (r, H, n), N·m/rad."""
     s = problem.s[..., None]
     inertial = s * s * problem.rotor_inertia(p)[problem.prior.rotor, None]
-    return np.asarray(inertial if problem.friction is None else inertial + s * p.viscous)
+    return np.asarray(inertial if problem.friction is None else inertial + s * p["viscous"])
 
 
 def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
     """Friction over that at the logged motion, shape (r, H, n).
 
     A motor turns back before its filtered position does: earlier by the delay of the filter at the
-    fundamental, which decides the sign of the velocity.
+    fundamental, which decides the sign of the velocity. The waveforms may be freed of a similar filter.
     """
     if "position_filter" not in problem.layout:
         return 1.0
     first = np.abs(problem.s[:, :1, None])
-    return np.exp(problem.s[..., None] * np.arctan(first * p["position_filter"]) / first)
+    freed = 0.0 if problem.friction is None else problem.friction.position_filter
+    earlier = np.arctan(first * p["position_filter"]) - np.arctan(first * freed)
+    return np.asarray(np.exp(problem.s[..., None] * earlier / first))
 
 
 def motor_friction(problem: Problem, p: Parameters) -> Complexes:
@@ -290,8 +292,8 @@ def motor_friction(problem: Problem, p: Parameters) -> Complexes:
     H = problem.s.shape[1]
     found = np.zeros((*problem.s.shape, problem.n), complex)
     if problem.friction is not None:
-        found += p.coulomb * problem.friction.coulomb[:, :H]
-        found += (problem.friction.curve[:, :H] * p.curve).sum(axis=3)
+        found += p["coulomb"] * problem.friction.coulomb[:, :H]
+        found += (problem.friction.curve[:, :H] * p["curve"]).sum(axis=3)
     if "motor_presliding" in problem.layout and problem.laws is not None:
         found += p["motor_presliding"] * problem.laws.presliding(p["bristle"], H)
     return np.asarray(found * friction_advance(problem, p))

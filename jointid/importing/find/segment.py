@@ -76,7 +76,7 @@ class Segment:
             lines = ()
             object.__setattr__(self, "band_hz", (float(band[0]), float(band[1])))
         elif min(lines) <= 0:
-            raise JointIdError(f"A segment's frequency is {min(lines):g} Hz: it must be positive.")
+            raise JointIdError(f"The frequency of a run is {min(lines):g} Hz: it must be positive.")
         elif self.frequency_hz not in lines:
             raise JointIdError(
                 f"frequency_hz = {self.frequency_hz:g} Hz is not among lines_hz, "
@@ -84,8 +84,7 @@ class Segment:
             )
         if not self.stop_s > self.start_s:
             raise JointIdError(
-                f"A segment from {self.start_s:g} s to {self.stop_s:g} s is empty: the stop must come "
-                "later."
+                f"A run from {self.start_s:g} s to {self.stop_s:g} s is empty: the stop must come later."
             )
         object.__setattr__(self, "lines_hz", lines)
         object.__setattr__(self, "amplitude_rad", tuple(float(a) for a in self.amplitude_rad))
@@ -97,7 +96,7 @@ class Segment:
 
     @property
     def is_motion(self) -> bool:
-        """Whether it is no steady sine but any other motion."""
+        """Whether it is a motion other than a steady sine."""
         return self.band_hz is not None
 
     @property

@@ -70,8 +70,8 @@ def find_segments(log: MappedLog, *, progress: Callable[[float], None] | None = 
             found += SegmentSearch(log, begin, end).segments(report)
         if len(found) > MANY_SEGMENTS:
             raise JointIdError(
-                f"{log.name or 'The log'} has more than {MANY_SEGMENTS} segments: it holds no "
-                "sine runs, or wrong columns are chosen. Choose another time or position column."
+                f"{log.name or 'The log'} has more than {MANY_SEGMENTS} runs: it holds no "
+                "sines, or wrong columns are chosen. Choose another time or position column."
             )
     found, sweeps, notes = without_sweeps(log, sorted(found, key=lambda s: s.start_s))
     return FoundSegments(common_frequencies(found), [*notes, *unused_spans(log, found, sweeps)])
@@ -99,7 +99,7 @@ def measure_segment(
     time, theta = log.time_s[part], log.theta_rad[part]
     if time.size < 8:
         raise JointIdError(
-            f"{start_s:g} s to {stop_s:g} s holds {counted(time.size, 'sample')}; a segment needs at "
+            f"{start_s:g} s to {stop_s:g} s holds {counted(time.size, 'sample')}; a run needs at "
             f"least 8. The log spans {log.time_s[0]:g} s to {log.time_s[-1]:g} s."
         )
     if frequency_hz is None:

@@ -130,11 +130,14 @@ def grown(
     first = low + int(np.argmin(misfit))
     last = first + SEED_FRAMES
     size = float(np.linalg.norm(_mean_phasors(y[first:last])[0]))
-    tolerance = _tolerance(size, noise, change)
+    # A relative change, or what noise excuses.
+    tolerance = max(change * size, min(_NOISE_SIGMAS * noise, _MAX_NOISE_CHANGE * size))
     if misfit.min() * size > tolerance:
         return 0, 0
     while True:
-        far = np.flatnonzero(np.linalg.norm(_rest(y, first, last), axis=1) > tolerance)
+        centre, turn = _mean_phasors(y[first:last])
+        rest = _level(y, turn, np.arange(len(y), dtype=float) - (first + last - 1) / 2) - centre
+        far = np.flatnonzero(np.linalg.norm(rest, axis=1) > tolerance)
         step = max(1, (last - first) // _GROWTH)
         left = max([0, first - step, *(far[far < first][-1:] + 1)])
         right = min([len(y), last + step, *far[far >= last][:1]])
@@ -205,7 +208,7 @@ def _without_ends(z: Complexes, rounding: Floats, degree: int) -> tuple[int, int
 
 
 def _settled_from(z: Complexes, fewest: int, rounding: Floats) -> int:
-    """First frame from which the first quarter agrees with the second half; 0 where there is none."""
+    """First frame from which the first quarter agrees with the second half; 0 if no frame does."""
     count, before = len(z), False
     for first in range(0, count - max(fewest, count // 4, 8) + 1, max(1, count // 128)):
         rest = z[first:]
@@ -216,11 +219,6 @@ def _settled_from(z: Complexes, fewest: int, rounding: Floats) -> int:
             return first
         before = now
     return 0
-
-
-def _tolerance(size: float, noise: float, change: float) -> float:
-    """Largest deviation of a frame: a relative change, or what noise excuses."""
-    return max(change * size, min(_NOISE_SIGMAS * noise, _MAX_NOISE_CHANGE * size))
 
 
 def _mean_phasors(y: Complexes) -> tuple[Complexes, Floats]:
@@ -236,12 +234,6 @@ def _mean_phasors(y: Complexes) -> tuple[Complexes, Floats]:
 def _level(y: Complexes, turn: Floats, place: Floats) -> Complexes:
     """Frames without their uniform rotation."""
     return np.asarray(y * np.exp(-1j * np.multiply.outer(turn, place))[..., None])
-
-
-def _rest(y: Complexes, first: int, last: int) -> Complexes:
-    """Deviation of every frame from the uniform rotation of some of them, shape (m, c)."""
-    centre, turn = _mean_phasors(y[first:last])
-    return np.asarray(_level(y, turn, np.arange(len(y), dtype=float) - (first + last - 1) / 2) - centre)
 
 
 def _misfit(y: Complexes) -> Floats:

@@ -104,7 +104,7 @@ def _read_path(path: Path, name: str, reader: ReaderProcess) -> tuple[LogTable, 
     if path.is_dir():
         if not (path / "metadata.yaml").is_file():
             raise JointIdError(
-                f"{name} is a folder without metadata.yaml, so no ROS 2 bag. Give the log file itself."
+                f"{name} is a folder without metadata.yaml, so it is not a ROS 2 bag. Give the log file."
             )
         require_small(name, sum(part.stat().st_size for part in path.iterdir() if part.is_file()))
         return reader.read("db3", name, path)
@@ -135,7 +135,7 @@ _OTHER_ENDINGS = frozenset(
 
 
 def is_archive(name: str, source: bytes | Path) -> bool:
-    """Whether a zip file is an archive of logs, no workbook; its ending decides if that is unclear."""
+    """Whether a zip file is an archive of logs and not a workbook; its ending decides in doubt."""
     with suppress(JointIdError), open_container(source, marker=_BAG) as container:
         names = container.names()
         arrays = bool(names) and all(part.endswith(".npy") for part in names)  # a NumPy .npz

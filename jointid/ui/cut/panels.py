@@ -15,6 +15,7 @@ from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture, window
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import table
+from jointid.ui.shared.markdown_escape import unbroken
 from jointid.ui.shared.messages import show_error, show_note, show_warning
 from jointid.ui.shared.page import Page
 from jointid.wording import counted, significant
@@ -32,7 +33,7 @@ def show_own_path(page: Page, analysis: Analysis) -> None:
     if not has_own_path(analysis):
         return
     try:
-        found = cached_cuts.own_path(page.digest, page.method, analysis)
+        found = cached_cuts.own_path(page, analysis)
     except JointIdError as error:
         show_error(error)
         return
@@ -46,19 +47,20 @@ def _own_headline(found: PathDeflection) -> str:
     """Deflection of the study's own robot at the largest zone, before and after."""
     before = found.rigid_m if found.assumed_m is None else found.assumed_m
     servo = "a servo for rigid joints" if found.assumed_m is None else "the nominal K"
-    return (
+    return unbroken(
         f"Tool deflection of this robot: {millimetres(before)} with {servo}, "
         f"{millimetres(found.identified_m)} with the identified K"
     )
 
 
 def headline(outcome: Outcome) -> str:
-    """Path error before and after, and whose it is."""
+    """Path error before and after, and its robot."""
     if outcome.robot.rule == "demonstration":
         return "A demonstration, not this study"
     whose = " of the example arm" if outcome.robot.rule == "relative" else ""
     gears = ", with linear gears" if outcome.robot.gears else ""
-    return f"Path error{whose} {millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}{gears}"
+    errors = f"{millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
+    return f"Path error{whose} {errors}{gears}"
 
 
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
@@ -67,14 +69,14 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
         show_warning(f"The path error after the identification is not known. {outcome.problem}")
     after = millimetres(outcome.after_m)
     st.caption(
-        "Path error is the largest distance of the tool from the reference path, simulated.\n"
+        "Path error: largest simulated distance of the tool from the reference path.\n"
         f"- **Before, {millimetres(outcome.before_m)}**: {_robot(outcome.robot)} "
         f"{_servo(outcome)}\n"
         f"- **After, {after}**: {promise(outcome, settings)}\n"
         f"- **Both**: {_conditions(settings)}"
     )
     if outcome.before.torque_limit_hit or outcome.after.torque_limit_hit:
-        st.warning("A motor torque was cut off at its limit.")
+        st.warning("A motor torque reached its limit.")
 
 
 def _robot(robot: CutRobot) -> str:
@@ -117,7 +119,7 @@ def promise(outcome: Outcome, settings: CutSettings) -> str:
         )
     return (
         "the servo assumes the identified values; those of the robot are drawn from their "
-        f"uncertainty. 95 of 100 such robots stay {_below(outcome.after_m)}, half of them "
+        f"uncertainty. 95 % of these robots stay {_below(outcome.after_m)}, 50 % "
         f"{_below(outcome.distribution.median_m)}."
     )
 
@@ -129,10 +131,10 @@ def _conditions(settings: CutSettings) -> str:
     text = f"a controller of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}; "
     if settings.friction is None:
         return text + "motors without friction."
-    what = f"motors with a Coulomb friction of {_three(settings.friction.coulomb)} N·m, which the servo "
+    text += f"motors with a Coulomb friction of {_three(settings.friction.coulomb)} N·m. The servo "
     if settings.compensated:
-        return text + what + "compensates."
-    return text + what + "does not compensate, which adds an error."
+        return text + "compensates it."
+    return text + "does not compensate it, which adds to the error."
 
 
 def _below(length_m: float) -> str:
@@ -183,7 +185,7 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
     if not robot.gears:
         return
     st.header("With the identified gear laws", anchor=False)
-    runs = cached_cuts.gears(page.digest, page.method, settings.after, robot)
+    runs = cached_cuts.gears(page, settings.after, robot)
     laws = "; ".join(f"joint {j}: {' and '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
     ink = colours(page.dark)
     servos = ("Servo assumes K and D", ink.nominal), ("Servo assumes the curve", ink.identified)
@@ -203,10 +205,10 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
 def _own_or_demonstration(page: Page, analysis: Analysis) -> None:
     """Tool deflection of a robot with a model of its own; a link to the example arm for others."""
     if not has_own_path(analysis):
-        st.page_link(CUT_PAGE, label="What K and D are worth in millimetres, on an example arm")
+        st.page_link(CUT_PAGE, label="Path error with nominal and identified K and D, on an example arm")
         return
     try:
-        found = cached_cuts.own_path(page.digest, page.method, analysis)
+        found = cached_cuts.own_path(page, analysis)
     except JointIdError as error:
         show_note(f"The tool deflection is not known. {error}")
         return
@@ -219,7 +221,7 @@ def _own_or_demonstration(page: Page, analysis: Analysis) -> None:
 def outcome_panel(page: Page, analysis: Analysis) -> None:
     """Path error before and after with a small picture of the cut, for the first screen."""
     try:
-        outcome = cached_cuts.overview(page.digest, page.method, analysis)
+        outcome = cached_cuts.overview(page, analysis)
     except JointIdError as error:
         if analysis.state != NOT_USABLE:  # the headline gives the reason
             show_note(f"The path error is not known. {error}")
@@ -247,7 +249,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 "the example arm, because this robot's geometry is not known. Its springs are scaled; "
                 "their ratios and uncertainties are those of this study"
                 if relative
-                else "an arm of these inertias, simulated"
+                else "a simulated arm with these inertias"
             )
             friction = (
                 " Both simulations include the identified friction." if outcome.robot.friction else ""
@@ -257,7 +259,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 promised = remainder(outcome, EVERYDAY_SERVO, outcome.robot.friction)
             elif outcome.distribution is not None:
                 promised = (
-                    "95 of 100 robots within the uncertainty of the identified values stay "
+                    "95 % of the robots within the uncertainty of the identified values stay "
                     f"{_below(outcome.after_m)}."
                 )
             st.caption(

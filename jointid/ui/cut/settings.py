@@ -56,9 +56,9 @@ _NUMBERS: dict[str, dict[str, tuple[Any, ...]]] = {
     },
 }
 """Label, default, limits and explanation of each number, by its heading."""
-_FRICTION = ("As this study found", "None", "Custom")
+_FRICTION = ("As identified", "None", "Custom")
 _DRIVES: dict[str, Drive | None] = {
-    "As this study": None,
+    "As in this study": None,
     "Parallelogram": "parallelogram",
     "Serial": "serial",
 }
@@ -126,7 +126,7 @@ class CutSettings:
 
 
 def usual(robot: CutRobot) -> CutSettings:
-    """Default settings: the paper's path and the everyday servo."""
+    """Default settings: the paper's path and the default servo."""
     return CutSettings(
         assumption="study" if robot.nominal else "rigid",
         custom_K=(),
@@ -220,7 +220,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
                 bind="query-params",
                 help="With the exact friction, before and after.",
             )
-    friction = {"As this study found": robot.friction, "None": None}.get(source)
+    friction = {"As identified": robot.friction, "None": None}.get(source)
     if source == "Custom":
         friction = CutFriction(numbers_in("Coulomb friction", coulomb, count=2), (0.0, 0.0))
     custom = assumption == "custom"

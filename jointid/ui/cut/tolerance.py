@@ -1,5 +1,7 @@
 """Path error over errors of the assumed stiffness: a table, and a map on demand."""
 
+from functools import partial
+
 import numpy as np
 import streamlit as st
 
@@ -11,8 +13,8 @@ from jointid.cut.tolerance import ToleranceMap, tolerance_map
 from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
-from jointid.ui.shared.background import awaited, run_in_background
-from jointid.ui.shared.charts import choose_segment, plot
+from jointid.ui.shared.background import run_in_background
+from jointid.ui.shared.charts import choose_segment
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click
@@ -36,9 +38,7 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
 
 
 def _show_costs(page: Page, settings: CutSettings, outcome: Outcome) -> None:
-    begun = cached_cuts.offset_costs(page.digest, page.method, settings.after, outcome.robot)
-    awaited("Cutting", begun)
-    exact, *off = begun.result()[0].tolist()
+    exact, *off = cached_cuts.offset_costs(page, settings.after, outcome.robot).tolist()
     costs = [exact, *(max(pair) for pair in zip(off[::2], off[1::2], strict=True))]  # the worse sign
     heads = ["exact", *(f"± {100 * offset:g} %" for offset in cached_cuts.OFFSETS)]
     st.markdown(
@@ -72,18 +72,14 @@ def _show_map(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     )
     if tolerance is None:
         return
-    plot(
-        tolerance_heatmap(
-            tolerance, robot.elasticity, robot.covariance, outcome.assumed, dark=page.dark
-        ),
-        "Largest path error over the ratios of assumed to true stiffness",
-        key="cut_map_figure",
-    )
+    given = tolerance, robot.elasticity, robot.covariance, outcome.assumed
+    what = "Largest path error over the ratios of assumed to true stiffness"
+    page.show(f"map {settings} {span}", partial(tolerance_heatmap, *given), what)
     path_error = tolerance.max_contour_error_m
     least, exact = (millimetres(e) for e in (path_error.min(), path_error[_WIDE // 2, _WIDE // 2]))
     beside = (
-        f" At K̂ = K friction, delay and encoders leave {exact}; a wrong K̂ may cancel a part of it, so "
-        "that the smallest error lies beside it."
+        f" At K̂ = K, friction, delay and encoders leave {exact}; a wrong K̂ may cancel a part of it and "
+        "give a smaller error."
     )
     st.caption(
         f"Errors on this map: {least} to {millimetres(path_error.max())}." + beside * (least != exact)

@@ -56,7 +56,7 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
         st.caption(
             "Median of the slopes between all pairs of studies (Theil and Sen) over the level, ± one "
             "standard error from the scatter around the line. Of many robots, some seem to drift by "
-            f"chance; below {_CLEAR:g} standard errors nothing is said to drift."
+            f"chance: a drift below {_CLEAR:g} standard errors does not count."
         )
 
 

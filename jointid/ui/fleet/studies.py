@@ -48,7 +48,7 @@ def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
         "many joints scrolls sideways."
     )
     st.selectbox(
-        "Study to look at",
+        "Study to show",
         range(len(rows)),
         index=None,
         format_func=lambda k: f"{k + 1}: {label(rows[k])}",

@@ -22,7 +22,7 @@ def choose_log(logs: Sequence[Log]) -> Log:
     if st.session_state.get("import look", logs[0].key) not in by_key:
         del st.session_state["import look"]
     key = st.selectbox(
-        "Log to look at",
+        "Log to show",
         list(by_key),
         format_func=lambda key: by_key[key].table.name,
         key="import look",

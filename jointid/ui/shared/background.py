@@ -6,9 +6,9 @@ session needs no worker processes; the second one starts them.
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import cache, partial
 from threading import Semaphore
 from time import monotonic
@@ -121,24 +121,14 @@ def submit(compute: Callable[Given, Found], *given: Given.args, **named: Given.k
     return _threads.submit(partial(_computed, _session(), compute, *given, **named))
 
 
-def queue_text() -> str:
-    """Say how many computations of other sessions come first; empty while a processor is free."""
-    ahead = len(_asked) + 1 - _PROCESSES
+def queue_text(own: int = 0) -> str:
+    """Say how many computations come before ``own`` ones; empty while a processor is free."""
+    ahead = len(_asked) - own + 1 - _PROCESSES
     return "" if ahead <= 0 else f"The server is busy: {counted(ahead, 'computation')} in the queue."
-
-
-@contextmanager
-def queue_said() -> Iterator[None]:
-    """Show the queue above a computation that has to wait for others."""
-    text = queue_text()
-    place = st.info(text) if text else None
-    yield
-    if place is not None:
-        place.empty()
 
 
 def awaited(what: str, *begun: Future[Any]) -> None:
     """Wait for computations; meanwhile the page shows ``what`` and a queue."""
     if not all(future.done() for future in begun):
-        with st.spinner(f"{what}. {queue_text()}" if queue_text() else what):
+        with st.spinner(". ".join(filter(None, (what, queue_text(len(begun)))))):
             wait(begun)

@@ -21,8 +21,8 @@ _INERTIAS = ("exact", "± 1 %", "± 3 %", "± 5 %", "± 10 %", "± 30 %", "unkno
 _NOT_STATED = "not stated"
 _TORQUES = (_NOT_STATED, "exact", "± 1 %", "± 2 %", "± 5 %", "± 10 %", "unknown")
 _INERTIA_HELP = (
-    "Relative standard deviation of M and M2. The fit corrects M and M2 within it; unknown: they only "
-    "start the fit. Choose, or type a percentage."
+    "Relative standard deviation of M and M2. The fit corrects M and M2 within it; unknown: start "
+    "values only. Choose, or type a percentage."
 )
 _TORQUE_HELP = (
     "Relative standard deviation of the torque constant of each motor. K and D scale with it; without a "

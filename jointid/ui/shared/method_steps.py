@@ -19,13 +19,11 @@ class Step:
 OVERVIEW = Step("app.py", "Study", "The answer, its error bars and the verdict.")
 RECORDS = Step("pages/1_Records.py", "Records", "Logged angle and torque of each joint.")
 SIMULATE = Step("pages/8_Simulate.py", "Simulate a robot", "Records of a robot with known K and D.")
-IMPORT = Step(
-    "pages/9_Import_a_log.py", "Import a log", "Logs of any controller: columns named, sine runs found."
-)
+IMPORT = Step("pages/9_Import_a_log.py", "Import a log", "A log of any controller becomes a study.")
 PHASORS = Step("pages/2_Phasors.py", "Phasors", "Each sine becomes one complex number.")
 TRANSFER = Step("pages/3_Transfer_matrix.py", "Transfer matrix", "The robot without its controllers.")
 ELASTICITY = Step("pages/4_Elasticity.py", "Elasticity", "Stiffness and damping of every joint.")
-CUT = Step("pages/5_Cut.py", "Cut", "What K and D are worth, in millimetres.")
+CUT = Step("pages/5_Cut.py", "Cut", "Path error with nominal and identified K and D.")
 PLAN = Step("pages/6_Plan.py", "Plan", "Records that reduce the error bars most.")
 REPORT = Step("pages/7_Report.py", "Report and export", "A report, and files for other tools.")
 FLEET = Step("pages/10_Fleet.py", "Fleet", "Many studies side by side: spread, drift, outliers.")

@@ -1,24 +1,27 @@
 """The beginning of every page: settings, sidebar, and the chosen study."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import streamlit as st
 
-from jointid import Analysis, JointIdError, Phasors, Study
+from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
 from jointid.figures.style import colours
-from jointid.ui.shared import cached
-from jointid.ui.shared.background import note_session, queue_said
+from jointid.ui.shared.background import awaited, note_session
 from jointid.ui.shared.charts import choose_segment, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.refused_file import show_refused
+from jointid.ui.shared.results import result_cache
 from jointid.ui.shared.sidebar import choose_study
 from jointid.ui.shared.workspace import open_study
 
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
 _SIDE_BY_SIDE = 3
 """Joints whose figures are shown all at once."""
 _ICON = Path(__file__).with_name("icon.svg")
@@ -65,8 +68,7 @@ class Page:
     def analysis(self) -> Analysis:
         """Return the result of the whole method; without one, show the reason and end the page."""
         try:
-            with queue_said():
-                found = cached.analysis(self.digest, self.method, self.study)
+            found = self.analysed()
         except JointIdError as error:
             _show_problem(error)
             if any(record.arm_rad is not None for record in self.study.motion_records):
@@ -76,7 +78,55 @@ class Page:
         at_motor = self.study.gear_ratios is None and self.unit.endswith("joint")
         return found if at_motor else found.shown_in(self.unit)
 
-    def drawn(self, what: str, draw: Callable[[], Any]) -> Any:
+    def analysed(self) -> Analysis:
+        """Return the result of the whole method, seen from the motors.
+
+        Raises
+        ------
+        JointIdError
+            As ``analyse`` does.
+        """
+        doing = "Fitting sines, identifying K and D"
+        return self.computed("analysis", doing, analyse, self.study, method=self.method)
+
+    def begin(
+        self,
+        what: Hashable,
+        compute: Callable[Given, Found],
+        *given: Given.args,
+        **named: Given.kwargs,
+    ) -> Future[Found]:
+        """Begin a computation on this study and estimator, unless it has begun or its result is kept.
+
+        Parameters
+        ----------
+        what : hashable
+            Identifies the result: its kind, and all settings on which it depends.
+        compute : callable
+            See ``run_in_background``.
+        """
+        return result_cache().begin((what, self.digest, self.method), compute, *given, **named)
+
+    def computed(
+        self,
+        what: Hashable,
+        doing: str,
+        compute: Callable[Given, Found],
+        *given: Given.args,
+        **named: Given.kwargs,
+    ) -> Found:
+        """Return a result of ``begin``; until it is there, the page shows ``doing``.
+
+        Raises
+        ------
+        JointIdError
+            And whatever else ``compute`` raises.
+        """
+        begun = self.begin(what, compute, *given, **named)
+        awaited(doing, begun)
+        return begun.result()
+
+    def drawn(self, what: str, draw: Callable[..., Any]) -> Any:
         """Return a figure of this study and estimator from the cache, or draw it.
 
         Parameters
@@ -84,20 +134,22 @@ class Page:
         what : str
             Identifies the figure within the study: its kind and everything it depends on.
         draw : callable
+            Takes ``dark``, as all functions of ``jointid.figures`` do.
         """
         return _figure(self.digest, (self.method, self.unit, self.dark), what, draw)
 
-    def show(self, what: str, draw: Callable[[], Any], description: str) -> None:
+    def show(self, what: str, draw: Callable[..., Any], description: str) -> None:
         """Show a figure from the cache, see ``drawn``, with a text for those who cannot see it."""
         plot(self.drawn(what, draw), description, key=what.split()[0])
 
     def show_per_joint(
         self,
         what: str,
-        draw: Callable[[int], Any],
+        draw: Callable[..., Any],
         description: str,
         *,
         heading: str = "**Joint {0}**",
+        caption: str = "",
     ) -> Sequence[int]:
         """Show one figure per joint, two side by side; of many joints, that of the chosen one.
 
@@ -106,16 +158,22 @@ class Page:
         what : str
             Identifies the figures, see ``drawn``.
         draw : callable
-            Draws the figure of a joint, from 0.
+            Draws the figure of a joint, from 0; takes ``dark`` as well.
         description, heading : str
             Alternative text and heading, with {0} for the joint's number.
+        caption : str
+            Text above all of them.
 
         Returns
         -------
         sequence of int
             The joints drawn.
         """
-        joints = self.joints("joint")
+        if caption:
+            st.caption(caption)
+        joints: Sequence[int] = range(self.study.inertia.n)
+        if len(joints) > _SIDE_BY_SIDE:
+            joints = [choose_segment("Joint", joints, "joint", format_func=lambda j: f"Joint {j + 1}")]
         for j, place in zip(joints, side_by_side(len(joints)), strict=True):
             with place:
                 if heading and len(joints) > 1:
@@ -124,32 +182,30 @@ class Page:
                 plot(figure, description.format(j + 1), key=f"{what} {j}")
         return joints
 
-    def joints(self, key: str) -> Sequence[int]:
-        """Return the joints to draw: all of a few, of many the one that a choice selects."""
-        n = self.study.inertia.n
-        if n <= _SIDE_BY_SIDE:
-            return range(n)
-        return [choose_segment("Joint", range(n), key, format_func=lambda j: f"Joint {j + 1}")]
-
     def phasors(self) -> Phasors:
-        """Return the phasors; without them, show the reason and end the page."""
+        """Return the phasors, also of records that do not determine the springs.
+
+        Without them, show the reason and end the page.
+        """
         try:
-            return cached.phasors(self.digest, self.study)
+            return self.computed("phasors", "Fitting sines", extract_phasors, self.study.sine_records)
         except JointIdError as error:
             _show_problem(error)
             st.stop()
 
 
 @st.cache_resource(max_entries=400, show_spinner=False)
-def _figure(digest: str, shown: tuple[str, str, bool], what: str, _draw: Callable[[], Any]) -> Any:
-    return _draw()
+def _figure(digest: str, shown: tuple[str, str, bool], what: str, _draw: Callable[..., Any]) -> Any:
+    return _draw(dark=shown[2])
 
 
-def start(title: str) -> None:
-    """Set up a page that needs no study, with its sidebar."""
+def start(title: str, introduction: str) -> None:
+    """Begin a page that needs no study, with its sidebar and heading."""
     _set_up(title)
     choose_study()
     show_refused()
+    st.title(title, anchor=False)
+    st.write(introduction)
 
 
 def _set_up(title: str) -> None:
@@ -160,13 +216,17 @@ def _set_up(title: str) -> None:
     st.html(f"<style>{style}</style>")
 
 
-def open_page(title: str) -> Page:
+def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Page:
     """Begin a page about the chosen study; without one, offer ways to get one and end.
 
     Parameters
     ----------
     title : str
-        For the browser's tab; the page writes its own heading.
+        For the browser's tab and the heading.
+    introduction : str
+        What the page shows, in two sentences.
+    heading : bool
+        False where the page writes its own.
     """
     _set_up(title)
     choice = choose_study()
@@ -186,10 +246,14 @@ def open_page(title: str) -> Page:
         st.title(title)
         show_error(error)
         st.stop()
+    if heading:
+        st.title(title, anchor=False)
+        if introduction:
+            st.write(introduction)
     return Page(key, opened.study, opened.digest, method, unit, is_dark())
 
 
 def _show_problem(error: JointIdError) -> None:
     show_error(error)
-    st.write("The records themselves can still be looked at:")
+    st.write("The records themselves can still be viewed:")
     st.page_link(RECORDS.path, label=RECORDS.name)

@@ -119,7 +119,7 @@ def result_cache() -> ResultCache:
 
 
 Show = Callable[[float, str], None]
-"""Shows the finished share of a computation, and what it does."""
+"""Shows the finished share of a computation and its current task."""
 
 
 def computed_on_click(

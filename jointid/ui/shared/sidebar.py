@@ -5,8 +5,8 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.answer import STIFFNESS_UNITS
 from jointid.files.study_files import load_study
-from jointid.ui.shared import cached
 from jointid.ui.shared.charts import equip_page
+from jointid.ui.shared.estimators import ESTIMATORS
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.method_steps import GROUPS
@@ -16,7 +16,7 @@ from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_p
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
 _ARRIVED = "arrived_study"
-_STATES = {"swapped torques": " (not usable)"}
+_STATES = {"swapped torques": " (not usable)", "doubled record": " (usable with care)"}
 """What the list says of a sample besides its name."""
 
 
@@ -36,11 +36,11 @@ def choose_study() -> tuple[str, str, str] | None:
         st.divider()
         method = st.selectbox(
             "Estimator",
-            list(cached.ESTIMATORS),
+            list(ESTIMATORS),
             key="estimator",
             bind="query-params",
             help="How K and D are computed from the phasors. "
-            + "; ".join(f"{name}: {line}" for name, line in cached.ESTIMATORS.items())
+            + "; ".join(f"{name}: {line}" for name, line in ESTIMATORS.items())
             + ". The page Elasticity compares them.",
         )
         unit = st.selectbox(
@@ -76,8 +76,8 @@ def _choose() -> str | None:
         key="study",
         on_change=_take_choice,
         disabled=not names,
-        help="Studies opened, simulated or imported at this address, and the samples. All samples are "
-        "usable but swapped torques, which shows what a failed study looks like. Commands take the "
+        help="Studies opened, simulated or imported at this address, and the samples. Two samples "
+        "are faulty, to show a failed and a doubtful answer. Commands take the "
         "name of a sample with or without underscores: six_axes.",
     )
     if chosen is not None:

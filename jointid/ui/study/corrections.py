@@ -9,11 +9,10 @@ from jointid import Analysis, Finding, JointIdError, Study
 from jointid.corrections.changes import corrected, label
 from jointid.files.digest import study_digest
 from jointid.files.store import Store
-from jointid.ui.shared import cached
 from jointid.ui.shared.messages import show_error, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.workspace import (
-    delete,
+    change_store,
     keep,
     keep_part,
     names_by_address,
@@ -59,7 +58,8 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
     with st.container(border=True):
         try:
             study = corrected(page.study, change)
-            after = replace(cached.analysis(study_digest(study), page.method, study), unit=analysis.unit)
+            changed = replace(page, study=study, digest=study_digest(study))
+            after = replace(changed.analysed(), unit=analysis.unit)
         except JointIdError as error:
             show_error(error)
             st.button("Close", key="cancel_change", on_click=_look_at, args=(None,))
@@ -67,6 +67,8 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
         st.markdown("**Before and after**")
         show_note(study.changes[-1])
         show_text_table(_compared(analysis, after))
+        if change.kind in ("order", "scale"):
+            st.caption("The residuals in the finding are those of a quick check without friction.")
         show_note(after.headline)
         with st.container(horizontal=True):
             st.button(
@@ -83,7 +85,7 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
 def _compared(before: Analysis, after: Analysis) -> dict[str, list[str]]:
     columns = {"": ["State"]}
     columns[""] += [f"{found.name} ({found.unit})" for found in before.quantities]
-    columns[""] += ["Residual / noise"]
+    columns[""] += ["Residual of the whole model / noise"]
     for heading, each in (("Now", before), ("With the change", after)):
         misfit = float(np.sqrt(each.fit.misfit))
         columns[heading] = [
@@ -127,5 +129,5 @@ def _before(digest: str) -> str | None:
 def _undo(before: str) -> None:
     """Show the study before the change, and remove the changed one."""
     if (changed := st.session_state["chosen"]) in {entry.id for entry in recent().values()}:
-        delete(changed)
+        change_store("delete", changed)
     st.session_state["chosen"] = before

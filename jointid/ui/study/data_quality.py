@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import streamlit as st
 
-from jointid import JointIdError, MotionRecord, Phasors, SineRecord
+from jointid import JointIdError, MotionRecord, Phasors, SineRecord, extract_phasors
 from jointid.phasors.distortion import distortion
 from jointid.records import JointRecord
-from jointid.ui.shared import cached
 from jointid.ui.shared.charts import Table, table
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import Page
@@ -26,7 +25,8 @@ def show_quality(page: Page) -> None:
     if not page.study.sine_records:
         return
     try:
-        table(quality_table(page.study.sine_records, cached.phasors(page.digest, page.study)))
+        found = page.computed("phasors", "Fitting sines", extract_phasors, page.study.sine_records)
+        table(quality_table(page.study.sine_records, found))
     except JointIdError as error:
         show_error(error)
     with st.expander("What the columns mean"):
@@ -77,7 +77,7 @@ def show_distortion(record: JointRecord) -> None:
     st.caption(
         f"A multisine on odd lines, period {found.period_s:.4g} s. Amplitude of lines without "
         "excitation over that of excited ones. Odd lines above the noise show friction or a hardening "
-        "gear, even ones play or a one-sided load."
+        "gear, even ones backlash or a one-sided load."
     )
 
 

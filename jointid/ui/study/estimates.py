@@ -14,8 +14,8 @@ from jointid.answer import (
     model_name,
 )
 from jointid.estimation.candidates import Candidate
-from jointid.ui.shared.cached import ESTIMATORS
 from jointid.ui.shared.charts import Table, table
+from jointid.ui.shared.estimators import ESTIMATORS
 from jointid.ui.shared.messages import show_text_table
 from jointid.wording import plain, significant
 

@@ -1,16 +1,17 @@
 """Model validation: prediction of left-out records, residuals, harmonics, poses, amplitudes."""
 
+from functools import partial
+
 import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
-from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.charts import NO_POSE, plot, side_by_side
+from jointid.ui.shared.charts import NO_POSE
 from jointid.ui.shared.messages import show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.uncertainty.poses import PoseFits, fits_by_pose
+from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.torque_prediction import TorquePrediction, predict_torques
 from jointid.uncertainty.validation import (
     Prediction,
@@ -23,28 +24,22 @@ from jointid.verdict.rules_model import EXPLAINED
 from jointid.wording import significant, with_error
 
 
-@st.cache_resource(max_entries=64, show_spinner="Fitting half of the frequencies, predicting the other")
-def _predicted(digest: str, method: str, _analysis: Analysis) -> Prediction | TorquePrediction:
+def _predicted(page: Page, analysis: Analysis) -> Prediction | TorquePrediction:
     """H of one pose; of motions and several poses, which have no single H, the torques of the gears."""
-    study = _analysis.study
+    study, fit = analysis.study, analysis.fit
+    doing = "Fitting half of the frequencies, predicting the other"
     if study.motion_records or any(inertia is not study.inertias[0] for inertia in study.inertias):
-        return run_in_background(predict_torques, _analysis.fit)
-    return predict_left_out(_analysis.phasors, study.inertias[0], _analysis.fit)
-
-
-@st.cache_resource(max_entries=64, show_spinner="Fitting every pose alone")
-def _pose_fits(digest: str, method: str, _analysis: Analysis) -> PoseFits:
-    study = _analysis.study
-    poses = [record.pose for record in study.records]
-    return fits_by_pose(_analysis.phasors, study.inertias, poses, _analysis.fit)
+        return page.computed("prediction", doing, predict_torques, fit)
+    given = analysis.phasors, study.inertias[0], fit
+    return page.computed("prediction", doing, predict_left_out, *given)
 
 
 def show_prediction(page: Page, analysis: Analysis) -> None:
-    """Prediction of what is left out of the fit, or the reason why there is none."""
+    """Prediction of the records left out of the fit, or the reason for its absence."""
     if analysis.state == NOT_USABLE:
         return
     try:
-        prediction = _predicted(page.digest, page.method, analysis)
+        prediction = _predicted(page, analysis)
     except JointIdError as error:
         show_note(f"No prediction of records left out of the fit. {error}")
         return
@@ -57,12 +52,12 @@ def _sentence(prediction: Prediction | TorquePrediction) -> str:
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
     of = "the gears' torque" if isinstance(prediction, TorquePrediction) else "H"
-    text = f"within {apart} % of {of} (median), {times} × the stated errors"
+    text = f"within {apart} % of {of} (median), {times} × the standard errors"
     if prediction.misfit <= EXPLAINED:
-        return f"{text}; noise explains up to {limit}."
+        return f"{text}; up to {limit} is expected from noise."
     return (
-        f"{text}, where {limit} is the most that noise explains: the model lacks something, or these "
-        "records do not show all that the whole fit takes into account."
+        f"{text}; at most {limit} is expected from noise. The model lacks an effect, or these records "
+        "show less than the whole fit takes into account."
     )
 
 
@@ -70,14 +65,14 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
     """Prediction, residuals and harmonics; amplitudes when a study has several."""
     st.markdown("**Prediction of records left out of the fit**")
     try:
-        prediction = _predicted(page.digest, page.method, analysis)
+        prediction = _predicted(page, analysis)
     except JointIdError as error:
         show_info(error)
     else:
         st.caption(f"Fits to every second frequency predict the others {_sentence(prediction)}")
         if isinstance(prediction, Prediction):
             what = "Measured and predicted H over frequency, and their relative difference"
-            plot(left_out_prediction(prediction, dark=page.dark), what, key="left_out")
+            page.show("left_out", partial(left_out_prediction, prediction), what)
 
     st.markdown("**Residual of each record**")
     residuals = record_residuals(analysis.phasors, analysis.fit)
@@ -86,10 +81,8 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
         "Residual torque over its noise: about 1 when the model holds, seldom above 3. "
         f"Largest: {residuals.labels[record]}, joint {joint + 1}."
     )
-    plot(
-        normalised_residuals(residuals, dark=page.dark),
-        "Normalised residual of every record",
-        key="residuals",
+    page.show(
+        "residuals", partial(normalised_residuals, residuals), "Normalised residual of every record"
     )
     _show_harmonics(page, analysis)
     _show_amplitudes(analysis)
@@ -102,16 +95,17 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
         show_info(error)
         return
     st.markdown("**Harmonics of the torques**")
-    st.caption(
+    caption = (
         "A linear gear has no harmonics of the excitation. Odd harmonics indicate friction, even ones "
         "backlash or a one-sided load. Pale bars: within the noise."
     )
-    n, joints = analysis.fit.n, page.joints("harmonics_joint")
-    for j, place in zip(joints, side_by_side(len(joints)), strict=True):
-        with place:
-            st.markdown(f"Joint {j + 1}")
-            figure = harmonic_bars(content, n + j, analysis.phasors.labels, dark=page.dark)
-            plot(figure, f"Harmonics of the torque of joint {j + 1}", key=f"harmonics{j}")
+    n, labels = analysis.fit.n, analysis.phasors.labels
+    page.show_per_joint(
+        "harmonics",
+        lambda j, dark: harmonic_bars(content, n + j, labels, dark=dark),
+        "Harmonics of the torque of joint {0}",
+        caption=caption,
+    )
 
 
 def _show_amplitudes(analysis: Analysis) -> None:
@@ -130,8 +124,10 @@ def _show_amplitudes(analysis: Analysis) -> None:
 
 def show_poses(page: Page, analysis: Analysis) -> None:
     """K and D of each pose alone: they should not depend on it."""
+    poses = [record.pose for record in page.study.records]
+    given = analysis.phasors, page.study.inertias, poses, analysis.fit
     try:
-        fits = _pose_fits(page.digest, page.method, analysis)
+        fits = page.computed("poses", "Fitting every pose alone", fits_by_pose, *given)
     except JointIdError as error:
         show_info(error)
         return

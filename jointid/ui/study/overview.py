@@ -10,7 +10,7 @@ from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
 from jointid.answer import ERROR_BARS, Quantity, change_from, without
 from jointid.files.study_files import pack_study
 from jointid.ui.shared.charts import download
-from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.ui.shared.markdown_escape import markdown_escape, unbroken
 from jointid.ui.shared.messages import show_note, show_text_table
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.ui.shared.page import Page
@@ -49,7 +49,7 @@ def show_headline(analysis: Analysis, page: Page | None = None) -> None:
             _finding(page, analysis, analysis.findings[0], lead)
         return
     st.markdown(f":{_STATE_COLOURS[analysis.state]}-badge[{analysis.state.capitalize()}]")
-    st.header(analysis.headline, anchor=False)
+    st.header(unbroken(analysis.headline), anchor=False)
     if analysis.caution:
         show_note(analysis.caution)
     if analysis.unit.is_default and str(st.session_state.get("unit")).endswith("joint"):
@@ -82,9 +82,10 @@ def show_bands(analysis: Analysis) -> None:
         if own.size:
             origin = "chosen from its spectrum" if record.band_hz is None else "as stated"
             low, high = significant(own.min(), 3), significant(own.max(), 3)
-            bands.append(f"{markdown_escape(name)} {low}–{high} Hz, {origin}")
+            bands.append(f"{markdown_escape(name)}: {low}–{high} Hz, {origin}")
     if bands:
-        st.caption("Band of the motions: " + "; ".join(bands) + ". Set band_hz to change it.")
+        how = "To change it, set band_hz of the record in study.toml."
+        st.caption(f"Band of the motions: {'; '.join(bands)}. {how}")
 
 
 def _values_table(analysis: Analysis, found: Sequence[Quantity]) -> dict[str, list[str]]:
@@ -105,7 +106,7 @@ def _nominal(analysis: Analysis, found: Quantity, k: int) -> str:
         return ""
     reference = float(analysis.nominal[k])
     change = f" ({change_from(found.value, found.error, reference)})" if reference > 0 else ""
-    return plain(float(f"{reference:.5g}")) + change
+    return unbroken(plain(float(f"{reference:.5g}")) + change)
 
 
 def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
@@ -169,6 +170,5 @@ def show_steps(study: Study) -> None:
         "Save this study (.zip)",
         lambda: pack_study(study),
         f"{file_stem(study.name)}.zip",
-        "application/zip",
         hint="study.toml and one CSV table per record: readable without this software.",
     )

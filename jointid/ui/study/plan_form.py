@@ -168,7 +168,16 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     """
     st.write("Change the records, add some, or delete some; the table shows the expected accuracy.")
     plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
-    errors = _predicted(page.digest, page.method, pose, content(plan), plan, analysis)
+    errors = page.computed(
+        ("own plan", pose, content(plan)),
+        "Predicting the errors",
+        predict_standard_errors,
+        plan,
+        analysis.phasors,
+        analysis.study.inertias,
+        analysis.fit,
+        planned_inertia=pose_inertia(analysis, pose),
+    )
     show_text_table(predicted_table(errors, analysis))
     st.caption(
         f"K and D {analysis.unit.side}. This plan alone: as if its records were the whole study. Both "
@@ -227,25 +236,6 @@ def content(plan: PlannedRecords) -> tuple[float, ...]:
     """All numbers of a plan, as a key of what depends on it."""
     parts = (plan.frequency_hz, plan.duration_s, plan.torque_Nm.real, plan.torque_Nm.imag)
     return tuple(np.concatenate([part.ravel() for part in parts]).tolist())
-
-
-@st.cache_resource(max_entries=64, show_spinner=False)
-def _predicted(
-    digest: str,
-    method: str,
-    pose: str,
-    content: tuple[float, ...],
-    _plan: PlannedRecords,
-    _analysis: Analysis,
-) -> PredictedErrors:
-    return run_in_background(
-        predict_standard_errors,
-        _plan,
-        _analysis.phasors,
-        _analysis.study.inertias,
-        _analysis.fit,
-        planned_inertia=pose_inertia(_analysis, pose),
-    )
 
 
 def predicted_table(errors: PredictedErrors, analysis: Analysis) -> Table:

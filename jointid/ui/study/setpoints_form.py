@@ -8,9 +8,8 @@ from jointid import Analysis
 from jointid.setpoints.files import FORMATS, set_points
 from jointid.setpoints.from_plan import KINDS, planned_experiment
 from jointid.setpoints.limit_check import check_table, require_within_limits
-from jointid.setpoints.played import PlayedExperiment, play
+from jointid.setpoints.played import play
 from jointid.setpoints.robot_limits import RobotLimits
-from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import download, table
 from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
 from jointid.ui.shared.page import Page
@@ -20,7 +19,11 @@ from jointid.uncertainty.plan import PlannedRecords
 from jointid.wording import file_stem
 
 _LIMITS = {
-    "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
+    "gear_ratio": (
+        "Gear ratios",
+        "100, 90",
+        "Motor turns per joint turn, negative if they turn in opposite directions.",
+    ),
     "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As displayed by the robot."),
     "lower_deg": ("Lowest positions (°)", "-170, -60", ""),
     "upper_deg": ("Highest positions (°)", "170, 60", ""),
@@ -31,16 +34,16 @@ _LIMITS = {
     "axes": (
         "Axes of the robot",
         "1, 2",
-        "Axes that are the joints of the study; empty: the first.",
+        "Axes that are the joints of the study; empty: the first axes.",
     ),
 }
-_SUPERPOSED = "Avoids stiction; every record then runs forward and back."
+_SUPERPOSED = "Avoids sticking at reversals; every record then runs forward and back."
 _OPTIONAL = ("load_Nm", "axes")
 _NUMBERS: dict[str, tuple[Any, ...]] = {
     "scale": ("Scale of the motion", 1.0, (0.001, 100.0)),
     "repeats": ("Repeats", 1, (1, 100)),
     "ramp": ("Ramps (s)", 0.5, (0.05, 10.0)),
-    "rest": ("Rest between (s)", 1.0, (0.1, 60.0)),
+    "rest": ("Rest between records (s)", 1.0, (0.1, 60.0)),
 }
 """Label, default and limits of each number."""
 _KINDS = dict(zip(("Sines", "Multisine", "Sweeps"), KINDS, strict=True))
@@ -97,7 +100,16 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     drift = tuple(robot.motor_velocity(numbers_in("Superposed velocities", superposed)).tolist())
     settings = {"kind": _KINDS[kind], "scale": scale, "repeats": repeats, "ramp_s": ramp_s}
     settings |= {"rest_s": rest_s, "velocity_rad_s": drift}
-    played = _played(page.digest, page.method, pose, content(plan), settings, plan, analysis)
+    inertia, fit = analysis.inertia(pose), analysis.fit
+    played = page.computed(
+        ("played", pose, content(plan), *settings.values()),
+        "Running on the simulated robot",
+        play,
+        planned_experiment(plan, inertia, fit.elasticity, **settings),
+        inertia,
+        fit.elasticity,
+        friction=fit.friction,
+    )
     (interval_ms,) = numbers_in("Interval", interval, count=1) if interval.strip() else (None,)
     points = set_points(played, robot, file_format, interval_ms=interval_ms, study=analysis.study.name)
     table(check_table(points.rows))
@@ -109,25 +121,10 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     require_within_limits(points.rows, points.scale)
     chosen = FORMATS[file_format]
     name = f"{file_stem(analysis.study.name)}_set_points{chosen.ending}"
-    download(f"Save the set points ({chosen.title})", lambda: points.text().encode(), name, "text/plain")
+    download(f"Save the set points ({chosen.title})", points.text, name)
     with st.expander("Header of the file"):
         st.code("\n".join(points.comments), language=None, height=360)
 
 
 def _title(name: str) -> str:
     return FORMATS[name].title
-
-
-@st.cache_resource(max_entries=4, show_spinner="Playing on the simulated robot")
-def _played(
-    digest: str,
-    method: str,
-    pose: str,
-    content: tuple[float, ...],
-    settings: dict[str, Any],
-    _plan: PlannedRecords,
-    _analysis: Analysis,
-) -> PlayedExperiment:
-    fit, inertia = _analysis.fit, _analysis.inertia(pose)
-    experiment = planned_experiment(_plan, inertia, fit.elasticity, **settings)
-    return run_in_background(play, experiment, inertia, fit.elasticity, friction=fit.friction)

@@ -42,8 +42,8 @@ _RECORDS = {
 }
 _COUNT_HELP = "Number of sines. Other motions: one record per joint, at least two."
 _M2_HELP = (
-    "On the diagonal each joint's own inertia, off it the coupling inertia: how much torque one joint "
-    "needs because the other accelerates. Motor side: divided by both gear ratios."
+    "On the diagonal each joint's own inertia, off it the coupling inertia: torque on one joint per "
+    "acceleration of another. Motor side: divided by both gear ratios."
 )
 _WRONG_HELP = (
     "The given inertias differ from the robot's by this much, each up or down at random; the fit must "
@@ -78,7 +78,7 @@ _EXPERIMENTS: dict[str, tuple[Any, ...]] = {
 """Label, default, limits and explanation of each number."""
 _LAWS = {
     "cubic": ("Cubic stiffness (N·m/rad³)", "Torque c δ³ in addition to K δ: the gear hardens."),
-    "backlash_rad": ("Backlash (rad)", "Total play, seen from the motor."),
+    "backlash_rad": ("Backlash (rad)", "Total angle between the flanks, seen from the motor."),
     "hysteresis_Nm": ("Hysteresis (N·m)", "Half the height of the loop (Dahl model)."),
     "presliding_rad": ("Presliding (rad)", "Hysteresis over the initial slope of its loop."),
     "K2": ("K2 (N·m/rad)", "Slope beyond the torque T1; 0: no change of slope."),

@@ -10,7 +10,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, require_few_values
-from jointid.importing.read.clocks import Signal, tables_of_signals
+from jointid.importing.read.array_tables import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_matches
 from jointid.importing.read.text.tables import columns_of
 
@@ -71,7 +71,7 @@ def _floats(file: str, name: str, text: str) -> Floats:
         return np.array([float(words.get(cell.lower(), cell)) for cell in cells])
     except ValueError as error:
         raise JointIdError(
-            f"{file}: {name:.100} holds a value that is no number ({error!s:.80})."
+            f"{file}: {name:.100} holds a value that is not a number ({error!s:.80})."
         ) from error
 
 

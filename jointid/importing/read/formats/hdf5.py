@@ -15,8 +15,7 @@ from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.read.array_tables import NamedArray, tables_of
 from jointid.importing.read.formats.matlab import scope_arrays
-from jointid.importing.read.optional_imports import import_optional
-from jointid.importing.read.reader import Reader
+from jointid.importing.read.reader import Reader, import_optional
 from jointid.wording import listed
 
 _DEEPEST = 8
@@ -131,7 +130,7 @@ class _Reader:
 
 
 def _own_object(h5py: Any, file: str, group: Any, key: Any) -> Any:
-    """Object that a group holds under a name (bytes where it is no UTF-8), or that a reference leads to.
+    """Object that a group holds under a name (bytes if not UTF-8), or that a reference leads to.
 
     None where there is nothing, or a soft link: a second name of an object that the file holds under
     another name, or a way through an external link. Raises JointIdError when it is a link to another
