@@ -10,6 +10,8 @@ from types import MappingProxyType
 import numpy as np
 
 from jointid.answer import AT_MOTOR, Quantity, StiffnessUnit, answer_sentence, elasticity_quantities
+from jointid.arm_side.fit import ArmSideFit
+from jointid.arm_side.identify import identify_arm_side
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
@@ -19,6 +21,7 @@ from jointid.estimation.identify_motion import identify_motion
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors, extract_phasors, no_phasors
 from jointid.records import require_torques
+from jointid.robot_models.model import RobotModel
 from jointid.small_matrices import one_thread
 from jointid.study import Study
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
@@ -179,6 +182,35 @@ def _analyse(study: Study, method: str) -> Analysis:
     )
 
 
+def analyse_arm_side(study: Study, robot: RobotModel | None = None) -> ArmSideFit:
+    """Identify K of the joints of a study with sensors behind their gears.
+
+    Parameters
+    ----------
+    study : Study
+    robot : RobotModel, optional
+        By default that of the study; gear ratios that it lacks are those of the study.
+
+    Raises
+    ------
+    JointIdError
+        When the study has no such sensor or no robot model, or see ``identify_arm_side``.
+    """
+    records, robot = study.motion_records, study.robot_model if robot is None else robot
+    if all(record.arm_rad is None for record in records):
+        raise JointIdError(
+            "No record has a sensor behind a gear: give columns theta_a1_rad …, or use analyse."
+        )
+    if robot is None:
+        raise JointIdError(
+            "Sensors behind the gears need the robot's model: give a file .urdf, .xml (MJCF) or .toml "
+            "(Denavit-Hartenberg), or state [robot_model] in study.toml."
+        )
+    if study.gear_ratio is not None and not np.isfinite(robot.coupling).all():
+        robot = replace(robot, coupling=np.diag(1 / study.gear_ratio))
+    return identify_arm_side(records, robot)
+
+
 def _fits_with_motion(study: Study, phasors: Phasors, method: str) -> dict[str, ElasticityFit]:
     """The fit of all records together, and linear fits of the sines where they allow them."""
     require_method(method)
@@ -198,8 +230,8 @@ def _fits_with_motion(study: Study, phasors: Phasors, method: str) -> dict[str, 
         if all(record.arm_rad is None for record in study.motion_records):
             raise
         raise JointIdError(
-            f"{error} These records also have sensors behind the gears, which are evaluated in Python: "
-            "jointid.identify_arm_side(study.records, robot)."
+            f"{error} These records also have sensors behind the gears, which give K of the joints with "
+            "the robot's model: jointid arm-side STUDY --robot FILE."
         ) from error
     with suppress(JointIdError):  # a sine or two beside the motions need not determine K and D
         fits |= identify_each(phasors, study.sine_prior, LINEAR) if phasors.omega.size else {}

@@ -4,7 +4,7 @@ import streamlit as st
 
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.elasticity_figures import figures
+from jointid.ui.study.elasticity_figures import figures, show_arm_side
 from jointid.ui.study.estimates import show_estimates, show_fitted_model, show_matrix
 from jointid.ui.study.model_check import show_model_holds, show_poses, show_prediction
 from jointid.ui.study.overview import show_bands, show_headline, show_tiles
@@ -20,6 +20,7 @@ page = open_page(
     "The inertias and the motor data give the deflection of each gear and the torque through it. Their "
     "ratio is the dynamic stiffness K + iωD.",
 )
+show_arm_side(page)
 analysis = page.analysis()
 show_headline(analysis)
 show_tiles(analysis)

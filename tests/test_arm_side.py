@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from app_pages import ELASTICITY, opened_app, shown, upload
 from examples import tries
+from typer.testing import CliRunner
 
 from jointid import (
     ArmSideFit,
     Inertia,
     JointIdError,
     MotionRecord,
+    Study,
     identify_arm_side,
     load_study,
     save_study,
 )
+from jointid.analysis import analyse_arm_side
 from jointid.arm_side.band_limited import GaussianFilter
 from jointid.arm_side.mixed_model import Estimate
+from jointid.cli import app
 from jointid.importing import apply_mapping, find_runs, guess_mapping, read_log, study_from_logs
 from tests.arm_side_robot import ARC_SECOND, ROBOT, SENSORS, Truth, motion_record
 
@@ -183,3 +189,46 @@ def test_a_log_with_sensors_behind_the_gears(tmp_path: Path) -> None:
     assert isinstance(saved, MotionRecord)
     for name in ("time_s", "theta_rad", "tau_Nm", "arm_rad"):
         np.testing.assert_allclose(getattr(saved, name), getattr(record(), name), atol=1e-9)
+
+
+def own_study(*, model: bool) -> Study:
+    """The record with a robot's model, or with gear ratios only."""
+    inertia = ROBOT.inertia(np.deg2rad([5, -20, 15, 10, 30, 0]))
+    given = {"robot_model": ROBOT} if model else {"gear_ratio": ROBOT.gear_ratio}
+    return Study([record()], inertia, **given)
+
+
+def test_the_command_prints_stiffness_and_skew(tmp_path: Path) -> None:
+    save_study(own_study(model=False), tmp_path / "study.zip")
+    (tmp_path / "robot.toml").write_bytes(ROBOT.source[1])
+    run = ["arm-side", str(tmp_path / "study.zip")]
+    refused = CliRunner().invoke(app, run)
+    assert refused.exit_code == 1
+    assert "robot's model" in refused.stderr
+    found = CliRunner().invoke(app, [*run, "--robot", str(tmp_path / "robot.toml"), "--json"])
+    document = json.loads(found.stdout)
+    np.testing.assert_allclose(document["K"][:SENSORS], fit().K[:SENSORS], rtol=1e-3)
+    assert document["K"][SENSORS:] == [None] * 3
+    assert "sensor" in document["reasons"][SENSORS]
+    table = CliRunner().invoke(app, [*run, "--robot", str(tmp_path / "robot.toml")])
+    assert fit().table["K at the joint (N·m/rad)"][0] in table.stdout
+
+
+def test_without_a_sensor_there_is_nothing_to_evaluate() -> None:
+    study = replace(own_study(model=True), records=[replace(record(), arm_rad=None)])
+    with pytest.raises(JointIdError, match="No record has a sensor"):
+        analyse_arm_side(study)
+
+
+def test_gear_ratios_missing_in_the_model_are_those_of_the_study() -> None:
+    unknown = replace(ROBOT, coupling=np.full((6, 6), np.nan))
+    found = analyse_arm_side(own_study(model=False), unknown)
+    np.testing.assert_allclose(found.K[:SENSORS], fit().K[:SENSORS], rtol=1e-9)
+
+
+def test_the_page_shows_stiffness_also_where_motor_data_give_none() -> None:
+    at = upload(opened_app().run(), own_study(model=True))
+    at = shown(at.switch_page(ELASTICITY).run())
+    shown_K = next(t.value for t in at.table if "Note" in t.value)["K at the joint (N·m/rad)"]
+    assert list(shown_K) == fit().table["K at the joint (N·m/rad)"]
+    assert len(at.get("plotly_chart")) == 1

@@ -227,6 +227,20 @@ def test_a_play_of_a_sixth_of_the_deflection_is_found() -> None:
     assert [gear.backlash_rad for gear in gears] == pytest.approx([0.0138, 0.0465], rel=1e-3)
 
 
+@pytest.mark.long
+def test_a_wide_play_is_found_beside_friction() -> None:
+    """Friction of a fifth of the torque hides the play from a start without friction."""
+    robot = Robot(
+        M=[0.0006, 0.0006], M2=[[0.000562, -0.000052], [-0.000052, 0.000753]], K=[0.375, 11.47],
+        D=[0.0022, 0.0072], backlash_rad=[0.2325, 0.0076], coulomb=[0.0068, 0.012],
+    )  # fmt: skip
+    motions = paper_motions(robot, np.geomspace(1.5, 12, 7), noise=0.01, periods=4.5, max_step_s=2e-4)
+    (records,) = simulate([(robot, motions)])
+    fit = identify_elasticity(extract_phasors(records), Inertia(robot.M, robot.M2))
+    np.testing.assert_allclose(fit.K, robot.K, rtol=0.01)
+    assert [gear.backlash_rad for gear in fit.gears] == pytest.approx([0.2325, 0.0076], rel=0.02)
+
+
 def test_a_doubt_between_laws_asks_for_a_second_amplitude(stiffening: ElasticityFit) -> None:
     assert second_amplitude(stiffening) == ""
     best, *others = stiffening.candidates

@@ -75,7 +75,6 @@ class Average:
     beta: Floats
     covariance: Floats
     noise: float
-    weights: Floats
 
 
 def noise_of(
@@ -112,4 +111,4 @@ def average(data: Regression, groups: dict[str, slice], noise: float, scale: Sca
     mean = weights @ betas
     spread = np.einsum("m,mi,mj->ij", weights, betas - mean, betas - mean)
     within = np.einsum("m,mij->ij", weights, np.array([fit.covariance for fit in fits]))
-    return Average(mean, within + spread, noise, weights)
+    return Average(mean, within + spread, noise)

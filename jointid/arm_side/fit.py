@@ -11,6 +11,7 @@ from jointid.arrays import Floats
 from jointid.records import MotionRecord
 from jointid.robot_models.model import RobotModel
 from jointid.small_matrices import one_thread
+from jointid.wording import with_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,23 @@ class ArmSideFit:
     """Estimate of the payload's standardised parameters, shape (4,)."""
     payload_root: Floats
     """Square root of their covariance, shape (4, 4)."""
+
+    @property
+    def table(self) -> dict[str, list[str]]:
+        """K with its standard error, skew and reason of refusal of every joint, as text."""
+        known = np.isfinite(self.K)
+        pairs = {
+            "K at the joint (N·m/rad)": (self.K, self.standard_error, known),
+            "Skew of the sensor (ms)": (1e3 * self.skew_s, 1e3 * self.skew_error_s, known),
+        }
+        cells = {
+            name: [
+                with_error(float(v), float(e)) if k else "–"
+                for v, e, k in zip(value, error, given, strict=True)
+            ]
+            for name, (value, error, given) in pairs.items()
+        }
+        return {"Joint": [f"{j + 1}" for j in range(self.K.size)]} | cells | {"Note": [*self.reasons]}
 
     def predict(self, record: MotionRecord) -> Floats:
         """Deflection motor/N − arm of another record, shape (N, n), rad; NaN without a fit.

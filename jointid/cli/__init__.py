@@ -9,7 +9,7 @@ try:
     from jointid.cli.convert import convert
     from jointid.cli.cut import cut
     from jointid.cli.export import export
-    from jointid.cli.identify import identify
+    from jointid.cli.identify import arm_side, identify
     from jointid.cli.plan import plan
     from jointid.cli.program import Command, app
     from jointid.cli.report import report
@@ -21,6 +21,6 @@ except KeyboardInterrupt:  # during the imports
 
 __all__ = ["app"]
 
-for _command in (identify, simulate, cut, report, export, plan, setpoints, convert, batch):
+for _command in (identify, simulate, cut, report, export, plan, setpoints, convert, arm_side, batch):
     app.command(cls=Command)(_command)
 app.command(name="app", cls=Command)(start_app)

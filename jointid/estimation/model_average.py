@@ -9,10 +9,10 @@ import numpy as np
 from scipy.special import chdtri, log_ndtr, ndtri_exp
 
 from jointid.arrays import Floats
-from jointid.estimation.candidates import Fits, Model
+from jointid.estimation.candidates import CHANCE, EXPLAINED, Fits, Model, fundamental_chance
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
-from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, Parameters
+from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.problem import LOWEST_LINK
 from jointid.estimation.estimators.score_tests import Score
 
@@ -42,9 +42,13 @@ def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[s
     out (Occam's window; Madigan and Raftery, Journal of the American Statistical Association 89,
     1994). A part that was not fitted counts in full where its score is nearly significant, sooner
     where it would move K or D far: with uncertain inertias, a part that the records hardly show may.
+    One that was fitted to a model that is not exact at the fundamentals, with free reversals for
+    instance, may explain what the model lacks there: the model without it counts in full.
     """
     criterion, shifts, misfit = fits.criterion(), [], max(1.0, found.misfit)
     sigma = np.sqrt(np.diag(found.elasticity_covariance))
+    inexact = fundamental_chance(found) < CHANCE
+    extra = set(best.effects).difference(GEAR_LAWS)
 
     def is_doubtful(gain: float, count: int, shift: Floats) -> bool:
         doubt = _DOUBT_IF_FAR if np.any(np.abs(shift) > _FAR_OFF * sigma) else _DOUBT
@@ -60,6 +64,8 @@ def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[s
             gain, count = found.whole_cost(misfit) - estimate.whole_cost(misfit), estimate.p.size
             shift = estimate.elasticity - found.elasticity
             weight = max(weight, float(is_doubtful(gain, count - found.p.size, shift)))
+        if inexact and estimate.misfit < EXPLAINED and any(best.without(e) == model for e in extra):
+            weight = 1.0
         shifts.append((weight, estimate.elasticity - found.elasticity))
     for part, score in scores.items():
         gain, shift = score.possible

@@ -164,7 +164,8 @@ def _fit_first(search: Search) -> None:
             search.fit(base.with_part("delay"), start)
         if search.is_lost and "friction" in fits.optional and rubbing not in fits.tried:
             search.fit(rubbing, start)
-    rubs = NEEDED * fits.least_misfit < fits.misfit(base) < np.inf
+    plain = fits.misfit(base if base in fits.tried else rubbing)  # motors stick
+    rubs = NEEDED * fits.least_misfit < plain < np.inf
     laws = []
     if not rubs and not search.has_motions:
         laws += [(base, law, with_play if law == "backlash" else by_motion) for law in _FAR_LAWS]

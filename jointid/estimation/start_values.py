@@ -18,7 +18,7 @@ from jointid.estimation.estimators.parameters import Block, ParameterLayout, Par
 from jointid.joints import motor_impedance
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors
-from jointid.phasors.periods import samples_of
+from jointid.phasors.periods import phasors_of, samples_of
 
 _LEAST_SHARE = 1e-3
 """Least eigenvalue of M2 with unit diagonal."""
@@ -122,21 +122,26 @@ def with_delay(p: Parameters) -> Parameters:
 
 
 def with_play(phasors: Phasors, prior: InertiaPrior) -> Parameters:
-    """K, D and play by regression of the deflection on the torque, its sign and the speed.
+    """K, D, play and Coulomb friction by regression of the deflection on torque, its sign and speed.
 
-    A record counts by the inverse of what errors of the given inertias make of its deflection.
+    Friction of the motor changes the torque and, by the arm's compliance, the deflection that follows
+    from it. A record counts by the inverse of what errors of the given inertias make of its deflection.
     """
     n, z = phasors.n, phasors.harmonics
     s = 1j * phasors.omega[:, None, None] * np.arange(1, z.shape[1] + 1)[:, None]
     rotor = s * s * prior.M[prior.rotor, None] * z[..., :n]
     torque = z[..., n:] - rotor
-    arm = np.linalg.solve(prior.M2[prior.pose, None], torque[..., None])[..., 0] / (s * s)
+    compliance = np.linalg.inv(prior.M2[prior.pose, None])
+    arm = (compliance @ torque[..., None])[..., 0] / (s * s)
     delta = z[..., :n] - arm
-    waves = samples_of(np.stack([torque, delta, s * delta, arm, rotor]).swapaxes(2, 3), _POINTS)
-    found = np.zeros((3, n))
+    sign = np.sign(samples_of((s * z[..., :n]).swapaxes(1, 2), _POINTS))
+    own = np.diagonal(compliance, axis1=2, axis2=3) / (s * s)
+    moved = own * phasors_of(sign, z.shape[1]).swapaxes(1, 2)
+    waves = samples_of(np.stack([torque, delta, s * delta, moved, arm, rotor]).swapaxes(2, 3), _POINTS)
+    found = np.zeros((5, n))
     for j in range(n):
-        f, y, rate, *given = waves[:, :, j]
-        columns = np.stack([f, np.sign(f), rate])
+        f, y, rate, shift, *given = waves[:, :, j]
+        columns = np.stack([f, np.sign(f), rate, -shift, sign[:, j]])
         size = np.maximum(np.abs(f).max(axis=1, keepdims=True), _LEAST)
         spread = [np.maximum(v.std(axis=1), _LEAST) for v in (f, y, *given)]
         doubt = np.hypot(spread[2], spread[3] * spread[1] / spread[0])
@@ -144,12 +149,13 @@ def with_play(phasors: Phasors, prior: InertiaPrior) -> Parameters:
         total = np.maximum(weight.sum(axis=1, keepdims=True), _LEAST)
         y, columns = (v - (weight * v).sum(axis=-1, keepdims=True) / total for v in (y, columns))
         unit = np.maximum(np.abs(columns).max(axis=(1, 2)), _LEAST)
-        rows = (weight * columns).reshape(3, -1) / unit[:, None]
+        rows = (weight * columns).reshape(len(columns), -1) / unit[:, None]
         found[:, j] = np.linalg.lstsq(rows.T, (weight * y).ravel())[0] / unit
-    compliance = np.maximum(np.abs(found[0]), _LEAST)
-    layout = ParameterLayout.of(n, effects=["backlash"])
-    values = {"K": 1 / compliance, "backlash": 2 * found[1], "D": np.abs(found[2]) / compliance}
-    return layout.named(layout.pack(**values))
+    soft = np.maximum(np.abs(found[0]), _LEAST)
+    layout = ParameterLayout.of(n, friction=True, effects=["backlash"])
+    values = {"K": 1 / soft, "backlash": 2 * found[1], "D": np.abs(found[2]) / soft}
+    rubs = {"coulomb": np.maximum(found[3], 0.0), "viscous": np.zeros(n)}
+    return layout.named(layout.pack(**values, **rubs))
 
 
 def without_inertias(phasors: Phasors, prior: InertiaPrior) -> Parameters | None:

@@ -10,6 +10,7 @@ from .springs import unexplained_torque as unexplained_torque
 from .torsion import stiffness_over_amplitude as stiffness_over_amplitude
 from .torsion import torsion_curve as torsion_curve
 from .waveforms import coherences as coherences
+from .waveforms import gear_deflection as gear_deflection
 from .waveforms import raw_columns as raw_columns
 from .waveforms import spectra as spectra
 from .waveforms import waveforms as waveforms

@@ -96,6 +96,34 @@ def waveforms(
     return figure(traces, linear_axis("Time (s)"), *axes, height=430, dark=dark, shapes=shapes)
 
 
+def gear_deflection(
+    time_s: Floats, measured_rad: Floats, fitted_rad: Floats, *, dark: bool = False
+) -> go.Figure:
+    """Deflection of one gear between its two encoders, measured and fitted, and their difference.
+
+    All shape (N,); one constant offset is not observable and is removed.
+    """
+    ink, middle = colours(dark), float(np.mean(measured_rad))
+    curves = [
+        ("measured", 1e3 * (measured_rad - middle), ink.measured, "y1"),
+        ("fitted", 1e3 * (fitted_rad - middle), ink.identified, "y1"),
+        ("measured − fitted", 1e3 * (measured_rad - fitted_rad), ink.quiet, "y2"),
+    ]
+    style: Trace = {"xaxis": "x", "line": {"width": 1.2}}
+    style["hovertemplate"] = "%{x:.4f} s<br>%{y:.4g} mrad"
+    traces = [
+        line(*thinned(time_s, y), name, colour, yaxis=axis, **style) for name, y, colour, axis in curves
+    ]
+    return figure(
+        traces,
+        height=430,
+        dark=dark,
+        xaxis=linear_axis("Time (s)", anchor="y2"),
+        yaxis=linear_axis("Deflection (mrad)", domain=[0.4, 1.0]),
+        yaxis2=linear_axis("Difference (mrad)", domain=[0.0, 0.32]),
+    )
+
+
 def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure:
     """Amplitude spectra of angle and torque of one joint.
 

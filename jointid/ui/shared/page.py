@@ -14,7 +14,7 @@ from jointid.figures.style import colours
 from jointid.ui.shared.background import awaited, note_session
 from jointid.ui.shared.charts import choose_segment, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import show_error
-from jointid.ui.shared.method_steps import IMPORT, RECORDS, SIMULATE
+from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.refused_file import show_refused
 from jointid.ui.shared.results import result_cache
 from jointid.ui.shared.sidebar import choose_study
@@ -71,6 +71,9 @@ class Page:
             found = self.analysed()
         except JointIdError as error:
             _show_problem(error)
+            if any(record.arm_rad is not None for record in self.study.motion_records):
+                st.write("The sensors behind the gears give K of the joints:")
+                st.page_link(ELASTICITY.path, label=ELASTICITY.name)
             st.stop()
         at_motor = self.study.gear_ratios is None and self.unit.endswith("joint")
         return found if at_motor else found.shown_in(self.unit)
