@@ -33,7 +33,7 @@ from log_makers import (
 from jointid import JointIdError
 from jointid.arrays import Floats
 from jointid.background.child_process import Limits
-from jointid.importing import LogTable, read_log, read_logs
+from jointid.importing import LogColumn, LogTable, read_log, read_logs
 from jointid.importing.columns import log_table
 from jointid.importing.columns.units import split_unit
 from jointid.importing.read import reader
@@ -493,3 +493,10 @@ def test_time_of_a_group_above_belongs_to_the_groups_below(tmp_path: Path) -> No
     np.testing.assert_array_equal(tables["log.h5: motor"].column("time").values, time)
     assert sorted(tables["log.h5: arm/log"].names) == ["q", "t"]
     assert tables["log.h5: short"].names == ("q", "tau")
+
+
+def test_a_table_has_a_row() -> None:
+    columns = [LogColumn(name, log_table.numbers([1.0])) for name in "ab"]
+    assert LogTable("log", tuple(columns)).rows == 1
+    with pytest.raises(JointIdError, match="columns but no rows"):
+        LogTable("log", tuple(LogColumn(name, log_table.numbers([])) for name in "ab"))

@@ -43,10 +43,13 @@ class MappedLog:
                 "expected (N,), (N, n) and (N, n)."
             )
         steps = np.diff(time)
-        if time.size < 2 or steps.min() <= 0:
-            raise JointIdError(
-                f"time_s{_fault(time)}: give two times or more, each above the one before."
-            )
+        late = np.flatnonzero(steps <= 0)
+        if time.size < 2 or late.size:
+            fault = f"has {counted(time.size, 'value')}"
+            if late.size:
+                before, after = time[late[0] : late[0] + 2]
+                fault = f"goes from {before:.12g} s to {after:.12g} s at index {late[0] + 1}"
+            raise JointIdError(f"time_s {fault}: give two times or more, each above the one before.")
         for name, value in (("time_s", time), ("theta_rad", theta), ("tau_Nm", tau)):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "interval_s", float(np.median(steps)))
@@ -63,14 +66,6 @@ class MappedLog:
             int(np.searchsorted(self.time_s, start_s - tolerance)),
             int(np.searchsorted(self.time_s, stop_s + tolerance, side="right")),
         )
-
-
-def _fault(time: Floats) -> str:
-    """Place where times do not increase."""
-    late = np.flatnonzero(np.diff(time) <= 0)
-    if not late.size:
-        return f" has {counted(time.size, 'value')}"
-    return f" goes from {time[late[0]]:.12g} s to {time[late[0] + 1]:.12g} s at index {late[0] + 1}"
 
 
 def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:

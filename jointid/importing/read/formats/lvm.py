@@ -7,7 +7,7 @@ import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first
-from jointid.importing.read.array_tables import Signal, tables_of_signals
+from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_matches
 from jointid.importing.read.text.tables import columns_of
 
@@ -37,7 +37,11 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         header = header[starts[-1] :] if starts else header
         rows = [line for line in rows[: ends[0] if ends else None] if line.strip()]
         signals = _segment(where, header, rows, separator, decimal, x_columns)
-        if signals and runs and _goes_on(runs[-1][-1], signals):
+        before_it = runs[-1][-1] if signals and runs else []
+        follows = [s.name for s in before_it] == [s.name for s in signals] and all(
+            b.time_s[0] > a.time_s[-1] for a, b in zip(before_it, signals, strict=True)
+        )
+        if signals and follows:
             runs[-1].append(signals)
         elif signals:
             runs.append([signals])
@@ -51,13 +55,6 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     if not tables:
         raise JointIdError(f"{file} holds no samples: export the measurement again.")
     return most_first(file, tables) if len(runs) > 1 else tuple(tables)
-
-
-def _goes_on(before: list[Signal], after: list[Signal]) -> bool:
-    """Whether the samples of a segment follow those of the one before, of the same channels."""
-    return [s.name for s in before] == [s.name for s in after] and all(
-        b.time_s[0] > a.time_s[-1] for a, b in zip(before, after, strict=True)
-    )
 
 
 def _joined(run: list[list[Signal]]) -> list[Signal]:

@@ -17,7 +17,7 @@ from jointid.importing.columns.log_table import (
     numbers,
     require_few_values,
 )
-from jointid.importing.read.array_tables import Signal, tables_of_signals
+from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, begins_with, import_optional
 from jointid.wording import listed
 

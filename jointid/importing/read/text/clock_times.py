@@ -133,11 +133,7 @@ def _day_number(date: str, order: str) -> int:
     else:
         month, day, year = parts
     full = int(year) + (2000 if len(year) == 2 else 0)
-    return datetime.date(full, _month(month), int(day)).toordinal()
-
-
-def _month(text: str) -> int:
-    if text.isdigit():
-        return int(text)
-    plain = unicodedata.normalize("NFKD", text.lower())
-    return _MONTHS["".join(c for c in plain if not unicodedata.combining(c))]
+    if not month.isdigit():
+        plain = unicodedata.normalize("NFKD", month.lower())
+        month = str(_MONTHS["".join(c for c in plain if not unicodedata.combining(c))])
+    return datetime.date(full, int(month), int(day)).toordinal()

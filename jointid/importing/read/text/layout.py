@@ -117,7 +117,10 @@ def find_layout(file: str, text: str) -> TextLayout:
     Raises JointIdError when no separator gives at least two columns of numbers.
     """
     lines = _head_lines(file, text)
-    probes = _probe_lines(text)
+    probes: list[str] = []
+    if len(text) >= 2 * _SAMPLED:
+        for part in (text[len(text) // 2 :][:_PROBED], text[-_PROBED:]):
+            probes += part.split("\n")[1:-1]
     best: tuple[float, float] = (0.0, 0.0)
     found: tuple[str, str, str, int, int] | None = None
     head = "\n".join(lines)
@@ -191,14 +194,6 @@ def _head_lines(file: str, text: str) -> list[str]:
             )
         lines.pop()  # it may be cut
     return lines[:_SAMPLED_LINES]
-
-
-def _probe_lines(text: str) -> list[str]:
-    if len(text) < 2 * _SAMPLED:
-        return []
-    middle = text[len(text) // 2 :][:_PROBED].split("\n")[1:-1]
-    end = text[-_PROBED:].split("\n")[1:-1]
-    return middle + end
 
 
 def _body(cells: Sequence[list[str]], decimal: str, thousands: str) -> tuple[int, int] | None:
