@@ -331,7 +331,7 @@ class TestSimulating:
 
 
 def test_the_terms_of_a_page_are_explained_where_they_stand(app: AppTest) -> None:
-    at = opened(app, "pages/2_Phasors.py")
+    at = shown(app.switch_page("pages/2_Phasors.py").run())
     hint = at.markdown[0].proto.help
     assert "**Phasor**: " in hint
     assert "**Backlash**" not in hint
