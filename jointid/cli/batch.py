@@ -71,7 +71,9 @@ def batch(
             "--workers applies to this computer, --scheduler to a cluster: give one of them."
         )
     require_ending("--out", out, ".parquet", ".pq")
-    limits = Limits(time_s=timeout, memory_bytes=_bytes(memory))
+    if not 0 < memory < 1e6:
+        raise typer.BadParameter(f"--memory {memory:g}: expected a size in GiB, such as 4.")
+    limits = Limits(time_s=timeout, memory_bytes=int(memory * 2**30))
     count = [0, 0]
     try:
         if scheduler is not None:
@@ -119,12 +121,6 @@ def _quiet_dask() -> None:
     import_module("jointid.fleet.cluster")  # Dask sets its log levels on import
     for name in ("distributed", "distributed.client", "tornado.application", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-
-
-def _bytes(gib: float) -> int:
-    if not 0 < gib < 1e6:
-        raise typer.BadParameter(f"--memory {gib:g}: expected a size in GiB, such as 4.")
-    return int(gib * 2**30)
 
 
 def _document(summary: Summary) -> dict[str, Any]:

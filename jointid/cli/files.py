@@ -23,19 +23,15 @@ def loaded(path: Path) -> Study:
     """Read a study, or the sample of that name where no file or folder has it."""
     from jointid.files.study_files import load_study
 
-    is_name = len(path.parts) == 1 and not os.path.exists(path)
-    return load_study(_sample(path.name) if is_name else path)
-
-
-def _sample(name: str) -> Path:
-    samples = sample_studies()
-    try:
-        return samples[name.replace(" ", "_")]  # as the app shows it
-    except KeyError:
+    if len(path.parts) != 1 or os.path.exists(path):
+        return load_study(path)
+    samples, name = sample_studies(), path.name
+    if (sample := samples.get(name.replace(" ", "_"))) is None:  # spaces as the app shows it
         raise JointIdError(
             f"{name:.200}: nothing is there, and no sample has this name. Give a study's folder, that "
             f"folder as .zip, or a sample: {listed(samples)}.{nearest(name, samples)}"
-        ) from None
+        )
+    return load_study(sample)
 
 
 def analysed(path: Path, method: str, *, quiet: bool, **changes: Any) -> Analysis:

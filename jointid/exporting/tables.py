@@ -130,22 +130,16 @@ def modelica_table(found: Identification) -> str:
 
 def _law_tables(found: Identification) -> list[Floats]:
     """Deflection and torque of every gear, as many rows of each, shape (rows, 2)."""
-    grids = []
-    for gear in found.gears:
-        half, most = 0.5 * gear.backlash_rad, gear.tried_rad or _NOT_TRIED_RAD
-        kinks = np.array([half, *(half + knee for knee in knees(gear)[0])])
-        grids.append(np.unique(np.concatenate([most * np.linspace(-1, 1, _ROWS), -kinks, kinks])))
-        grids[-1] = grids[-1][np.abs(grids[-1]) <= most]
-    rows = max((grid.size for grid in grids), default=0)
-    for j, grid in enumerate(grids):
-        while grid.size < rows:
-            widest = int(np.argmax(np.diff(grid)))
-            grid = np.insert(grid, widest + 1, grid[widest : widest + 2].mean())
-        grids[j] = grid
-    usable = 1.0 if found.is_usable else np.nan
+    most = [gear.tried_rad or _NOT_TRIED_RAD for gear in found.gears]
+    shares = [np.linspace(-1, 1, _ROWS)]
+    for gear, range_rad in zip(found.gears, most, strict=True):
+        half = 0.5 * gear.backlash_rad
+        kinks = np.array([half, *(half + knee for knee in knees(gear)[0])]) / range_rad
+        shares += [-kinks[kinks <= 1], kinks[kinks <= 1]]
+    grid, usable = np.unique(np.concatenate(shares)), 1.0 if found.is_usable else np.nan
     return [
-        np.stack([grid, usable * gear.torque(grid)], axis=1)
-        for grid, gear in zip(grids, found.gears, strict=True)
+        np.stack([range_rad * grid, usable * gear.torque(range_rad * grid)], axis=1)
+        for gear, range_rad in zip(found.gears, most, strict=True)
     ]
 
 
