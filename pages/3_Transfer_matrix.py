@@ -2,6 +2,7 @@
 
 import streamlit as st
 
+from jointid.ui.shared.introduction import introduce
 from jointid.ui.shared.messages import show_warning
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.matrix_elements import (
@@ -14,13 +15,13 @@ from jointid.ui.study.matrix_elements import (
 page = open_page("Transfer matrix")
 n = page.study.inertia.n
 if n > 1:
-    st.write(
+    introduce(
         "A single record shows a motor's acceleration over its torque including the controllers of the "
         "other joints, which may add a resonance. Several records with different torques at the same "
         "frequency give the transfer matrix H of the robot alone."
     )
 else:
-    st.write(
+    introduce(
         "H is the motor's acceleration over its torque. With a single joint, every record gives H at "
         "its frequency."
     )

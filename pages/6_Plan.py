@@ -8,6 +8,7 @@ from jointid import JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import worst_error
 from jointid.ui.shared.charts import csv_of, download, table
+from jointid.ui.shared.introduction import introduce
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.motion_plan_form import show_motion_plan
@@ -31,7 +32,7 @@ if analysis.state == NOT_USABLE:
 if page.study.motion_records:  # the plan of sines needs the noise of sines
     show_motion_plan(page, analysis)
     st.stop()
-st.write(
+introduce(
     "Records that reduce the error bars most. The search covers frequencies and relative phases of the "
     "joints, at the largest motion within the limits. It takes the record that reduces the worst error "
     "most, then the next one. Any controller can produce them: only the motion counts."

@@ -330,3 +330,10 @@ class TestSimulating:
         assert len(at.error) == 1
         assert said in at.error[0].value
         assert at.text_input(key=f"sim_{field}").value == value
+
+
+def test_the_terms_of_a_page_are_explained_where_they_stand(app: AppTest) -> None:
+    at = shown(app.switch_page("pages/2_Phasors.py").run())
+    hint = at.markdown[0].proto.help
+    assert "**Phasor**: " in hint
+    assert "**Backlash**" not in hint

@@ -35,8 +35,8 @@ from jointid.ui.cut import cached_cuts as cut_cached
 from jointid.ui.cut.animation import animation_data, tracks
 from jointid.ui.cut.pictures import cut_drawing
 from jointid.ui.cut.settings import CutSettings, usual
-from jointid.ui.shared.estimators import DEFAULT_METHOD
 from jointid.ui.shared.page import Page
+from jointid.ui.shared.sidebar import DEFAULT_METHOD
 
 PAGE = "pages/5_Cut.py"
 COVARIANCE = np.diag([0.43, 0.075, 0.002, 0.0003]) ** 2

@@ -13,6 +13,7 @@ from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_pha
 from jointid.figures.style import colours
 from jointid.ui.shared.background import awaited, note_session
 from jointid.ui.shared.charts import choose_segment, is_dark, plot, side_by_side
+from jointid.ui.shared.introduction import introduce
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.refused_file import show_refused
@@ -199,13 +200,18 @@ def _figure(digest: str, shown: tuple[str, str, bool], what: str, _draw: Callabl
     return _draw(dark=shown[2])
 
 
-def start(title: str, introduction: str) -> None:
+def start(title: str, introduction: str = "") -> None:
     """Begin a page that needs no study, with its sidebar and heading."""
     _set_up(title)
     choose_study()
     show_refused()
+    _show_heading(title, introduction)
+
+
+def _show_heading(title: str, introduction: str) -> None:
     st.title(title, anchor=False)
-    st.write(introduction)
+    if introduction:
+        introduce(introduction)
 
 
 def _set_up(title: str) -> None:
@@ -247,9 +253,7 @@ def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Pa
         show_error(error)
         st.stop()
     if heading:
-        st.title(title, anchor=False)
-        if introduction:
-            st.write(introduction)
+        _show_heading(title, introduction)
     return Page(key, opened.study, opened.digest, method, unit, is_dark())
 
 

@@ -1,18 +1,24 @@
 """The sidebar: pages, choice of the study, and settings of the whole study."""
 
+import inspect
+
 import streamlit as st
 
-from jointid import JointIdError
+from jointid import JointIdError, analyse
 from jointid.answer import STIFFNESS_UNITS
+from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.study_files import load_study
 from jointid.ui.shared.charts import equip_page
-from jointid.ui.shared.estimators import ESTIMATORS
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.method_steps import GROUPS
 from jointid.ui.shared.recent_studies import show_recent
 from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, set_in_address
 
+DEFAULT_METHOD = str(inspect.signature(analyse).parameters["method"].default)
+"""The default estimator of ``analyse``."""
+ESTIMATORS = {DEFAULT_METHOD: METHODS.get(DEFAULT_METHOD, "chosen for these records")} | METHODS
+"""Estimators with their descriptions, the default first."""
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
 _ARRIVED = "arrived_study"

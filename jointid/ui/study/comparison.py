@@ -11,7 +11,6 @@ from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.answer import AT_MOTOR
 from jointid.figures import compared_models
-from jointid.ui.shared.estimators import ESTIMATORS
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import (
     show_error,
@@ -19,6 +18,7 @@ from jointid.ui.shared.messages import (
     show_text_table,
 )
 from jointid.ui.shared.page import Page
+from jointid.ui.shared.sidebar import ESTIMATORS
 from jointid.ui.shared.workspace import names_by_address, open_study
 from jointid.uncertainty.comparison import Difference, compare
 from jointid.wording import enumerated, significant

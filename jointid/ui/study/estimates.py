@@ -15,8 +15,8 @@ from jointid.answer import (
 )
 from jointid.estimation.candidates import Candidate
 from jointid.ui.shared.charts import Table, table
-from jointid.ui.shared.estimators import ESTIMATORS
 from jointid.ui.shared.messages import show_text_table
+from jointid.ui.shared.sidebar import ESTIMATORS
 from jointid.wording import plain, significant
 
 
