@@ -11,30 +11,18 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 from examples import begin
 from normal_run import COLLECTED, of_long_run
-from plants import PAPER, PARALLELOGRAM, ROBOTS
 from threadpoolctl import threadpool_limits
 
-from jointid import (
-    Analysis,
-    Controller,
-    Elasticity,
-    Excitation,
-    Measurement,
-    Study,
-    analyse,
-    simulate_records,
-)
-from jointid.files.study_files import save_study
-from jointid.importing.read.reader_process import ReaderProcess
-
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the process that only hands out the tests loads none of them
     from browsing import Server
     from playwright.sync_api import Browser, BrowserContext, Page
     from streamlit.testing.v1 import AppTest
+
+    from jointid import Analysis, Study
+    from jointid.importing.read.reader_process import ReaderProcess
 
 LONGEST_FILES = ("test_whole_error.py", "test_verdict.py", "test_fleet.py")
 """Beside those that need a browser."""
@@ -44,6 +32,10 @@ FREQUENCIES_HZ = [3.0, 7.0, 11.0, 17.0, 23.0, 29.0]
 
 def simulated(joints: int, *, seed: int = 1) -> Study:
     """A small campaign of a robot with noise but without friction."""
+    from plants import PAPER, PARALLELOGRAM, ROBOTS
+
+    from jointid import Controller, Elasticity, Excitation, Measurement, Study, simulate_records
+
     inertia, elasticity = (PARALLELOGRAM, PAPER) if joints == 2 else ROBOTS[joints]
     records = simulate_records(
         inertia,
@@ -69,14 +61,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Choose the number of random cases; and one thread for linear algebra.
+    """Choose the number of random cases; one thread for linear algebra; and keep compiled modules.
 
     Matrices are small here: further threads would only wait for work, each on a core that another worker
-    of pytest-xdist needs.
+    of pytest-xdist needs. Compiling a module takes longer than to run it, in every process anew.
     """
     begin(long=config.getoption("--long"))
     gc.disable()  # until pytest_collection_finish: reading the tests makes a million lasting objects
     os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # of what is started later
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
     threadpool_limits(1)
 
 
@@ -161,6 +155,7 @@ def quick_app_tests() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def reader() -> Iterator[ReaderProcess]:
     """A process that reads the logs of many tests; to begin one takes longer than to read a log."""
+    from jointid.importing.read.reader_process import ReaderProcess
 
     class Kept(ReaderProcess):
         def close(self) -> None: ...
@@ -195,12 +190,16 @@ def studies() -> dict[int, Study]:
 
 @pytest.fixture(scope="session")
 def analyses(studies: dict[int, Study]) -> dict[int, Analysis]:
+    from jointid import analyse
+
     return {joints: analyse(study) for joints, study in studies.items()}
 
 
 @pytest.fixture(scope="session")
 def sample_folder(studies: dict[int, Study], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What stands beside the app: "paper" zipped, "one_joint" as a folder, "three_joints" zipped."""
+    from jointid.files.study_files import save_study
+
     folder = tmp_path_factory.mktemp("sample_data")
     save_study(studies[2], folder / "paper.zip")
     save_study(studies[1], folder / "one_joint")
@@ -220,6 +219,8 @@ def app(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
 @pytest.fixture
 def jittered_log() -> bytes:
     """A log of one actuator at 1 Hz, some 100 Hz with jitter and a spring of 40 N·m/rad, unloaded."""
+    import numpy as np
+
     rng = np.random.default_rng(5)
     time = np.arange(999) / 100.0 + rng.uniform(0, 0.7e-3, 999)
     position = 0.4 * np.sin(2 * np.pi * time - 1.2) + 0.06

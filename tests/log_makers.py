@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ def unsure(guess: Guess) -> list[Reason]:
     return [reason for reason in guess.reasons if not reason.sure]
 
 
+@cache
 def cell_log(encoding: str = "latin-1", rows: int = ROWS) -> bytes:
     """A German controller's log: two remarks, semicolons, decimal commas, no UTF-8."""
     lines = ["Rob 7 / Prüfung", "Abtastzeit;2,0;ms", ""]

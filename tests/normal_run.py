@@ -31,14 +31,19 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_cli.py": {
         "test_ctrl_c_while_modules_load_ends_it_quietly": (),
+        "test_cut_of_six_axes_bends_its_own_robot": (),
         "test_one_study_of_a_batch_is_counted_as_one": (),
     },
     "test_closed_loop.py": {
         "test_default_settling_time_settles_friction": (),
+        "test_records_carry_the_transfer_matrix_of_the_model": ("*-0.00037", "2-*"),
         "test_friction_converges_with_the_square_of_the_step": (),
     },
+    "test_compare.py": {
+        "test_every_table_of_k_keeps_the_unit_of_the_answer": ("*Compare*", "*Error bars"),
+    },
     "test_corrections.py": {
-        "test_a_fault_of_all_records_is_taken_out_again": ("joint*", "torque 1 reversed"),
+        "test_a_fault_of_all_records_is_taken_out_again": ("joint 1*", "torque 1 reversed"),
     },
     "test_cut_page.py": {
         "test_of_another_robot_custom_values_are_its_own": (),
@@ -46,7 +51,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_the_map_is_made_on_demand_kept_and_covers_the_range_that_was_chosen": (),
     },
     "test_examples.py": {
-        "test_runs": ("from_arrays", "six_axis_tool", "unknown*", "worth*"),
+        "test_runs": ("from_arrays", "six_axis_tool"),
     },
     "test_figures.py": {
         "test_every_figure_names_its_axes_with_units_and_its_meanings_once": ("True-2", "True-1"),
@@ -210,6 +215,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_the_sdist_makes_the_same_wheel": (),
     },
     "test_whole_error.py": {
+        "test_links_far_above_the_band_widen_the_errors": (),
         "test_play_and_hysteresis_are_found_together": ("0.02-*",),
         "test_tables_have_their_columns": (),
     },

@@ -181,6 +181,5 @@ def test_a_log_with_sensors_behind_the_gears(tmp_path: Path) -> None:
     save_study(study, tmp_path / "study")
     (saved,) = load_study(tmp_path / "study").records
     assert isinstance(saved, MotionRecord)
-    np.testing.assert_allclose(np.asarray(saved.arm_rad), arm_rad, atol=1e-11)
-    found = identify_arm_side(saved, ROBOT)
-    np.testing.assert_allclose(found.K, fit().K, rtol=1e-6)
+    for name in ("time_s", "theta_rad", "tau_Nm", "arm_rad"):
+        np.testing.assert_allclose(getattr(saved, name), getattr(record(), name), atol=1e-9)

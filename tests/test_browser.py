@@ -47,9 +47,8 @@ PAGES = {
     "Compare": "Compare",
     "Glossary": "Glossary",
 }
-FIRST_IN_SHORT = ("Report", "Import_a_log")
-"""What a fresh server runs first in a normal run: what needs most modules."""
-FIRST_IN_LONG = tuple(path for path in PAGES if path and path not in FIRST_IN_SHORT)
+FIRST_IN_LONG = tuple(path for path in PAGES if path not in ("", "Report"))
+"""What a fresh server runs first in a long run; in a normal one the page that needs most modules."""
 PHONE: ViewportSize = {"width": 390, "height": 844}
 MEASURED_COLOUR = (
     "document.querySelector('.js-plotly-plot').data.find(t => t.name === 'measured').marker.color"
@@ -69,7 +68,7 @@ def drawn(page: Page, count: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "path", [*FIRST_IN_SHORT, *(pytest.param(p, marks=pytest.mark.long) for p in FIRST_IN_LONG)]
+    "path", ["Report", *(pytest.param(p, marks=pytest.mark.long) for p in FIRST_IN_LONG)]
 )
 def test_a_fresh_server_runs_every_page_first(server: Server, path: str) -> None:
     session = Session(server.address)
@@ -251,7 +250,7 @@ FOCUSED = """() => {
 }"""
 
 
-@pytest.mark.parametrize("path", ["", "Report", "Simulate"])
+@pytest.mark.parametrize("path", ["", pytest.param("Report", marks=pytest.mark.long), "Simulate"])
 def test_tab_reaches_every_control_and_shows_where_it_is(
     address: str, open_in: Callable[..., Page], path: str
 ) -> None:

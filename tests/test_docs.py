@@ -25,11 +25,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SNIPPET = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WITH_CODE = [page for page in PAGES if SNIPPET.search(page.read_text("utf-8"))]
-LONG = {
-    f"docs/{page}.md"
-    for page in ("how-to/simulate", "tutorials/first-study", "tutorials/motion", "tutorials/six-axes")
-}
-"""Pages whose analyses take more than a second."""
+QUICK = ("README.md", "docs/how-to/robot-model.md")
+"""Pages whose snippets a normal run tries."""
 
 
 def name(page: Path) -> str:
@@ -39,7 +36,7 @@ def name(page: Path) -> str:
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, id=name(page), marks=pytest.mark.long if name(page) in LONG else ())
+        pytest.param(page, id=name(page), marks=() if name(page) in QUICK else pytest.mark.long)
         for page in WITH_CODE
     ],
 )

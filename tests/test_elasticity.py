@@ -311,7 +311,7 @@ def test_single_record_errors_are_as_stated() -> None:
     base = example(2, np.array([11.0]), 1)
     noise = mild_noise(base)
     fits: dict[str, list[ElasticityFit]] = {method: [] for method in LINEAR}
-    for error in circular(np.random.default_rng(6), noise, tries(200, long=500)):
+    for error in circular(np.random.default_rng(6), noise, tries(120, long=500)):
         data = noisy(base, noise, error)
         for method, of_method in fits.items():
             of_method.append(identify_elasticity(data, SERIAL, method=method))
@@ -327,7 +327,7 @@ def test_maximum_likelihood_is_unbiased_where_weighting_is_not() -> None:
     noise = mild_noise(base, 0.3)
     found: dict[str, list[np.ndarray]] = {"weighted": [], "maximum-likelihood": []}
     stated, misfit = [], []
-    for error in circular(np.random.default_rng(12), noise, tries(120, long=300)):
+    for error in circular(np.random.default_rng(12), noise, tries(80, long=300)):
         for method, answers in found.items():
             fit = identify_elasticity(noisy(base, noise, error), SERIAL, method=method)
             answers.append(answer(fit))
@@ -344,6 +344,18 @@ def test_maximum_likelihood_is_unbiased_where_weighting_is_not() -> None:
     ratio = likely.var(axis=0) / np.mean(stated, axis=0)
     assert np.all((ratio > 0.7) & (ratio < 1.35)), ratio
     assert np.mean(misfit) == pytest.approx(1.0, abs=0.08)
+
+
+def test_the_misfit_counts_the_parameters() -> None:
+    """Four of the sixteen real numbers of two frequencies go into K and D."""
+    base = example(2, BAND_HZ[[1, 4]])
+    noise = mild_noise(base)
+    fits = [
+        identify_elasticity(noisy(base, noise, error), SERIAL, method="maximum-likelihood")
+        for error in circular(np.random.default_rng(4), noise, 60)
+    ]
+    for misfits in ([fit.misfit for fit in fits], [fit.fundamental[0] for fit in fits]):
+        assert np.mean(misfits) == pytest.approx(1.0, abs=0.13)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -49,6 +50,7 @@ def runs(ratio: float = 1.0) -> tuple[Floats, Floats, Floats]:
     return time, theta, tau + 1e-4 * rng.standard_normal(time.size)
 
 
+@cache
 def long_log(ratio: float = 1.0) -> bytes:
     rows = np.column_stack(runs(ratio))
     lines = [",".join(f"{value:.9g}" for value in row) for row in rows]

@@ -212,6 +212,11 @@ def test_names_of_controllers(names: list[str], expected: list[tuple[str, str]])
     assert pairs(*names) == expected
 
 
+def test_a_rising_position_is_no_clock() -> None:
+    table = table_named("motor position", "motor torque")  # the first column rises evenly
+    assert guess_mapping(table).mapping.time == TimeColumn("", "samples", 1000.0)
+
+
 def test_positions_behind_the_gear_are_proposed_beside_those_of_the_motor() -> None:
     for behind, motor in (
         ("link_pos_{}", "motor_pos_{}"),

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from examples import tries
 
 from benchmarks.motion import CELL, SINGLE, Motion, simulate
 from jointid import ElasticityFit, Inertia, JointIdError, MotionRecord, SineRecord, identify_motion
@@ -207,9 +208,11 @@ def test_many_short_reversals_leave_equations() -> None:
 
 
 def test_errors_hold_rounding_that_repeats() -> None:
-    """Eight periods of a multisine on a coarse encoder: a misfit of noise, and errors as stated."""
-    motion = Motion("multisine", duration_s=20.0, encoder_counts=2**13, velocity_rad_s=4.0)
-    runs = [(CELL, replace(motion, seed=seed)) for seed in range(2)]
+    """Many periods of a multisine on a coarse encoder: a misfit of noise, and errors as stated."""
+    motion = Motion(
+        "multisine", duration_s=tries(12.0, long=20.0), encoder_counts=2**13, velocity_rad_s=4.0
+    )
+    runs = [(CELL, replace(motion, seed=seed)) for seed in range(tries(1, long=2))]
     fits = [identify_motion(found, GIVEN) for found in simulate(runs)]
     z = np.array([(fit.estimate - TRUE) / fit.standard_error for fit in fits])
     assert np.sqrt((z**2).mean()) < 1.5

@@ -25,6 +25,7 @@ from jointid import (
     analyse,
     identify_motion,
     motor_response,
+    save_study,
     simulate_motion,
 )
 from jointid.arrays import Floats
@@ -506,12 +507,16 @@ def test_the_command_writes_a_planned_motion_of_a_study_of_motions(tmp_path: Pat
     assert "multisine 1 (2 to 40 Hz): " in output.read_text("utf-8")
 
 
-def test_an_answer_that_is_not_usable_gives_no_set_points(tmp_path: Path) -> None:
+def test_an_answer_that_is_not_usable_gives_no_set_points(
+    tmp_path: Path, studies: dict[int, Study]
+) -> None:
     """The check of the limits plays on the identified robot, which would be a wrong one."""
     limits, output = tmp_path / "limits.toml", tmp_path / "cell.csv"
     limits.write_text(TOML, "utf-8")
-    command = ["setpoints", "swapped_torques", "--limits", str(limits), "-o", str(output)]
+    reversed_torque = [replace(record, tau_Nm=-record.tau_Nm) for record in studies[1].records]
+    save_study(replace(studies[1], records=reversed_torque), tmp_path / "wrong.zip")
+    command = ["setpoints", str(tmp_path / "wrong.zip"), "--limits", str(limits), "-o", str(output)]
     run = CliRunner().invoke(app, command)
     assert run.exit_code == 1
-    assert "exchanged" in run.stderr
+    assert "The sign of the torque" in run.stderr
     assert not output.exists()

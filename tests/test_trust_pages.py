@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from app_pages import ELASTICITY, opened, upload
+from app_pages import ELASTICITY, opened, shown, upload
 from streamlit.testing.v1 import AppTest
 
 from jointid import Analysis, Study
 from jointid.figures.uncertainty import confidence_outlines, harmonic_bars, normalised_residuals
-from jointid.ui.shared.charts import csv_bytes
+from jointid.ui.shared.charts import csv_of
 from jointid.ui.study.plan_form import largest_so_far, suggested_columns
 from jointid.ui.study.uncertainty_panels import difference
 from jointid.uncertainty.plan import suggest_records
@@ -22,7 +22,7 @@ from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 from jointid.uncertainty.validation import harmonic_content, record_residuals
 
 PLAN = "pages/6_Plan.py"
-POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
 @pytest.fixture
@@ -31,9 +31,7 @@ def found(analyses: dict[int, Analysis]) -> Analysis:
 
 
 def clicked(at: AppTest, key: str) -> AppTest:
-    at = at.button(key=key).click().run()
-    assert not at.exception, at.exception[0].stack_trace
-    return at
+    return shown(at.button(key=key).click().run())
 
 
 def column(at: AppTest, name: str) -> list[str]:
@@ -44,11 +42,8 @@ def bar(text: str) -> float:
     """The part after ±, with its power of ten."""
     digits, _, power = text.rpartition("± ")[2].replace("×10", "e").partition("e")
     inside, _, outside = digits.partition(")")
-    exponent = (power or outside.replace("e", "")).translate(POWERS)
+    exponent = (power or outside.replace("e", "")).translate(SUPERSCRIPTS)
     return float(inside.replace("<", "")) * 10.0 ** int(exponent or 0)
-
-
-SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
 def number(text: str) -> float:
@@ -66,8 +61,8 @@ class TestErrorBars:
     ) -> None:
         at = opened(app, ELASTICITY, joints)
         analysis = analyses[joints]
-        shown = [bar(text) for text in column(at, "Estimate")]
-        assert shown == pytest.approx(analysis.fit.standard_error.tolist(), rel=0.3)
+        bars = [bar(text) for text in column(at, "Estimate")]
+        assert bars == pytest.approx(analysis.fit.standard_error.tolist(), rel=0.3)
         for name, errors in (
             ("Noise", analysis.fit.noise_error),
             ("Inertias and torque scale", analysis.fit.prior_error),
@@ -79,7 +74,7 @@ class TestErrorBars:
         for text, value in zip(column(at, "Paper's least squares"), [*paper.K, *paper.D], strict=True):
             assert float(text.split(" ± ")[0].lstrip("(")) == pytest.approx(value, rel=2e-2)
 
-    def test_inertias_stand_as_given_and_as_fitted(
+    def test_inertias_stand_as_given_as_fitted_and_with_their_influence(
         self, app: AppTest, analyses: dict[int, Analysis], joints: int
     ) -> None:
         at = opened(app, ELASTICITY, joints, details="Inertias")
@@ -87,16 +82,8 @@ class TestErrorBars:
         assert column(at, "Given") == [row.cells[1] for row in rows]
         assert column(at, "Fitted") == [row.cells[2] for row in rows]
         assert len(rows) == joints + joints * (joints + 1) // 2
-
-    def test_the_influence_of_each_inertia_is_computed_on_demand(
-        self, app: AppTest, analyses: dict[int, Analysis], joints: int
-    ) -> None:
-        at = opened(app, ELASTICITY, joints, details="Inertias")
-        found = prior_influence(analyses[joints].fit)
-        assert found.names
-        assert any(
-            list(t.value["Quantity"]) == list(found.names) for t in at.table if "Quantity" in t.value
-        )
+        names = list(prior_influence(analyses[joints].fit).names)
+        assert any(list(t.value["Quantity"]) == names for t in at.table if "Quantity" in t.value)
 
     def test_closed_parts_cost_nothing_and_open_ones_show_their_figures(
         self, app: AppTest, joints: int
@@ -133,41 +120,28 @@ def test_the_bootstrap_agrees_with_the_stated_errors(app: AppTest, joints: int) 
     assert len(column(at, "Jackknife")) == 2 * joints
 
 
-class TestSeveralPoses:
-    @pytest.fixture
-    def at(self, app: AppTest, studies: dict[int, Study]) -> AppTest:
-        """The same records, every second one said to come from another pose of equal inertia."""
-        study = studies[2]
-        records = [replace(r, pose="ab"[i // 2 % 2]) for i, r in enumerate(study.records)]
-        several = replace(study, records=records, poses=dict.fromkeys("ab", study.inertia))
-        return upload(app.run(), several, "poses.zip")
-
-    def test_poses_that_agree_are_shown_to_agree(self, at: AppTest) -> None:
-        at.session_state["details"] = "Poses"
-        at = at.switch_page(ELASTICITY).run()
-        assert not at.exception, at.exception[0].stack_trace
-        poses = next(t.value for t in at.table if "Pose" in t.value)
-        assert list(poses["Pose"]) == ["a", "b", "Distance"]
-        assert all(number(poses[name].iloc[-1]) < 4 for name in poses.columns[1:])
-
-    def test_several_poses_predict_the_torques(self, at: AppTest) -> None:
-        at.session_state["details"] = "Model check"
-        at = at.switch_page(ELASTICITY).run()
-        assert any("of the gears' torque (median)" in caption.value for caption in at.caption)
-
-    def test_the_prediction_is_said_beside_the_answer(self, at: AppTest) -> None:
-        said = [caption.value for caption in at.caption if "left out of the fit" in caption.value]
-        assert len(said) == 1
-        within = re.search(r"within (\S+) % of the gears' torque", said[0])
-        assert within is not None
-        assert float(within[1]) < 1.0
-
-    def test_a_pose_can_be_planned_for(self, at: AppTest) -> None:
-        at = at.switch_page(PLAN).run()
-        assert not at.exception, at.exception[0].stack_trace
-        assert not at.error
-        assert list(at.selectbox(key="plan_pose").options) == ["a", "b"]
-        assert len(at.dataframe[0].value) == 3
+def test_every_page_about_several_poses(app: AppTest, studies: dict[int, Study]) -> None:
+    """The same records, every second one said to come from another pose of equal inertia."""
+    study = studies[2]
+    records = [replace(r, pose="ab"[i // 2 % 2]) for i, r in enumerate(study.records)]
+    several = replace(study, records=records, poses=dict.fromkeys("ab", study.inertia))
+    at = upload(app.run(), several, "poses.zip")
+    (said,) = [c.value for c in at.caption if "left out of the fit" in c.value]
+    within = re.search(r"within (\S+) % of the gears' torque", said)
+    assert within is not None
+    assert float(within[1]) < 1.0
+    at.session_state["details"] = "Model check"
+    at = shown(at.switch_page(ELASTICITY).run())
+    assert any("of the gears' torque (median)" in caption.value for caption in at.caption)
+    at = shown(at.switch_page(PLAN).run())
+    assert not at.error
+    assert list(at.selectbox(key="plan_pose").options) == ["a", "b"]
+    assert len(at.dataframe[0].value) == 3
+    at.query_params["details"] = "Poses"
+    at = shown(at.switch_page(ELASTICITY).run())
+    poses = next(t.value for t in at.table if "Pose" in t.value)
+    assert list(poses["Pose"]) == ["a", "b", "Distance"]
+    assert all(number(poses[name].iloc[-1]) < 4 for name in poses.columns[1:])
 
 
 class TestTheNextExperiment:
@@ -181,10 +155,7 @@ class TestTheNextExperiment:
         said = re.fullmatch(r"3 additional records: worst error (\S+) % → (\S+) %", at.header[0].value)
         assert said is not None
         assert float(said[2]) < float(said[1])
-
-    @pytest.mark.parametrize("joints", [1, 2, 3])
-    def test_a_plan_of_ones_own_begins_as_the_suggestion(self, app: AppTest, joints: int) -> None:
-        at = opened(app, PLAN, joints)
+        # A plan of one's own begins as the suggestion.
         today = [float(x.split(" ± ")[1].split(")")[0]) for x in column(at, "Today")]
         assert len(today) == 2 * joints
         assert len(column(at, "Both together")) == 2 * joints
@@ -221,7 +192,7 @@ class TestTheNextExperiment:
         self, found: Analysis, studies: dict[int, Study]
     ) -> None:
         suggestion = suggest_records(found.phasors, studies[2].inertias, found.fit)
-        rows = list(csv.DictReader(io.StringIO(csv_bytes(suggested_columns(suggestion)).decode())))
+        rows = list(csv.DictReader(io.StringIO(csv_of(suggested_columns(suggestion)))))
         assert [float(row["frequency_hz"]) for row in rows] == suggestion.records.frequency_hz.tolist()
         read = np.array(
             [
@@ -290,16 +261,12 @@ class TestSetPoints:
         at = opened(app, PLAN)
         for label, text in {**LIMITS, **changed}.items():
             next(w for w in at.text_input if w.label == label).set_value(text)
-        at = next(b for b in at.button if b.label.startswith("Check on")).click().run()
-        assert not at.exception, at.exception[0].stack_trace
-        return at
+        return shown(next(b for b in at.button if b.label.startswith("Check on")).click().run())
 
-    def test_without_limits_there_is_no_file(self, app: AppTest) -> None:
+    def test_a_plan_can_be_saved_once_it_is_checked(self, app: AppTest) -> None:
         at = opened(app, PLAN)
         assert any("no check and no file" in caption.value for caption in at.caption)
         assert not any("set points" in d.label for d in at.get("download_button"))
-
-    def test_a_checked_plan_can_be_saved(self, app: AppTest) -> None:
         at = self.checked(app)
         assert not at.error
         rows = at.dataframe[-1].value

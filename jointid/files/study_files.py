@@ -23,9 +23,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
@@ -48,12 +46,14 @@ from jointid.files.study_keys import (
 )
 from jointid.files.study_parts import is_long, read_long_record
 from jointid.files.study_saving import STUDY_FILE, pack_study, save_study
-from jointid.files.table_preview import peek_table
 from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.records import MotionRecord, SineRecord
 from jointid.robot_models.model import MAX_FILE_BYTES
 from jointid.study import Study
 from jointid.wording import listed, nearest, shown
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["PEEK_ROWS", "PeekedTable", "load_study", "pack_study", "peek_study", "save_study"]
 
@@ -68,7 +68,7 @@ class PeekedTable:
 
     name: str
     """File name inside the study."""
-    frame: pd.DataFrame
+    frame: "pd.DataFrame"
     """The first rows, or those around the refused one; the index is the line in the file, or the row.
     Empty when nothing could be read."""
     error: str = ""
@@ -126,6 +126,11 @@ def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
     There is one for each .csv or .parquet file, by name, with at most PEEK_ROWS rows; study.toml may be
     missing or wrong. Raises JointIdError when the folder or archive itself cannot be read.
     """
+    # Only a refused study is previewed: others do not wait for pandas, a third of a second.
+    import pandas as pd
+
+    from jointid.files.table_preview import peek_table
+
     tables, culprit, line = [], None, None
     try:
         load_study(path_or_file)

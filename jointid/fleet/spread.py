@@ -187,7 +187,8 @@ def _theil_sen(time: Floats, value: Floats) -> tuple[float, float, float]:
         return float("nan"), float("nan"), float(np.median(value)) if value.size else float("nan")
     pick = np.unique(np.linspace(0, time.size - 1, min(time.size, _MAX_PAIRED)).round().astype(int))
     t, v = time[pick] - np.median(time), value[pick]
-    slope = float(theilslopes(v, t).slope)
+    with np.errstate(invalid="ignore"):  # in its interval, not used here, where values repeat
+        slope = float(theilslopes(v, t).slope)
     level = float(np.median(v - slope * t))
     scatter = robust_spread(v - slope * t) * np.sqrt(t.size / (t.size - 2))
     return slope, float(_THEIL_SEN * scatter / np.sqrt(np.sum((t - t.mean()) ** 2))), level

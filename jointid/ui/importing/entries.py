@@ -33,7 +33,6 @@ from jointid.wording import capitalised, enumerated, plain
 
 _NO_COLUMN = "no column: number the rows"
 _NO_SENSOR = "none"
-_MOST_REASONS = 2  # of one entry with a line each; more of them share a line
 _HELD = {True: "held until the next sample", False: "not held: measured, or interpolated"}
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """First parts of the names of entries from the drive's data sheet, not the file."""
@@ -302,22 +301,19 @@ class Entries:
     def _show_reasons(self, open_: Sequence[str]) -> None:
         """Show the reasons of unconfirmed guesses, those of one entry for many joints in one line."""
         entries: dict[str, dict[str, list[str]]] = {}
-        for what in open_:
-            if what in self._reasons:
-                entry, _, joint = what.rpartition(" of joint ")
-                texts = entries.setdefault(entry or what, {})
-                texts.setdefault(self._reasons[what].text, []).extend([joint] if entry else [])
+        for what in filter(self._reasons.__contains__, open_):
+            entry, _, joint = what.rpartition(" of joint ")
+            text = markdown_escape(self._reasons[what].text)
+            entries.setdefault(entry or what, {}).setdefault(text, []).extend([joint] if entry else [])
         for entry, texts in entries.items():
-            every = None
-            if len(texts) > _MOST_REASONS:
-                joints = sorted({joint for of in texts.values() for joint in of}, key=int)
-                every = "\n".join(f"- {markdown_escape(text)}" for text in texts)
+            every = "\n".join(f"- {text}" for text in texts) if len(texts) > 2 else None
+            if every:
+                joints = sorted(set().union(*texts.values()), key=int)
                 texts = {f"{len(texts)} guesses, the first: {next(iter(texts))}": joints}
             for text, of in texts.items():
                 name = markdown_escape(capitalised(entry + _of_joints(of)))
                 # No caption: its pale ink leaves the mark too little contrast.
-                line = f":orange-badge[To check] :small[**{name}:** {markdown_escape(text)}]"
-                st.markdown(line, help=every)
+                st.markdown(f":orange-badge[To check] :small[**{name}:** {text}]", help=every)
 
     def _select(
         self, place: DeltaGenerator, label: str, options: Sequence[str], value: str, name: str

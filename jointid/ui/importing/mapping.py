@@ -165,7 +165,7 @@ def mapping_files(key: str, table: LogTable) -> None:
     """Save the mapping as JSON, or take one from a file."""
     with st.popover("Save these entries, or load them from a file"):
         text = mapping_to_json(mapping_of(key, table))
-        download("Save the mapping (.json)", text, "mapping.json", "application/json")
+        download("Save the mapping (.json)", text, "mapping.json")
         version = st.session_state.get(_VERSION, 0)
         file = st.file_uploader("Mapping (.json)", ["json"], key=f"import_mapping_file {version}")
         if file is not None:

@@ -16,7 +16,7 @@ from jointid import JointIdError
 from jointid.files.store import Store
 from jointid.ui.importing.files import Dropped, dropped, hold
 from jointid.ui.importing.mapping import mappings_from_json, mappings_to_json, of_mapping, offer_again
-from jointid.ui.importing.rows import forget_rows, rows_from_json, rows_to_json
+from jointid.ui.importing.segments import forget_rows, rows_from_json, rows_to_json
 from jointid.ui.shared.messages import show_warning
 from jointid.ui.shared.workspace import keep_part, noting_problems, place_for, store
 

@@ -1,8 +1,8 @@
-"""The sine runs of the logs as a table that can be corrected."""
+"""The runs of the logs as a table; its corrections are kept beyond page and session."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from hashlib import blake2b
 from typing import Any
@@ -13,7 +13,6 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.importing import MappedLog, Segment, find_runs, measure_motion, measure_run
 from jointid.importing.columns.log_table import distinct_names
-from jointid.ui.importing.rows import SHOWN, Row, last_rows
 from jointid.ui.importing.watched_work import Watch
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.results import result_cache
@@ -21,6 +20,54 @@ from jointid.wording import counted, significant
 
 _USE, _LOG, _START, _STOP, _HERTZ = "Use", "Log", "Start (s)", "Stop (s)", "Frequency (Hz)"
 _SETTLED = "import_segments_settled"
+_LAST = "import_segments_last"
+_SHOWN = "import_segments_shown"
+"""Key of the rows that the table began with."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    log: str
+    """Key of its log."""
+    start_s: float | None = None
+    stop_s: float | None = None
+    frequency_hz: float | None = None
+    """None: to be estimated."""
+    use: bool = True
+    found: Segment | None = None
+    """The segment itself as long as nothing of it was changed."""
+    motion: bool = False
+    """Any motion, not a sine."""
+
+
+def last_rows() -> dict[str, list[Row]]:
+    """Return the rows by digest of the segments found in their log."""
+    rows: dict[str, list[Row]] = st.session_state.setdefault(_LAST, {})
+    return rows
+
+
+def forget_rows() -> None:
+    """Forget every correction."""
+    for key in (_LAST, _SHOWN):
+        st.session_state.pop(key, None)
+
+
+def rows_to_json() -> dict[str, list[dict[str, Any]]]:
+    """Return the session's rows as values that JSON can hold."""
+    return {key: [asdict(row) for row in rows] for key, rows in last_rows().items()}
+
+
+def rows_from_json(values: dict[str, list[dict[str, Any]]]) -> None:
+    """Restore the result of ``rows_to_json``.
+
+    Raises JointIdError, TypeError or AttributeError when it is something else.
+    """
+    st.session_state[_LAST] = {
+        key: [Row(**row | {"found": row["found"] and Segment(**row["found"])}) for row in rows]
+        for key, rows in values.items()
+    }
 
 
 def found_in(watch: Watch, key: str, mapping_json: str, log: MappedLog) -> tuple[Segment, ...]:
@@ -36,14 +83,14 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
     """
     key = f"import segments {_digest(found)} {st.session_state.get(_SETTLED, 0)}"
     last = last_rows()
-    if key not in st.session_state or st.session_state.get(SHOWN, ("",))[0] != key:
+    if key not in st.session_state or st.session_state.get(_SHOWN, ("",))[0] != key:
         rows = [
             row
             for log, part in found.items()
             for row in last.get(_one(log, part), [_row(log, s) for s in part])
         ]
-        st.session_state[SHOWN] = (key, rows)
-    rows = st.session_state[SHOWN][1]
+        st.session_state[_SHOWN] = (key, rows)
+    rows = st.session_state[_SHOWN][1]
     labels = dict(zip(names, distinct_names(names.values()), strict=True))
     summary = st.empty()
     _table(rows, labels, key)

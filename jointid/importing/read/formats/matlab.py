@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from jointid.importing.columns.log_table import LogTable
-from jointid.importing.read.array_tables import NamedArray, tables_of
-from jointid.importing.read.clocks import Signal, tables_of_signals
+from jointid.importing.read.array_tables import NamedArray, Signal, tables_of, tables_of_signals
 from jointid.importing.read.reader import Reader, import_optional
 from jointid.wording import listed
 

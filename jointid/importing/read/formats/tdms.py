@@ -6,7 +6,7 @@ import numpy as np
 
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.columns.units import TIME_UNITS, split_unit
-from jointid.importing.read.clocks import Signal, tables_of_signals
+from jointid.importing.read.array_tables import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, begins_with, import_optional
 from jointid.wording import listed
 
