@@ -279,7 +279,7 @@ def _stiffnesses(fit: ElasticityFit, nominal: Elasticity | None, unit: Stiffness
         parts = [" ".join(shown) for shown in found]
         return f"{capitalised(enumerated(joints))} {verb} of {enumerated(parts)}, {unit.side}"
     differences = [_difference(fit, nominal, j) for j in range(fit.n)]
-    texts = [f"{verb} {size} {kind}".replace("  ", " ") for verb, size, kind, _ in differences]
+    texts = [kind.format(size) for kind, size, _ in differences]
     if fit.n > 1 and len(set(texts)) == 1:
         return f"Every joint {texts[0]}"
     if fit.n > _FEW:
@@ -290,38 +290,37 @@ def _stiffnesses(fit: ElasticityFit, nominal: Elasticity | None, unit: Stiffness
     )
 
 
-def _grouped(differences: Sequence[tuple[str, str, str, float]]) -> str:
-    """Joints with the same kind of difference together, with the range of its size."""
-    groups: dict[str, dict[str, float]] = {}
-    for j, (_, _, kind, size) in enumerate(differences):
-        groups.setdefault(kind, {})[f"{j + 1}"] = size
-    parts = []
-    for kind, sizes in groups.items():
-        joints, one = enumerated(list(sizes)), len(sizes) == 1
-        text = f"is {' to '.join({significant(f(sizes.values()), 2): 1 for f in (min, max)})} {kind}"
-        text = f"has {kind}" if kind == _NOMINAL else text
-        for single, plural in () if one else (("is ", "are "), ("has its ", "have their ")):
-            text = re.sub(f"^{single}", plural, text)
-        parts.append(f"joint{'' if one else 's'} {joints} {text}")
-    return capitalised("; ".join(parts))
-
-
-_NOMINAL = "its nominal stiffness"
 _FEW = 2
 """Joints that the answer states one by one; of more, it groups those with the same difference."""
 
 
-def _difference(fit: ElasticityFit, nominal: Elasticity, j: int) -> tuple[str, str, str, float]:
-    """Verb, size in words, kind and size of the difference of a stiffness from the nominal one."""
+def _grouped(differences: Sequence[tuple[str, str, float]]) -> str:
+    """Joints with the same kind of difference together, with the range of its size."""
+    groups: dict[str, dict[str, float]] = {}
+    for j, (kind, _, size) in enumerate(differences, start=1):
+        groups.setdefault(kind, {})[str(j)] = size
+    parts = []
+    for kind, sizes in groups.items():
+        ends = [significant(end(sizes.values()), 2) for end in (min, max)]
+        text = f"joint {enumerated(list(sizes))} {kind.format(' to '.join(dict.fromkeys(ends)))}"
+        if len(sizes) > 1:
+            for one, many in (("joint ", "joints "), (" is ", " are "), (" has its ", " have their ")):
+                text = text.replace(one, many, 1)
+        parts.append(text)
+    return capitalised("; ".join(parts))
+
+
+def _difference(fit: ElasticityFit, nominal: Elasticity, j: int) -> tuple[str, str, float]:
+    """Kind of the difference of a stiffness from the nominal one, its size in words, its size."""
     ratio = float(fit.K[j] / nominal.K[j])
     error = float(fit.standard_error[j] / nominal.K[j])
     if abs(ratio - 1) <= max(_AGREEMENT, 2 * error):
-        return "has", "", _NOMINAL, 0.0
+        return "has its nominal stiffness", "", 0.0
     if 0.67 < ratio < 1.5:
         percent = 100 * abs(ratio - 1)
-        kind = f"% {'stiffer' if ratio > 1 else 'softer'} than nominal"
-        return "is", _two_digits(percent, 100 * error), kind, percent
-    return "is", _two_digits(ratio, error), "times as stiff as nominal", ratio
+        kind = f"is {{}} % {'stiffer' if ratio > 1 else 'softer'} than nominal"
+        return kind, _two_digits(percent, 100 * error), percent
+    return "is {} times as stiff as nominal", _two_digits(ratio, error), ratio
 
 
 def _two_digits(value: float, error: float) -> str:

@@ -33,12 +33,16 @@ def code_listing(found: Identification, language: str) -> str:
     n, error = found.n, found.standard_error
     study = " ".join(found.obtained.study.split()) or "study without a name"
     unusable = "" if found.is_usable else comment or "# "
-    lines = [
-        *([] if found.is_usable else [f"{comment}NOT USABLE: the values are comments for this reason."]),
-        f"{comment}{study}: {found.state or 'state unknown'}; jointid {found.obtained.version}",
-        *([f"{comment}{' '.join(found.answer.split())}"] if found.answer else []),
-        f"{comment}Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error from all causes",
+    study = " ".join(found.obtained.study.split()) or "study without a name"
+    answer = " ".join(found.answer.split())
+    facts = [
+        f"NOT USABLE, the values are comments: {answer}" if unusable else "",
+        f"{study}: {found.state or 'state unknown'}; jointid {found.obtained.version}",
+        "" if unusable else answer,
+        "Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error from all causes",
     ]
+    lines = [f"{comment}{fact}" for fact in facts if fact]
+    n, error = found.n, found.standard_error
     rows = {"K": found.K, "K_std": error[:n], "D": found.D, "D_std": error[n:]}
     for name, values in rows.items():
         if np.isfinite(values).all():
