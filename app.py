@@ -1,5 +1,7 @@
 """The study on one screen: the answer first, then its evidence."""
 
+from functools import partial
+
 import streamlit as st
 
 from jointid.figures import model_over_measurement
@@ -37,7 +39,7 @@ if analysis.transfer_matrices:
     pose = next(iter(analysis.transfer_matrices))
     page.show_per_joint(
         f"model {pose}",
-        lambda j: model_over_measurement(analysis, j, pose=pose, dark=page.dark),
+        partial(model_over_measurement, analysis, pose=pose),
         "Magnitude of H{0}{0} over frequency, measured and modelled",
         heading="",
     )

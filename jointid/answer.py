@@ -255,14 +255,8 @@ def answer_sentence(
 ) -> str:
     """State the identified stiffnesses, relative to the nominal ones if these are given.
 
-    Parameters
-    ----------
-    fit : ElasticityFit
-    nominal : Elasticity, optional
-        K and D in the controller at present.
-    torque_stated : bool
-        Whether the uncertainty of the torque scale is part of the errors. If not, the sentence says so.
-    unit : StiffnessUnit, optional
+    ``nominal`` holds K and D in the controller at present; ``torque_stated`` is whether the uncertainty
+    of the torque scale is part of the errors. If not, the sentence says so.
     """
     unknown = [j for j in range(fit.n) if not fit.K[j] > 2 * fit.standard_error[j]]
     if unknown:

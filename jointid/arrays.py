@@ -26,20 +26,10 @@ def per_joint(name: str, value: ArrayLike, n: int) -> Floats:
 
 
 def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -> Floats:
-    """Return ``value`` as a read-only float64 array.
+    """Return ``value`` as a read-only float64 copy with ``ndim`` dimensions, in memory order "C" or "F".
 
-    Parameters
-    ----------
-    name : str
-        Name of the value with its unit, for the error message.
-    value : array_like
-        Numbers; they are copied.
-    ndim : int
-        Expected number of dimensions.
-    order : {"C", "F"}, optional
-        Memory layout of the copy.
-
-    Raises JointIdError when the value is not numeric, has another number of dimensions or is not finite.
+    ``name`` is that of the value with its unit, for the error message. Raises JointIdError when the
+    value is not numeric, has another number of dimensions or is not finite.
     """
     try:
         if np.asarray(value).dtype.kind not in "iufO":  # text, dates, truth values, complex numbers
@@ -95,11 +85,6 @@ def frozen(array: Floats) -> Floats:
 
 
 def true_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the runs of True in a mask, each as its first index and one past its last.
-
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (N,)
-    """
+    """Return the runs of True in a mask, shape (N,), each as its first index and one past its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]

@@ -59,7 +59,10 @@ class JointRecord:
             raise JointIdError(f"torque_hold = {self.torque_hold!r}: expected true or false.")
         if not isinstance(self.label, str) or not isinstance(self.pose, str | None):
             raise JointIdError(f"label and pose must be text, got {self.label!r} and {self.pose!r}.")
-        start = self._first_sample(time)
+        begin = None if self.start_s is None else float(finite_array("start_s", self.start_s, ndim=0))
+        start = 0 if begin is None else int(np.searchsorted(time, begin - 1e-9))
+        if start >= time.size:
+            raise JointIdError(f"start_s = {begin:g} s lies after the last sample at {time[-1]:g} s.")
         used = time[start:]
         interval = float((used[-1] - used[0]) / (used.size - 1)) if used.size > 1 else 0.0
         self._set(
@@ -76,15 +79,6 @@ class JointRecord:
     def _set(self, **values: object) -> None:
         for name, value in values.items():
             object.__setattr__(self, name, value)
-
-    def _first_sample(self, time: Floats) -> int:
-        if self.start_s is None:
-            return 0
-        begin = float(finite_array("start_s", self.start_s, ndim=0))
-        start = int(np.searchsorted(time, begin - 1e-9))
-        if start >= time.size:
-            raise JointIdError(f"start_s = {begin:g} s lies after the last sample at {time[-1]:g} s.")
-        return start
 
     @property
     def n(self) -> int:
@@ -183,11 +177,8 @@ class MotionRecord(JointRecord):
     @property
     def excitation(self) -> str:
         """The band in words."""
-        return (
-            "automatic band"
-            if self.band_hz is None
-            else f"{self.band_hz[0]:.3g}–{self.band_hz[1]:.3g} Hz"
-        )
+        band = self.band_hz
+        return "automatic band" if band is None else f"{band[0]:.3g}–{band[1]:.3g} Hz"
 
     def _checked_arm(self) -> Floats | None:
         if self.arm_rad is None:

@@ -30,13 +30,7 @@ _LEAST_PIVOT = 1e-14
 
 
 def inverse(A: Numbers) -> Numbers:
-    """Inverse of matrices of shape (..., n, n).
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        When one is singular.
-    """
+    """Inverse of matrices of shape (..., n, n). Raises numpy.linalg.LinAlgError when one is singular."""
     if A.shape[-1] > 2:
         return np.linalg.inv(A)  # type: ignore[return-value]
     if A.shape[-1] == 1:
@@ -55,14 +49,9 @@ def inverse(A: Numbers) -> Numbers:
 def whitener(V: Numbers) -> Numbers:
     """W with W V Wᴴ = I for covariances V of shape (..., n, n): L⁻¹ of V = L Lᴴ.
 
-    In double precision, a direction of V below ``_LEAST_PIVOT`` of its diagonal equals zero or
-    less. It counts as that much, so that a singular V has a whitener, too. Only a
-    variance of zero has none.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        When a diagonal element is not positive.
+    In double precision, a direction of V below ``_LEAST_PIVOT`` of its diagonal equals zero or less. It
+    counts as that much, so that a singular V has a whitener, too. Only a variance of zero has none: a
+    diagonal element that is not positive raises numpy.linalg.LinAlgError.
     """
     n = V.shape[-1]
     W = np.zeros_like(V)
@@ -109,14 +98,8 @@ def root(V: Complexes) -> Complexes:
 def unit_diagonal(normal: Floats) -> tuple[np.ndarray, Floats, Floats]:
     """Scale a normal matrix, shape (P, P), to unit diagonal, without parameters that have no effect.
 
-    Returns
-    -------
-    seen : ndarray of bool, shape (P,)
-        Rows with a positive diagonal, p of them.
-    size : ndarray, shape (p,)
-        Root of their diagonal.
-    scaled : ndarray, shape (p, p)
-        Their matrix over the outer product of ``size``.
+    Returns the mask of rows with a positive diagonal, shape (P,), p of them; the root of their diagonal,
+    shape (p,); and their matrix over the outer product of these roots, shape (p, p).
     """
     size = np.sqrt(np.maximum(np.diag(normal), 0.0))
     seen = size > NO_EFFECT

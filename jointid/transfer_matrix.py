@@ -84,22 +84,13 @@ def motion_transfer_matrix(
     viscous: Floats | float = 0.0,
     delay: float = 0.0,
 ) -> TransferMatrix:
-    """Estimate H from any motion by local polynomials, without a model of the robot.
+    """Estimate H from any motion of one pose by local polynomials, without a model of the robot.
 
     Within a narrow band H is a polynomial of the frequency, and so is the contribution of the states at
     both ends of each record (Pintelon and Schoukens, System Identification, 2nd ed. 2012, section 7.2).
-    The scatter about both gives the covariance.
-
-    Parameters
-    ----------
-    records : sequence of MotionRecord
-        Of one pose.
-    coulomb, viscous : ndarray, shape (n,)
-        Friction to subtract from the torque, N·m and N·m·s/rad.
-    delay : float
-        Delay of the torque in addition to that of the records, s.
-
-    Raises JointIdError when a clock is too uneven, or no frequency can be solved for.
+    The scatter about both gives the covariance. ``coulomb`` and ``viscous``, shape (n,), are friction to
+    subtract from the torque, N·m and N·m·s/rad; ``delay`` is that of the torque in addition to that of
+    the records, s. Raises JointIdError when a clock is too uneven, or no frequency can be solved for.
     """
     parts = [
         (part, record, coherent_band(record) if record.band_hz is None else record.band_hz)

@@ -62,21 +62,11 @@ def shown(value: object) -> str:
 
 
 def with_error(value: float, error: float) -> str:
-    """Format a value with its standard error, for instance "43.02 ± 0.03".
+    """Format a value with its standard error, not negative, for instance "43.02 ± 0.03".
 
-    The error gets one digit, two when it begins with 1; the value ends at the same place.
-
-    Parameters
-    ----------
-    value : float
-    error : float
-        Standard error, not negative.
-
-    Returns
-    -------
-    str
-        Very small and very large values as "(1.20 ± 0.03)×10⁻⁷"; "not determined" for an infinite
-        error, "± ?" for an unknown one (NaN).
+    The error gets one digit, two when it begins with 1; the value ends at the same place. Very small and
+    very large values read "(1.20 ± 0.03)×10⁻⁷"; an infinite error gives "not determined", an unknown one
+    (NaN) "± ?".
     """
     if error == math.inf:
         return UNDETERMINED

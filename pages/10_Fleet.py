@@ -36,7 +36,6 @@ download(
     "Save these results (.parquet)",
     lambda: to_parquet(rows),
     "results.parquet",
-    "application/vnd.apache.parquet",
     hint="One row per study: state, K1, K1_error (all causes), D1 and so on, verdict, errors; misfit is "
     "the square of residual over noise, 1 is ideal; equal data have an equal digest.",
 )

@@ -1,5 +1,7 @@
 """The records as logged."""
 
+from functools import partial
+
 import streamlit as st
 
 from jointid import SineRecord
@@ -30,15 +32,15 @@ record = records[number]
 is_sine = isinstance(record, SineRecord)
 fitted = None
 if isinstance(record, SineRecord):
-    sine = record
-    fitted = page.drawn(f"fit {number}", lambda: fit_sines([sine])[0].at(sine.time_s, sine.omega))
+    (sine,) = page.computed(("sine", number), "Fitting the sine", fit_sines, [record])
+    fitted = sine.at(record.time_s, record.omega)
 
 
 def show_waveforms(periods: float | None) -> None:
     """Angle and torque over time."""
     page.show_per_joint(
         f"waveforms {number} {periods}",
-        lambda joint: waveforms(record, joint, fitted, periods=periods, dark=page.dark),
+        partial(waveforms, record, fitted=fitted, periods=periods),
         "Angle and torque of joint {0} over time" + (" with the fitted sine" if is_sine else ""),
     )
 
@@ -47,7 +49,7 @@ def show_spectra() -> None:
     """Spectra of angle and torque."""
     page.show_per_joint(
         f"spectra {number}",
-        lambda joint: spectra(record, joint, dark=page.dark),
+        partial(spectra, record),
         "Spectra of angle and torque of joint {0}",
     )
     if is_sine:
@@ -58,7 +60,7 @@ def show_coherence() -> None:
     """Coherence of a motion, and its distortion."""
     page.show_per_joint(
         f"coherence {number}",
-        lambda joint: coherences(record, joint, dark=page.dark),
+        partial(coherences, record),
         "Coherence of the motion of joint {0} with the torques, over frequency",
     )
     st.caption(

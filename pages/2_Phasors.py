@@ -1,5 +1,7 @@
 """One complex number per signal."""
 
+from functools import partial
+
 import streamlit as st
 
 from jointid.exporting.tables import phasors_csv
@@ -37,7 +39,7 @@ for place, (heading, what, torque) in zip(st.columns(2), signals, strict=True):
         st.markdown(f"**{heading}**")
         page.show(
             f"{what} {chosen}",
-            lambda torque=torque: phasor_plane(phasors, torque=torque, chosen=chosen, dark=page.dark),
+            partial(phasor_plane, phasors, torque=torque, chosen=chosen),
             f"Phasors of the motor {what} in the complex plane",
         )
 st.caption(
@@ -50,6 +52,4 @@ joint = choose_segment(
 )
 table(phasor_table(phasors, joint))
 records = page.study.sine_records
-download(
-    "Save the phasors (.csv)", lambda: phasors_csv(phasors, records).encode(), "phasors.csv", "text/csv"
-)
+download("Save the phasors (.csv)", lambda: phasors_csv(phasors, records), "phasors.csv")

@@ -44,6 +44,5 @@ if not analysis.transfer_matrices:
     st.stop()
 pose = choose_pose(list(analysis.transfer_matrices))
 i, j = choose_element(n)
-matrix = analysis.transfer_matrices[pose]
 show_element(page, analysis, pose, i, j)
-show_how_well_known(matrix, i, j, dark=page.dark)
+show_how_well_known(page, analysis.transfer_matrices[pose], pose, i, j)

@@ -1,11 +1,13 @@
 """Experiment planning: the records that reduce the error bars most."""
 
+from functools import partial
+
 import streamlit as st
 
 from jointid import JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import worst_error
-from jointid.ui.shared.charts import csv_bytes, download, plot, table
+from jointid.ui.shared.charts import csv_of, download, table
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.motion_plan_form import show_motion_plan
@@ -54,12 +56,12 @@ st.caption(
 )
 download(
     "Save these records (.csv)",
-    lambda: csv_bytes(suggested_columns(found)),
+    lambda: csv_of(suggested_columns(found)),
     "next_records.csv",
-    "text/csv",
     hint="With the motor angles, for a controller that follows positions.",
 )
-plot(worst_error(found, dark=page.dark), "Worst relative error over the number of records added")
+what = "Worst relative error over the number of records added"
+page.show(f"worst {settings}", partial(worst_error, found), what)
 
 own, set_points, motions = st.tabs(["Your own plan", "Set points", "Motions in place of sines"])
 try:

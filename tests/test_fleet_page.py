@@ -245,7 +245,7 @@ def test_a_table_shows_spread_drift_and_what_stands_out(app: AppTest) -> None:
     said = text_of(at)
     assert "32 studies" in said
     assert "1 failed" in said
-    assert re.search(r"\*\*Stiffness K1\*\*: median (39|40)\.", said)
+    assert re.search(r"\*\*Stiffness K1\*\*: median ± robust spread (39|40)\.", said)
     assert len(at.get("plotly_chart")) == 4
     out, _, lost, every = (frame.value for frame in at.dataframe)
     assert out["Robot"].tolist() == ["odd"]

@@ -12,7 +12,7 @@ from test_import_page import PAGE, drop, long_log, send, widget
 
 from jointid.files import store as store_module
 from jointid.files.store import Store, new_workspace, part_of
-from jointid.ui.importing.rows import Row
+from jointid.ui.importing.segments import Row
 from jointid.ui.shared import workspace
 
 

@@ -385,14 +385,14 @@ def test_a_position_without_a_torque_is_said() -> None:
 def test_a_joint_more_takes_what_is_free_and_never_the_time() -> None:
     table = table_of(Zeit__ms=T, q1=X, tau1=X, speed=X, tau9=X, q9=X)
     like = Channel("q1", "deg", None, "joint"), Channel("tau1", "%", 5.0, "joint")
-    position, torque, why = propose_joint(table, 2, like, {"Zeit", "q1", "tau1"})
-    assert position == Channel("q9", "deg", None, "joint")
-    assert torque == Channel("tau9", "%", 1.0, "joint")
+    joint, why = propose_joint(table, 2, like, {"Zeit", "q1", "tau1"})
+    assert joint.position == Channel("q9", "deg", None, "joint")
+    assert joint.torque == Channel("tau9", "%", 1.0, "joint")
     assert {
         f"{role} of joint 2" for role in ("position", "torque", "scale of torque", "gear ratio")
     } <= {reason.what for reason in why if not reason.sure}
-    position, torque, _ = propose_joint(table, 3, like, {"Zeit", "q1", "tau1", "speed", "tau9"})
-    assert (position.column, torque.column) == ("q9", "")
+    joint, _ = propose_joint(table, 3, like, {"Zeit", "q1", "tau1", "speed", "tau9"})
+    assert (joint.position.column, joint.torque.column) == ("q9", "")
 
 
 def test_guess_of_nameless_signals_says_that_it_is_a_mere_proposal() -> None:

@@ -134,6 +134,7 @@ class TestMapping:
         assert widget(at, "selectbox", "Position of joint 1").value == "motor_position"
         sensor = widget(at, "selectbox", "Arm-side position of joint 1")
         assert sensor.value == "link_position"
+        assert "gear ratios" in head(at, "3 Drive data")
         at = shown(sensor.set_value("none").run())
         assert widget(at, "selectbox", "Arm-side position of joint 1").value == "none"
 
@@ -144,15 +145,18 @@ class TestMapping:
         assert opened(at) == ["2 Columns"]
         assert head(at, "2 Columns") == "choose: position of joint 1, torque of joint 1"
         widget(at, "selectbox", "Position of joint 1").set_value("velocity")
-        widget(at, "selectbox", "Unit of position 1").set_value("rad")
         at = shown(at.run())
+        assert widget(at, "selectbox", "Unit of position 1").value == "rad"
         assert head(at, "2 Columns") == "choose: torque of joint 1"
+        assert not [w for w in at.text_input if w.label.startswith("Gear ratios")]
         widget(at, "selectbox", "Torque of joint 1").set_value("abc")
         at = shown(at.run())
-        assert head(at, "2 Columns") == "choose: unit of torque of joint 1"
-        assert not [w for w in at.text_input if w.label.startswith("Gear ratios")]
-        widget(at, "selectbox", "Unit of torque 1").set_value("N·m")
+        assert widget(at, "selectbox", "Unit of torque 1").value == "N·m"
+        assert head(at, "2 Columns").endswith("to check")  # a unit that the file does not state
+        widget(at, "selectbox", "Unit of torque 1").set_value("A")
+        widget(at, "selectbox", "Unit of position 1").set_value("deg")
         at = shown(at.run())
+        assert not any("Unit of" in m.value for m in at.markdown)
         assert not at.error
         assert "missing" in head(at, "3 Drive data")
 

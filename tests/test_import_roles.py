@@ -137,7 +137,64 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
         (["t", "Axis_1:PCTRL_S_ACT", "Axis_1:ICTRL_ISQ_ACT", "Axis_1:LOAD_TORQUE"],
          [("Axis_1:PCTRL_S_ACT", "Axis_1:ICTRL_ISQ_ACT")]),
         (["t", "link_pos_1", "motor_pos_1", "motor_torque_1"], [("motor_pos_1", "motor_torque_1")]),
+        (
+            ["timestamp", *(n for f in ("target_q_{}", "target_qd_{}", "target_current_{}",
+                                        "target_moment_{}",
+                                        "actual_q_{}", "actual_qd_{}", "actual_current_{}",
+                                        "joint_control_output_{}", "actual_TCP_pose_{}",
+                                        "joint_temperatures_{}")
+                            for n in many(f, 6))],
+            [(f"actual_q_{k}", f"actual_current_{k}") for k in range(6)],
+        ),
+        (
+            ["t", *(f"Axis {k} ({n})" for k in (1, 2)
+                    for n in ("SetPos", "ActPos", "PosDiff", "ActVelo", "SetTorque", "ActTorque"))],
+            [(f"Axis {k} (ActPos)", f"Axis {k} (ActTorque)") for k in (1, 2)],
+        ),
+        (
+            ["t", *(f"gAxis0{k}:{n}" for k in (1, 2)
+                    for n in ("PCTRL_S_SET", "PCTRL_S_ACT", "PCTRL_LAG_ERROR", "SCTRL_SPEED_ACT",
+                              "ICTRL_ISQ_REF", "ICTRL_ISQ_ACT", "ICTRL_ISD_ACT"))],
+            [(f"gAxis0{k}:PCTRL_S_ACT", f"gAxis0{k}:ICTRL_ISQ_ACT") for k in (1, 2)],
+        ),
+        (
+            ["t", *(f"Axis{k}.{n}" for k in (1, 2)
+                    for n in ("stSetpointValues.lrPosition", "stActValues.lrPosition",
+                              "stActValues.lrVelocity", "stActValues.lrTorque", "lrLagError"))],
+            [(f"Axis{k}.stActValues.lrPosition", f"Axis{k}.stActValues.lrTorque") for k in (1, 2)],
+        ),
+        (
+            ["ms", *(f"{a} axis {n}" for a in "ab" for n in ("reference position", "motor position",
+                                                             "position error", "velocity", "torque"))],
+            [(f"{a} axis motor position", f"{a} axis torque") for a in "ab"],
+        ),
+        (
+            ["t", *(f"actuators[{k}].{n}" for k in (0, 1)
+                    for n in ("jitter_comm", "position", "velocity", "current_motor", "voltage",
+                              "temperature_motor"))],
+            [(f"actuators[{k}].position", f"actuators[{k}].current_motor") for k in (0, 1)],
+        ),
+        (
+            ["t", *(n for f in ("actual_joint_position[{}]", "actual_joint_velocity[{}]",
+                                "actual_motor_torque[{}]", "external_joint_torque[{}]",
+                                "target_joint_position[{}]", "target_motor_torque[{}]")
+                    for n in many(f, 6))],
+            [(f"actual_joint_position[{k}]", f"actual_motor_torque[{k}]") for k in range(6)],
+        ),
+        (
+            ["t", *(f"j{k}.{n}" for k in (1, 2)
+                    for n in ("cmdPos", "fbkPos", "trackErr", "fbkVel", "cmdTrq", "fbkTrq"))],
+            [(f"j{k}.fbkPos", f"j{k}.fbkTrq") for k in (1, 2)],
+        ),
+        (
+            ["ms", "Servo motor speed", "Droop pulses", "Cumulative feedback pulses",
+             "Instantaneous torque", "Bus voltage", "Load inertia moment ratio"],
+            [("Cumulative feedback pulses", "Instantaneous torque")],
+        ),
+        (["t", "Actual position of axis", "Position error of axis", "Current Phase A [mA]"],
+         [("Actual position of axis", "")]),
         # Where nothing fits, the role stays empty.
+        (["tick", "ax1_mpos_ref", "ax1_mvel_meas", "ax1_mot_trq_model"], [("", "")]),
         (["t", "position command", "torque"], [("", "torque")]),
         (["t", "torque", "velocity"], [("", "torque")]),
         (["t", "motor speed", "winding temperature"], [("", "")]),
@@ -155,6 +212,11 @@ def test_names_of_controllers(names: list[str], expected: list[tuple[str, str]])
     assert pairs(*names) == expected
 
 
+def test_a_rising_position_is_no_clock() -> None:
+    table = table_named("motor position", "motor torque")  # the first column rises evenly
+    assert guess_mapping(table).mapping.time == TimeColumn("", "samples", 1000.0)
+
+
 def test_positions_behind_the_gear_are_proposed_beside_those_of_the_motor() -> None:
     for behind, motor in (
         ("link_pos_{}", "motor_pos_{}"),
@@ -166,6 +228,7 @@ def test_positions_behind_the_gear_are_proposed_beside_those_of_the_motor() -> N
         assert [j.position.column for j in guess.joints] == [motor.format(k) for k in (1, 2)]
         assert [j.arm.column for j in guess.joints if j.arm] == [behind.format(k) for k in (1, 2)]
         assert mapping_from_json(mapping_to_json(guess)) == guess
+        assert {f"gear ratio of joint {k}" for k in (1, 2)} <= {*guess.assumed}
 
 
 def test_positions_without_a_unit_share_one() -> None:

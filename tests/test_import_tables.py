@@ -36,7 +36,7 @@ from jointid.background.child_process import Limits
 from jointid.importing import LogTable, read_log, read_logs
 from jointid.importing.columns import log_table
 from jointid.importing.columns.units import split_unit
-from jointid.importing.read import optional_imports
+from jointid.importing.read import reader
 from jointid.importing.read.formats import excel as workbooks
 from jointid.importing.read.reader_process import ReaderProcess
 
@@ -393,7 +393,7 @@ def test_reader_that_takes_too_long_is_ended(tmp_path: Path) -> None:
 def test_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(JointIdError, match=r'pip install "jointid\[import\]"'):
-        optional_imports.import_optional("h5py", "h5py", "HDF5 files")
+        reader.import_optional("h5py", "h5py", "HDF5 files")
 
 
 def test_signature_goes_by_names_and_units() -> None:

@@ -59,6 +59,16 @@ def test_sweep_gives_no_runs_and_is_told(growth: str, way: int) -> None:
     assert "sweep" in found.notes[0]
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noise_does_not_hide_a_sweep(seed: int) -> None:
+    """The phase of a short piece bends less than noise: its neighbours prove the drift."""
+    rng, time = np.random.default_rng(seed), np.arange(0, 40, 4e-3)
+    wave = np.exp(2j * np.pi * np.cumsum(2 + 20 * time / 40) * 4e-3)
+    theta = (wave / (2 + 20 * time / 40)).imag + 0.01 * rng.standard_normal(time.size)
+    tau = wave.real + 0.2 * rng.standard_normal(time.size)
+    assert find_segments(MappedLog(time, theta[:, None], tau[:, None])) == ()
+
+
 def test_sines_beside_a_sweep_are_kept() -> None:
     log, spans = log_of([Run(5.0, 20, BOTH, rest_s=15.0), Run(8.0, 30, BOTH)])
     t = log.time_s - spans[0][1] - 1.0

@@ -14,7 +14,7 @@ from streamlit.testing.v1 import AppTest
 
 from jointid import Analysis, Study
 from jointid.figures.uncertainty import confidence_outlines, harmonic_bars, normalised_residuals
-from jointid.ui.shared.charts import csv_bytes
+from jointid.ui.shared.charts import csv_of
 from jointid.ui.study.plan_form import largest_so_far, suggested_columns
 from jointid.ui.study.uncertainty_panels import difference
 from jointid.uncertainty.plan import suggest_records
@@ -192,7 +192,7 @@ class TestTheNextExperiment:
         self, found: Analysis, studies: dict[int, Study]
     ) -> None:
         suggestion = suggest_records(found.phasors, studies[2].inertias, found.fit)
-        rows = list(csv.DictReader(io.StringIO(csv_bytes(suggested_columns(suggestion)).decode())))
+        rows = list(csv.DictReader(io.StringIO(csv_of(suggested_columns(suggestion)))))
         assert [float(row["frequency_hz"]) for row in rows] == suggestion.records.frequency_hz.tolist()
         read = np.array(
             [

@@ -15,7 +15,7 @@ import typer
 
 from jointid.analysis import answer_state
 from jointid.cli.options import JSON, METHOD, named, require_ending
-from jointid.cli.output import print_json
+from jointid.cli.output import print_json, progress
 from jointid.cli.program import INTERRUPTED, print_error, reported
 from jointid.errors import JointIdError
 from jointid.wording import counted
@@ -71,7 +71,9 @@ def batch(
             "--workers applies to this computer, --scheduler to a cluster: give one of them."
         )
     require_ending("--out", out, ".parquet", ".pq")
-    limits = Limits(time_s=timeout, memory_bytes=_bytes(memory))
+    if not 0 < memory < 1e6:
+        raise typer.BadParameter(f"--memory {memory:g}: expected a size in GiB, such as 4.")
+    limits = Limits(time_s=timeout, memory_bytes=int(memory * 2**30))
     count = [0, 0]
     try:
         if scheduler is not None:
@@ -121,12 +123,6 @@ def _quiet_dask() -> None:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
 
-def _bytes(gib: float) -> int:
-    if not 0 < gib < 1e6:
-        raise typer.BadParameter(f"--memory {gib:g}: expected a size in GiB, such as 4.")
-    return int(gib * 2**30)
-
-
 def _document(summary: Summary) -> dict[str, Any]:
     names = ("studies", "good", "skipped", "kept", "verdicts", "time_s")
     failures = [
@@ -163,14 +159,8 @@ def _print_summary(summary: Summary) -> None:
 def _progress_display() -> Iterator[Callable[[Progress], None]]:
     """Show a progress bar on a terminal, else a line now and then for a log file."""
     if sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import BarColumn, TextColumn
-        from rich.progress import Progress as Bars
-
-        columns = BarColumn(), TextColumn("{task.description}")
-        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-            task = bars.add_task("Analysing", total=None)
-            yield lambda p: bars.update(task, total=p.studies, completed=p.done, description=p.text)
+        with progress("Analysing", quiet=False) as bar:
+            yield lambda p: bar(p.done / p.studies, p.text)
         return
     last = time.monotonic()
 

@@ -196,13 +196,8 @@ def mapped_study(
     study = study_from_logs(
         logs,
         segments,
-        robot.inertia,
-        nominal=robot.nominal,
-        poses=robot.poses,
         pose_of=list(poses) * len(logs) if len(poses) == 1 else poses,
-        name=robot.name,
-        inertia_std=robot.inertia_std,
-        torque_std=robot.torque_std,
+        **vars(robot),
     )
     of_logs = (f"{log.name}: {note}" for log in logs for note in log.notes)
     return study, (*without, *of_logs, *unused)

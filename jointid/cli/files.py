@@ -23,19 +23,15 @@ def loaded(path: Path) -> Study:
     """Read a study, or the sample of that name where no file or folder has it."""
     from jointid.files.study_files import load_study
 
-    is_name = len(path.parts) == 1 and not os.path.exists(path)
-    return load_study(_sample(path.name) if is_name else path)
-
-
-def _sample(name: str) -> Path:
-    samples = sample_studies()
-    try:
-        return samples[name.replace(" ", "_")]  # as the app shows it
-    except KeyError:
+    if len(path.parts) != 1 or os.path.exists(path):
+        return load_study(path)
+    samples, name = sample_studies(), path.name
+    if (sample := samples.get(name.replace(" ", "_"))) is None:  # spaces as the app shows it
         raise JointIdError(
             f"{name:.200}: nothing is there, and no sample has this name. Give a study's folder, that "
             f"folder as .zip, or a sample: {listed(samples)}.{nearest(name, samples)}"
-        ) from None
+        )
+    return load_study(sample)
 
 
 def analysed(path: Path, method: str, *, quiet: bool, **changes: Any) -> Analysis:
@@ -65,7 +61,8 @@ def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ())
     target = Path(os.path.realpath(path))
     for source in (Path(os.path.realpath(read)) for read in reads if read is not None):
         inside = source in target.parents and path.exists() and _in_study(path)
-        if source == target or target in source.parents or inside or _same_file(source, target):
+        same = source.exists() and target.exists() and source.samefile(target)
+        if same or source == target or target in source.parents or inside:
             raise JointIdError(f"{path} is the input of this command: choose another path for results.")
     if path.exists() and not overwrite:
         raise JointIdError(f"{path} exists: choose another path, or replace it with --overwrite.")
@@ -78,7 +75,3 @@ def _in_study(path: Path) -> bool:
 
     in_folder = any((parent / STUDY_FILE).is_file() for parent in path.absolute().parents)
     return in_folder and path.suffix.lower() in STUDY_PARTS
-
-
-def _same_file(source: Path, target: Path) -> bool:
-    return source.exists() and target.exists() and source.samefile(target)

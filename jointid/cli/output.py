@@ -48,17 +48,19 @@ def warn_if_unusable(analysis: Analysis) -> None:
 
 
 @contextmanager
-def progress(what: str, *, quiet: bool) -> Iterator[Callable[[float], None]]:
-    """Show a progress bar on a terminal: the present step until its share done is known."""
+def progress(what: str, *, quiet: bool) -> Iterator[Callable[..., None]]:
+    """Show a progress bar on a terminal: the present step until its share done, or a text, is known."""
     if quiet or not sys.stderr.isatty():
-        yield lambda fraction: None
+        yield lambda fraction, text="": None
         return
     from rich.console import Console
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=None)
-        yield lambda fraction: bar.update(task, total=1.0, completed=fraction)
+        yield lambda fraction, text=what: bar.update(
+            task, total=1.0, completed=fraction, description=text
+        )
 
 
 def made(study: Study, path: Path, as_json: bool, **more: Any) -> None:

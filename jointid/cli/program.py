@@ -3,7 +3,8 @@
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from typing import Annotated, Any, ParamSpec, TypeVar
 
@@ -57,26 +58,26 @@ class _Commands(TyperGroup):
 
     def make_context(self, info_name: str | None, args: list[str], *more: Any, **extra: Any) -> Any:
         as_json = "--json" in args
-        try:
+        with _usage_errors(as_json):
             context = super().make_context(info_name, args, *more, **extra)
-        except Exception as error:
-            _not_understood(error, as_json)
-            raise
         context.meta[_WANTS_JSON] = as_json
         return context
 
     def invoke(self, ctx: Any) -> Any:
-        try:
+        with _usage_errors(ctx.meta[_WANTS_JSON]):
             return super().invoke(ctx)
-        except Exception as error:
-            _not_understood(error, ctx.meta[_WANTS_JSON])
-            raise
 
 
-def _not_understood(error: Exception, as_json: bool) -> None:
-    message = getattr(error, "format_message", None)  # only usage errors have it
-    if as_json and message is not None:
-        print_error(message())
+@contextmanager
+def _usage_errors(as_json: bool) -> Iterator[None]:
+    """Print usage errors as JSON too."""
+    try:
+        yield
+    except Exception as error:
+        message = getattr(error, "format_message", None)  # only usage errors have it
+        if as_json and message is not None:
+            print_error(message())
+        raise
 
 
 def print_error(message: str) -> None:

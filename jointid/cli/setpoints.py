@@ -34,7 +34,9 @@ def setpoints(
     file_format: Annotated[
         str, typer.Option("--format", help="csv, ros2 (JointTrajectory), ur, egm or rsi.")
     ] = "csv",
-    kind: Annotated[str, typer.Option(help="Sines as: sines, multisine or sweep.")] = "sines",
+    kind: Annotated[
+        str, typer.Option(help="Form of the planned sines: sines, multisine or sweep.")
+    ] = "sines",
     interval_ms: Annotated[
         float | None, typer.Option(help="Time between set points; default: the format's.")
     ] = None,

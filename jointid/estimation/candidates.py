@@ -14,17 +14,8 @@ from scipy.special import chdtrc
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.estimators.inertia_prior import InertiaPrior
-from jointid.estimation.estimators.levenberg_marquardt import one_step
-from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
-from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, Parameters
-from jointid.estimation.estimators.problem import fitted_layout, make_problem
-from jointid.estimation.estimators.residual import with_law_noise
-from jointid.estimation.estimators.whitened_residual import WhitenedResidual
-from jointid.motion.end_terms import motor_motion
-from jointid.motion.friction import FrictionWaveforms, friction_waveforms
-from jointid.phasors.extract import Phasors
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS
 
 EXPLAINED = 1.1
 """Misfit below which richer friction cannot improve the fit noticeably."""
@@ -32,9 +23,9 @@ NEEDED = 3.0
 """Ratio of misfits from which a part is needed, whatever its standard error."""
 _SIGNIFICANT = 5.0
 """Standard errors by which an optional part must differ from zero."""
-_FREE_PENALTY = 2.0
-"""Factor on its square beside free friction, whose approximations other parts absorb."""
-WORTH = 0.2
+_RUBBING = 2.0
+"""Factor on its square beside friction, whose approximations other parts absorb."""
+_WORTH = 0.2
 """Share of the misfit beyond 1 that a part must explain where the model leaves more than noise: every
 wrong part explains something."""
 CHANCE = 1e-3
@@ -44,6 +35,8 @@ _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
 _BEND = 4.0
 """Largest ratio of two slopes of a gear; catalogues have up to 2."""
+_RUBS = 2.0
+"""Standard errors by which Coulomb friction must be positive."""
 _CERTAIN = 200.0
 """Squared parameter over its variance from which a model without it need not be fitted."""
 
@@ -137,75 +130,13 @@ class Choice:
     """Covariance of K1 ... Kn, D1 ... Dn by the choice between models, shape (2n, 2n)."""
 
 
-def model_waveforms(phasors: Phasors, model: Model) -> FrictionWaveforms | None:
-    """Friction waveforms of a model; None without friction."""
-    if model.reversal is None:
-        return None
-    return friction_waveforms(phasors, model.reversal, curve=model.curve)
-
-
-def fit_model(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    start: Floats | Parameters,
-    noise: Noise,
-    model: Model,
-    waveforms: FrictionWaveforms | None = None,
-) -> LikelihoodEstimate:
-    """Fit one model; its friction waveforms may be given.
-
-    Raises
-    ------
-    JointIdError
-        When the model does not fit, or its parameters have left the range of numbers.
-    """
-    waveforms = waveforms or model_waveforms(phasors, model)
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):
-            return maximum_likelihood(
-                phasors,
-                prior,
-                start,
-                friction=waveforms,
-                delay=model.delay,
-                effects=model.effects,
-                noise=noise,
-            )
-    except np.linalg.LinAlgError as error:
-        raise JointIdError(
-            "The model does not fit: its parameters exceed the range of numbers."
-        ) from error
-
-
-def evaluated(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    model: Model,
-    estimate: LikelihoodEstimate,
-    noise: Noise,
-    scale: Floats,
-) -> WhitenedResidual:
-    """Residual of a model at its estimate; ``scale`` multiplies the variances as in a fit."""
-    waveforms = model_waveforms(phasors, model)
-    problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
-    problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
-    return WhitenedResidual.of(problem, estimate.p, scale)
-
-
-def stepped(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    estimate: LikelihoodEstimate,
-    noise: Noise,
-    model: Model,
-    waveforms: FrictionWaveforms | None = None,
-) -> tuple[Floats, float]:
-    """Parameters and misfit of a model one step from the estimate of a similar one."""
-    waveforms = waveforms or model_waveforms(phasors, model)
-    layout = fitted_layout(prior, waveforms, model.delay, model.effects)
-    problem = make_problem(phasors, prior, layout, estimate.named.K, waveforms, noise)
-    p = problem.start(estimate.named)
-    return one_step(with_law_noise(problem, p), p)
+def rubs(estimate: LikelihoodEstimate) -> bool:
+    """Whether the friction of an estimate takes energy: Coulomb friction, or viscous alone."""
+    size, variance = estimate.p, np.diag(estimate.covariance) * max(1.0, estimate.misfit)
+    coulomb, viscous = (estimate.layout[name] for name in ("coulomb", "viscous"))
+    taken = size > _RUBS * np.sqrt(variance)
+    alone = size > _SIGNIFICANT * np.sqrt(variance)
+    return bool(np.any(taken[coulomb]) or np.any(alone[viscous]))
 
 
 def fundamental_chance(estimate: LikelihoodEstimate) -> float:
@@ -225,10 +156,20 @@ class Fits:
     """Real equations of all records, joints and harmonics."""
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
 
+    def estimate(self, model: Model) -> LikelihoodEstimate | None:
+        """Estimate of a model; None where it was not, or could not be, fitted."""
+        found = self.tried.get(model)
+        return found if isinstance(found, LikelihoodEstimate) else None
+
     def misfit(self, model: Model) -> float:
-        """Misfit of a model that was tried; infinite where it could not be fitted."""
-        estimate = self.tried.get(model)
-        return estimate.misfit if isinstance(estimate, LikelihoodEstimate) else np.inf
+        """Misfit of a model; infinite where it was not, or could not be, fitted."""
+        found = self.estimate(model)
+        return found.misfit if found else np.inf
+
+    @property
+    def least_misfit(self) -> float:
+        """Misfit of the model that is nearest to the data."""
+        return min(map(self.misfit, self.tried), default=np.inf)
 
     def least(self, models: Sequence[Model]) -> Model:
         """Model with the smallest criterion; of models with parts that are not significant, the same."""
@@ -243,7 +184,7 @@ class Fits:
         reversals explain the fundamentals, which give K and D: in many harmonics noise hides what a
         wrong reversal leaves.
         """
-        fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
+        fitted = {m: e for m in self.tried if (e := self.estimate(m))}
         misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
         criterion = dict.fromkeys(self.tried, np.inf)
         explained = {m.parts for m, e in fitted.items() if m.reversal and fundamental_chance(e) > _USUAL}
@@ -258,15 +199,13 @@ class Fits:
 
     def is_explained(self, model: Model) -> bool:
         """Whether noise explains the residual of a model, at the fundamentals as well."""
-        found = self.tried[model]
-        if isinstance(found, JointIdError) or found.misfit > EXPLAINED:
-            return False
-        return fundamental_chance(found) > _USUAL
+        found = self.estimate(model)
+        return bool(found and found.misfit <= EXPLAINED and fundamental_chance(found) > _USUAL)
 
     def is_certain(self, model: Model, part: str) -> bool:
         """Whether the cost without a part would be far higher, by its size in standard errors."""
-        estimate = self.tried[model]
-        if isinstance(estimate, JointIdError):
+        estimate = self.estimate(model)
+        if estimate is None:
             return False
         place = estimate.layout.of_part(part)
         variance = np.diag(estimate.covariance)[place] * max(1.0, estimate.misfit)
@@ -291,16 +230,15 @@ class Fits:
         size = estimate.p[place]
         sigma = np.sqrt(np.diag(estimate.covariance)[place] * own)
         clear = np.abs(size) > _SIGNIFICANT * sigma
-        other = self.tried.get(model.without(part))
-        simpler = other if isinstance(other, LikelihoodEstimate) else None
+        simpler = self.estimate(model.without(part))
         beyond_noise = own > EXPLAINED and simpler is not None and part != "friction"
-        if beyond_noise and simpler and simpler.misfit - own < WORTH * (simpler.misfit - 1):
+        if beyond_noise and simpler and simpler.misfit - own < _WORTH * (simpler.misfit - 1):
             return False
         if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
-            least = _SIGNIFICANT**2 * (_FREE_PENALTY if model.reversal else 1.0) + size.size
+            least = _SIGNIFICANT**2 * (_RUBBING if "friction" in model.parts else 1.0) + size.size
             least *= 1 + estimate.repeated  # such errors lower the cost of any part
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
-        if part == "piecewise":  # a first slope near zero, or a steep one, is play or hysteresis
+        if part == "piecewise":  # a first slope near zero, or a steep one, is backlash or hysteresis
             p = estimate.named
             stiffer = (p.K + p["piecewise"]) / np.maximum(p.K, np.finfo(float).tiny)
             if np.any((stiffer > _BEND) | (stiffer < 1 / _BEND)):
@@ -310,29 +248,30 @@ class Fits:
                 return False
             clear &= size > 0
         elif part == "friction" and not model.curve:
-            clear &= size > 0  # it dissipates energy
+            if not rubs(estimate):
+                return False
+            clear &= size > 0
         return bool(clear.any()) or (simpler is not None and simpler.misfit > NEEDED * own)
 
     def candidates(self, best: Model) -> tuple[Candidate, ...]:
         """All models, best first."""
         criterion = self.criterion()
-        order = sorted(self.tried, key=lambda model: criterion[model])
-        return tuple(self._candidate(model, criterion[model], model == best) for model in order)
 
-    def _candidate(self, model: Model, criterion: float, chosen: bool) -> Candidate:
-        estimate = self.tried[model]
-        fitted = estimate if isinstance(estimate, LikelihoodEstimate) else None
-        return Candidate(
-            name=model.name,
-            friction=model.reversal is not None,
-            delay=model.delay,
-            reversal=model.reversal or 0.0,
-            curve=model.curve,
-            problem="" if fitted else str(estimate),
-            cost=fitted.cost if fitted else np.inf,
-            expected_cost=fitted.expected_cost if fitted else 0.0,
-            parameters=fitted.parameter_count if fitted else 0,
-            criterion=criterion,
-            chosen=chosen and fitted is not None,
-            parts=model.parts,
-        )
+        def described(model: Model) -> Candidate:
+            fitted = self.estimate(model)
+            return Candidate(
+                name=model.name,
+                friction=model.reversal is not None,
+                delay=model.delay,
+                reversal=model.reversal or 0.0,
+                curve=model.curve,
+                problem="" if fitted else str(self.tried[model]),
+                cost=fitted.cost if fitted else np.inf,
+                expected_cost=fitted.expected_cost if fitted else 0.0,
+                parameters=fitted.parameter_count if fitted else 0,
+                criterion=criterion[model],
+                chosen=fitted is not None and model == best,
+                parts=model.parts,
+            )
+
+        return tuple(map(described, sorted(self.tried, key=lambda model: criterion[model])))

@@ -196,7 +196,7 @@ def likelihood_fit(
     )
     fit = replace(fit, covariance=fit.covariance + choice.spread)
     if "coulomb" in layout:
-        share = 4 / np.pi * np.abs(p.coulomb) / np.median(estimate.phasors.torque_size, axis=0)
+        share = 4 / np.pi * np.abs(p["coulomb"]) / np.median(estimate.phasors.torque_size, axis=0)
         of_sines = share * (not estimate.phasors.motion.all())
         of_motions = share**2 * estimate.phasors.motion.any()
         by_K = _UNSEEN_K * of_sines + _TURNING_K * of_motions
@@ -206,7 +206,7 @@ def likelihood_fit(
             fit,
             covariance=fit.covariance + np.diag(floor**2),
             unseen_error=floor,
-            friction=Friction(p.coulomb, p.viscous, error[layout.span("coulomb", "viscous")]),
+            friction=Friction(p["coulomb"], p["viscous"], error[layout.span("coulomb", "viscous")]),
         )
     if "delay" in layout:
         fit = replace(fit, delay=p.delay, delay_error=float(error[layout["delay"]].item()))

@@ -8,13 +8,13 @@ import numpy as np
 
 from jointid.arrays import Complexes
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import evaluated
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit, made_fit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import SpringEquations, spring_equations
 from jointid.estimation.estimators.linear_fit import LINEAR, Estimate, prior_covariance, weighted
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.problem import ideal_compliance
+from jointid.estimation.model_fits import evaluated
 from jointid.estimation.model_selection import choose_model
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.joints import Inertia

@@ -10,7 +10,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Model, evaluated, fit_model, stepped
+from jointid.estimation.candidates import Model, rubs
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
@@ -18,6 +18,7 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
+from jointid.estimation.model_fits import evaluated, fit_model, stepped
 from jointid.estimation.model_selection import choose_model
 from jointid.estimation.motion_start import motion_start
 from jointid.joints import Inertia
@@ -159,7 +160,7 @@ def _with_first_noise(
             if best and stepped(few, own, best, noise, model)[1] > _BETTER * best.misfit:
                 break
             found = fit_model(few, own, best.named if best and reversal else start, noise, model)
-            if best and found.misfit > _BETTER * best.misfit:
+            if best and (found.misfit > _BETTER * best.misfit or not rubs(found)):
                 break
             fits.append((model, found))
     if not fits:

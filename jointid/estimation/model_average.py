@@ -9,11 +9,10 @@ import numpy as np
 from scipy.special import chdtri, log_ndtr, ndtri_exp
 
 from jointid.arrays import Floats
-from jointid.errors import JointIdError
 from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
-from jointid.estimation.estimators.parameters import EFFECTS
+from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, Parameters
 from jointid.estimation.estimators.problem import LOWEST_LINK
 from jointid.estimation.estimators.score_tests import Score
 
@@ -32,6 +31,8 @@ _RIDGE = 1e-12
 """Variance, over the prior's, below that of any part."""
 _USUAL_LINK = 10.0
 """Mode of a link of a usual arm, over the joint's with free motor."""
+_USUAL = {"loss_factor": 0.05, "hysteresis": 0.05}
+"""Standard deviations of usual gears: of the loss factor, and of the hysteresis over the peak torque."""
 
 
 def spread(fits: Fits, best: Model, scores: Mapping[str, Score]) -> Floats:
@@ -42,9 +43,9 @@ def spread(fits: Fits, best: Model, scores: Mapping[str, Score]) -> Floats:
     1994). A part that was not fitted counts in full where its score is nearly significant, sooner
     where it would move K or D far: with uncertain inertias, a part that the records hardly show may.
     """
-    found = fits.tried[best]
+    found = fits.estimate(best)
     size = 2 * fits.joints
-    if isinstance(found, JointIdError):
+    if found is None:
         return np.zeros((size, size))
     criterion, shifts, misfit = fits.criterion(), [], max(1.0, found.misfit)
     sigma = np.sqrt(np.diag(found.elasticity_covariance))
@@ -53,8 +54,9 @@ def spread(fits: Fits, best: Model, scores: Mapping[str, Score]) -> Floats:
         doubt = _DOUBT_IF_FAR if np.any(np.abs(shift) > _FAR_OFF * sigma) else _DOUBT
         return bool(2 * gain > chdtri(count, doubt / max(len(fits.optional), 1)))
 
-    for model, estimate in fits.tried.items():
-        if model == best or not isinstance(estimate, LikelihoodEstimate):
+    for model in fits.tried:
+        estimate = fits.estimate(model)
+        if model == best or estimate is None:
             continue
         weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
         added = set(model.parts).difference(best.parts)
@@ -75,36 +77,42 @@ def spread(fits: Fits, best: Model, scores: Mapping[str, Score]) -> Floats:
     return spread
 
 
-def spread_of_links(estimate: LikelihoodEstimate, score: Score, prior: InertiaPrior) -> Floats:
-    """Covariance of K and D by links that a model lacks, shape (2n, 2n).
+def spread_of_unseen(
+    estimate: LikelihoodEstimate, scores: Mapping[str, Score], prior: InertiaPrior
+) -> Floats:
+    """Covariance of K and D by effects of usual size that a model lacks, shape (2n, 2n).
 
-    Links bend like −s⁴c; K and M2 imitate most of it.
+    Links bend like −s⁴c; K and M2 imitate most of it, and D most of the losses in a gear.
     """
-    wide, usual = (prior.link_std(estimate.named.K, times) for times in (LOWEST_LINK, _USUAL_LINK))
-    return spread_by_prior(score, wide, usual, max(1.0, estimate.misfit))
+    p, found = estimate.named, np.zeros_like(estimate.elasticity_covariance)
+    never: Floats = np.full(p.K.size, np.inf)
+    for name, score in scores.items():
+        part, wide, usual = score, never, _USUAL.get(name, 0.0) * score.unit
+        if name == "link":
+            wide, usual = (prior.link_std(p.K, times) for times in (LOWEST_LINK, _USUAL_LINK))
+        elif name in FILTERS:
+            part, wide, usual = _in_place_of_delay(p, name, score), never[:1], np.ones(1)
+        if np.any(usual) and np.any(part.information):
+            found += spread_by_prior(part, wide, usual, max(1.0, estimate.misfit))
+    return found
 
 
-def spread_of_filters(estimate: LikelihoodEstimate, scores: Mapping[str, Score]) -> Floats:
-    """Covariance of K and D by filters in place of a part of a delay or of lags, shape (2n, 2n).
+def _in_place_of_delay(p: Parameters, name: str, score: Score) -> Score:
+    """Score of filters in place of a part of a delay or of lags, along one direction.
 
     Filters of the position and of the logged torque change the amplitudes in opposite directions, by the
     square of a time constant, which is roughly a joint's delay.
     """
-    p, found = estimate.named, np.zeros_like(estimate.elasticity_covariance)
-    square = (p["lag"] if "lag" in p.layout else np.full(p.K.size, p.delay)) ** 2
-    for name, sign in (("position_filter", 1), ("torque_filter", -1)):
-        if name in scores and square.any():
-            score, along = scores[name], sign * square
-            pull = along @ score.information
-            information = pull @ along
-            common = replace(
-                score,
-                value=np.atleast_1d(pull @ score.value / information),
-                information=np.atleast_2d(information),
-                slope=(score.slope @ along)[:, np.newaxis],
-            )
-            found += spread_by_prior(common, np.full(1, np.inf), np.ones(1), max(1.0, estimate.misfit))
-    return found
+    late = p["lag"] if "lag" in p.layout else np.full(p.K.size, p.delay)
+    along = np.where(name == "position_filter", 1, -1) * late**2
+    pull = along @ score.information
+    information = pull @ along
+    return replace(
+        score,
+        value=np.atleast_1d(pull @ score.value / (information or 1.0)),
+        information=np.atleast_2d(information),
+        slope=(score.slope @ along)[:, np.newaxis],
+    )
 
 
 def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> Floats:

@@ -21,17 +21,10 @@ _DIGITS = 7
 
 
 def code_listing(found: Identification, language: str) -> str:
-    """Write K and D with their standard errors in a programming language.
+    """Write K and D with their standard errors in a language of ``LANGUAGES``.
 
-    Of an answer that is not usable, every line is a comment.
-
-    Parameters
-    ----------
-    found : Identification
-    language : str
-        One of ``LANGUAGES``.
-
-    Raises JointIdError when the language is not supported.
+    Of an answer that is not usable, every line is a comment. Raises JointIdError when the language is
+    not supported.
     """
     if language not in LANGUAGES:
         known = enumerated(list(LANGUAGES))

@@ -180,13 +180,7 @@ def with_infinite_as(word: str | None, value: Any) -> Any:
 
 
 def to_json(identification: Identification) -> str:
-    """Write an identification as JSON.
-
-    Returns
-    -------
-    str
-        ``from_json`` returns the same identification, bit for bit.
-    """
+    """Write an identification as JSON; ``from_json`` returns the same one, bit for bit."""
     return json.dumps(to_document(identification), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -196,13 +190,7 @@ def to_toml(identification: Identification) -> str:
 
 
 def from_json(data: str | bytes, *, where: str = "JSON") -> Identification:
-    """Read what ``to_json`` wrote.
-
-    Parameters
-    ----------
-    data : str or bytes
-    where : str
-        Name of the file, for messages.
+    """Read what ``to_json`` wrote; ``where`` is the name of the file, for messages.
 
     Raises JointIdError when it is not JSON or not such a document; the message names the key.
     """

@@ -24,16 +24,12 @@ _HEADER_BYTES = 116
 def to_mat(analysis: Analysis) -> bytes:
     """Write results as a .mat file; equal analyses give equal bytes.
 
-    Returns
-    -------
-    bytes
-        Variables: ``identification`` (struct as in JSON: state, K, D, covariance, obtained ...; Inf
-        where JSON has null); ``model`` (struct A, B, C, D for ``ss(model.A, model.B, model.C,
-        model.D)``, torque to acceleration of the motors, with the fitted inertias; missing for an
-        unphysical estimate and an unusable answer); ``transfer`` (struct array by pose:
-        ``frd(transfer(1).H, transfer(1).omega)``, H as measured);
-        ``transfer_without_friction_and_delay`` (friction- and delay-compensated; missing without
-        them); ``phasors`` (struct omega, q, tau, std, labels).
+    Variables: ``identification`` (struct as in JSON: state, K, D, covariance, obtained ...; Inf where
+    JSON has null); ``model`` (struct A, B, C, D for ``ss(model.A, model.B, model.C, model.D)``, torque
+    to acceleration of the motors, with the fitted inertias; missing for an unphysical estimate and an
+    unusable answer); ``transfer`` (struct array by pose: ``frd(transfer(1).H, transfer(1).omega)``, H as
+    measured); ``transfer_without_friction_and_delay`` (friction- and delay-compensated; missing without
+    them); ``phasors`` (struct omega, q, tau, std, labels).
     """
     document = to_document(identification(analysis))
     if poses := document.pop("poses", None):

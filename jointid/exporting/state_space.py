@@ -61,15 +61,9 @@ class StateSpaceModel:
 def state_space(
     inertia: Inertia, elasticity: Elasticity, *, output: Output = "acceleration"
 ) -> StateSpaceModel:
-    """Return the state space from motor torques to motor motion.
+    """Return the state space from motor torques to motor motion of a model of n joints.
 
-    Parameters
-    ----------
-    inertia, elasticity
-        The model, n joints.
-    output : {"acceleration", "velocity", "position"}
-        Motor accelerations give H of equation (16), with 2n states; velocities have 3n, positions 4n.
-
+    The output "acceleration" gives H of equation (16), with 2n states; "velocity" has 3n, "position" 4n.
     Raises JointIdError when the numbers of joints differ, or the output is not known.
     """
     if output not in get_args(Output):
@@ -119,16 +113,9 @@ def scipy_state_space(
 def control_state_space(
     inertia: Inertia, elasticity: Elasticity, *, output: Output = "acceleration", name: str = "robot"
 ) -> Any:
-    """Return the model as a ``control.StateSpace`` of python-control, its signals named.
+    """Return the model as a ``control.StateSpace`` of python-control, its signals and itself named.
 
-    Parameters
-    ----------
-    inertia, elasticity, output
-        As in ``state_space``.
-    name : str
-        Name of the system.
-
-    Raises JointIdError when python-control is not installed.
+    Parameters as in ``state_space``. Raises JointIdError when python-control is not installed.
     """
     control = _python_control()
     model = state_space(inertia, elasticity, output=output)
@@ -139,17 +126,9 @@ def control_state_space(
 def control_frd(matrix: TransferMatrix, *, smooth: bool = False, name: str = "measured") -> Any:
     """Return the measured H as ``control.FrequencyResponseData`` of python-control.
 
-    Parameters
-    ----------
-    matrix : TransferMatrix
-        Equations (16)-(18), motor acceleration over motor torque, 1/(kg·m²).
-    smooth : bool
-        Interpolate between the measured frequencies; needs four or more of them.
-    name : str
-        Name of the system.
-
-    Raises JointIdError when python-control is not installed, or there are too few frequencies to
-    interpolate.
+    ``matrix`` is motor acceleration over motor torque, equations (16)-(18), 1/(kg·m²). ``smooth``
+    interpolates between the measured frequencies and needs four or more of them. Raises JointIdError
+    when there are fewer, or python-control is not installed.
     """
     control = _python_control()
     n = matrix.H.shape[1]

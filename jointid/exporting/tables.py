@@ -33,11 +33,8 @@ def phasor_table(analysis: Analysis) -> str:
 def phasors_csv(p: Phasors, records: Sequence[SineRecord]) -> str:
     """One row per record: the phasors of the motor angles and torques, equations (2)-(4).
 
-    Returns
-    -------
-    str
-        CSV with a header row. f(t) = re sin ωt + im cos ωt; ``std`` is the root of the variance of the
-        complex number. The torque is corrected for hold and delay.
+    CSV with a header row: f(t) = re sin ωt + im cos ωt; ``std`` is the root of the variance of the
+    complex number. The torque is corrected for hold and delay.
     """
     header = ["record", "pose", "frequency_hz"]
     for signal, unit in (("theta", "rad"), ("tau", "Nm")):
@@ -55,11 +52,8 @@ def phasors_csv(p: Phasors, records: Sequence[SineRecord]) -> str:
 def transfer_matrix_table(analysis: Analysis) -> str:
     """One row per pose and frequency: H of equations (16)-(18), acceleration over torque, 1/(kg·m²).
 
-    Returns
-    -------
-    str
-        CSV with a header row; only the header without a transfer matrix. H as measured; with identified
-        friction or delay also compensated, in columns ``H11_without_friction_and_delay_re`` and so on.
+    CSV with a header row; only the header without a transfer matrix. H as measured; with identified
+    friction or delay also compensated, in columns ``H11_without_friction_and_delay_re`` and so on.
     """
     n = analysis.study.inertia.n
     free = without_friction_and_delay(analysis)
@@ -81,12 +75,9 @@ def transfer_matrix_table(analysis: Analysis) -> str:
 def torsion_table(analysis: Analysis) -> str:
     """Torsion curves: one row per joint, record (of a motion: segment) and point of its period.
 
-    Returns
-    -------
-    str
-        CSV with a header row: measured deflection and torque of the gear with their noise (standard
-        deviation), and the elastic torque of the fitted law. Motor side; damping and hysteresis are part
-        of the measured torque, the mean deflection of a record is set to 0.
+    CSV with a header row: measured deflection and torque of the gear with their noise (standard
+    deviation), and the elastic torque of the fitted law. Motor side; damping and hysteresis are part of
+    the measured torque, the mean deflection of a record is set to 0.
     """
     header = ["joint", "record", "pose", "frequency_hz", "deflection_rad", "torque_Nm"]
     header += ["deflection_std_rad", "torque_std_Nm", "law_Nm"]
@@ -113,13 +104,9 @@ def gear_table(found: Identification) -> str:
     """Torque of every gear's law over its deflection as a look-up table, up to the torque tried.
 
     For Simulink's 1-D Lookup Table and your own controller, which interpolate linearly: edges of the
-    backlash and changes of slope are among its rows. Without damping and hysteresis; motor side. The
-    torques of an unusable answer are NaN, and the first column's name says so.
-
-    Returns
-    -------
-    str
-        CSV with a header row, columns ``deflection_m1_rad, torque_m1_Nm, deflection_m2_rad, ...``.
+    backlash and changes of slope are among its rows. Without damping and hysteresis; motor side. CSV
+    with columns ``deflection_m1_rad, torque_m1_Nm, deflection_m2_rad, ...``. The torques of an unusable
+    answer are NaN, and the first column's name says so.
     """
     header = [
         f"{name}_m{j + 1}_{unit}"
@@ -143,22 +130,16 @@ def modelica_table(found: Identification) -> str:
 
 def _law_tables(found: Identification) -> list[Floats]:
     """Deflection and torque of every gear, as many rows of each, shape (rows, 2)."""
-    grids = []
-    for gear in found.gears:
-        half, most = 0.5 * gear.backlash_rad, gear.tried_rad or _NOT_TRIED_RAD
-        kinks = np.array([half, *(half + knee for knee in knees(gear)[0])])
-        grids.append(np.unique(np.concatenate([most * np.linspace(-1, 1, _ROWS), -kinks, kinks])))
-        grids[-1] = grids[-1][np.abs(grids[-1]) <= most]
-    rows = max((grid.size for grid in grids), default=0)
-    for j, grid in enumerate(grids):
-        while grid.size < rows:
-            widest = int(np.argmax(np.diff(grid)))
-            grid = np.insert(grid, widest + 1, grid[widest : widest + 2].mean())
-        grids[j] = grid
-    usable = 1.0 if found.is_usable else np.nan
+    most = [gear.tried_rad or _NOT_TRIED_RAD for gear in found.gears]
+    shares = [np.linspace(-1, 1, _ROWS)]
+    for gear, range_rad in zip(found.gears, most, strict=True):
+        half = 0.5 * gear.backlash_rad
+        kinks = np.array([half, *(half + knee for knee in knees(gear)[0])]) / range_rad
+        shares += [-kinks[kinks <= 1], kinks[kinks <= 1]]
+    grid, usable = np.unique(np.concatenate(shares)), 1.0 if found.is_usable else np.nan
     return [
-        np.stack([grid, usable * gear.torque(grid)], axis=1)
-        for grid, gear in zip(grids, found.gears, strict=True)
+        np.stack([range_rad * grid, usable * gear.torque(range_rad * grid)], axis=1)
+        for gear, range_rad in zip(found.gears, most, strict=True)
     ]
 
 

@@ -13,6 +13,7 @@ from jointid.analysis import Analysis
 from jointid.answer import without
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.figures.style import joint_symbol
 from jointid.joints import Elasticity, Inertia, motor_response, resonances
 from jointid.transfer_matrix import TransferMatrix, single_record_response
 
@@ -20,14 +21,6 @@ _POINTS = 400
 """Points of a model's curve over the band."""
 _PEAK_POINTS = 41
 """Additional points within 3 % of each resonance."""
-_OPEN_SYMBOLS = (
-    "circle-open",
-    "square-open",
-    "diamond-open",
-    "triangle-up-open",
-    "cross-open",
-    "star-open",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +139,7 @@ def single_record_curves(analysis: Analysis, pose: str, joint: int) -> list[Curv
     responses = single_records(analysis, pose, joint)
     for k, response in enumerate(responses):
         name = f"record {k + 1} of each frequency" if len(responses) > 1 else "each record alone"
-        curves.append(Curve(name, "measured", response, _OPEN_SYMBOLS[k % len(_OPEN_SYMBOLS)]))
+        curves.append(Curve(name, "measured", response, f"{joint_symbol(k)}-open"))
     return curves
 
 

@@ -10,10 +10,10 @@ from jointid.answer import AT_MOTOR, StiffnessUnit
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import (
-    JOINT_SYMBOLS,
     Trace,
     colours,
     figure,
+    joint_symbol,
     line,
     linear_axis,
     plain_text,
@@ -128,7 +128,7 @@ def stiffness_over_amplitude(
         name = plain_text(pose) or ("each record" if np.all(own) else "no pose stated")
         hover = f"%{{x:.3g}} N·m<br>%{{y:.4g}} ± %{{customdata:.2g}} {scale.unit}<extra></extra>"
         shared = {"customdata": error[own], "error": {"array": error[own]}, "hovertemplate": hover}
-        symbol = {"symbol": JOINT_SYMBOLS[k % len(JOINT_SYMBOLS)], "size": 6}
+        symbol = {"symbol": joint_symbol(k), "size": 6}
         colour = ink.measured if k == 0 else _SCALE[(2 * k) % len(_SCALE)]
         traces.append(points(amplitude[own], K[own], name, colour, marker=symbol, **shared))
     size = np.geomspace(0.01, 1, 80) * gear.tried_rad

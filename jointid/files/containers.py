@@ -189,7 +189,10 @@ class Zip:
                 raise JointIdError(f"{name} lists {path} twice: make the archive again.", file=name)
             self._members[path] = member
         self._members = {path: m for path, m in self._members.items() if not is_clutter(path)}
-        self._step_into_top_folder(marker)
+        tops = {PurePosixPath(name).parts[0] for name in self._members}
+        top = next(iter(tops)) if len(tops) == 1 else ""
+        if marker not in self._members and f"{top}/{marker}" in self._members:
+            self._members = {name[len(top) + 1 :]: m for name, m in self._members.items()}
 
     def names(self) -> tuple[str, ...]:
         """Return the names of all files, sorted."""
@@ -248,13 +251,6 @@ class Zip:
                 "make the archive with ordinary (deflate) compression."
             )
         return path
-
-    def _step_into_top_folder(self, marker: str) -> None:
-        """Remove the folder from the names, in an archive of one folder."""
-        tops = {PurePosixPath(name).parts[0] for name in self._members}
-        top = next(iter(tops)) if len(tops) == 1 else ""
-        if marker not in self._members and f"{top}/{marker}" in self._members:
-            self._members = {name[len(top) + 1 :]: m for name, m in self._members.items()}
 
 
 class _DirectoryGuard:

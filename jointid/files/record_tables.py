@@ -21,6 +21,7 @@ from jointid.files.csv_tables import (
     read_header,
     row_error,
     time_error,
+    to_floats,
 )
 from jointid.records import JointRecord, MotionRecord
 from jointid.wording import counted, listed, nearest
@@ -170,7 +171,7 @@ def _read_parquet(file: str, data: bytes, joints: int, arm: bool) -> tuple[list[
             column = table.column(name)
             if column.null_count:
                 raise empty_cell(file, int(np.argmax(column.is_null().to_numpy())) + 1, name)
-            columns.append(np.asarray(column.cast(pa.float64()).to_numpy()))
+            columns.append(to_floats(column.cast(pa.float64())))
     if not are_usable(columns):
         explain_fault(file, names, columns)
     return names, columns

@@ -19,13 +19,11 @@ band_hz = [2.5, 38]            # optional: frequencies to use
 
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
@@ -36,21 +34,26 @@ from jointid.files.study_keys import (
     INERTIA_KEYS,
     POSE_KEYS,
     RECORD_KEYS,
+    RECORD_VALUES,
     STUDY_KEYS,
+    STUDY_VALUES,
     TIMING_KEYS,
     in_place,
     read_angles,
     read_known,
     read_robot_model,
+    read_values,
 )
 from jointid.files.study_parts import is_long, read_long_record
-from jointid.files.study_saving import STUDY_FILE, TEXTS, pack_study, save_study
-from jointid.files.table_preview import peek_table
+from jointid.files.study_saving import STUDY_FILE, pack_study, save_study
 from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.records import MotionRecord, SineRecord
 from jointid.robot_models.model import MAX_FILE_BYTES
 from jointid.study import Study
 from jointid.wording import listed, nearest, shown
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["PEEK_ROWS", "PeekedTable", "load_study", "pack_study", "peek_study", "save_study"]
 
@@ -65,7 +68,7 @@ class PeekedTable:
 
     name: str
     """File name inside the study."""
-    frame: pd.DataFrame
+    frame: "pd.DataFrame"
     """The first rows, or those around the refused one; the index is the line in the file, or the row.
     Empty when nothing could be read."""
     error: str = ""
@@ -100,14 +103,7 @@ def load_study(path_or_file: Source) -> Study:
     with open_container(path_or_file, marker=STUDY_FILE) as container:
         top = parse_toml(STUDY_FILE, container.read(STUDY_FILE, at_most=MAX_TOML_BYTES + 1), STUDY_KEYS)
         _require_format_1(top)
-        known: dict[str, Any] = {key: top.text(key, "") for key in TEXTS}
-        readers: dict[str, Callable[[str], Any]] = {
-            "date": top.date,
-            "gear_ratio": top.numbers,
-            "gear_temperature_C": top.number,
-            "assumed": top.texts,
-        }
-        known |= {key: read(key) for key, read in readers.items() if key in top}
+        known = read_values(top, STUDY_VALUES)
         table = top.table("inertia", INERTIA_KEYS)
         model = read_robot_model(top, lambda file: container.read(file, at_most=MAX_FILE_BYTES + 1))
         known |= read_known(top, table, model) | {"robot_model": model}
@@ -121,8 +117,7 @@ def load_study(path_or_file: Source) -> Study:
             for table, file in zip(tables, files, strict=True)
         ]
     with in_place(STUDY_FILE, STUDY_FILE):
-        changes = tuple(top.texts("changes")) if "changes" in top else ()
-        return Study(records=tuple(records), pose_angles_rad=angles, changes=changes, **known)
+        return Study(records=tuple(records), pose_angles_rad=angles, **known)
 
 
 def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
@@ -131,6 +126,11 @@ def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
     There is one for each .csv or .parquet file, by name, with at most PEEK_ROWS rows; study.toml may be
     missing or wrong. Raises JointIdError when the folder or archive itself cannot be read.
     """
+    # Only a refused study is previewed: others do not wait for pandas, a third of a second.
+    import pandas as pd
+
+    from jointid.files.table_preview import peek_table
+
     tables, culprit, line = [], None, None
     try:
         load_study(path_or_file)
@@ -189,16 +189,11 @@ def _record(
     joints: int,
     poses: tuple[str, ...],
 ) -> SineRecord | MotionRecord:
-    hold = timing.flag("torque_hold", False) if timing else False
-    delay = timing.number("torque_delay_s", 0.0) if timing else 0.0
-    pose = table.text("pose") if "pose" in table else None
-    known: dict[str, Any] = {
-        "torque_hold": table.flag("torque_hold", hold),
-        "torque_delay_s": table.number("torque_delay_s", delay),
-        "start_s": table.number("start_s") if "start_s" in table else None,
-        "pose": pose,
-        "label": table.text("label", PurePosixPath(file).name),
-    }
+    known: dict[str, Any] = {"label": PurePosixPath(file).name, "start_s": None}
+    known |= read_values(table, RECORD_VALUES)
+    for of in (timing, table):
+        known |= {} if of is None else read_values(of, TIMING_KEYS)
+    pose = known.get("pose")
     if pose is not None and pose not in poses:
         raise JointIdError(
             f'{table.where} ({file}): pose "{pose:.60}" is not defined.{nearest(pose, poses)} '
@@ -206,13 +201,10 @@ def _record(
             file=table.file,
         )
     kind: type[SineRecord | MotionRecord] = SineRecord
-    if "frequency_hz" in table:
-        known["frequency_hz"] = table.number("frequency_hz")
-        if "band_hz" in table:
-            raise table.error("band_hz belongs to a record without frequency_hz: remove one of them.")
-    else:
+    if "frequency_hz" not in table:
         kind = MotionRecord
-        known["band_hz"] = table.numbers("band_hz") if "band_hz" in table else None
+    elif "band_hz" in table:
+        raise table.error("band_hz belongs to a record without frequency_hz: remove one of them.")
     path = container.path(file)
     if kind is SineRecord and path is not None and is_long(file, path):
         with in_place(file, file):

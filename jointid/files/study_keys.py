@@ -1,6 +1,6 @@
 """Keys of a study.toml with an example of each, and the values that several readers share."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -78,6 +78,27 @@ STUDY_KEYS = {
 }
 
 
+STUDY_VALUES = (
+    "name", "origin", "description", "robot", "note", "date", "gear_ratio", "gear_temperature_C",
+    "assumed", "changes",
+)  # fmt: skip
+"""Keys that are attributes of a study, in their order on disk."""
+RECORD_VALUES = ("frequency_hz", "band_hz", "start_s", "pose", "label")
+"""The same of a record."""
+
+
+def read_values(table: CheckedTable, keys: Iterable[str]) -> dict[str, Any]:
+    """Return the values of those keys of a table that are there."""
+    return {key: table.value(key) for key in keys if key in table}
+
+
+def written_values(source: object, keys: Iterable[str]) -> dict[str, Any]:
+    """Return the attributes of these names as TOML has them, without empty ones."""
+    values = {key: getattr(source, key, None) for key in keys}
+    plain = {key: v.tolist() if isinstance(v, np.ndarray) else v for key, v in values.items()}
+    return {key: value for key, value in plain.items() if value not in (None, "", ())}
+
+
 def read_inertia(
     table: CheckedTable, default: Inertia | None = None, robot: RobotModel | None = None
 ) -> Inertia:
@@ -123,15 +144,14 @@ def read_robot_model(top: CheckedTable, read: Callable[[str], bytes]) -> RobotMo
     if "robot_model" not in top:
         return None
     table = top.table("robot_model", ROBOT_KEYS)
-    given = {key: table.numbers(key) for key in ("gear_ratio", "rotor_inertia") if key in table}
+    given = read_values(table, ("gear_ratio", "rotor_inertia"))
     with in_place(table.where, table.file):
         name = safe_name(table.text("file"))
         robot = RobotModel.parse(name, read(name), **given)
     if "payload" not in table:
         return robot
     load = table.table("payload", PAYLOAD_KEYS)
-    values: dict[str, Any] = {key: load.number(key) for key in ("mass", "mass_std") if key in load}
-    values |= {key: load.numbers(key) for key in ("center", "inertia") if key in load}
+    values = read_values(load, PAYLOAD_KEYS)
     with in_place(load.where, load.file):
         return robot.with_payload(**values)
 

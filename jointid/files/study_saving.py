@@ -18,17 +18,20 @@ from jointid.errors import JointIdError
 from jointid.files.atomic_write import locked, new_file, remove_left_over, write_error
 from jointid.files.container_limits import MAX_TOTAL_BYTES, mebibytes
 from jointid.files.record_tables import write_record_table
-from jointid.files.study_keys import PARTS
+from jointid.files.study_keys import (
+    PARTS,
+    RECORD_VALUES,
+    STUDY_VALUES,
+    TIMING_KEYS,
+    written_values,
+)
 from jointid.joints import Inertia
 from jointid.parsing.checked_toml import MAX_TOML_BYTES
 from jointid.phasors.long_records import LongRecord
-from jointid.records import JointRecord, SineRecord
 from jointid.robot_models.model import RobotModel
 from jointid.study import INERTIA_STD, Study
 
 STUDY_FILE = "study.toml"
-TEXTS = ("name", "origin", "description", "robot", "note")
-"""Keys of texts, in their order."""
 
 
 def save_study(
@@ -104,16 +107,7 @@ def _files(study: Study, record_format: str) -> Iterator[tuple[str, bytes]]:
 
 def _toml(study: Study, files: Sequence[str]) -> bytes:
     timings = {(record.torque_hold, record.torque_delay_s.hex()) for record in study.records}
-    head: dict[str, Any] = {"format": 1, "name": study.name}
-    head |= {key: value for key in (*TEXTS, "date") if (value := getattr(study, key))}
-    if study.gear_ratio is not None:
-        head["gear_ratio"] = study.gear_ratio.tolist()
-    if study.gear_temperature_C is not None:
-        head["gear_temperature_C"] = study.gear_temperature_C
-    if study.assumed:
-        head["assumed"] = list(study.assumed)
-    if study.changes:
-        head["changes"] = list(study.changes)
+    head: dict[str, Any] = {"format": 1, "name": study.name} | written_values(study, STUDY_VALUES)
     if study.robot_model is not None:
         head["robot_model"] = _robot_table(study.robot_model)
     head["inertia"] = _angles(study, "") or inertia_table(study.inertia)
@@ -125,23 +119,16 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
     if study.nominal is not None:
         head["nominal"] = {"K": study.nominal.K.tolist(), "D": study.nominal.D.tolist()}
     if len(timings) == 1:
-        head["timing"] = _timing(study.records[0])
+        head["timing"] = written_values(study.records[0], TIMING_KEYS)
     head["poses"] = {n: _angles(study, n) or _pose(study, pose) for n, pose in study.poses.items()}
     text = tomli_w.dumps(head)
     for file, record in zip(files, study.records, strict=True):
-        row: dict[str, Any] = {"file": file}
-        if isinstance(record, SineRecord):
-            row["frequency_hz"] = record.frequency_hz
-        elif record.band_hz is not None:
-            row["band_hz"] = list(record.band_hz)
-        if record.start_s is not None:
-            row["start_s"] = float(record.start_s)
-        if record.pose is not None:
-            row["pose"] = record.pose
-        if record.label != PurePosixPath(file).name:
-            row["label"] = record.label
+        row = {"file": file} | written_values(record, RECORD_VALUES)
+        row["label"] = record.label
+        if record.label == PurePosixPath(file).name:  # which the reader takes
+            del row["label"]
         if len(timings) > 1:
-            row |= _timing(record)
+            row |= written_values(record, TIMING_KEYS)
         text += "\n[[records]]\n" + tomli_w.dumps(row)
     try:
         return text.encode()
@@ -195,10 +182,6 @@ def _pose(study: Study, pose: Inertia) -> dict[str, Any]:
             table = ({"base": name} if name else {}) | {"added": pose.added.tolist()}
             return ({} if np.array_equal(pose.M, base.M) else own) | table
     return ({} if np.array_equal(pose.M, study.inertia.M) else own) | table
-
-
-def _timing(record: JointRecord) -> dict[str, Any]:
-    return {"torque_hold": record.torque_hold, "torque_delay_s": record.torque_delay_s}
 
 
 def _write_folder(study: Study, target: Path, record_format: str) -> None:

@@ -58,14 +58,13 @@ def peek_table(file: str, data: bytes, rows: int, *, around: int = 0) -> pd.Data
         header = [f"{k}: {name}" for k, name in enumerate(header, start=1)]
     padded = [row + [""] * (width - len(row)) for _, row in table]
     index = pd.Index([line for line, _ in table], name="Line")
-    decimal = "," if delimiter != "," else "."
-    return pd.DataFrame(
-        {
-            name: _numbers_or_text([row[k] for row in padded], decimal).set_axis(index)
-            for k, name in enumerate(header)
-        },
-        index=index,
-    )
+    frame = pd.DataFrame(padded, index, header, dtype=str)
+    for name in header:
+        text = frame[name] if delimiter == "," else _with_points(frame[name])
+        numbers = pd.to_numeric(text, errors="coerce")
+        if len(text) and numbers.notna().all():
+            frame[name] = numbers
+    return frame
 
 
 def plottable(frame: pd.DataFrame) -> dict[str, Floats]:
@@ -103,12 +102,6 @@ def _delimiter(lines: Sequence[str]) -> str:
         if 2 * sum(delimiter in line for line in written) > len(written):
             return delimiter
     return ","
-
-
-def _numbers_or_text(cells: list[str], decimal: str) -> pd.Series:
-    text = pd.Series(cells, dtype=str)
-    numbers = pd.to_numeric(_with_points(text) if decimal == "," else text, errors="coerce")
-    return numbers if len(text) and numbers.notna().all() else text
 
 
 def _with_points(column: pd.Series) -> pd.Series:

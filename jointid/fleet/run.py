@@ -182,14 +182,10 @@ def _executor(workers: int | None, scheduler: str | None, limits: Limits) -> Exe
         from jointid.fleet.cluster import Cluster
 
         return Cluster(scheduler, limits)
-    return Local(_cores() if workers is None else workers, limits)
-
-
-def _cores() -> int:
-    """Number of cores available to this process."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    if workers is None:  # one per core that this process may use
+        here = hasattr(os, "sched_getaffinity")
+        workers = len(os.sched_getaffinity(0)) if here else os.cpu_count() or 1
+    return Local(workers, limits)
 
 
 def _rows_before(target: Path, journal: Journal, fresh: bool) -> dict[str, Row]:

@@ -105,18 +105,11 @@ def robust_spread(values: Floats) -> float:
 
 
 def few_values(values: Floats, errors: Floats) -> tuple[float, float, float, float]:
-    """Return the scatter of two or more values whose number is too small for a robust spread.
+    """Return the scatter of two or more values, with their standard errors, too few for a robust spread.
 
-    Parameters
-    ----------
-    values, errors : ndarray, shape (m,)
-        With one standard error each, m ≥ 2.
-
-    Returns
-    -------
-    tuple of float
-        Standard deviation s of the values, lower and upper 95 % limit of the true one (normal values,
-        (m − 1) s²/σ² ~ χ²), and the scatter over the stated errors, about 1 for values that agree.
+    These are the standard deviation s of the values, the lower and upper 95 % limit of the true one
+    (normal values, (m − 1) s²/σ² ~ χ²), and the scatter over the stated errors, about 1 for values that
+    agree.
     """
     left = values.size - 1
     deviation = float(values.std(ddof=1))
@@ -194,7 +187,8 @@ def _theil_sen(time: Floats, value: Floats) -> tuple[float, float, float]:
         return float("nan"), float("nan"), float(np.median(value)) if value.size else float("nan")
     pick = np.unique(np.linspace(0, time.size - 1, min(time.size, _MAX_PAIRED)).round().astype(int))
     t, v = time[pick] - np.median(time), value[pick]
-    slope = float(theilslopes(v, t).slope)
+    with np.errstate(invalid="ignore"):  # in its interval, not used here, where values repeat
+        slope = float(theilslopes(v, t).slope)
     level = float(np.median(v - slope * t))
     scatter = robust_spread(v - slope * t) * np.sqrt(t.size / (t.size - 2))
     return slope, float(_THEIL_SEN * scatter / np.sqrt(np.sum((t - t.mean()) ** 2))), level

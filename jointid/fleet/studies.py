@@ -17,21 +17,12 @@ _ESCAPE = re.compile(rb"\\(?=x(?:[89a-f][0-9a-f]|5c))")
 def find_studies(paths: Iterable[str | os.PathLike[str]]) -> tuple[Path, ...]:
     """Return the studies of paths and patterns, each once, in a fixed order.
 
-    Parameters
-    ----------
-    paths : iterable of path
-        Each is a study (a folder with study.toml, that file, or a .zip), a folder of studies at any
-        depth, or a pattern such as ``cells/*/2026-*.zip`` or ``cells/**``. Hidden names (".…") are
-        skipped.
-
-    Returns
-    -------
-    tuple of Path
-        Absolute and without links, so that a study has one path; in the order of ``paths``, below a
-        folder by name, numbers in names by value. An explicit path is included even when it is no study:
-        its row has the error.
-
-    Raises JointIdError when ``paths`` is empty, or a pattern or folder has no study.
+    Each path is a study (a folder with study.toml, that file, or a .zip), a folder of studies at any
+    depth, or a pattern such as ``cells/*/2026-*.zip`` or ``cells/**``. Hidden names (".…") are skipped.
+    The result is absolute and without links, so that a study has one path; in the order of ``paths``,
+    below a folder by name, numbers in names by value. An explicit path is included even when it is no
+    study: its row has the error. Raises JointIdError when ``paths`` is empty, or a pattern or folder has
+    no study.
     """
     given = [os.fspath(path) for path in paths]
     if not given:
@@ -78,7 +69,7 @@ def _matching(paths: Iterable[Path]) -> Iterator[Path]:
             yield path.parent
         elif _is_study(path):
             yield path
-        elif path.is_dir() and not _in_a_study(path):
+        elif path.is_dir() and not any(_is_study(parent) for parent in path.parents):
             yield from _below(path, set())
 
 
@@ -107,10 +98,6 @@ def _is_study(path: Path) -> bool:
     if path.is_dir():
         return (path / STUDY_FILE).is_file()
     return path.suffix.lower() == ".zip" and path.is_file()
-
-
-def _in_a_study(path: Path) -> bool:
-    return any((parent / STUDY_FILE).is_file() for parent in path.parents)
 
 
 def _natural(path: Path) -> list[tuple[int, int, str]]:

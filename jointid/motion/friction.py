@@ -6,7 +6,7 @@ stick, and the friction torque is then not a function of the velocity. There the
 the resolution of the harmonics, so that no waveform is assumed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -51,9 +51,17 @@ class FrictionWaveforms:
     stationary: np.ndarray
     """Whether the joint's motion is within its noise, shape (r, n): its friction is then unknown over
     the whole period, and its residual carries no information."""
+    position_filter: Floats = field(default_factory=lambda: np.zeros(1))
+    """Time constants of the filters of the positions that the velocities are freed of, (n,), s."""
 
 
-def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) -> FrictionWaveforms:
+def friction_waveforms(
+    phasors: Phasors,
+    window: float,
+    *,
+    curve: bool = False,
+    position_filter: Floats | None = None,
+) -> FrictionWaveforms:
     """Fourier coefficients of sign θ̇ and of the free friction around every reversal.
 
     Parameters
@@ -65,7 +73,13 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
         0 uses sign θ̇ everywhere.
     curve : bool, default False
         Whether friction varies nonlinearly with speed (Stribeck curve, gradual sign change).
+    position_filter : ndarray, shape (n,), optional
+        Time constants of first-order filters of the logged positions, s. The motors of sines reverse
+        where the positions before the filters do.
     """
+    if position_filter is not None and not phasors.motion.any():
+        own = friction_waveforms(_unfiltered(phasors, position_filter), window, curve=curve)
+        return replace(own, position_filter=position_filter)
     if phasors.motion.any():
         return _with_segments(phasors, window, curve)
     H, n = phasors.harmonics.shape[1], phasors.n
@@ -100,6 +114,16 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
             fades = signs * np.nan_to_num(np.exp(-np.abs(velocity) / width))
         fading[..., c] = phasors_of(fades, H).swapaxes(1, 2)
     return FrictionWaveforms(coulomb, fading, free, stationary)
+
+
+def _unfiltered(phasors: Phasors, position_filter: Floats) -> Phasors:
+    """Phasors whose angles are those before filters of the given time constants, shape (n,)."""
+    z, n = phasors.harmonics, phasors.n
+    gain = np.ones(z.shape, complex)
+    order = np.arange(1, z.shape[1] + 1)[:, None]
+    gain[..., :n] += 1j * phasors.omega[:, None, None] * order * position_filter
+    covariance = gain[..., None] * phasors.harmonic_covariance * gain[..., None, :].conj()
+    return replace(phasors, harmonics=gain * z, harmonic_covariance=covariance)
 
 
 def _with_segments(phasors: Phasors, window: float, curve: bool) -> FrictionWaveforms:

@@ -7,7 +7,8 @@ import math
 import re
 import tomllib
 from collections.abc import Collection, Mapping
-from typing import TypeVar
+from functools import cache
+from typing import Any, TypeVar
 
 from jointid.errors import JointIdError
 from jointid.wording import listed, nearest, shown
@@ -53,11 +54,15 @@ class CheckedTable:
     def __contains__(self, key: str) -> bool:
         return key in self._values
 
+    def value(self, key: str) -> Any:
+        """Return a value of the type of its example."""
+        return getattr(self, _reader(self._examples[key]))(key)
+
     def text(self, key: str, default: str | None = None) -> str:
         """Return a string."""
         return self._typed(key, str, "a text in quotes", default)
 
-    def flag(self, key: str, default: bool) -> bool:
+    def flag(self, key: str, default: bool | None = None) -> bool:
         """Return true or false."""
         return self._typed(key, bool, "true or false", default)
 
@@ -171,6 +176,14 @@ class CheckedTable:
         return self.error(
             f"{key} must be {expected}; got {shown(value)}. Example: {self._examples[key]}."
         )
+
+
+@cache
+def _reader(example: str) -> str:
+    """Method for values of the type of an example: "numbers" for "K = [20.0, 3.5]"."""
+    (value,) = tomllib.loads(example).values()
+    kinds = {str: "text", bool: "flag", float: "number", datetime.date: "date"}
+    return f"{kinds[type(value[0])]}s" if isinstance(value, list) else kinds[type(value)]
 
 
 def parse_toml(file: str, data: bytes, examples: Mapping[str, str]) -> CheckedTable:

@@ -88,13 +88,8 @@ def _moved(shape: Line | Marks | Text, across: float, down: float) -> Line | Mar
 
 
 def to_svg(drawing: Drawing, *, title: str = "") -> str:
-    """Return a drawing as an inline SVG element as wide as its container, or as a file on white.
-
-    Parameters
-    ----------
-    drawing : Drawing
-    title : str
-        Title of the file; "" for an inline element.
+    """Return a drawing as an inline SVG element as wide as its container, or with a title as a file on
+    white.
     """
     width, height = _n(drawing.width), _n(drawing.height)
     size = {"width": width, "height": height}

@@ -111,6 +111,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         if assumed is None
         else f"assumes K = {_list(assumed.K)} N·m/rad and D = {_list(assumed.D)} N·m·s/rad"
     )
+    below = millimetres(outcome.after_m)
+    below = below if below.startswith("under") else f"below {below}"
     friction = " and friction" if outcome.robot.friction is not None else ""
     yield Paragraph(
         "The same path, a rectangle of 28 × 45 mm at 300 mm/s, cut before and after. Before: a robot "
@@ -118,7 +120,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         "identified values, "
         + (
             "and those of the robot are drawn from their uncertainty: of "
-            f"{outcome.distribution.K.shape[0]} robots, 95 % stay {_below(outcome.after_m)} "
+            f"{outcome.distribution.K.shape[0]} robots, 95 % stay {below} "
             "in the largest corner zone; the robot at this limit is shown."
             if outcome.distribution is not None
             else f"and the robot has exactly these. {outcome.problem}"
@@ -165,11 +167,6 @@ def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
         for true, assumed in ((robot.elasticity, outcome.assumed), (outcome.p95, robot.elasticity))
     )
     return before, after
-
-
-def _below(length_m: float) -> str:
-    text = millimetres(length_m)
-    return text if text.startswith("under") else f"below {text}"
 
 
 def _list(values: Floats) -> str:

@@ -13,13 +13,7 @@ LEVELS = {"problem": "Problem", "warning": "Warning", "good": "Good", "note": "N
 
 
 def to_html(report: Report) -> str:
-    """Return a report as a self-contained HTML document.
-
-    Parameters
-    ----------
-    report : Report
-        As ``make_report`` wrote it.
-    """
+    """Return a report, as ``make_report`` wrote it, as a self-contained HTML document."""
     parts = [
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'

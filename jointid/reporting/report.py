@@ -22,7 +22,6 @@ from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks, 
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
-from jointid.study import Study
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.wording import capitalised, plain
@@ -36,20 +35,10 @@ def make_report(
     cut: bool = True,
     progress: Callable[[float, str], object] | None = None,
 ) -> Report:
-    """Write the report of an analysis.
+    """Write the report of an analysis, for ``to_html`` and ``to_pdf``.
 
-    Parameters
-    ----------
-    analysis : Analysis
-    cut : bool
-        Include the cut of Figure 7, about a second; for two joints only.
-    progress : callable, optional
-        Called with the share done and the next step. Its exceptions end the work.
-
-    Returns
-    -------
-    Report
-        Input of ``to_html`` and ``to_pdf``.
+    ``cut`` includes the cut of Figure 7, about a second; for two joints only. ``progress`` is called
+    with the share done and the next step. Its exceptions end the work.
     """
     study = analysis.study
     tell = progress or (lambda done, what: None)
@@ -76,14 +65,10 @@ def make_report(
     ]
     return Report(
         title=study.name or "Study without a name",
-        facts=_facts(study),
+        facts=" · ".join([study.origin or "origin not stated", *study.facts]),
         sections=tuple(sections),
         footer=f"jointid {__version__} · study {study_digest(study)}",
     )
-
-
-def _facts(study: Study) -> str:
-    return " · ".join([study.origin or "origin not stated", *study.facts])
 
 
 def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:

@@ -78,7 +78,10 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     )
     yield Table(
         ("correlation", *names),
-        tuple((name, *(_two(v) for v in row)) for name, row in zip(names, fit.correlation, strict=True)),
+        tuple(
+            (name, *(minus(f"{v + 0.0:.2f}").replace("−0.00", "0.00") for v in row))
+            for name, row in zip(names, fit.correlation, strict=True)
+        ),
         "Correlation of the errors of the estimates.",
     )
 
@@ -131,7 +134,3 @@ def digit_blocks(analysis: Analysis) -> Iterator[Block]:
         + " --json"
     )
     yield Table(("", "value", "standard error", "unit"), tuple(rows), align="lrrl")
-
-
-def _two(value: float) -> str:
-    return minus(f"{value + 0.0:.2f}").replace("−0.00", "0.00")

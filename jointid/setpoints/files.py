@@ -28,21 +28,11 @@ def set_points(
     interval_ms: float | None = None,
     study: str = "",
 ) -> SetPoints:
-    """Make set points of a played experiment and check them against the limits.
+    """Make set points of a played experiment and check them against the limits of the same joints.
 
-    Parameters
-    ----------
-    played : PlayedExperiment
-    robot : RobotLimits
-        Of the same joints.
-    file_format : str
-        One of ``FORMATS``.
-    interval_ms : float, optional
-        Time between set points; by default that of the format.
-    study : str
-        Name of the study, for the head of the file.
-
-    Raises JointIdError when the format does not exist or does not fit the robot or the frequencies.
+    The format is one of ``FORMATS``, whose interval is the default; ``study`` is the name of the study,
+    for the head of the file. Raises JointIdError when the format does not exist or does not fit the
+    robot or the frequencies.
     """
     if file_format not in FORMATS:
         raise JointIdError(f'Format "{file_format}": expected one of {", ".join(FORMATS)}.')

@@ -51,18 +51,9 @@ def check_limits(
 ) -> tuple[LimitRow, ...]:
     """Compare the played experiment and its set points with the limits of the robot.
 
-    Parameters
-    ----------
-    played : PlayedExperiment
-        Of n joints.
-    robot : RobotLimits
-    points : sequence of Peaks
-        Those of the set points and their derivatives, joint side, in degrees relative to the start pose.
-
-    Returns
-    -------
-    tuple of LimitRow
-        By joint: lowest and highest position, velocity, acceleration and torque.
+    ``points`` are the peaks of the set points and their derivatives, joint side, in degrees relative to
+    the start pose. The rows are by joint: lowest and highest position, velocity, acceleration and
+    torque.
     """
     ratio, start = robot.gear_ratio, robot.start_deg[list(robot.moving)]
     zero, load = np.zeros(ratio.size), np.abs(robot.load_Nm)
@@ -109,13 +100,7 @@ def check_table(rows: Sequence[LimitRow]) -> dict[str, list[str]]:
 
 
 def require_within_limits(rows: Sequence[LimitRow], scale: float) -> None:
-    """Refuse an experiment beyond a limit.
-
-    Parameters
-    ----------
-    rows : sequence of LimitRow
-    scale : float
-        Scale of the experiment; the remedy names one that stays within all limits.
+    """Refuse an experiment beyond a limit; the remedy names a scale that stays within all limits.
 
     Raises JointIdError with the limit that needs the smallest scale: joint, record, time and remedy.
     """

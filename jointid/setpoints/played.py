@@ -81,15 +81,8 @@ def play(
 ) -> PlayedExperiment:
     """Play an experiment on the simulated robot, equation (1): one pose, no gravity.
 
-    Parameters
-    ----------
-    experiment : Experiment
-    inertia, elasticity
-        The robot, n joints.
-    friction : Friction or MotorFriction, optional
-        Negative estimates count as none.
-
-    Raises JointIdError when the joints disagree or the closed loop is unstable.
+    Negative estimates of friction count as none. Raises JointIdError when the joints disagree or the
+    closed loop is unstable.
     """
     n, none = inertia.n, np.zeros(inertia.n)
     friction = friction or MotorFriction()

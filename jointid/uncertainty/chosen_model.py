@@ -82,9 +82,13 @@ def fitted_problem(phasors: Phasors, fit: ElasticityFit) -> Problem:
 def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:
     """Friction waveforms of these phasors for the friction model of the fit."""
     chosen = next((c for c in fit.candidates if c.chosen), None)
-    if chosen is None:
-        return friction_waveforms(phasors, 0.0)
-    return friction_waveforms(phasors, chosen.reversal, curve=chosen.curve)
+    p = fit.parameters
+    return friction_waveforms(
+        phasors,
+        chosen.reversal if chosen else 0.0,
+        curve=chosen is not None and chosen.curve,
+        position_filter=p["position_filter"] if "position_filter" in p.layout else None,
+    )
 
 
 def inertia_of_each(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Inertia]:

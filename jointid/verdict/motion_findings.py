@@ -11,9 +11,9 @@ from jointid.joints import Inertia
 from jointid.phasors.coherence import coherence
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
-from jointid.verdict.evidence import Change, Evidence, Finding, note, number, percent, some, warning
+from jointid.verdict.evidence import Evidence, Finding, percent, some, warning
 from jointid.verdict.findings import all_well, of_records
-from jointid.verdict.rules_causes import half_a_sample, hold_change, lag_size
+from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import inertias_off, judged
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
@@ -57,7 +57,7 @@ def motion_findings(
         found += of_records(Evidence(chosen, theirs, phasors, linear, linear, {}))
     own = None if np.any(fit.K <= 0) else judged(evidence)
     causes = [] if own is None else list(inertias_off(evidence, own))
-    found += [*causes, *effects_found(evidence), *_torque_lags(evidence)]
+    found += [*causes, *effects_found(evidence), *torque_lags(evidence)]
     if not causes:
         resting = list(_resting(of_motions))
         rules = (model_limits, hardly_tested, hardly_known)[: 2 if resting else 3]
@@ -124,20 +124,3 @@ def share_at_rest(record: MotionRecord) -> Floats:
     moves = np.abs(theta[span:] - theta[:-span])
     fast = np.quantile(moves, _FAST, axis=0)
     return np.asarray(np.where(fast > 0, np.mean(moves <= _SLOW * fast, axis=0), 1.0))
-
-
-def _torque_lags(evidence: Evidence) -> Iterator[Finding]:
-    """The torque acts later, or earlier, than its samples."""
-    fit = evidence.fit
-    if fit.delay is None or (size := lag_size(evidence)) is None:
-        return
-    interval = float(np.median([record.interval_s for record in evidence.records]))
-    yield note(
-        f"The torque {'lags' if fit.delay > 0 else 'leads'} by {size}",
-        f"That is {number(abs(fit.delay) / interval)} samples; the fit includes it.",
-        half_a_sample(evidence)
-        or f"If the drive has such a delay, set torque_delay_s = {number(fit.delay)} in study.toml.",
-        0.01,
-        "edit mapping",
-        *(hold_change(evidence) or [Change("delay", values=(fit.delay,))]),
-    )

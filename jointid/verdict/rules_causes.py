@@ -90,37 +90,32 @@ def lag_size(evidence: Evidence) -> str | None:
 
 def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     """The torque acts later, or earlier, than its samples."""
-    fit = evidence.fit
-    if fit.delay is None or fit.delay_error is None:
+    fit, size, effect, without = evidence.fit, lag_size(evidence), 0.01, ""
+    if fit.delay is None or fit.delay_error is None or size is None:
         return
-    interval = float(np.median([record.interval_s for record in evidence.records]))
-    lag, size = fit.delay, lag_size(evidence)
-    if size is None:
-        return
-    try:
-        without = refit(evidence.phasors, list(evidence.inertias), fit, delay=False).elasticity
-    except JointIdError:
-        without = np.full(2 * fit.n, np.nan)
-    p = fit.estimate
-    share = relative(without - p, p)
-    if not np.any(np.abs(without - p) > fit.standard_error):
-        return
-    worst = int(np.nanargmax(share))
-    remedy = (
-        f"If the drive has such a delay, add {_in_a_file(1e3 * lag)} ms to the torque's delay on "
-        f"import, or {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml."
-    )
-    remedy = half_a_sample(evidence) or remedy
+    if not evidence.phasors.motion.any():
+        try:
+            other = refit(evidence.phasors, list(evidence.inertias), fit, delay=False).elasticity
+        except JointIdError:
+            other = np.full(2 * fit.n, np.nan)
+        share = relative(other - fit.estimate, fit.estimate)
+        if not np.any(np.abs(other - fit.estimate) > fit.standard_error):
+            return
+        worst = int(np.nanargmax(share))
+        name, high = elasticity_labels(fit.n)[worst], other[worst] > fit.estimate[worst]
+        effect = float(share[worst])
+        without = f" Without it, {name} would be {percent(effect)} too {'high' if high else 'low'}."
+    lag, interval = fit.delay, float(np.median([record.interval_s for record in evidence.records]))
     others = " or ".join(alternatives(fit, "delay").values())
-    names, high = elasticity_labels(fit.n), without[worst] > p[worst]
     title = f"The torque {'lags' if lag > 0 else 'leads'} by {size}"
     samples = with_error(abs(lag) / interval, fit.delay_error / interval)
     yield note(
         f"{title}, or there is {others}" if others else title,
-        f"{CANNOT_TELL if others else ''}That is {samples} samples; the fit includes it. Without it, "
-        f"{names[worst]} would be {percent(share[worst])} too {'high' if high else 'low'}.",
-        remedy,
-        float(share[worst]),
+        f"{CANNOT_TELL if others else ''}That is {samples} samples; the fit includes it.{without}",
+        half_a_sample(evidence)
+        or f"If the drive has such a delay, add {_in_a_file(1e3 * lag)} ms to the torque's delay on "
+        f"import, or {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml.",
+        effect,
         "edit mapping",
         *(hold_change(evidence) or [Change("delay", values=(lag,))]),
     )

@@ -48,13 +48,13 @@ class InertiaPrior:
     M2: Floats
     """Distinct arm inertias, shape (p, n, n), kg·m²."""
     added: Floats
-    """Exactly known part of each M2, shape (p, n, n), kg·m²."""
+    """``Inertia.added`` of each M2, shape (p, n, n)."""
     gravity: Floats
-    """Gravity stiffness with each M2, shape (p, n, n), N·m/rad."""
+    """``Inertia.gravity`` with each M2, shape (p, n, n)."""
     shared: Floats
-    """Change of each uncertain part by 1 σ of the common unknown, shape (u, n, n), kg·m²."""
+    """``Inertia.shared`` of each uncertain part, shape (u, n, n)."""
     shared_gravity: Floats
-    """Change of the gravity stiffness by the same, shape (p, n, n), N·m/rad."""
+    """``Inertia.shared_gravity`` with each M2, shape (p, n, n)."""
     rest: Floats
     """Distinct uncertain parts M2 − added, shape (u, n, n), kg·m²."""
     rotor: np.ndarray

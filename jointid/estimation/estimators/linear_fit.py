@@ -70,20 +70,17 @@ class Estimate:
 
 def least_squares(equations: SpringEquations) -> Estimate:
     """Equations (13)-(14)."""
-    return _estimate(equations, _least_squares_gain(equations), weighted=False)
+    return _estimate(equations, _pseudo_inverse_gain(equations), weighted=False)
 
 
 def explicit(equations: SpringEquations) -> Estimate:
     """Equation (15) as printed."""
-    a, omega = equations.a, equations.omega[:, None]
-    stiffness = a.conj() / (np.abs(a) ** 2).sum(axis=0)
-    damping = -1j * a.conj() / (omega * np.abs(a) ** 2).sum(axis=0)
-    return _estimate(equations, _diagonals(stiffness, damping), weighted=False)
+    return _estimate(equations, _pseudo_inverse_gain(equations, 0), weighted=False)
 
 
 def weighted(equations: SpringEquations) -> Estimate:
     """Generalised least squares, started by least squares; weights from the noise of both a and b."""
-    gain = _least_squares_gain(equations)
+    gain = _pseudo_inverse_gain(equations)
     for _ in range(_WEIGHT_ITERATIONS):
         K, D = np.split(_apply(gain, equations.b), 2)
         gain, _ = _weighted_gain(equations, equations.residual_covariance(K, D))
@@ -181,11 +178,14 @@ def carried_covariance(slope: Floats, std: Floats) -> Floats:
     return covariance
 
 
-def _least_squares_gain(equations: SpringEquations) -> Complexes:
-    """Every linear estimator is p = Σ_r Re(G_r b_r) with a gain G of shape (r, 2n, n)."""
-    a, omega = equations.a, equations.omega[:, None]
+def _pseudo_inverse_gain(equations: SpringEquations, power: int = 1) -> Complexes:
+    """Every linear estimator is p = Σ_r Re(G_r b_r) with a gain G of shape (r, 2n, n).
+
+    The damping of a record has the weight ω to the given power: 1 in (14), 0 in (15).
+    """
+    a, weight = equations.a, equations.omega[:, None] ** power
     stiffness = a.conj() / (np.abs(a) ** 2).sum(axis=0)
-    damping = -1j * omega * a.conj() / ((omega * np.abs(a)) ** 2).sum(axis=0)
+    damping = -1j * weight * a.conj() / (weight * equations.omega[:, None] * np.abs(a) ** 2).sum(axis=0)
     return _diagonals(stiffness, damping)
 
 

@@ -238,21 +238,6 @@ class Parameters:
         return self["D"]
 
     @property
-    def coulomb(self) -> Floats:
-        """Coulomb friction, shape (n,), N·m."""
-        return self["coulomb"]
-
-    @property
-    def viscous(self) -> Floats:
-        """Viscous friction, shape (n,), N·m·s/rad."""
-        return self["viscous"]
-
-    @property
-    def curve(self) -> Floats:
-        """Weights of the parts of each joint's friction curve, shape (n, parts), N·m."""
-        return self["curve"]
-
-    @property
     def torque_scale(self) -> Floats | float:
         """Torque over logged torque, shape (n,); 1 where it is not fitted."""
         return self["torque_scale"] if "torque_scale" in self.layout else 1.0

@@ -270,19 +270,21 @@ def motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
     """s²M with viscous friction, shape (r, H, n), N·m/rad."""
     s = problem.s[..., None]
     inertial = s * s * problem.rotor_inertia(p)[problem.prior.rotor, None]
-    return np.asarray(inertial if problem.friction is None else inertial + s * p.viscous)
+    return np.asarray(inertial if problem.friction is None else inertial + s * p["viscous"])
 
 
 def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
     """Friction over that at the logged motion, shape (r, H, n).
 
     A motor turns back before its filtered position does: earlier by the delay of the filter at the
-    fundamental, which decides the sign of the velocity.
+    fundamental, which decides the sign of the velocity. The waveforms may be freed of a similar filter.
     """
     if "position_filter" not in problem.layout:
         return 1.0
     first = np.abs(problem.s[:, :1, None])
-    return np.exp(problem.s[..., None] * np.arctan(first * p["position_filter"]) / first)
+    freed = 0.0 if problem.friction is None else problem.friction.position_filter
+    earlier = np.arctan(first * p["position_filter"]) - np.arctan(first * freed)
+    return np.asarray(np.exp(problem.s[..., None] * earlier / first))
 
 
 def motor_friction(problem: Problem, p: Parameters) -> Complexes:
@@ -290,8 +292,8 @@ def motor_friction(problem: Problem, p: Parameters) -> Complexes:
     H = problem.s.shape[1]
     found = np.zeros((*problem.s.shape, problem.n), complex)
     if problem.friction is not None:
-        found += p.coulomb * problem.friction.coulomb[:, :H]
-        found += (problem.friction.curve[:, :H] * p.curve).sum(axis=3)
+        found += p["coulomb"] * problem.friction.coulomb[:, :H]
+        found += (problem.friction.curve[:, :H] * p["curve"]).sum(axis=3)
     if "motor_presliding" in problem.layout and problem.laws is not None:
         found += p["motor_presliding"] * problem.laws.presliding(p["bristle"], H)
     return np.asarray(found * friction_advance(problem, p))

@@ -330,7 +330,7 @@ def _without_ends(
         return torque, q
     velocity, acceleration = problem.motion
     inertial = acceleration * problem.rotor_inertia(p)[problem.prior.rotor, None]
-    viscous = 0.0 if problem.friction is None else p.viscous * velocity
+    viscous = 0.0 if problem.friction is None else p["viscous"] * velocity
     moved = np.any(velocity != 0, axis=(1, 2))[:, None, None]
     return (
         np.where(moved, torque + own * q - inertial - viscous, torque),

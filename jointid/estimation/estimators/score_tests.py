@@ -42,6 +42,8 @@ class Score:
     """Inverse covariance of its parameters, shape (count, count)."""
     slope: Floats
     """Change of K1 ... Kn, D1 ... Dn with its parameters, shape (2n, count)."""
+    unit: Floats
+    """Value at which a nonlinear law is as large as the linear gear, 1 for other parts, (count,)."""
 
     def penalised(self, rows: int) -> float:
         """Decrease of half the information criterion: of the cost, less the penalty."""
@@ -76,6 +78,7 @@ def scores(
     inner = normal[np.ix_(base, base)] + _RIDGE * np.eye(base.size)
     late = "delay" in fitted or "lag" in fitted
     per_unit = 2 * _FILTER / problem.highest_rad_s
+    units = {} if problem.laws is None else problem.laws.units(layout.named(p))
     found = {}
     for name in parts:
         squared = late and name in FILTERS
@@ -102,6 +105,7 @@ def scores(
             value=-step / unit,
             information=2 * left * np.outer(unit, unit),
             slope=-(through * unit / size[base][:, np.newaxis])[of_joints],
+            unit=units.get(name, np.ones(own.size)),
         )
     return found
 

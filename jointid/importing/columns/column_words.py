@@ -23,13 +23,13 @@ _LINES = {  # English, German, French, Italian, Spanish; without accents
     "velocity": "velocity velocities vel speed speeds dq qd qdot omega w drehzahl geschwindigkeit "
     "geschw vitesse velocita velocidad rate rpm dot acceleration acc accel beschleunigung qdd ddq jerk "
     "dtau dtheta",
-    "command": "command cmd commanded demand input "
+    "command": "command cmd commanded demand input set "
     "soll sollwert sollposition sollmoment sollwinkel reference ref "
     "desired des target ziel setpoint setp consigne stell vorgabe planned nominal feedforward ff "
     "vorsteuerung d",
     "no": "disturbance stoermoment droop "
     "error err fehler deviation abweichung schleppfehler deflection limit limits min max offset "
-    "temperature temp temperatur pressure druck status flag success id",
+    "temperature temp temperatur pressure druck status flag success id phase model",
     "other": "voltage spannung volt power leistung state mode digital output force kraft "
     "busvoltage pwm ext external hat filtered estimate estimated",
     "motor": "motor motorside mot mtr rotor antrieb antriebsseitig motorseitig motormoment motorwinkel "

@@ -2,8 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -71,7 +71,9 @@ class LogTable:
     source: str = ""
 
     def __post_init__(self) -> None:
-        columns = _distinct(self.columns)
+        plain = ["".join(c for c in each.name if c.isprintable()).strip()[:200] for each in self.columns]
+        names = distinct_names(name or f"column {k}" for k, name in enumerate(plain, start=1))
+        columns = tuple(replace(c, name=name) for c, name in zip(self.columns, names, strict=True))
         if len(columns) < 2:
             raise JointIdError(
                 f"{self.name} has {counted(len(columns), 'column')} of numbers; a log needs at least "
@@ -190,17 +192,13 @@ def log_path(name: str) -> PurePosixPath:
     return PurePosixPath(name.partition(": ")[0].replace("\\", "/"))
 
 
-def _distinct(columns: Sequence[LogColumn]) -> tuple[LogColumn, ...]:
-    """Give every column a unique name without control characters."""
-    taken: set[str] = set()
-    distinct = []
-    for number, column in enumerate(columns, start=1):
-        plain = "".join(c for c in column.name if c.isprintable()).strip()[:200]
-        plain = name = plain or f"column {number}"
-        count = 1
+def distinct_names(names: Iterable[str]) -> list[str]:
+    """Return names with a number, "speed (2)", where they repeat."""
+    taken: dict[str, None] = {}
+    for plain in names:
+        name, count = plain, 1
         while name in taken:
             count += 1
             name = f"{plain} ({count})"
-        taken.add(name)
-        distinct.append(LogColumn(name, column.values, column.unit, column.where))
-    return tuple(distinct)
+        taken[name] = None
+    return list(taken)

@@ -18,7 +18,6 @@ _SHORTEST = 512  # samples of a window
 _LONGEST = 1 << 15  # the same, beyond which its samples are averaged
 _MIN_IN_LINES = 0.85  # share of the power around the lines that must lie on them
 _CHANGE = 0.03  # relative change of the phasors that ends a run; the frequencies are known well
-_PRESENT = 0.4  # of the frames of a window in which a line must have half its size
 _MAX_ROUNDS = 8  # of growing, each to three times the length at most
 _MIN_EXPLAINED = 0.9  # share of the motion that the lines must explain
 
@@ -92,8 +91,6 @@ def _grown_run(
         if attempt:
             lines = find_lines(time[part], theta[part], tau[part])
             lines = lines_worth(time[part], theta[part], tau[part], lines) if lines else []
-        elif not _present(frames_of(signals[part], np.array(lines) * interval).z, len(lines)):
-            return None
         if len(lines) < 2:
             return None
         lines = [float(f) for f in fit_lines(time[part], signals[part], lines).frequency_hz]
@@ -118,17 +115,6 @@ def _grown_run(
     if share.max() < _MIN_EXPLAINED and in_lines(time[part], theta[part], lines) < _MIN_EXPLAINED:
         return None
     return first, last, lines
-
-
-def _present(z: Complexes, lines: int) -> bool:
-    """Whether there are frames enough, and every line is present in many of them.
-
-    In a series of single sines each line is absent from most frames.
-    """
-    if len(z) < SEED_FRAMES:
-        return False
-    size = np.linalg.norm(_by_size(z, z.shape[1] // lines).reshape(len(z), -1, lines), axis=1)
-    return bool((np.quantile(size, 1 - _PRESENT, axis=0) > 0.5 * size.max(axis=0)).all())
 
 
 def _by_size(z: Complexes, signals: int) -> Complexes:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jointid.arrays import Floats, true_runs
+from jointid.arrays import true_runs
 from jointid.importing.find.lines import evenly_sampled, fit_lines
 from jointid.importing.find.multisines import excited_lines, multisines
 from jointid.importing.find.segment import (
@@ -17,7 +17,7 @@ from jointid.importing.find.segment import (
     line_sizes,
     measured,
 )
-from jointid.importing.find.sine_candidates import SHARE, WINDOW_PERIODS, Candidate, sine_candidates
+from jointid.importing.find.sine_candidates import SHARE, Candidate, sine_candidates
 from jointid.importing.find.steady_state import (
     Frames,
     frames_of,
@@ -42,7 +42,6 @@ _MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the sho
 _HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
 _BEATS = 2.0  # of the closest lines of a multisine, beside which they may look like a sine
-_MIN_SETTLED = 0.5  # of a steady run of one line
 _MULTISINE_WORK = 0.2  # share of the work, for the progress
 _CANDIDATE_WORK = 0.3
 
@@ -144,24 +143,14 @@ class SegmentSearch:
                         rows = self._rows(run)
                         runs.append(run)
                         blocked[rows] = True
-                        clear[low:high] |= part == candidate and self._is_clear(part, rows, high - low)
+                        one = len(excited_lines(self._grid[rows], self._even[rows])) == 1
+                        clear[low:high] |= part == candidate and one
                 if runs:
                     # The edges of a run that was found look like sines of other frequencies.
                     blocked[part.begin : part.end] = True
                     yield slice(part.begin, part.end), runs
                 else:
                     failed.append(part)
-
-    def _is_clear(self, candidate: Candidate, settled: slice, samples: int) -> bool:
-        """Whether the settled part of a run of some samples is one line and no part of a beat.
-
-        A beat goes on beyond the run, and its phasors have settled in a small part only.
-        """
-        beyond = (candidate.end - candidate.begin - samples) * candidate.frequency
-        most = settled.stop - settled.start >= _MIN_SETTLED * samples
-        if beyond > 2 * WINDOW_PERIODS or not most:
-            return False
-        return len(excited_lines(self._grid[settled], self._even[settled])) == 1
 
     def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int, float]]:
         """Runs of one excitation pattern within a candidate, transients included, and their Hz."""
@@ -219,7 +208,7 @@ class SegmentSearch:
                 Frames(frames.begin[outer:], frames.length, frames.z[outer:]),
                 is_end=is_end,
                 fewest=int(fewest) * (1 + several),
-                step=np.repeat(_steps(self._even[begin:end]), len(lines)),
+                step=np.repeat([quantum(signal) for signal in self._even[begin:end].T], len(lines)),
             )
             if not is_end or last < frames.begin[-1] + frames.length:
                 end = begin + last
@@ -268,8 +257,3 @@ def _is_beat_of(run: Segment, multisine: Segment) -> bool:
     beside = multisine.start_s - reach < run.stop_s and run.start_s < multisine.stop_s + reach
     near = np.abs(lines - run.frequency_hz).min() < apart
     return bool(beside and near and run.stop_s - run.start_s < reach)
-
-
-def _steps(signals: Floats) -> Floats:
-    """Quantisation step of each signal, 0 without steps, shape (c,)."""
-    return np.array([quantum(signal) for signal in signals.T])

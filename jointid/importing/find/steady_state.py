@@ -130,11 +130,14 @@ def grown(
     first = low + int(np.argmin(misfit))
     last = first + SEED_FRAMES
     size = float(np.linalg.norm(_mean_phasors(y[first:last])[0]))
-    tolerance = _tolerance(size, noise, change)
+    # A relative change, or what noise excuses.
+    tolerance = max(change * size, min(_NOISE_SIGMAS * noise, _MAX_NOISE_CHANGE * size))
     if misfit.min() * size > tolerance:
         return 0, 0
     while True:
-        far = np.flatnonzero(np.linalg.norm(_rest(y, first, last), axis=1) > tolerance)
+        centre, turn = _mean_phasors(y[first:last])
+        rest = _level(y, turn, np.arange(len(y), dtype=float) - (first + last - 1) / 2) - centre
+        far = np.flatnonzero(np.linalg.norm(rest, axis=1) > tolerance)
         step = max(1, (last - first) // _GROWTH)
         left = max([0, first - step, *(far[far < first][-1:] + 1)])
         right = min([len(y), last + step, *far[far >= last][:1]])
@@ -218,11 +221,6 @@ def _settled_from(z: Complexes, fewest: int, rounding: Floats) -> int:
     return 0
 
 
-def _tolerance(size: float, noise: float, change: float) -> float:
-    """Largest deviation of a frame: a relative change, or what noise excuses."""
-    return max(change * size, min(_NOISE_SIGMAS * noise, _MAX_NOISE_CHANGE * size))
-
-
 def _mean_phasors(y: Complexes) -> tuple[Complexes, Floats]:
     """Mean phasors (..., c) in the middle of frames (..., m, c), and their rotation per frame (rad)."""
     turn: Floats = np.angle(np.sum(y[..., 1:, :] * y[..., :-1, :].conj(), axis=(-2, -1)))
@@ -236,12 +234,6 @@ def _mean_phasors(y: Complexes) -> tuple[Complexes, Floats]:
 def _level(y: Complexes, turn: Floats, place: Floats) -> Complexes:
     """Frames without their uniform rotation."""
     return np.asarray(y * np.exp(-1j * np.multiply.outer(turn, place))[..., None])
-
-
-def _rest(y: Complexes, first: int, last: int) -> Complexes:
-    """Deviation of every frame from the uniform rotation of some of them, shape (m, c)."""
-    centre, turn = _mean_phasors(y[first:last])
-    return np.asarray(_level(y, turn, np.arange(len(y), dtype=float) - (first + last - 1) / 2) - centre)
 
 
 def _misfit(y: Complexes) -> Floats:

@@ -1,7 +1,7 @@
 """Guess which columns are positions and torques, each guess with its reason."""
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from jointid.importing.map.mapping import (
     JointMapping,
     Mapping,
 )
-from jointid.importing.map.reasons import Reason, scale_reason
+from jointid.importing.map.reasons import Reason
 from jointid.importing.map.unnamed_columns import pairs_by_shape
 from jointid.importing.map.unwrap import unwrapped
 from jointid.wording import counted
@@ -38,7 +38,10 @@ _MAX_LESS_CLEAR = 0.5  # score below the least clear pair, up to which an unpair
 _Group = dict[str, NamedColumn]
 """The clearest column of each role of one joint."""
 _Groups = dict[str, _Group]
-_NO_SIDE = "The name does not state the side; the motor's is assumed."
+_Pair = tuple[LogColumn, LogColumn]
+"""Position and torque."""
+_Said = tuple[str, bool, str]
+"""A guess, whether the file states it, and why."""
 _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."
@@ -83,17 +86,24 @@ def guess_mapping(table: LogTable) -> Guess:
         reasons.append(Reason("joints", f"{len(pairs)} pairs fit; the first {MAX_JOINTS} are proposed."))
     pairs = pairs[:MAX_JOINTS]
     degrees = any(_angle_unit(position)[:2] == ("deg", False) for position, _ in pairs)
-    found = [_joint(number, *pair, degrees, reasons) for number, pair in enumerate(pairs, start=1)]
-    joints = _with_arms(found, columns, reasons)
+    groups = {c.column.name: c.group for c in columns}
+    arms = {
+        entry.group: entry.column
+        for entry in reversed(_behind(columns))
+        if _angle_unit(entry.column)[0] not in POSITION_SCALES
+    }
+    joints = tuple(
+        _joint(k, pair, arms.get(groups.get(pair[0].name, "")), degrees, reasons)
+        for k, pair in enumerate(pairs, start=1)
+    )
     hold = "A log does not say whether the torque is held from sample to sample."
     reasons.append(Reason("torque hold", hold))
     ends = [f"{role} of joint {j + 1}" for j in range(len(joints)) for role in QUANTITIES]
-    unproven = [f"direction of {end}" for end in ends]
-    unproven += [reason.what for reason in reasons if not reason.sure]
+    unproven = [f"direction of {end}" for end in ends] + [r.what for r in reasons if not r.sure]
     return Guess(Mapping(time, joints, assumed=tuple(dict.fromkeys(unproven))), tuple(reasons))
 
 
-def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[LogColumn, LogColumn]]:
+def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
     """Position and torque of each joint, joints in the order of their numbers, else of the file."""
     best: _Groups = {}
     behind = {id(entry) for entry in _behind(columns)}
@@ -132,10 +142,16 @@ def _fits(entry: NamedColumn, role: str) -> bool:
     return entry.score[role] > max(0.0, entry.score[_OTHER[role]])
 
 
+def _best(columns: Iterable[NamedColumn], role: str) -> LogColumn:
+    """Column that fits a role best; ``NO_COLUMN`` where none fits."""
+    fit = max(columns, key=lambda column: column.score[role], default=None)
+    return NO_COLUMN if fit is None or not _fits(fit, role) else fit.column
+
+
 def _behind(columns: Sequence[NamedColumn]) -> list[NamedColumn]:
     """Clear positions behind the gear, each beside a position of the same joint at the motor."""
-    found = []
     positions = [c for c in columns if _fits(c, "position") and c.score["position"] >= _CLEAR]
+    found = []
     for entry in positions:
         words = set(words_of(entry.column.name))
         beside = [set(words_of(c.column.name)) for c in positions if c.group == entry.group]
@@ -145,75 +161,77 @@ def _behind(columns: Sequence[NamedColumn]) -> list[NamedColumn]:
     return found
 
 
-def _with_arms(
-    joints: Sequence[JointMapping], columns: Sequence[NamedColumn], reasons: list[Reason]
-) -> tuple[JointMapping, ...]:
-    """Add the sensors behind the gears that names state; none of them is certain."""
-    found, groups = [*joints], {c.column.name: c.group for c in columns}
-    for entry in _behind(columns):
-        for j, joint in enumerate(found):
-            unit = _angle_unit(entry.column)[0]
-            if (
-                groups.get(joint.position.column) == entry.group
-                and not joint.arm
-                and unit not in POSITION_SCALES
-            ):
-                found[j] = replace(joint, arm=Channel(entry.column.name, unit, None, JOINT))
-                why = f'The name of "{entry.column.name}" says that it is behind the gear.'
-                reasons.append(Reason(f"{ARM} of joint {j + 1}", why))
-    return tuple(found)
-
-
-def _first_two(
-    table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]
-) -> list[tuple[LogColumn, LogColumn]]:
+def _first_two(table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
     """Return one joint when no two columns belong together: the clearest column of each role, if any."""
-    varying = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)]
-    varying = varying or [*columns]
+    moves = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)]
+    varying = moves or [*columns]
     if len(varying) < 2:
         raise JointIdError(
             f"{table.name} has {counted(len(varying), 'column')} of changing values beside the time; "
             f"a log needs a position and a torque. Columns found: {', '.join(table.names[:20])}."
         )
-    pair = []
+    pair: list[LogColumn] = []
     for role in _OTHER:
-        fit = max(varying, key=lambda c, r=role: c.score[r])  # type: ignore[misc]
-        if _fits(fit, role):
-            pair.append(fit.column)
-            why = f'"{fit.column.name}" fits best as {role}; no name pairs it with another column.'
-        else:
-            pair.append(NO_COLUMN)
+        pair.append(_best(varying, role))
+        why = f'"{pair[-1].name}" fits best as {role}; no name pairs it with another column.'
+        if pair[-1] is NO_COLUMN:
             why = f"No name or unit identifies the {role}: choose its column."
         reasons.append(Reason(f"{role} of joint 1", why))
     return [(pair[0], pair[1])]
 
 
 def _joint(
-    number: int, position: LogColumn, torque: LogColumn, degrees: bool, reasons: list[Reason]
+    number: int, pair: _Pair, behind: LogColumn | None, degrees: bool, reasons: list[Reason]
 ) -> JointMapping:
-    ends = [f"{role} of joint {number}" for role in QUANTITIES]
-    units = (_angle_unit(position, degrees), _torque_unit(torque))
-    sides = (_position_side(position, torque), _torque_side(torque))
-    for what, guesses in (("unit", units), ("side", sides)):
-        for end, (_, sure, why) in zip(ends, guesses, strict=True):
-            reasons.append(Reason(f"{what} of {end}", why, sure))
-    if any(side == JOINT for side, _, _ in sides):
-        reasons.append(Reason(f"gear ratio of joint {number}", _NO_RATIO))
-    channels = []
-    for end, column, (unit, *_), (side, *_), (_, scales) in zip(
-        ends, (position, torque), units, sides, QUANTITIES.values(), strict=True
-    ):
-        if meaning := scales.get(unit):
-            reasons.append(scale_reason(end, unit, meaning))
-        channels.append(Channel(column.name, unit, 1.0 if meaning else None, side))
-    turned = unwrapped(position.values[np.isfinite(position.values)], channels[0])
+    """Mapping of a joint, with the sensor behind its gear if there is one."""
+    position, torque = (
+        _channel(role, number, column, unit, side, reasons)
+        for role, column, unit, side in (
+            ("position", pair[0], _angle_unit(pair[0], degrees), _side("position", pair)),
+            ("torque", pair[1], _torque_unit(pair[1]), _side("torque", pair)),
+        )
+    )
+    arm = None
+    if behind is not None:
+        arm = Channel(behind.name, _angle_unit(behind)[0], None, JOINT)
+        why = f'The name of "{behind.name}" says that it is behind the gear.'
+        reasons.append(Reason(f"{ARM} of joint {number}", why))
+    joint = JointMapping(position, torque, arm=arm)
+    reasons += _drive_reasons(number, joint)
+    turned = unwrapped(pair[0].values[np.isfinite(pair[0].values)], position)
     if turned.jumps.size:
-        reasons.append(Reason(f"turns of {ends[0]}", turned.note(channels[0]), True))
-    return JointMapping(channels[0], channels[1])
+        reasons.append(Reason(f"turns of position of joint {number}", turned.note(position), True))
+    return joint
 
 
-def _angle_unit(column: LogColumn, degrees: bool = False) -> tuple[str, bool, str]:
-    """Unit, whether it is stated, and why; ``degrees`` if values of another joint suggest degrees."""
+def _drive_reasons(number: int, joint: JointMapping) -> list[Reason]:
+    """Reasons for the gear ratio and the scales that a joint needs."""
+    needed = [Reason(f"gear ratio of joint {number}", _NO_RATIO)] if joint.needs_ratio else []
+    for role, (_, scales) in QUANTITIES.items():
+        unit = getattr(joint, role).unit
+        if unit in scales:
+            why = f'The unit "{unit}" needs a scale ({scales[unit]}); 1 is assumed. Give it.'
+            needed.append(Reason(f"scale of {role} of joint {number}", why))
+    return needed
+
+
+def _channel(
+    role: str, number: int, column: LogColumn, unit: _Said, side: _Said, reasons: list[Reason]
+) -> Channel:
+    """Channel of a column with a guessed unit and side, and a scale of 1 where the unit needs one."""
+    end = f"{role} of joint {number}"
+    for what, (_, sure, why) in (("unit", unit), ("side", side)):
+        reasons.append(Reason(f"{what} of {end}", why, sure))
+    return Channel(column.name, unit[0], 1.0 if unit[0] in QUANTITIES[role][1] else None, side[0])
+
+
+def guess_unit(role: str, column: LogColumn) -> tuple[str, bool, str]:
+    """Return the unit of a position or torque, whether the file states it, and why."""
+    return _angle_unit(column) if role == "position" else _torque_unit(column)
+
+
+def _angle_unit(column: LogColumn, degrees: bool = False) -> _Said:
+    """Unit of a position; ``degrees`` if values of another joint suggest degrees."""
     if column.unit in ANGLE_UNITS:
         return column.unit, True, f'The file states "{column.unit}".'
     values = column.values[np.isfinite(column.values)]
@@ -231,7 +249,7 @@ def _angle_unit(column: LogColumn, degrees: bool = False) -> tuple[str, bool, st
     return "rad", False, f"Values up to {largest:.4g} suggest radians."
 
 
-def _torque_unit(column: LogColumn) -> tuple[str, bool, str]:
+def _torque_unit(column: LogColumn) -> _Said:
     if column.unit in TORQUE_UNITS:
         return column.unit, True, f'The file states "{column.unit}".'
     if drive_object(column.name):
@@ -241,32 +259,30 @@ def _torque_unit(column: LogColumn) -> tuple[str, bool, str]:
     return "N·m", False, "The file names no unit; newton metres are assumed."
 
 
-def _torque_side(torque: LogColumn) -> tuple[str, bool, str]:
-    words = set(words_of(torque.name))
-    if WORDS["motor"] & words:
-        return MOTOR, True, "The name indicates motor."
-    if torque.unit in ("A", "mA", "%", "‰") or WORDS["current"] & words:
-        return MOTOR, True, "Currents and shares of the rated torque belong to the motor."
-    if "effort" in words:
-        return JOINT, False, "An effort is given at the joint by convention."
-    if WORDS["behind"] & words:
-        return JOINT, False, "The name indicates joint, link or output: behind the gear."
-    return MOTOR, False, _NO_SIDE
-
-
-def _position_side(position: LogColumn, torque: LogColumn) -> tuple[str, bool, str]:
-    words = set(words_of(position.name))
-    if WORDS["motor"] & words:
-        return MOTOR, True, "The name indicates motor."
-    if WORDS["joint"] & words:
-        return JOINT, False, "The name indicates joint or axis."
-    if position.unit == "deg":
-        return JOINT, False, "Controllers show joint angles in degrees."
-    if "effort" in words_of(torque.name):
-        return JOINT, False, "Where the torque is an effort, the position is the joint's by convention."
-    if position.unit == "counts":
-        return MOTOR, False, "Counts usually come from the motor's encoder."
-    return MOTOR, False, _NO_SIDE
+def _side(role: str, pair: _Pair) -> _Said:
+    """Side of the gear on which a position or torque is measured: the first rule that fits."""
+    column, is_effort = pair[role == "torque"], "effort" in words_of(pair[1].name)
+    unit, words = column.unit, set(words_of(column.name))
+    is_current = unit in ("A", "mA", "%", "‰") or WORDS["current"] & words
+    torque = (
+        (is_current, MOTOR, True, "Currents and shares of the rated torque belong to the motor."),
+        (is_effort, JOINT, False, "An effort is given at the joint by convention."),
+        (WORDS["behind"] & words, JOINT, False, "The name indicates joint, link or output."),
+    )
+    of_effort = "Where the torque is an effort, the position is the joint's by convention."
+    position = (
+        (WORDS["joint"] & words, JOINT, False, "The name indicates joint or axis."),
+        (unit == "deg", JOINT, False, "Controllers show joint angles in degrees."),
+        (is_effort, JOINT, False, of_effort),
+        (unit == "counts", MOTOR, False, "Counts usually come from the motor's encoder."),
+    )
+    for fits, side, sure, why in (
+        (WORDS["motor"] & words, MOTOR, True, "The name indicates motor."),
+        *(torque if role == "torque" else position),
+    ):
+        if fits:
+            return side, sure, why
+    return MOTOR, False, "The name does not state the side; the motor's is assumed."
 
 
 def _join_by_number(best: _Groups, complete: _Groups) -> set[str]:
@@ -309,33 +325,26 @@ def _lone_columns(groups: Iterable[_Group], pairs: Collection[_Group]) -> list[R
 
 def propose_joint(
     table: LogTable, number: int, like: tuple[Channel, Channel], used: Collection[str]
-) -> tuple[Channel, Channel, list[Reason]]:
-    """Propose unused columns for joint ``number``: position, torque, and the reasons.
+) -> tuple[JointMapping, list[Reason]]:
+    """Propose unused columns for joint ``number``, with the reasons.
 
     Sides are those of the first joint, ``like``, and units where the file states none. ``used`` are the
     columns of the time and of other joints. A channel's column is "" when no column is left.
     """
     free = [described(column) for column in table.columns if column.name not in used]
-    channels, reasons = [], []
-    for (role, (units, scales)), first in zip(QUANTITIES.items(), like, strict=True):
-        end = f"{role} of joint {number}"
-        fit = max(free, key=lambda c, r=role: c.score[r], default=None)  # type: ignore[misc]
-        if fit is not None and not _fits(fit, role):
-            fit = None
-        text, said = "No other column fits: choose one, or reduce the number of joints.", ""
-        if fit is not None:
-            free.remove(fit)
-            text = f'"{fit.column.name}" is only a proposal from the unused columns.'
-            said = fit.column.unit
-        reasons.append(Reason(end, text))
-        unit = said if said in units else first.unit
-        why = f'The file states "{said}".' if unit == said else f"As for joint 1: {unit}."
-        reasons.append(Reason(f"unit of {end}", why, unit == said))
-        reasons.append(Reason(f"side of {end}", f"As for joint 1: {first.side} side."))
-        if meaning := scales.get(unit):
-            reasons.append(scale_reason(end, unit, meaning))
-        scale = 1.0 if unit in scales else None
-        channels.append(Channel(fit.column.name if fit else "", unit, scale, first.side))
-    if JOINT in (channels[0].side, channels[1].side):
-        reasons.append(Reason(f"gear ratio of joint {number}", _NO_RATIO))
-    return channels[0], channels[1], reasons
+    channels: list[Channel] = []
+    reasons: list[Reason] = []
+    for role, first in zip(QUANTITIES, like, strict=True):
+        column = _best(free, role)
+        free = [other for other in free if other.column is not column]
+        text = f'"{column.name}" is only a proposal from the unused columns.'
+        if column is NO_COLUMN:
+            text = "No other column fits: choose one, or reduce the number of joints."
+        reasons.append(Reason(f"{role} of joint {number}", text))
+        unit: _Said = first.unit, False, f"As for joint 1: {first.unit}."
+        if column.unit in QUANTITIES[role][0]:
+            unit = column.unit, True, f'The file states "{column.unit}".'
+        side = first.side, False, f"As for joint 1: {first.side} side."
+        channels.append(_channel(role, number, column, unit, side, reasons))
+    joint = JointMapping(channels[0], channels[1])
+    return joint, [*reasons, *_drive_reasons(number, joint)]

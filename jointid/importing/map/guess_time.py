@@ -33,7 +33,10 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
         if score >= 0.5 and (best is None or score > best[0]):
             best = (score, column, late)
     if best is None:
-        reasons.append(Reason("time", _no_time(table)))
+        said = [column.name for column in table.columns if _says_time(column)]
+        why = f'"{said[0]}" is named as time but does not increase' if said else "No column increases"
+        text = f"{why}: the rows are numbered. Give the sample rate; 1000 Hz is assumed."
+        reasons.append(Reason("time", text))
         return TimeColumn("", SAMPLES, 1000.0)
     score, column, late = best
     named = score >= 2
@@ -67,12 +70,6 @@ def _late_rows(values: Floats, *, named: bool) -> int | None:
         return 0 if values[-1] > values[0] else None
     rises = int(np.sum(steps > 0))
     return late if named and late <= _MAX_LATE * rises and 2 * rises >= steps.size else None
-
-
-def _no_time(table: LogTable) -> str:
-    said = [column.name for column in table.columns if _says_time(column)]
-    why = f'"{said[0]}" is named as time but does not increase' if said else "No column increases"
-    return f"{why}: the rows are numbered. Give the sample rate; 1000 Hz is assumed."
 
 
 def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:

@@ -135,6 +135,11 @@ class JointMapping:
         return (self.position, self.torque, *([self.arm] if self.arm else []))
 
     @property
+    def needs_ratio(self) -> bool:
+        """Whether a channel is behind the gear."""
+        return any(channel.side == JOINT for channel in self.channels)
+
+    @property
     def rad_per_unit(self) -> float:
         """Motor angle, rad, for one unit of the position column."""
         of_gear = self.gear_ratio if self.position.side == JOINT else 1.0
@@ -192,15 +197,13 @@ class Mapping:
             raise JointIdError(f"torque_hold = {shown(self.torque_hold)}: expected true or false.")
         delay = float(finite_array("torque_delay_s (s)", self.torque_delay_s, ndim=0))
         seen: dict[str, str] = {self.time.column: "time"} if self.time.column else {}
-        for number, joint in enumerate(self.joints, start=1):
-            for what, channel in zip((*QUANTITIES, ARM), joint.channels, strict=False):
-                role = f"{what} of joint {number}"
-                if channel.column and channel.column in seen:
-                    raise JointIdError(
-                        f'The column "{channel.column:.60}" is both {seen[channel.column]} and {role}: '
-                        "choose another for one of them."
-                    )
-                seen[channel.column] = role
+        for role, channel in self.roles:
+            if channel.column and channel.column in seen:
+                raise JointIdError(
+                    f'The column "{channel.column:.60}" is both {seen[channel.column]} and {role}: '
+                    "choose another for one of them."
+                )
+            seen[channel.column] = role
         listed = isinstance(self.assumed, list | tuple)
         if not listed or not all(isinstance(what, str) for what in self.assumed):
             raise JointIdError(f"assumed = {shown(self.assumed)}: expected names of entries.")
@@ -214,22 +217,25 @@ class Mapping:
         return len(self.joints)
 
     @property
+    def roles(self) -> tuple[tuple[str, Channel], ...]:
+        """All channels by role, "torque of joint 1", joint by joint."""
+        return tuple(
+            (f"{what} of joint {number}", channel)
+            for number, joint in enumerate(self.joints, start=1)
+            for what, channel in zip((*QUANTITIES, ARM), joint.channels, strict=False)
+        )
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """Names of all columns that are used: time (if any), positions, torques, arm-side positions."""
-        positions = [joint.position.column for joint in self.joints]
-        torques = [joint.torque.column for joint in self.joints]
-        arms = [joint.arm.column for joint in self.joints if joint.arm]
-        return tuple(name for name in (self.time.column, *positions, *torques, *arms) if name)
+        kinds = [*QUANTITIES, ARM]
+        roles = sorted(self.roles, key=lambda role: kinds.index(role[0].partition(" of ")[0]))
+        return tuple(filter(None, (self.time.column, *(channel.column for _, channel in roles))))
 
     @property
     def open_roles(self) -> tuple[str, ...]:
-        """Roles without a column: "torque of joint 1"."""
-        return tuple(
-            f"{what} of joint {number}"
-            for number, joint in enumerate(self.joints, start=1)
-            for what in QUANTITIES
-            if not getattr(joint, what).column
-        )
+        """Roles without a column."""
+        return tuple(role for role, channel in self.roles if not channel.column)
 
 
 def _checked_channel(what: str, channel: object) -> Channel:

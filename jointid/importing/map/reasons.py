@@ -19,12 +19,6 @@ class Reason:
     """False where the file does not state it and the user should check."""
 
 
-def scale_reason(channel: str, unit: str, meaning: str) -> Reason:
-    """Return the reason for the scale of a channel, such as "torque of joint 1"."""
-    text = f'The unit "{unit}" needs a scale ({meaning}); 1 is assumed. Give it.'
-    return Reason(f"scale of {channel}", text)
-
-
 def assumptions(mapping: Mapping) -> tuple[str, ...]:
     """Return the assumed entries of a mapping with their values: "gear ratio 1 (joints 1 and 2)"."""
     joints: dict[str, list[str]] = {}

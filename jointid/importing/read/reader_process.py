@@ -88,9 +88,14 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
     kind, name, path = request["kind"], request["name"], request["path"]
     try:
         tables = readers()[kind].read(name, path)
-        return {"tables": [_described(table) for table in tables]}, b"".join(
-            column.values.data for table in tables for column in table.columns
-        )
+        stated = ("name", "notes", "first_row", "row_word", "rows")
+        described = [
+            {key: getattr(table, key) for key in stated}
+            | {"columns": [[column.name, column.unit, column.where] for column in table.columns]}
+            for table in tables
+        ]
+        values = (column.values.data for table in tables for column in table.columns)
+        return {"tables": described}, b"".join(values)
     except JointIdError as error:
         message = str(error)
     except MemoryError:
@@ -101,17 +106,6 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
             f"{name} cannot be read as {readers()[kind].name} ({reason:.200}): export the log again."
         )
     return {"error": message}, b""
-
-
-def _described(table: LogTable) -> dict[str, Any]:
-    return {
-        "name": table.name,
-        "rows": table.rows,
-        "columns": [[column.name, column.unit, column.where] for column in table.columns],
-        "notes": table.notes,
-        "first_row": table.first_row,
-        "row_word": table.row_word,
-    }
 
 
 def main(memory_bytes: int) -> None:

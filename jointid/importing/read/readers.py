@@ -41,10 +41,7 @@ _UNSUPPORTED = (
     (b"ORC", "an ORC file"),
     (b"Obj\x01", "an Avro file"),
     (b"RRF", "a Rerun recording"),
-    (b"\x80\x02", "a Python pickle, which could run programs here"),
-    (b"\x80\x03", "a Python pickle, which could run programs here"),
-    (b"\x80\x04", "a Python pickle, which could run programs here"),
-    (b"\x80\x05", "a Python pickle, which could run programs here"),
+    *((bytes([0x80, k]), "a Python pickle, which could run programs here") for k in range(2, 6)),
     (b"MZ", "a Windows program"),
     (b"\x7fELF", "a Linux program"),
 )

@@ -2,6 +2,7 @@
 
 from base64 import b64encode
 from collections.abc import Sequence
+from functools import partial
 from html import escape
 
 import numpy as np
@@ -10,11 +11,12 @@ import streamlit as st
 from jointid import TrackingRun
 from jointid.arrays import Floats
 from jointid.cut.outcome import ZONES_M, Outcome, millimetres
-from jointid.figures.style import LIGHT, Colours, colours
+from jointid.figures.style import LIGHT, colours
 from jointid.reporting.drawing import Drawing, Line, to_svg
 from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
+from jointid.ui.shared.charts import download
 from jointid.ui.shared.page import Page
 from jointid.wording import capitalised
 
@@ -31,7 +33,7 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
     pairs = cached_cuts.pairs(page, settings, outcome)
     names = (nominal, "identified")
     own = settings if settings.zone_m in ZONES_M else settings.with_zone(0.0)
-    html = page.drawn(f"figure 7 {own}", lambda: _figure_7_html(pairs, names, colours(page.dark)))
+    html = page.drawn(f"figure 7 {own}", partial(_figure_7_html, pairs, names))
     st.html(html)
     done = [(zone, runs) for zone, runs in pairs if not isinstance(runs, str)]
     if not done:
@@ -40,25 +42,21 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
         (capitalised(name), colour, [(f"zone {1e3 * zone:g} mm", runs[row]) for zone, runs in done])
         for row, (name, colour) in enumerate(zip(names, (LIGHT.nominal, LIGHT.identified), strict=True))
     ]
-    st.download_button(
-        "Save the figure (.svg)",
-        data=lambda: to_svg(cut_figure(rows), title=f"Cuts of {page.study.name or 'a study'}").encode(),
-        file_name="cuts.svg",
-        mime="image/svg+xml",
-        on_click="ignore",
-    )
+    title = f"Cuts of {page.study.name or 'a study'}"
+    download("Save the figure (.svg)", lambda: to_svg(cut_figure(rows), title=title), "cuts.svg")
 
 
 def _figure_7_html(
     pairs: Sequence[tuple[float, tuple[TrackingRun, TrackingRun] | str]],
     names: tuple[str, str],
-    ink: Colours,
+    *,
+    dark: bool,
 ) -> str:
     """Two rows of pictures in a grid, which keeps its three columns on a phone."""
     every = [run for _, runs in pairs if not isinstance(runs, str) for run in runs]
     if not every:
         return "".join(f"<p>{escape(text)}</p>" for _, text in pairs if isinstance(text, str))
-    around = window(every)
+    around, ink = window(every), colours(dark)
     parts = []
     for row, name in enumerate(names):
         colour = ink.identified if row else ink.nominal

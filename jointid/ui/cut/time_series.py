@@ -12,7 +12,7 @@ from jointid.figures.cut import (
     torque_over_time,
 )
 from jointid.ui.cut.settings import CutSettings
-from jointid.ui.shared.charts import choose_segment, plot, side_by_side
+from jointid.ui.shared.charts import choose_segment, side_by_side
 from jointid.ui.shared.page import Page
 
 
@@ -25,7 +25,7 @@ def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> Non
             "Path error: distance to the nearest point of the path. Tracking error: distance to "
             "the reference position at that time."
         )
-        draw = partial(path_error_over_time, outcome, dark=page.dark)
+        draw = partial(path_error_over_time, outcome)
         page.show(f"error {settings}", draw, "Path and tracking error over time")
     with torque:
         st.markdown("**Torque**")
@@ -33,13 +33,12 @@ def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> Non
             "Torque command of each motor. A servo that knows the springs adds the torque that moves "
             "the motors by the deflection x."
         )
-        draw = partial(torque_over_time, outcome, dark=page.dark)
-        page.show(f"torque {settings}", draw, "Motor torques over time")
+        page.show(f"torque {settings}", partial(torque_over_time, outcome), "Motor torques over time")
     with corner:
         st.markdown("**A corner**")
         names = [str(k + 1) for k in range(len(outcome.toolpath.corners()[0]))]
         chosen = int(choose_segment("Corner", names, "cut_corner", hide_label=True)) - 1
-        draw = partial(corner_detail, outcome, chosen, dark=page.dark)
+        draw = partial(corner_detail, outcome, chosen)
         page.show(f"corner {chosen} {settings}", draw, "Tool paths around a corner")
     with distribution:
         _show_distribution(page, settings, outcome)
@@ -59,5 +58,5 @@ def _show_distribution(page: Page, settings: CutSettings, outcome: Outcome) -> N
         f"{outcome.distribution.K.shape[0]} robots drawn from {source}, each cut by a servo with the "
         "identified values."
     )
-    figure = path_error_histogram(outcome.distribution, dark=page.dark)
-    plot(figure, "Distribution of the path error", key="cut_promise")
+    draw = partial(path_error_histogram, outcome.distribution)
+    page.show(f"promise {settings}", draw, "Distribution of the path error")

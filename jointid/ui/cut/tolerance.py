@@ -1,5 +1,7 @@
 """Path error over errors of the assumed stiffness: a table, and a map on demand."""
 
+from functools import partial
+
 import numpy as np
 import streamlit as st
 
@@ -12,7 +14,7 @@ from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.charts import choose_segment, plot
+from jointid.ui.shared.charts import choose_segment
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click
@@ -70,13 +72,9 @@ def _show_map(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     )
     if tolerance is None:
         return
-    plot(
-        tolerance_heatmap(
-            tolerance, robot.elasticity, robot.covariance, outcome.assumed, dark=page.dark
-        ),
-        "Largest path error over the ratios of assumed to true stiffness",
-        key="cut_map_figure",
-    )
+    given = tolerance, robot.elasticity, robot.covariance, outcome.assumed
+    what = "Largest path error over the ratios of assumed to true stiffness"
+    page.show(f"map {settings} {span}", partial(tolerance_heatmap, *given), what)
     path_error = tolerance.max_contour_error_m
     least, exact = (millimetres(e) for e in (path_error.min(), path_error[_WIDE // 2, _WIDE // 2]))
     beside = (

@@ -1,5 +1,7 @@
 """Stiffness at the tool: deflection in millimetres for a force."""
 
+from functools import partial
+
 import numpy as np
 import streamlit as st
 
@@ -8,7 +10,7 @@ from jointid.analysis import Analysis
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot
 from jointid.cut.tool_stiffness import ToolStiffness, planar_tool_stiffness, tool_stiffness
 from jointid.figures.tool_stiffness import deflection_ellipse
-from jointid.ui.shared.charts import NO_POSE, choose_segment, plot, side_by_side, table
+from jointid.ui.shared.charts import NO_POSE, choose_segment, side_by_side, table
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import Page
 from jointid.wording import minus, significant, with_error
@@ -31,10 +33,10 @@ def show_tool_stiffness(page: Page, analysis: Analysis, robot: CutRobot) -> None
         return
     spatial = len(of.compliance) == 3
     axes = ("the softest direction", "the second") if spatial else ("x", "y")
-    key = f"tool {where} {force:g}"
-    drawing = page.drawn(key, lambda: deflection_ellipse(of, force, nominal, axes=axes, dark=page.dark))
+    draw = partial(deflection_ellipse, of, force, nominal, axes=axes)
     with figure:
-        plot(drawing, "Tool deflection under a force from any direction", key="tool_stiffness")
+        what = "Tool deflection under a force from any direction"
+        page.show(f"tool_stiffness {where} {force:g}", draw, what)
 
 
 def _stiffnesses(

@@ -73,7 +73,7 @@ def _in_words(spread: Spread) -> str:
     if np.isfinite(spread.spread):
         share = 100 * spread.spread / abs(spread.median) if spread.median else float("nan")
         text = with_error(spread.median, spread.spread)
-        return f"median {text} ({significant(share, 2)} %) {unit}"
+        return f"median ± robust spread {text} {unit} ({significant(share, 2)} %)"
     if spread.value.size < 2:
         return f"{significant(spread.median, 3)} {unit}; a spread needs at least 2 studies"
     *limits, ratio = (significant(x, 2) for x in few_values(spread.value, spread.error))
@@ -89,9 +89,9 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
     whose = "its robot's studies" if within_robot else "the fleet"
     st.caption(
         f"A value is an outlier beyond {OUTLIER_Z:g} times its expected distance from the median of "
-        f"{whose}: z = distance / √(s² + e²), with the robust spread s there (1.48 times the median "
-        f"distance from the median) and the value's own standard error e. At least {MIN_VALUES} studies "
-        "are needed."
+        f"{whose}: z = distance / √(s² + e²), with the robust spread s of these studies (1.48 times the "
+        f"median distance from the median) and the value's own standard error e. At least "
+        f"{MIN_VALUES} studies are needed."
     )
     if not any(len(spread.rows) >= MIN_VALUES for spread in spreads):
         st.info(f"Outliers need at least {MIN_VALUES} studies.")

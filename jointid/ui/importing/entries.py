@@ -20,16 +20,10 @@ from jointid.importing import (
     TimeColumn,
     mapping_to_json,
 )
-from jointid.importing.columns.units import (
-    ANGLE_UNITS,
-    POSITION_SCALES,
-    QUANTITIES,
-    SAMPLES,
-    TIME_UNITS,
-)
-from jointid.importing.map.guess import propose_joint
+from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
+from jointid.importing.map.guess import guess_unit, propose_joint
 from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
-from jointid.importing.map.reasons import unchanged
+from jointid.importing.map.reasons import Reason, unchanged, value_of
 from jointid.ui.importing.steps import go_on
 from jointid.ui.shared.entries import example_hint
 from jointid.ui.shared.markdown_escape import markdown_escape
@@ -70,6 +64,7 @@ class Entries:
     def __init__(self, table: LogTable, guess: Guess, base: Mapping, key: str) -> None:
         self.table, self.guess, self.base, self.key = table, guess, base, key
         self._reasons = {reason.what: reason for reason in guess.reasons}
+        self._follows: dict[str, str] = {}  # guessed units of columns that the user chose
 
     def ask_columns(self) -> Asked:
         """Ask for time, columns and units."""
@@ -78,12 +73,19 @@ class Entries:
         used = {time.column, *(c for c in self.base.columns if c != self.base.time.column)}
         joints: list[JointMapping] = []
         for j in range(n):
-            first = self.base.joints[j] if j < self.base.n else self._proposed(joints, used)
+            if j < self.base.n:
+                first = self.base.joints[j]
+            else:  # one joint more than the guess has
+                like = (self.base.joints[0].position, self.base.joints[0].torque)
+                first, why = propose_joint(self.table, j + 1, like, used)
+                self._reasons |= {reason.what: reason for reason in why}
             joints.append(self._columns_of(j, first, missing))
             used |= {channel.column for channel in joints[j].channels}
         joints = self._with_sensors(joints)
         found = Mapping(time, tuple(joints), assumed=self._assumed(n))
-        guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(_OF_DRIVES)]
+        as_guessed = {*unchanged(found, self.guess.mapping)} - {*self._follows}
+        as_guessed |= {w for w, unit in self._follows.items() if value_of(found, w).endswith(f" {unit}")}
+        guesses = [w for w in found.assumed if w in as_guessed and not w.startswith(_OF_DRIVES)]
         return self._confirmed("columns", found, missing, [w for w in guesses if w not in missing])
 
     def ask_drives(self, columns: Mapping) -> Asked:
@@ -110,10 +112,10 @@ class Entries:
                 if scale is not None and math.isnan(scale):
                     channels[role] = replace(channels[role], scale=1.0)
                     missing.append(f"scale of {role} of joint {j + 1}")
-            if math.isnan(ratios[j]) and JOINT in (channels["position"].side, channels["torque"].side):
+            known = not math.isnan(ratios[j])
+            joints[j] = replace(of, **channels, gear_ratio=ratios[j] if known else 1.0)
+            if joints[j].needs_ratio and not known:
                 missing.append(f"gear ratio of joint {j + 1}")
-            ratio = 1.0 if math.isnan(ratios[j]) else ratios[j]
-            joints[j] = replace(of, **channels, gear_ratio=ratio)
         missing += ["torque hold"] if hold is None else []
         assumed = tuple(what for what in self._assumed(len(joints)) if what.startswith(_OF_DRIVES))
         found = Mapping(columns.time, tuple(joints), bool(hold), delay, assumed)
@@ -158,13 +160,6 @@ class Entries:
         joints = four.number_input("Joints", 1, MAX_JOINTS, self.base.n, **self._kept("joints"))
         return TimeColumn("" if column == _NO_COLUMN else column, unit, rate), int(joints)
 
-    def _proposed(self, joints: Sequence[JointMapping], used: set[str]) -> JointMapping:
-        """Propose columns for one more joint than the guess has."""
-        like = (self.base.joints[0].position, self.base.joints[0].torque)
-        position, torque, why = propose_joint(self.table, len(joints) + 1, like, used)
-        self._reasons |= {reason.what: reason for reason in why}
-        return JointMapping(position, torque)
-
     def _columns_of(self, j: int, first: JointMapping, missing: list[str]) -> JointMapping:
         places = st.columns([3, 1.5, 3, 1.5])
         channels = []
@@ -172,8 +167,13 @@ class Entries:
             base, name = getattr(first, role), f"{role} {j}"
             label = f"{role.capitalize()} of joint {j + 1}"
             column = self._select(places[2 * k], label, self.table.names, base.column, name)
-            known = bool(base.column) or j >= self.guess.mapping.n
-            first_unit = base.unit if known else ""
+            first_unit = base.unit if base.column or j >= self.guess.mapping.n else ""
+            what = f"unit of {role} of joint {j + 1}"
+            if column not in ("", base.column):  # another column, another unit
+                of_column, sure, why = guess_unit(role, self.table.column(column))
+                if sure or not first_unit or j < self.guess.mapping.n:
+                    first_unit, name = of_column, f"{name} {column}"
+                    self._reasons[what], self._follows[what] = Reason(what, why, sure), of_column
             label = f"Unit of {role} {j + 1}"
             unit = self._select(places[2 * k + 1], label, tuple(units), first_unit, f"{name} unit")
             if not (column and unit):
@@ -188,7 +188,7 @@ class Entries:
         given = [j < self.base.n and self.base.joints[j].arm for j in range(len(joints))]
         if len(self.table.columns) <= 2 * len(joints) + 1:
             return [*joints]
-        units = [unit for unit in ANGLE_UNITS if unit not in POSITION_SCALES]
+        units = [unit for unit in QUANTITIES["position"][0] if unit not in QUANTITIES["position"][1]]
         found = []
         with st.popover(f"Sensors behind the gears: {sum(map(bool, given)) or _NO_SENSOR}"):
             for j, joint in enumerate(joints):
@@ -245,13 +245,12 @@ class Entries:
     ) -> set[int]:
         """Ask which joints have the value of ``_SWITCHES``."""
         value, question = _SWITCHES[role, field]
-        names = [str(j + 1) for j in range(len(joints))]
-        of = zip(names, (getattr(joint, role) for joint in joints), strict=True)
+        of = {str(j): getattr(joint, role) for j, joint in enumerate(joints, start=1)}
         chosen = place.pills(
             question,
-            names,
+            [*of],
             selection_mode="multi",
-            default=[name for name, channel in of if getattr(channel, field) == value],
+            default=[name for name, channel in of.items() if getattr(channel, field) == value],
             format_func=lambda name: f"joint {name}",
             **self._kept(f"{role} {field} of {len(joints)}"),
         )
@@ -283,9 +282,8 @@ class Entries:
             **self._kept(f"{what} {meaning} {len(joints)}"),
         )
         try:
-            values = (
-                numbers_in(label, text.replace("?", "nan"), count=len(joints)) if text.strip() else ()
-            )
+            given = text.replace("?", "nan")
+            values = numbers_in(label, given, count=len(joints)) if text.strip() else ()
             if any(value == 0 or math.isinf(value) for value in values):
                 raise JointIdError(f"{label}: {text[:60]}. Give finite values other than 0.")
         except JointIdError as error:
@@ -303,43 +301,32 @@ class Entries:
     def _show_reasons(self, open_: Sequence[str]) -> None:
         """Show the reasons of unconfirmed guesses, those of one entry for many joints in one line."""
         entries: dict[str, dict[str, list[str]]] = {}
-        for what in open_:
-            if what in self._reasons:
-                entry, _, joint = what.rpartition(" of joint ")
-                texts = entries.setdefault(entry or what, {})
-                texts.setdefault(self._reasons[what].text, []).extend([joint] if entry else [])
+        for what in filter(self._reasons.__contains__, open_):
+            entry, _, joint = what.rpartition(" of joint ")
+            text = markdown_escape(self._reasons[what].text)
+            entries.setdefault(entry or what, {}).setdefault(text, []).extend([joint] if entry else [])
         for entry, texts in entries.items():
-            if len(texts) > _MOST_REASONS:
-                joints = sorted({joint for of in texts.values() for joint in of}, key=int)
-                every = "\n".join(f"- {markdown_escape(text)}" for text in texts)
+            every = "\n".join(f"- {text}" for text in texts) if len(texts) > 2 else None
+            if every:
+                joints = sorted(set().union(*texts.values()), key=int)
                 texts = {f"{len(texts)} guesses, the first: {next(iter(texts))}": joints}
-            else:
-                every = None
             for text, of in texts.items():
                 name = markdown_escape(capitalised(entry + _of_joints(of)))
                 # No caption: its pale ink leaves the mark too little contrast.
-                line = f":orange-badge[To check] :small[**{name}:** {markdown_escape(text)}]"
-                st.markdown(line, help=every)
+                st.markdown(f":orange-badge[To check] :small[**{name}:** {text}]", help=every)
 
     def _select(
         self, place: DeltaGenerator, label: str, options: Sequence[str], value: str, name: str
     ) -> str:
-        if st.session_state.get(self._id(name), options[0]) not in options:
-            del st.session_state[self._id(name)]  # of an earlier version
+        kept = self._kept(name)
+        if st.session_state.get(kept["key"], options[0]) not in options:
+            del st.session_state[kept["key"]]  # of an earlier version
         index = options.index(value) if value in options else None
-        keys = self._kept(name)
-        return place.selectbox(label, options, index, placeholder="choose", **keys) or ""
-
-    def _id(self, name: str) -> str:
-        return f"import {name} {self.key}"
+        return place.selectbox(label, options, index, placeholder="choose", **kept) or ""
 
     def _kept(self, name: str) -> dict[str, Any]:
         """Arguments of a widget whose value outlives its page."""
-        return {"key": self._id(name), "persist_state": "session"}
-
-
-_MOST_REASONS = 2
-"""Reasons of one entry with a line each; more of them share a line."""
+        return {"key": f"import {name} {self.key}", "persist_state": "session"}
 
 
 def _of_joints(names: Sequence[str]) -> str:

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from hashlib import blake2b
+from typing import TypeVar
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
@@ -17,6 +19,7 @@ from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error, show_info, show_note
 from jointid.wording import listed
 
+T = TypeVar("T")
 _UPLOADER = "log_file"
 _FILES = "dropped_logs"
 _HELD = "held_logs"
@@ -43,12 +46,7 @@ class Log:
 def drop_logs(forget: Callable[[], None], progress: DeltaGenerator) -> list[Log]:
     """Ask for files, read them with their errors shown, and ask which tables to use.
 
-    Parameters
-    ----------
-    forget : callable
-        Clears the entries of logs that are closed.
-    progress : DeltaGenerator
-        Place for the progress of reading.
+    ``forget`` clears the entries of logs that are closed; ``progress`` is a place for that of reading.
     """
     st.file_uploader(
         "Logs: CSV or any text table, TwinCAT, CODESYS, LabVIEW, MDF, MATLAB, HDF5, Parquet, Excel, ROS "
@@ -71,14 +69,15 @@ def drop_logs(forget: Callable[[], None], progress: DeltaGenerator) -> list[Log]
     watch = Watch(len(files), progress)
     for file in files:
         try:
-            tables = watch.do(f"log {file.digest} {file.name}", f"Reading {file.name}", _reading(file))
+            read = partial(_read, file)
+            tables = watch.do(f"log {file.digest} {file.name}", f"Reading {file.name}", read)
         except StoppedError:
             break
         except JointIdError as error:
             show_error(error)
             continue
         logs = [Log(f"{file.digest} {k}", table) for k, table in enumerate(tables)]
-        main = _proposed(file.digest, tables)
+        main = once(f"main {file.digest}", partial(proposed_tables, tables))
         first += [log.key for log in logs if log.table in main]
         all_logs.update({log.key: log for log in logs})
     if len(all_logs) < 2:
@@ -108,9 +107,9 @@ def hold(files: list[Dropped]) -> None:
 
 def _joined(logs: list[Log]) -> list[Log]:
     """Join logs that look like simultaneously recorded joints, if confirmed."""
-    keys = tuple(log.key for log in logs)
-    result = dict(zip(keys, logs, strict=True))
-    for group in _at_once(keys, [log.table for log in logs]):
+    result = {log.key: log for log in logs}
+    groups = partial(simultaneous_groups, [log.table for log in logs])
+    for group in once(f"groups {' '.join(result)}", groups):
         parts = [logs[index] for index in group]
         names = listed(log.table.name for log in parts)
         show_info(
@@ -125,25 +124,17 @@ def _joined(logs: list[Log]) -> list[Log]:
         )
         if together:
             key = "joined " + " ".join(log.key for log in parts)
-            result[parts[0].key] = Log(key, _join(key, [log.table for log in parts]))
+            table = once(key, partial(joined_table, [log.table for log in parts]))
+            result[parts[0].key] = Log(key, table)
             for log in parts[1:]:
                 del result[log.key]
     return list(result.values())
 
 
-@st.cache_resource(scope="session", max_entries=32, show_spinner=False)
-def _proposed(key: str, _tables: tuple[LogTable, ...]) -> tuple[LogTable, ...]:
-    return proposed_tables(_tables)
-
-
-@st.cache_resource(scope="session", max_entries=32, show_spinner=False)
-def _at_once(keys: tuple[str, ...], _tables: list[LogTable]) -> tuple[tuple[int, ...], ...]:
-    return simultaneous_groups(_tables)
-
-
-@st.cache_resource(scope="session", max_entries=32, show_spinner=False)
-def _join(key: str, _tables: list[LogTable]) -> LogTable:
-    return joined_table(_tables)
+@st.cache_resource(scope="session", max_entries=64, show_spinner=False)
+def once(key: str, _compute: Callable[[], T]) -> T:
+    """Return what a function computes, once per key in this session."""
+    return _compute()
 
 
 def _take(forget: Callable[[], None]) -> None:
@@ -169,5 +160,5 @@ def _short(keys: Iterable[str]) -> str:
     return blake2b("".join(keys).encode(), digest_size=8).hexdigest()
 
 
-def _reading(file: Dropped) -> Callable[[Progress], tuple[LogTable, ...]]:
-    return lambda _: read_log(file.data, file.name)
+def _read(file: Dropped, _: Progress) -> tuple[LogTable, ...]:
+    return read_log(file.data, file.name)

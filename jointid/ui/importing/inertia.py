@@ -20,7 +20,6 @@ from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 from jointid.wording import counted
 
-_SOURCES = ("Numbers", "TOML", "Links of the arm")
 _MOTOR, _JOINT = "motor side", "joint side"
 _LINK_UNITS: dict[str, tuple[str, Mapping[str, float]]] = {
     "drive": ("Motor 2 turns", dict.fromkeys(("link 2 (parallelogram)", "joint 2 (serial)"), 1.0)),
@@ -52,25 +51,22 @@ _HELP = (
 def ask_inertia(gear_ratios: Sequence[float]) -> KnownRobot | None:
     """Ask for the inertias of a robot; None while some are missing.
 
-    Raises
-    ------
-    JointIdError
-        When the entries are no inertia.
+    Raises JointIdError when the entries are no inertia.
     """
+    ask: Mapping[str, Callable[[Sequence[float]], KnownRobot | None]] = {
+        "Numbers": _by_numbers,
+        "TOML": _by_toml,
+        "Links of the arm": _by_links,
+    }
     source = st.segmented_control(
         "Inertias from",
-        _SOURCES,
-        default=_SOURCES[0],
+        list(ask),
+        default="Numbers",
         required=True,
         key="import inertia source",
         persist_state="session",
     )
-    ask: Mapping[str, Callable[[Sequence[float]], KnownRobot | None]] = {
-        _SOURCES[0]: _by_numbers,
-        _SOURCES[1]: _by_toml,
-        _SOURCES[2]: _by_links,
-    }
-    return ask[source or _SOURCES[0]](gear_ratios)
+    return ask[source or "Numbers"](gear_ratios)
 
 
 def inertias_given() -> bool:
@@ -81,15 +77,12 @@ def inertias_given() -> bool:
 def ask_nominal(joints: int) -> Elasticity | None:
     """Ask for the controller's nominal K and D; None when left empty.
 
-    Raises
-    ------
-    JointIdError
-        When one of them is missing or is no stiffness or damping.
+    Raises JointIdError when one of them is missing or is no stiffness or damping.
     """
     left, right = st.columns(2)
     help_ = "The controller's present values; the app compares them with the identified ones."
-    K = _text(left, "Nominal K, N·m/rad (optional)", "nominal K", "20, 3.5", help_)
-    D = _text(right, "Nominal D, N·m·s/rad (optional)", "nominal D", "0.10, 0.015", help_)
+    K = _text(left, "Nominal K (N·m/rad), optional", "nominal K", "20, 3.5", help_)
+    D = _text(right, "Nominal D (N·m·s/rad), optional", "nominal D", "0.10, 0.015", help_)
     if not K.strip() and not D.strip():
         return None
     for name, text in (("K", K), ("D", D)):
@@ -180,7 +173,7 @@ def _take_toml() -> None:
 
 def _by_links(ratios: Sequence[float]) -> KnownRobot | None:
     units = {
-        name: _select(place, label, list(options), name)
+        name: _select(place, label, options, name)
         for place, (name, (label, options)) in zip(2 * st.columns(3), _LINK_UNITS.items(), strict=True)
     }
     scale = {name: options.get(units[name], 1.0) for name, (_, options) in _LINK_UNITS.items()}

@@ -1,6 +1,7 @@
 """The mapping step: the guessed role of each column, with reasons, open to correction."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import streamlit as st
@@ -12,11 +13,9 @@ from jointid.importing import (
     Guess,
     JointMapping,
     LogTable,
-    MappedLog,
     Mapping,
     Reason,
     TimeColumn,
-    apply_mapping,
     guess_mapping,
     mapping_from_json,
     mapping_to_json,
@@ -24,6 +23,7 @@ from jointid.importing import (
 from jointid.importing.columns.units import SAMPLES
 from jointid.importing.map.reasons import unchanged
 from jointid.ui.importing.entries import Entries
+from jointid.ui.importing.files import once
 from jointid.ui.importing.inertia import inertias_given
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import show_error
@@ -38,11 +38,10 @@ _PART = "mappings"
 _MOST_KNOWN = 50
 
 
-@st.cache_resource(scope="session", max_entries=32, show_spinner=False)
-def guessed(key: str, _table: LogTable) -> Guess:
-    """Guess once per log; where nothing can be guessed, every entry is open."""
+def _guess(table: LogTable) -> Guess:
+    """Guess a mapping; where nothing can be guessed, every entry is open."""
     try:
-        return guess_mapping(_table)
+        return guess_mapping(table)
     except JointIdError as error:
         reasons = [Reason("position of joint 1", str(error))]
         reasons += [
@@ -51,6 +50,11 @@ def guessed(key: str, _table: LogTable) -> Guess:
         joint = JointMapping(Channel("", "rad"), Channel("", "N·m"))
         time = TimeColumn(unit=SAMPLES, rate_hz=1000.0)
         return Guess(Mapping(time, (joint,), assumed=("torque hold",)), tuple(reasons))
+
+
+def guessed(key: str, table: LogTable) -> Guess:
+    """Guess once per log."""
+    return once(f"guess {key}", partial(_guess, table))
 
 
 def mapping_of(key: str, table: LogTable) -> Mapping:
@@ -65,12 +69,6 @@ def proposed_columns(key: str, table: LogTable) -> tuple[str, ...]:
     pairs = [(joint.position.column, joint.torque.column) for joint in mapping.joints]
     time = (mapping.time.column,) if mapping.time.column else ()
     return (*time, *(name for pair in pairs for name in pair)) if time else ()
-
-
-@st.cache_resource(scope="session", max_entries=32, show_spinner=False)
-def mapped(key: str, mapping_json: str, _table: LogTable, _mapping: Mapping) -> MappedLog:
-    """Return angles and torques of a log."""
-    return apply_mapping(_table, _mapping)
 
 
 def remember(table: LogTable, mapping: Mapping) -> None:
@@ -120,10 +118,7 @@ def mappings_to_json() -> dict[str, Any]:
 def mappings_from_json(values: dict[str, Any]) -> None:
     """Restore the result of ``mappings_to_json``.
 
-    Raises
-    ------
-    JointIdError, KeyError, TypeError, AttributeError
-        When it is something else.
+    Raises JointIdError, KeyError, TypeError or AttributeError when it is something else.
     """
     for key in (_SAVED, _BASE):
         st.session_state[key] = {k: mapping_from_json(text) for k, text in values[key].items()}
@@ -170,7 +165,7 @@ def mapping_files(key: str, table: LogTable) -> None:
     """Save the mapping as JSON, or take one from a file."""
     with st.popover("Save these entries, or load them from a file"):
         text = mapping_to_json(mapping_of(key, table))
-        download("Save the mapping (.json)", text, "mapping.json", "application/json")
+        download("Save the mapping (.json)", text, "mapping.json")
         version = st.session_state.get(_VERSION, 0)
         file = st.file_uploader("Mapping (.json)", ["json"], key=f"import_mapping_file {version}")
         if file is not None:

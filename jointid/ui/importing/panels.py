@@ -2,22 +2,29 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
 from jointid.figures.log_spans import log_spans
-from jointid.importing import MappedLog, Mapping, Segment, mapping_to_json, study_from_logs
+from jointid.importing import (
+    MappedLog,
+    Mapping,
+    Segment,
+    apply_mapping,
+    mapping_to_json,
+    study_from_logs,
+)
 from jointid.importing.columns.units import QUANTITIES
 from jointid.importing.map.reasons import assumptions
 from jointid.importing.study import run_counts
 from jointid.ui.importing.entries import Asked
-from jointid.ui.importing.files import Log, drop_logs
+from jointid.ui.importing.files import Log, drop_logs, once
 from jointid.ui.importing.mapping import (
     entries_of,
     keep_mapping,
-    mapped,
     mapping_files,
     mapping_of,
     offer_fresh_guess,
@@ -69,10 +76,7 @@ class Runs:
 def import_steps(progress: DeltaGenerator) -> None:
     """Draw the steps, each as far as the earlier ones allow.
 
-    Parameters
-    ----------
-    progress : DeltaGenerator
-        Place for the progress of long work, visible whichever step is open.
+    ``progress`` is a place for that of long work, visible whichever step is open.
     """
     steps = Steps()
     with steps.step(LOGS):
@@ -188,7 +192,7 @@ def _choose_runs(
 def _mapped(log: Log, mapping: Mapping) -> tuple[str, MappedLog]:
     """A mapping as a key, without its assumptions, and the log in its terms."""
     text = mapping_to_json(replace(mapping, assumed=()))
-    return text, mapped(log.key, text, log.table, mapping)
+    return text, once(f"mapped {log.key} {text}", partial(apply_mapping, log.table, mapping))
 
 
 def _found(
@@ -232,26 +236,19 @@ def _open_as_study(
         robot, state, clicked = ask_robot(ratios, [each.name for each in runs.logs.values()], assumed)
         steps.tell(INERTIAS, state.startswith("M"), state)
         if robot is None or runs.has_problems:
-            return clicked
+            return bool(clicked)
         with st.spinner("Cutting the records out"):
             study = study_from_logs(
                 list(runs.logs.values()),
                 [runs.used[key] for key in runs.logs],
-                robot.known.inertia,
-                nominal=robot.known.nominal,
-                poses=robot.known.poses,
-                pose_of=robot.pose_of,
-                name=robot.name,
-                inertia_std=robot.known.inertia_std,
-                torque_std=robot.known.torque_std,
                 gear_ratio=gear_ratio,
                 assumed=assumed,
-                **robot.facts,
+                **robot,
             )
-            keep(study, robot.name)
+            keep(study, study.name)
             keep_mapping(log.table, mapping)
             forget_import()
-        st.switch_page((REPORT if robot.to_report else OVERVIEW).path)
+        st.switch_page((REPORT if clicked == "report" else OVERVIEW).path)
     except JointIdError as error:
         show_error(error)
     return True

@@ -16,7 +16,7 @@ from jointid import JointIdError
 from jointid.files.store import Store
 from jointid.ui.importing.files import Dropped, dropped, hold
 from jointid.ui.importing.mapping import mappings_from_json, mappings_to_json, of_mapping, offer_again
-from jointid.ui.importing.rows import forget_rows, rows_from_json, rows_to_json
+from jointid.ui.importing.segments import forget_rows, rows_from_json, rows_to_json
 from jointid.ui.shared.messages import show_warning
 from jointid.ui.shared.workspace import keep_part, noting_problems, place_for, store
 
@@ -174,7 +174,11 @@ def _restore() -> None:
             if values["format"] != 1:
                 raise ValueError(values["format"])
             names = [(str(name), str(digest)) for name, digest in values["files"]]
-            _take_up(values)
+            mappings_from_json(values["mappings"])
+            rows_from_json(values["rows"])
+            for key, value in values["entries"].items():
+                if key.startswith(_ENTRY) and _is_plain(value):
+                    st.session_state[key] = value
         except JointIdError as error:
             st.session_state["store_problem"] = str(error)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -192,11 +196,3 @@ def _restore() -> None:
     if files:
         text = json.dumps(_snapshot(files))
         st.session_state[_WRITTEN] = blake2b(text.encode(), digest_size=16).hexdigest()
-
-
-def _take_up(values: dict[str, Any]) -> None:
-    mappings_from_json(values["mappings"])
-    rows_from_json(values["rows"])
-    for key, value in values["entries"].items():
-        if key.startswith(_ENTRY) and _is_plain(value):
-            st.session_state[key] = value

@@ -1,8 +1,9 @@
-"""The sine runs of the logs as a table that can be corrected."""
+"""The runs of the logs as a table; its corrections are kept beyond page and session."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from hashlib import blake2b
 from typing import Any
 
@@ -11,59 +12,86 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.importing import MappedLog, Segment, find_runs, measure_motion, measure_run
-from jointid.ui.importing.rows import SHOWN, Row, last_rows
+from jointid.importing.columns.log_table import distinct_names
 from jointid.ui.importing.watched_work import Watch
 from jointid.ui.shared.messages import show_info
+from jointid.ui.shared.results import result_cache
 from jointid.wording import counted, significant
 
 _USE, _LOG, _START, _STOP, _HERTZ = "Use", "Log", "Start (s)", "Stop (s)", "Frequency (Hz)"
 _SETTLED = "import_segments_settled"
+_LAST = "import_segments_last"
+_SHOWN = "import_segments_shown"
+"""Key of the rows that the table began with."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    log: str
+    """Key of its log."""
+    start_s: float | None = None
+    stop_s: float | None = None
+    frequency_hz: float | None = None
+    """None: to be estimated."""
+    use: bool = True
+    found: Segment | None = None
+    """The segment itself as long as nothing of it was changed."""
+    motion: bool = False
+    """Any motion, not a sine."""
+
+
+def last_rows() -> dict[str, list[Row]]:
+    """Return the rows by digest of the segments found in their log."""
+    rows: dict[str, list[Row]] = st.session_state.setdefault(_LAST, {})
+    return rows
+
+
+def forget_rows() -> None:
+    """Forget every correction."""
+    for key in (_LAST, _SHOWN):
+        st.session_state.pop(key, None)
+
+
+def rows_to_json() -> dict[str, list[dict[str, Any]]]:
+    """Return the session's rows as values that JSON can hold."""
+    return {key: [asdict(row) for row in rows] for key, rows in last_rows().items()}
+
+
+def rows_from_json(values: dict[str, list[dict[str, Any]]]) -> None:
+    """Restore the result of ``rows_to_json``.
+
+    Raises JointIdError, TypeError or AttributeError when it is something else.
+    """
+    st.session_state[_LAST] = {
+        key: [Row(**row | {"found": row["found"] and Segment(**row["found"])}) for row in rows]
+        for key, rows in values.items()
+    }
 
 
 def found_in(watch: Watch, key: str, mapping_json: str, log: MappedLog) -> tuple[Segment, ...]:
-    """Find the segments of a log.
-
-    Raises
-    ------
-    JointIdError
-        When it holds too many, or the search was stopped.
-    """
+    """Find the segments of a log. Raises JointIdError when it holds too many, or after a stop."""
     label = f"Looking for steady sines in {log.name}"
     return watch.do(f"sines {key} {mapping_json}", label, lambda tell: find_runs(log, progress=tell))
-
-
-@st.cache_resource(max_entries=256, show_spinner=False)
-def _measured(
-    key: str,
-    mapping_json: str,
-    start: float,
-    stop: float,
-    hertz: float | None,
-    motion: bool,
-    _log: MappedLog,
-) -> Segment:
-    return measure_motion(_log, start, stop) if motion else measure_run(_log, start, stop, hertz)
 
 
 def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, str]) -> list[Row]:
     """Show the segments of all logs in one table; corrections outlive the page.
 
-    Parameters
-    ----------
-    found : mapping of str to sequence of Segment
-        By the key of the log.
-    names : mapping of str to str
-        Name of each log.
+    ``found`` and ``names`` are the segments and the name of each log by its key.
     """
     key = f"import segments {_digest(found)} {st.session_state.get(_SETTLED, 0)}"
     last = last_rows()
-    if key not in st.session_state or st.session_state.get(SHOWN, ("",))[0] != key:
+    if key not in st.session_state or st.session_state.get(_SHOWN, ("",))[0] != key:
         rows = [
-            row for log, part in found.items() for row in last.get(_one(log, part), _rows(log, part))
+            row
+            for log, part in found.items()
+            for row in last.get(_one(log, part), [_row(log, s) for s in part])
         ]
-        st.session_state[SHOWN] = (key, rows)
-    rows = st.session_state[SHOWN][1]
-    labels = _labels(names)
+        st.session_state[_SHOWN] = (key, rows)
+    rows = st.session_state[_SHOWN][1]
+    labels = dict(zip(names, distinct_names(names.values()), strict=True))
     summary = st.empty()
     _table(rows, labels, key)
     st.caption(
@@ -85,14 +113,8 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
 def apply_edits(rows: Sequence[Row], edits: Mapping[str, Any], logs: Mapping[str, str]) -> list[Row]:
     """Return the rows as the user left them.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        As they were shown.
-    edits : mapping
-        What ``st.data_editor`` keeps in the session: edited_rows, added_rows, deleted_rows.
-    logs : mapping of str to str
-        Key of a log by its label; a new row without one belongs to the first.
+    ``edits`` is what ``st.data_editor`` keeps in the session: edited_rows, added_rows, deleted_rows.
+    ``logs`` are keys of logs by their labels; a new row without one belongs to the first.
     """
     gone = set(edits.get("deleted_rows", ()))
     changed = {int(k): v for k, v in edits.get("edited_rows", {}).items()}
@@ -104,10 +126,7 @@ def apply_edits(rows: Sequence[Row], edits: Mapping[str, Any], logs: Mapping[str
 def segment_of(row: Row, log: MappedLog, mapping_json: str) -> Segment | None:
     """Return the segment of a row, measured again after a correction; None while unfinished.
 
-    Raises
-    ------
-    JointIdError
-        When it is no segment of the log.
+    Raises JointIdError when it is no segment of the log.
     """
     if row.found is not None:
         return row.found
@@ -118,8 +137,13 @@ def segment_of(row: Row, log: MappedLog, mapping_json: str) -> Segment | None:
             f"{significant(row.start_s)} to {significant(row.stop_s)} s: a frequency of "
             f"{row.frequency_hz:g} Hz. Enter a positive one, or leave it empty to estimate it."
         )
-    hertz, motion = row.frequency_hz, row.motion and row.frequency_hz is None
-    return _measured(row.log, mapping_json, row.start_s, row.stop_s, hertz, motion, log)
+    measure = partial(measure_run, log, row.start_s, row.stop_s, row.frequency_hz)
+    if row.motion and row.frequency_hz is None:
+        measure = partial(measure_motion, log, row.start_s, row.stop_s)
+    key = f"run {mapping_json} {row}"
+    found: Segment = result_cache().get(key) or measure()
+    result_cache().put(key, found)
+    return found
 
 
 def chosen_segments(
@@ -181,10 +205,6 @@ def _changed(row: Row, cells: Mapping[str, Any], logs: Mapping[str, str]) -> Row
     log = logs.get(cells.get(_LOG, ""), row.log)
     same = not {_START, _STOP, _HERTZ, _LOG} & set(cells)
     return replace(row, log=log, use=bool(use), found=row.found if same else None, **values)
-
-
-def _rows(log: str, segments: Sequence[Segment]) -> list[Row]:
-    return [_row(log, segment) for segment in segments]
 
 
 def _row(log: str, s: Segment) -> Row:
@@ -252,18 +272,6 @@ def _tidy(value: float | None, attribute: str) -> float:
     if value is None:
         return math.nan
     return float(f"{value:.7g}") if attribute == "frequency_hz" else round(value, 6)
-
-
-def _labels(names: Mapping[str, str]) -> dict[str, str]:
-    """Names that differ: two logs may be called the same."""
-    labels: dict[str, str] = {}
-    for key, name in names.items():
-        label, count = name, 1
-        while label in labels.values():
-            count += 1
-            label = f"{name} ({count})"
-        labels[key] = label
-    return labels
 
 
 def _one(log: str, segments: Sequence[Segment]) -> str:

@@ -1,7 +1,7 @@
 """Entries that no log contains: inertias, poses and a name."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -30,42 +30,15 @@ _FACTS = {
 """Label and example of each optional fact."""
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
-    """The entered robot."""
-
-    name: str
-    known: KnownRobot
-    pose_of: tuple[str | None, ...]
-    """Pose of each log; None: that of ``known.inertia``."""
-    facts: dict[str, Any]
-    """Robot, date, gear temperature and note."""
-    to_report: bool
-    """Whether to open the report next."""
-
-
 def ask_robot(
     gear_ratios: Sequence[float], logs: Sequence[str], assumed: Sequence[str] = ()
-) -> tuple[Robot | None, str, bool]:
-    """Ask for inertias and a name, and show them.
+) -> tuple[dict[str, Any] | None, str, str]:
+    """Ask for inertias and a name, for logs by their names and gear ratios by joint, and show them.
 
-    Parameters
-    ----------
-    gear_ratios : sequence of float
-        One per joint.
-    logs : sequence of str
-        Names.
-    assumed : sequence of str, optional
-        Unconfirmed part of the mapping, shown at the buttons.
-
-    Returns
-    -------
-    robot : Robot or None
-        None until a button is clicked and everything is given.
-    state : str
-        Given entries, beginning with M, or the missing ones.
-    clicked : bool
-        Whether a button was clicked.
+    ``assumed`` is the unconfirmed part of the mapping, shown at the buttons. Returns the robot as
+    arguments of ``study_from_logs``, None until a button is clicked and everything is given; a text of
+    the given entries, which begins with M, or of the missing ones; and "study", "report" or "" for the
+    button.
     """
     joints = len(gear_ratios)
     problems: list[str] = []
@@ -92,9 +65,8 @@ def ask_robot(
         persist_state="session",
     )
     # The buttons are above everything of variable height, so that they never move under a click.
-    to_study = middle.button("Open as study", type="primary", width="stretch")
-    to_report = right.button("Open its report", width="stretch")
-    clicked = to_study or to_report
+    clicked = "study" if middle.button("Open as study", type="primary", width="stretch") else ""
+    clicked = "report" if right.button("Open its report", width="stretch") else clicked
     if assumed:
         st.markdown(
             f":orange-badge[Assumed] :small[{markdown_escape('; '.join(assumed))}. Not confirmed: "
@@ -110,10 +82,10 @@ def ask_robot(
     elif known is not None:
         show_inertia(known)
     state = "missing" if known is None else f"M and M2 {deviation_text(inertia_std)}"
-    robot = None
-    if clicked and not problem and known is not None:
-        robot = Robot(name.strip() or known.name or study_name(logs), known, poses, facts, to_report)
-    return robot, "to correct" if problem else state, clicked
+    if not clicked or problem or known is None:
+        return None, "to correct" if problem else state, clicked
+    of_study = {"name": name.strip() or known.name or study_name(logs), "pose_of": poses}
+    return vars(known) | facts | of_study, state, clicked
 
 
 def _answer(problems: list[str], ask: Callable[[], T]) -> T | None:

@@ -35,18 +35,15 @@ class Job(Generic[T]):
     def __init__(self, task: Callable[[Progress], T]) -> None:
         self.share, self.began = 0.0, time.monotonic()
         self.ended, self.stopped = threading.Event(), threading.Event()
-        self.outcome: T | JointIdError | None = None
-        self.fault: BaseException | None = None
+        self.outcome: T | BaseException | None = None
         self._task = task
         threading.Thread(target=self._run, daemon=True).start()
 
     def _run(self) -> None:
         try:
             self.outcome = self._task(self._tick)
-        except JointIdError as error:
+        except BaseException as error:  # the page that waits judges it
             self.outcome = error
-        except BaseException as error:  # raised again by the page that waits
-            self.fault = error
         finally:
             self.ended.set()
 
@@ -57,15 +54,7 @@ class Job(Generic[T]):
 
 
 class Watch:
-    """Several jobs in sequence, with one progress bar.
-
-    Parameters
-    ----------
-    total : int
-        Number of pieces.
-    place : DeltaGenerator
-        Where the progress is shown: an ``st.empty()``.
-    """
+    """A number of jobs in sequence, with one progress bar at a place, an ``st.empty()``."""
 
     def __init__(self, total: int, place: DeltaGenerator) -> None:
         self._total, self._number = total, 0
@@ -74,24 +63,11 @@ class Watch:
         self._fresh = 0  # jobs without a cached result
 
     def do(self, key: str, label: str, task: Callable[[Progress], T]) -> T:
-        """Return the result of a job, from the cache if it has run before.
+        """Return the result of a job, from the cache if one with the same key has run before.
 
-        Parameters
-        ----------
-        key : str
-            Key of the cache; equal keys have equal results.
-        label : str
-            Description of the work: "Reading one.csv".
-        task : callable
-            Gets a function to report the share done, which raises when the job is stopped. It must
-            not use streamlit.
-
-        Raises
-        ------
-        StoppedError
-            When the user has stopped it.
-        JointIdError
-            Any error of the task.
+        ``label`` describes the work: "Reading one.csv". The task gets a function to report the share
+        done, which raises when the job is stopped, and must not use streamlit. Raises StoppedError when
+        the user has stopped it, and any JointIdError of the task.
         """
         self._number += 1
         outcome = result_cache().get(key)
@@ -113,14 +89,20 @@ class Watch:
         if not job.stopped.is_set() and not job.ended.wait(SHOWN_AFTER_S):
             self._show_progress(key, label, job)
         if job.stopped.is_set():
-            self._show_stopped(key)
+            with self._place.container(horizontal=True, vertical_alignment="center"):
+                st.info(f"Stopped{self._at_file(' at')}.")
+                st.button("Resume", key=f"resume_{key}", on_click=jobs.clear)
             raise StoppedError("Stopped.")
         jobs.pop(key, None)
-        if job.fault is not None:
-            raise job.fault
+        outcome = job.outcome
+        if isinstance(outcome, BaseException) and not isinstance(outcome, JointIdError):
+            raise outcome
         self._fresh += 1
-        assert job.outcome is not None
-        return job.outcome
+        assert outcome is not None
+        return outcome
+
+    def _at_file(self, before: str) -> str:
+        return f"{before} file {self._number} of {self._total}" if self._total > 1 else ""
 
     def _show_progress(self, key: str, label: str, job: Job[T]) -> None:
         began = min(self._began, job.began)
@@ -130,8 +112,7 @@ class Watch:
         while not job.ended.wait(_POLL_S):
             elapsed = time.monotonic() - began
             done = self._fresh + job.share
-            of = f", file {self._number} of {self._total}" if self._total > 1 else ""
-            text = f"{label}{of}"
+            text = f"{label}{self._at_file(',')}"
             if elapsed > STOPPABLE_AFTER_S:
                 left = elapsed * (self._total - self._number + 1 - job.share) / done if done else 0.0
                 text += f"; about {left:.0f} s left" if left else f"; {elapsed:.0f} s so far"
@@ -141,14 +122,3 @@ class Watch:
             share = (self._number - 1 + job.share) / self._total
             show_progress(share, text, bar)
         self._place.empty()
-
-    def _show_stopped(self, key: str) -> None:
-        with self._place.container(horizontal=True, vertical_alignment="center"):
-            st.info(
-                "Stopped" + (f" at file {self._number} of {self._total}." if self._total > 1 else ".")
-            )
-            st.button("Resume", key=f"resume_{key}", on_click=_resume, args=(key,))
-
-
-def _resume(key: str) -> None:
-    st.session_state.get(_JOBS, {}).pop(key, None)

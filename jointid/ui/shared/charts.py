@@ -1,6 +1,7 @@
 """Figures, tables, downloads and choices, as every page shows them."""
 
 from collections.abc import Callable, Mapping, Sequence
+from mimetypes import guess_type
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -64,7 +65,7 @@ def side_by_side(count: int) -> list[DeltaGenerator]:
     return [place for row in rows for place in row][:count]
 
 
-def show_tabs(key: str, panels: Mapping[str, Callable[[], None]]) -> None:
+def show_tabs(key: str, panels: Mapping[str, Callable[[], object]]) -> None:
     """Show panels as tabs by their names; only the open one is computed, and the address keeps it."""
     tabs = st.tabs([*panels], key=key, bind="query-params")
     for tab, show in zip(tabs, panels.values(), strict=True):
@@ -115,19 +116,18 @@ def choose_segment(
 
 def download(
     label: str,
-    data: str | bytes | Callable[[], bytes],
+    data: str | bytes | Callable[[], str | bytes],
     file_name: str,
-    mime: str,
     *,
     kind: Literal["primary", "secondary"] = "secondary",
     hint: str | None = None,
 ) -> None:
-    """Draw a button that saves a file and leaves the page as it is."""
-    st.download_button(
-        label, data, file_name, mime, key=f"save {label}", help=hint, on_click="ignore", type=kind
-    )
+    """Draw a button that saves a file and leaves the page as it is; its name tells its type."""
+    mime, _ = guess_type(file_name)
+    key = f"save {label}"
+    st.download_button(label, data, file_name, mime, key=key, help=hint, on_click="ignore", type=kind)
 
 
-def csv_bytes(columns: Table) -> bytes:
+def csv_of(columns: Table) -> str:
     """Return a table as CSV, numbers to the last bit."""
-    return csv_text(columns, zip(*columns.values(), strict=True)).encode()
+    return csv_text(columns, zip(*columns.values(), strict=True))

@@ -4,7 +4,7 @@ Whatever a page shows that is not its own prose goes through here, or through ``
 it is part of a sentence in Markdown.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import streamlit as st
@@ -12,34 +12,16 @@ from streamlit.delta_generator import DeltaGenerator
 
 from jointid.ui.shared.markdown_escape import markdown_escape
 
-__all__ = [
-    "show_error",
-    "show_info",
-    "show_note",
-    "show_progress",
-    "show_text_table",
-    "show_warning",
-]
+
+def _message(kind: str) -> Callable[..., None]:
+    def show(text: object, place: DeltaGenerator | None = None) -> None:
+        """Show a text on the page or at a place of it."""
+        getattr(place or st, kind)(markdown_escape(text))
+
+    return show
 
 
-def show_error(error: object, place: DeltaGenerator | None = None) -> None:
-    """Show an error's message, on the page or at a place of it."""
-    (place or st).error(markdown_escape(error))
-
-
-def show_warning(text: object, place: DeltaGenerator | None = None) -> None:
-    """Show a warning."""
-    (place or st).warning(markdown_escape(text))
-
-
-def show_info(text: object, place: DeltaGenerator | None = None) -> None:
-    """Show an information box."""
-    (place or st).info(markdown_escape(text))
-
-
-def show_note(text: object, place: DeltaGenerator | None = None) -> None:
-    """Show a line of small print."""
-    (place or st).caption(markdown_escape(text))
+show_error, show_warning, show_info, show_note = map(_message, ("error", "warning", "info", "caption"))
 
 
 def show_progress(share: float, text: object, place: DeltaGenerator) -> None:

@@ -123,7 +123,7 @@ class Page:
         awaited(doing, begun)
         return begun.result()
 
-    def drawn(self, what: str, draw: Callable[[], Any]) -> Any:
+    def drawn(self, what: str, draw: Callable[..., Any]) -> Any:
         """Return a figure of this study and estimator from the cache, or draw it.
 
         Parameters
@@ -131,20 +131,22 @@ class Page:
         what : str
             Identifies the figure within the study: its kind and everything it depends on.
         draw : callable
+            Takes ``dark``, as all functions of ``jointid.figures`` do.
         """
         return _figure(self.digest, (self.method, self.unit, self.dark), what, draw)
 
-    def show(self, what: str, draw: Callable[[], Any], description: str) -> None:
+    def show(self, what: str, draw: Callable[..., Any], description: str) -> None:
         """Show a figure from the cache, see ``drawn``, with a text for those who cannot see it."""
         plot(self.drawn(what, draw), description, key=what.split()[0])
 
     def show_per_joint(
         self,
         what: str,
-        draw: Callable[[int], Any],
+        draw: Callable[..., Any],
         description: str,
         *,
         heading: str = "**Joint {0}**",
+        caption: str = "",
     ) -> Sequence[int]:
         """Show one figure per joint, two side by side; of many joints, that of the chosen one.
 
@@ -153,16 +155,22 @@ class Page:
         what : str
             Identifies the figures, see ``drawn``.
         draw : callable
-            Draws the figure of a joint, from 0.
+            Draws the figure of a joint, from 0; takes ``dark`` as well.
         description, heading : str
             Alternative text and heading, with {0} for the joint's number.
+        caption : str
+            Text above all of them.
 
         Returns
         -------
         sequence of int
             The joints drawn.
         """
-        joints = self.joints("joint")
+        if caption:
+            st.caption(caption)
+        joints: Sequence[int] = range(self.study.inertia.n)
+        if len(joints) > _SIDE_BY_SIDE:
+            joints = [choose_segment("Joint", joints, "joint", format_func=lambda j: f"Joint {j + 1}")]
         for j, place in zip(joints, side_by_side(len(joints)), strict=True):
             with place:
                 if heading and len(joints) > 1:
@@ -170,13 +178,6 @@ class Page:
                 figure = self.drawn(f"{what} {j}", partial(draw, j))
                 plot(figure, description.format(j + 1), key=f"{what} {j}")
         return joints
-
-    def joints(self, key: str) -> Sequence[int]:
-        """Return the joints to draw: all of a few, of many the one that a choice selects."""
-        n = self.study.inertia.n
-        if n <= _SIDE_BY_SIDE:
-            return range(n)
-        return [choose_segment("Joint", range(n), key, format_func=lambda j: f"Joint {j + 1}")]
 
     def phasors(self) -> Phasors:
         """Return the phasors, also of records that do not determine the springs.
@@ -191,8 +192,8 @@ class Page:
 
 
 @st.cache_resource(max_entries=400, show_spinner=False)
-def _figure(digest: str, shown: tuple[str, str, bool], what: str, _draw: Callable[[], Any]) -> Any:
-    return _draw()
+def _figure(digest: str, shown: tuple[str, str, bool], what: str, _draw: Callable[..., Any]) -> Any:
+    return _draw(dark=shown[2])
 
 
 def start(title: str, introduction: str) -> None:

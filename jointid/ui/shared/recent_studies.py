@@ -19,7 +19,12 @@ def show_recent() -> None:
         show_warning(problem)
     for note in workspace.notes():
         show_warning(note.text)
-        st.button("Dismiss", key=f"dismiss_{note.id}", on_click=workspace.dismiss, args=(note.id,))
+        st.button(
+            "Dismiss",
+            key=f"dismiss_{note.id}",
+            on_click=workspace.change_store,
+            args=("dismiss", note.id),
+        )
     chosen, unknown = (st.session_state.get(key) or "" for key in ("chosen", "unknown_workspace"))
     offer_last_workspace(workspace.workspace(), chosen, unknown)
     kept = workspace.recent()
@@ -45,7 +50,8 @@ def _row(name: str, entry: Entry) -> None:
             key = f"name_{entry.id}"
             st.text_input("Name", entry.name, key=key, on_change=_rename, args=(entry.id, key))
             st.caption(f"{entry.size_bytes / 2**20:.1f} MiB. Deleting cannot be undone.")
-            st.button("Delete", key=f"delete_{entry.id}", on_click=workspace.delete, args=(entry.id,))
+            remove = "delete", entry.id
+            st.button("Delete", key=f"delete_{entry.id}", on_click=workspace.change_store, args=remove)
 
 
 def _open(entry: str) -> None:
@@ -53,7 +59,7 @@ def _open(entry: str) -> None:
 
 
 def _rename(entry: str, key: str) -> None:
-    workspace.rename(entry, st.session_state[key])
+    workspace.change_store("rename", entry, st.session_state[key])
 
 
 def _show_storage(kept: dict[str, Entry]) -> None:

@@ -6,7 +6,6 @@ import streamlit as st
 from jointid.arrays import Floats
 from jointid.figures import raw_columns
 from jointid.files.study_files import PeekedTable
-from jointid.files.table_preview import plottable
 from jointid.ui.shared.charts import is_dark, plot
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_note
@@ -44,6 +43,8 @@ def _show_table(table: PeekedTable) -> None:
     if table.error or table.frame.empty:
         show_note(table.error or f"{table.name} has no rows.")
         return
+    from jointid.files.table_preview import plottable  # with pandas, see peek_study
+
     frame, at = table.frame, table.refused_at
     place = str(frame.index.name or "Row").lower()
     lines = [int(line) for line in frame.index]

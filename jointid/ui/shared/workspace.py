@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import streamlit as st
 
@@ -171,27 +172,13 @@ def noting_problems(prefix: str = "") -> Iterator[None]:
         st.session_state["store_problem"] = f"{prefix}{error}"
 
 
-def rename(entry: str, name: str) -> None:
-    """Give a kept study another name."""
+def change_store(action: Literal["rename", "delete", "dismiss"], *given: str) -> None:
+    """Rename an entry of this workspace, delete it for good, or remove a note that was read."""
     if place := workspace():
         with noting_problems():
-            store().rename(place, entry, name)
-
-
-def delete(entry: str) -> None:
-    """Remove a kept study for good."""
-    if place := workspace():
-        with noting_problems():
-            store().delete(place, entry)
-        if st.session_state.get("chosen") == entry:
+            getattr(store(), action)(place, *given)
+        if action == "delete" and st.session_state.get("chosen") == given[0]:
             st.session_state["chosen"] = next(iter(sample_paths()), None)
-
-
-def dismiss(note: str) -> None:
-    """Remove a note that was read."""
-    if place := workspace():
-        with noting_problems():
-            store().dismiss(place, note)
 
 
 def open_study(key: str) -> Opened:

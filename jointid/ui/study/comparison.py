@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import streamlit as st
@@ -10,7 +11,6 @@ from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.answer import AT_MOTOR
 from jointid.figures import compared_models
-from jointid.ui.shared.charts import plot, side_by_side
 from jointid.ui.shared.estimators import ESTIMATORS
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import (
@@ -108,11 +108,12 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
         show_info(first.transfer_problem or second.transfer_problem)
         return
     st.header("Both models", anchor=False)
-    joints = page.joints("compare_joint")
-    for j, place in zip(joints, side_by_side(len(joints)), strict=True):
-        with place:
-            figure = compared_models((first, second), (page.key, other.key), j, dark=page.dark)
-            plot(figure, f"Magnitude of H{j + 1}{j + 1} of both studies", key=f"compare {j}")
+    page.show_per_joint(
+        f"compare {page.key} {other.key} {other.digest} {other.method}",
+        partial(compared_models, (first, second), (page.key, other.key)),
+        "Magnitude of H{0}{0} of both studies",
+        heading="",
+    )
 
 
 def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:

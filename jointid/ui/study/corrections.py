@@ -12,7 +12,7 @@ from jointid.files.store import Store
 from jointid.ui.shared.messages import show_error, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.workspace import (
-    delete,
+    change_store,
     keep,
     keep_part,
     names_by_address,
@@ -129,5 +129,5 @@ def _before(digest: str) -> str | None:
 def _undo(before: str) -> None:
     """Show the study before the change, and remove the changed one."""
     if (changed := st.session_state["chosen"]) in {entry.id for entry in recent().values()}:
-        delete(changed)
+        change_store("delete", changed)
     st.session_state["chosen"] = before

@@ -1,5 +1,7 @@
 """Files for other tools: results, tables, simulator snippets, and the study itself."""
 
+from functools import partial
+
 import numpy as np
 import streamlit as st
 
@@ -33,12 +35,14 @@ _SNIPPETS = (
     ("URDF", ".urdf", urdf_snippet),
     ("SDF", ".sdf", sdf_snippet),
 )
-_HINTS = {
-    "Gear laws (.csv)": "Torque over deflection of every gear, motor side, up to the largest torque "
-    "in the records: for a 1-D Lookup Table in Simulink or your own controller.",
-    "Gear laws (.txt)": "The same for CombiTable1Ds of Modelica: tables gear1, gear2, …",
-}
-_KINDS = {".csv": "text/csv", ".txt": "text/plain"}
+_LAWS_HINT = (
+    "Torque over deflection of every gear, motor side, up to the largest torque "
+    "in the records: for a 1-D Lookup Table in Simulink or your own controller."
+)
+_MATLAB_HINT = (
+    "Structs identification, phasors, model, for ss(A, B, C, D), and transfer, for frd(H, omega), as "
+    "measured and without friction and delay."
+)
 
 
 @st.cache_resource(max_entries=64, show_spinner="Collecting the results")
@@ -55,16 +59,9 @@ def show_identification_files(found: Identification, analysis: Analysis, stem: s
         "fitted. SI units, seen from the motors."
     )
     with st.container(horizontal=True):
-        download("JSON", lambda: to_json(found).encode(), f"{stem}.json", "application/json")
-        download("TOML", lambda: to_toml(found).encode(), f"{stem}.toml", "application/toml")
-        download(
-            "MATLAB (.mat)",
-            lambda: to_mat(analysis),
-            f"{stem}.mat",
-            "application/octet-stream",
-            hint="Structs identification, phasors, model, for ss(A, B, C, D), and transfer, for "
-            "frd(H, omega), as measured and without friction and delay.",
-        )
+        download("JSON", partial(to_json, found), f"{stem}.json")
+        download("TOML", partial(to_toml, found), f"{stem}.toml")
+        download("MATLAB (.mat)", partial(to_mat, analysis), f"{stem}.mat", hint=_MATLAB_HINT)
     language = choose_segment("Copy K and D as", list(LANGUAGES), "copy_as")
     st.code(code_listing(found, language), language=None, wrap_lines=language == "Text")
     with st.expander("The whole file"):
@@ -80,22 +77,16 @@ def show_tables(found: Identification, analysis: Analysis, stem: str) -> None:
         + (separate if without_friction_and_delay(analysis) else "")
         + "."
     )
-    tables = {
-        "Phasors (.csv)": ("phasors", lambda: phasor_table(analysis), analysis.study.sine_records),
-        "Gear laws (.csv)": ("gears", lambda: gear_table(found), True),
-        "Gear laws (.txt)": ("gears", lambda: modelica_table(found), True),
-        "Transfer matrix H (.csv)": (
-            "H",
-            lambda: transfer_matrix_table(analysis),
-            analysis.transfer_matrices,
-        ),
-    }
     with st.container(horizontal=True):
-        for name, (end, write, there) in tables.items():
-            if there:
-                ending = name.rpartition("(")[2].rstrip(")")
-                data, kind = lambda write=write: write().encode(), _KINDS[ending]
-                download(name, data, f"{stem}_{end}{ending}", kind, hint=_HINTS.get(name))
+        if analysis.study.sine_records:
+            download("Phasors (.csv)", partial(phasor_table, analysis), f"{stem}_phasors.csv")
+        laws = f"{stem}_gears"
+        download("Gear laws (.csv)", partial(gear_table, found), f"{laws}.csv", hint=_LAWS_HINT)
+        modelica = "The same for CombiTable1Ds of Modelica: tables gear1, gear2, …"
+        download("Gear laws (.txt)", partial(modelica_table, found), f"{laws}.txt", hint=modelica)
+        if analysis.transfer_matrices:
+            H = partial(transfer_matrix_table, analysis)
+            download("Transfer matrix H (.csv)", H, f"{stem}_H.csv")
     if not analysis.transfer_matrices:
         show_info(f"There is no table of H. {analysis.transfer_problem}")
 
@@ -129,7 +120,7 @@ def show_simulator_files(found: Identification, study: Study, stem: str) -> None
             texts = [(name, ending, write(found, ratio)) for name, ending, write in _SNIPPETS]
             for tab, (name, ending, text) in zip(st.tabs([x[0] for x in texts]), texts, strict=True):
                 with tab:
-                    download(f"{name} ({ending})", text, f"{stem}{ending}", "application/xml")
+                    download(f"{name} ({ending})", text, f"{stem}{ending}")
                     st.code(text, language="xml", height=360)
         except JointIdError as error:
             show_error(error)
@@ -142,13 +133,6 @@ def show_study_files(study: Study, stem: str) -> None:
     st.header("The study", anchor=False)
     st.write("study.toml and one table per record: readable without this software.")
     with st.container(horizontal=True):
-        download(
-            "Study, records as CSV (.zip)", lambda: pack_study(study), f"{stem}.zip", "application/zip"
-        )
-        download(
-            "Study, records as Parquet (.zip)",
-            lambda: pack_study(study, record_format="parquet"),
-            f"{stem}_parquet.zip",
-            "application/zip",
-            hint="Reads faster.",
-        )
+        download("Study, records as CSV (.zip)", partial(pack_study, study), f"{stem}.zip")
+        packed = partial(pack_study, study, record_format="parquet")
+        download("Study, records as Parquet (.zip)", packed, f"{stem}_parquet.zip", hint="Reads faster.")

@@ -1,6 +1,7 @@
 """Figures of the page Elasticity, one per joint."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, get_args
 
 import streamlit as st
@@ -33,54 +34,43 @@ Deviations at some frequencies only indicate friction, a torque delay or wrong i
 """
 
 
-def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
+def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
     """Return the figures that a study allows by their names, the torsion curves first."""
-    fit, unit, dark, nominal = analysis.fit, analysis.unit, page.dark, page.study.nominal
-    only_sines = not page.study.motion_records  # most figures look at every sine separately
+    fit, unit = analysis.fit, analysis.unit
     pose = next(iter(analysis.transfer_matrices), "")
     poses = [record.pose or "" for record in analysis.study.records]
-    amplitudes = [curve.amplitude_Nm for curve in fit.torsion_curves]
 
-    def show(
-        what: str, draw: Callable[[int], Any], caption: str, heading: str = "**Joint {0}**"
-    ) -> None:
-        st.caption(caption)
-        page.show_per_joint(f"{what} {pose}", draw, what, heading=heading)
+    def per_joint(what: str, draw: Callable[..., Any], caption: str) -> Callable[[], object]:
+        return lambda: page.show_per_joint(f"{what} {pose}", draw, what, caption=caption)
 
-    found = {
-        "Torsion curve": lambda: _show_torsion(page, analysis),
-        "Frequency response": lambda: show(
+    found: dict[str, Callable[[], object]] = {"Torsion curve": lambda: _show_torsion(page, analysis)}
+    if analysis.transfer_matrices:
+        found["Frequency response"] = per_joint(
             "H{0}{0} over frequency, measured and modelled",
-            lambda j: element_response(analysis, j, j, pose=pose, dark=dark),
+            lambda j, dark: element_response(analysis, j, j, pose=pose, dark=dark),
             "Acceleration of each motor over its torque, the controllers removed." + freed_note(fit),
-            heading="**H{0}{0}**",
-        ),
-        "Dynamic stiffness": lambda: show(
-            "Dynamic stiffness of joint {0}",
-            lambda j: dynamic_stiffness(fit, j, nominal, unit=unit, dark=dark),
-            _DYNAMIC_STIFFNESS,
-        ),
-        "K over amplitude": lambda: show(
+        )
+    if page.study.motion_records:  # the other figures look at every sine separately
+        return found
+    found["Dynamic stiffness"] = per_joint(
+        "Dynamic stiffness of joint {0}",
+        partial(dynamic_stiffness, fit, nominal=page.study.nominal, unit=unit),
+        _DYNAMIC_STIFFNESS,
+    )
+    if all(a.max() > _SPREAD * a.min() for a in (curve.amplitude_Nm for curve in fit.torsion_curves)):
+        found["K over amplitude"] = per_joint(
             "Stiffness of joint {0} over the torque amplitude of the records",
-            lambda j: stiffness_over_amplitude(fit, j, poses, unit=unit, dark=dark),
+            partial(stiffness_over_amplitude, fit, poses=poses, unit=unit),
             "K of each record over its torque amplitude. A linear gear gives a level line; hardening "
             "raises K at large torque, hysteresis at small torque, and backlash lowers it there.",
-        ),
-        "Residual": lambda: show(
-            "Residual torque of joint {0} against noise",
-            lambda j: unexplained_torque(fit, j, dark=dark),
-            "Torque that the model leaves unexplained in each record. Noise alone leaves the dashes; "
-            "points far above them show an effect that the model lacks, and the error bars are widened.",
-        ),
-    }
-    allowed = {
-        "Torsion curve": True,
-        "Frequency response": bool(analysis.transfer_matrices),
-        "Dynamic stiffness": only_sines,
-        "K over amplitude": only_sines and all(a.max() > _SPREAD * a.min() for a in amplitudes),
-        "Residual": only_sines,
-    }
-    return {name: show for name, show in found.items() if allowed[name]}
+        )
+    found["Residual"] = per_joint(
+        "Residual torque of joint {0} against noise",
+        partial(unexplained_torque, fit),
+        "Torque that the model leaves unexplained in each record. Noise alone leaves the dashes; "
+        "points far above them show an effect that the model lacks, and the error bars are widened.",
+    )
+    return found
 
 
 def _show_torsion(page: Page, analysis: Analysis) -> None:
@@ -92,7 +82,7 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
     by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
     joints = page.show_per_joint(
         f"torsion {by}",
-        lambda j: torsion_curve(analysis.fit, j, colour_by=by, unit=analysis.unit, dark=page.dark),
+        partial(torsion_curve, analysis.fit, colour_by=by, unit=analysis.unit),
         "Torsion curve of joint {0}, torque over deflection with the fitted law",
     )
     each = [gear_terms(analysis.fit, j, analysis.unit) for j in joints]
@@ -106,9 +96,8 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
     )
     download(
         "Torsion curves (.csv)",
-        lambda: torsion_table(analysis).encode(),
+        lambda: torsion_table(analysis),
         f"{file_stem(page.study.name)}_torsion.csv",
-        "text/csv",
         hint="Torque u = τ − Mθ̈ − friction over deflection θ − θₐ, with M₂θ̈ₐ = u. The mean deflection "
         "of a record is not observable and set to 0.",
     )

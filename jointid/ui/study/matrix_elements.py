@@ -8,7 +8,7 @@ import streamlit as st
 
 from jointid import Analysis, TransferMatrix
 from jointid.figures import VIEWS, element_response, single_record, torque_condition
-from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, plot, table
+from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, table
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
@@ -49,7 +49,7 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
     """Show H_ij over frequency; a diagonal element beside the single-record responses of its joint."""
     n, name = page.study.inertia.n, f"H{i + 1}{j + 1}"
     view = choose_segment("View", VIEWS, "view", hide_label=True)
-    drawn: dict[str, Any] = {"pose": pose, "dark": page.dark, "view": view}
+    drawn: dict[str, Any] = {"pose": pose, "view": view}
     what = f"{name} over frequency, measured and modelled"
     draw = partial(element_response, analysis, i, j, **drawn)
     if i == j and n > 1 and page.study.of_pose(pose).any():
@@ -76,7 +76,7 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
     st.caption(caption + freed_note(analysis.fit))
 
 
-def show_how_well_known(matrix: TransferMatrix, i: int, j: int, *, dark: bool) -> None:
+def show_how_well_known(page: Page, matrix: TransferMatrix, pose: str, i: int, j: int) -> None:
     """Condition and reciprocity over frequency, rejected frequencies, and H_ij as numbers."""
     if matrix.H.shape[1] > 1:
         st.header("How well H is known", anchor=False)
@@ -86,7 +86,7 @@ def show_how_well_known(matrix: TransferMatrix, i: int, j: int, *, dark: bool) -
             "between $H_{ij}$ and $H_{ji}$, relative to the diagonal."
         )
         what = "Condition number and reciprocity error over frequency"
-        plot(torque_condition(matrix, dark=dark), what)
+        page.show(f"condition {pose}", partial(torque_condition, matrix), what)
     for text in matrix.rejected:
         show_info(text)
     table(element_table(matrix, i, j))

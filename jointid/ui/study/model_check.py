@@ -1,12 +1,14 @@
 """Model validation: prediction of left-out records, residuals, harmonics, poses, amplitudes."""
 
+from functools import partial
+
 import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
-from jointid.ui.shared.charts import NO_POSE, plot, side_by_side
+from jointid.ui.shared.charts import NO_POSE
 from jointid.ui.shared.messages import show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.uncertainty.poses import fits_by_pose
@@ -70,7 +72,7 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
         st.caption(f"Fits to every second frequency predict the others {_sentence(prediction)}")
         if isinstance(prediction, Prediction):
             what = "Measured and predicted H over frequency, and their relative difference"
-            plot(left_out_prediction(prediction, dark=page.dark), what, key="left_out")
+            page.show("left_out", partial(left_out_prediction, prediction), what)
 
     st.markdown("**Residual of each record**")
     residuals = record_residuals(analysis.phasors, analysis.fit)
@@ -79,10 +81,8 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
         "Residual torque over its noise: about 1 when the model holds, seldom above 3. "
         f"Largest: {residuals.labels[record]}, joint {joint + 1}."
     )
-    plot(
-        normalised_residuals(residuals, dark=page.dark),
-        "Normalised residual of every record",
-        key="residuals",
+    page.show(
+        "residuals", partial(normalised_residuals, residuals), "Normalised residual of every record"
     )
     _show_harmonics(page, analysis)
     _show_amplitudes(analysis)
@@ -95,16 +95,17 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
         show_info(error)
         return
     st.markdown("**Harmonics of the torques**")
-    st.caption(
+    caption = (
         "A linear gear has no harmonics of the excitation. Odd harmonics indicate friction, even ones "
         "backlash or a one-sided load. Pale bars: within the noise."
     )
-    n, joints = analysis.fit.n, page.joints("harmonics_joint")
-    for j, place in zip(joints, side_by_side(len(joints)), strict=True):
-        with place:
-            st.markdown(f"Joint {j + 1}")
-            figure = harmonic_bars(content, n + j, analysis.phasors.labels, dark=page.dark)
-            plot(figure, f"Harmonics of the torque of joint {j + 1}", key=f"harmonics{j}")
+    n, labels = analysis.fit.n, analysis.phasors.labels
+    page.show_per_joint(
+        "harmonics",
+        lambda j, dark: harmonic_bars(content, n + j, labels, dark=dark),
+        "Harmonics of the torque of joint {0}",
+        caption=caption,
+    )
 
 
 def _show_amplitudes(analysis: Analysis) -> None:

@@ -1,7 +1,6 @@
 """Planning of motions: limits, and the expected accuracy of a sweep and a multisine."""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,7 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError, Motion
 from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.charts import Table, csv_bytes, download
+from jointid.ui.shared.charts import Table, csv_of, download
 from jointid.ui.shared.entries import applied, enter_number, enter_text
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
@@ -96,9 +95,8 @@ def show_motion_plan(page: Page, analysis: Analysis) -> None:
     for plan in plans:
         download(
             f"Save the {plan.motion.kind}s (.csv)",
-            partial(_csv, plan),
+            csv_of(plan_columns(plan)),
             f"planned_{plan.motion.kind}.csv",
-            "text/csv",
             hint="Angles and torques of the simulated motors over time, record by record.",
         )
 
@@ -152,10 +150,6 @@ def plan_columns(plan: PlannedMotion) -> Table:
             columns[f"record{number}_theta_m{j + 1}_rad"] = record.theta_rad[:, j].tolist()
             columns[f"record{number}_tau_m{j + 1}_Nm"] = record.tau_Nm[:, j].tolist()
     return columns
-
-
-def _csv(plan: PlannedMotion) -> bytes:
-    return csv_bytes(plan_columns(plan))
 
 
 def _listed(values: np.ndarray) -> str:

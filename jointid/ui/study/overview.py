@@ -170,6 +170,5 @@ def show_steps(study: Study) -> None:
         "Save this study (.zip)",
         lambda: pack_study(study),
         f"{file_stem(study.name)}.zip",
-        "application/zip",
         hint="study.toml and one CSV table per record: readable without this software.",
     )

@@ -25,8 +25,8 @@ def show_report(page: Page, analysis: Analysis, stem: str) -> None:
         return
     html, pdf = made
     with st.container(horizontal=True):
-        download("Report as PDF", pdf, f"{stem}_report.pdf", "application/pdf", kind="primary")
-        download("Report as HTML", html, f"{stem}_report.html", "text/html")
+        download("Report as PDF", pdf, f"{stem}_report.pdf", kind="primary")
+        download("Report as HTML", html, f"{stem}_report.html")
     with st.expander("Preview"):
         preview(html, height=700)
 

@@ -121,7 +121,7 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     require_within_limits(points.rows, points.scale)
     chosen = FORMATS[file_format]
     name = f"{file_stem(analysis.study.name)}_set_points{chosen.ending}"
-    download(f"Save the set points ({chosen.title})", lambda: points.text().encode(), name, "text/plain")
+    download(f"Save the set points ({chosen.title})", points.text, name)
     with st.expander("Header of the file"):
         st.code("\n".join(points.comments), language=None, height=360)
 

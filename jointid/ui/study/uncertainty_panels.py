@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import streamlit as st
@@ -12,7 +13,7 @@ from jointid.arrays import Floats
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.charts import Table, plot
+from jointid.ui.shared.charts import Table
 from jointid.ui.shared.messages import show_info, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click
@@ -146,9 +147,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         show_info(left_out)
         return
     st.write("Change by leaving out a frequency, in standard errors:")
-    plot(
-        influence_strip(left_out, names, dark=page.dark), "Influence of each frequency", key="influence"
-    )
+    page.show("influence", partial(influence_strip, left_out, names), "Influence of each frequency")
 
 
 def _checks(page: Page, analysis: Analysis, draws: int, show: Show) -> tuple[Bootstrap, Jackknife | str]:
@@ -185,11 +184,8 @@ def show_ellipses(page: Page, analysis: Analysis) -> None:
     size = dict(zip(names, analysis.unit.shown(np.ones(len(names))), strict=True))
     scale = np.array([size[first], size[second]])
     shown = [replace(e, centre=e.centre * scale, outline=e.outline * scale) for e in ellipses]
-    plot(
-        confidence_outlines(shown, units, dark=page.dark),
-        f"Confidence ellipses of {first} and {second}",
-        key="ellipses",
-    )
+    draw = partial(confidence_outlines, shown, units)
+    page.show(f"ellipses {first} {second}", draw, f"Confidence ellipses of {first} and {second}")
     st.caption(
         "From the total error. A slanted ellipse means that an error in one comes with an error in the "
         "other."

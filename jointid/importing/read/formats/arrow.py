@@ -33,9 +33,12 @@ def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:
     A list of m numbers per row is m columns. Few rows of long lists are a run each: one table per row.
     """
     with pa.memory_map(path) as source:
-        table = _parquet(file, source) if open_as == "parquet" else _arrow(file, source)
+        table, left_out = _parquet(file, source) if open_as == "parquet" else _arrow(file, source)
+    for _ in range(4):  # fields of structs become columns
+        if any(pa.types.is_struct(field.type) for field in table.schema):
+            table = table.flatten()
     kept = [field for field in table.schema if _is_number(field.type) or _is_list(field.type)]
-    left_out = [field.name for field in table.schema if field not in kept]
+    left_out = [*(field.name for field in table.schema if field not in kept), *left_out]
     notes = (f"Columns without numbers, left out: {listed(left_out)}.",) if left_out else ()
     rows, columns = table.num_rows, {field.name: table.column(field.name) for field in kept}
     lists = [field.name for field in kept if _is_list(field.type)]
@@ -66,7 +69,8 @@ def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:
     return (LogTable(file, tuple(found), notes),)
 
 
-def _parquet(file: str, source: Any) -> Any:
+def _parquet(file: str, source: Any) -> tuple[Any, list[str]]:
+    """Columns of a Parquet file that may hold numbers, and the names of the others."""
     parquet = pa_parquet.ParquetFile(source)
     schema, metadata = parquet.schema_arrow, parquet.metadata
     if len(set(schema.names)) < len(schema.names):
@@ -84,10 +88,11 @@ def _parquet(file: str, source: Any) -> Any:
         if metadata.row_group(g).column(c).path_in_schema.partition(".")[0] in names
     )
     require_few_values(file, max(held, metadata.num_rows))
-    return _flat(parquet.read(columns=names, use_pandas_metadata=False, use_threads=False), schema)
+    table = parquet.read(columns=names, use_pandas_metadata=False, use_threads=False)
+    return table, [name for name in schema.names if name not in names]
 
 
-def _arrow(file: str, source: Any) -> Any:
+def _arrow(file: str, source: Any) -> tuple[Any, list[str]]:
     try:
         reader = pa.ipc.open_file(source)
         batches: Iterator[Any] = (reader.get_batch(k) for k in range(reader.num_record_batches))
@@ -101,18 +106,7 @@ def _arrow(file: str, source: Any) -> Any:
         held += batch.nbytes // 8
         require_few_values(file, held)
         kept.append(batch)
-    return _flat(pa.Table.from_batches(kept, reader.schema), reader.schema)
-
-
-def _flat(table: Any, schema: Any) -> Any:
-    """Columns of structs become columns of their fields."""
-    left_out = [field for field in schema if field.name not in table.schema.names]
-    for _ in range(4):
-        if any(pa.types.is_struct(field.type) for field in table.schema):
-            table = table.flatten()
-    for field in left_out:
-        table = table.append_column(pa.field(field.name, pa.null()), pa.nulls(table.num_rows))
-    return table
+    return pa.Table.from_batches(kept, reader.schema), []
 
 
 def _column(name: str, column: Any, stated: str) -> LogColumn:

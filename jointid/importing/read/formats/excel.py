@@ -9,8 +9,7 @@ from typing import Any
 
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first, require_few_values
-from jointid.importing.read.optional_imports import import_optional
-from jointid.importing.read.reader import Reader, begins_with
+from jointid.importing.read.reader import Reader, begins_with, import_optional
 from jointid.importing.read.text.tables import read_text_table
 from jointid.wording import listed
 

@@ -15,8 +15,7 @@ from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.read.array_tables import NamedArray, tables_of
 from jointid.importing.read.formats.matlab import scope_arrays
-from jointid.importing.read.optional_imports import import_optional
-from jointid.importing.read.reader import Reader
+from jointid.importing.read.reader import Reader, import_optional
 from jointid.wording import listed
 
 _DEEPEST = 8

@@ -7,7 +7,7 @@ import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first
-from jointid.importing.read.clocks import Signal, tables_of_signals
+from jointid.importing.read.array_tables import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_matches
 from jointid.importing.read.text.tables import columns_of
 
@@ -31,7 +31,12 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     for number, (before, body) in enumerate(pairwise(parts), start=1):
         where = f"{file}: segment {number}"
         x_columns = main.get("X_Columns", "One").strip()
-        signals = _segment(where, _own_header(before), _rows(body), separator, decimal, x_columns)
+        header, rows = before.split("\n"), body.split("\n")[1:]
+        starts = [k for k, line in enumerate(header) if line.startswith("Channels")]
+        ends = [k for k, line in enumerate(rows) if line.startswith("Channels")]
+        header = header[starts[-1] :] if starts else header
+        rows = [line for line in rows[: ends[0] if ends else None] if line.strip()]
+        signals = _segment(where, header, rows, separator, decimal, x_columns)
         if signals and runs and _goes_on(runs[-1][-1], signals):
             runs[-1].append(signals)
         elif signals:
@@ -65,24 +70,6 @@ def _joined(run: list[list[Signal]]) -> list[Signal]:
         )
         for parts in zip(*run, strict=True)
     ]
-
-
-def _own_header(part: str) -> list[str]:
-    """Lines of the header at the end of a part: from the line "Channels" on."""
-    lines = part.split("\n")
-    starts = [k for k, line in enumerate(lines) if line.startswith("Channels")]
-    return lines[starts[-1] :] if starts else lines
-
-
-def _rows(body: str) -> list[str]:
-    """Lines of names and samples, up to the next segment's header."""
-    rows = []
-    for line in body.split("\n")[1:]:
-        if line.startswith("Channels"):
-            break
-        if line.strip():
-            rows.append(line)
-    return rows
 
 
 def _segment(

@@ -17,9 +17,8 @@ from jointid.importing.columns.log_table import (
     numbers,
     require_few_values,
 )
-from jointid.importing.read.clocks import Signal, tables_of_signals
-from jointid.importing.read.optional_imports import import_optional
-from jointid.importing.read.reader import Reader, begins_with
+from jointid.importing.read.array_tables import Signal, tables_of_signals
+from jointid.importing.read.reader import Reader, begins_with, import_optional
 from jointid.wording import listed
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -69,7 +68,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     states = most_first(file, tables)
     if len(states) == len(logs):
         return states
-    start = min(log.start_ns for log in logs.values())
+    start = min(min(log.recorded) for log in logs.values())
     signals = [signal for topic, log in logs.items() for signal in log.signals(topic, start)]
     note = "Topics are merged by their times of recording."
     together = tables_of_signals(file, signals, (note,))
@@ -95,7 +94,7 @@ class _TopicLog:
         self.of_joints = of_joints
         self._file = file
         self._stamps: list[int] = []
-        self._recorded: list[int] = []
+        self.recorded: list[int] = []
         self._columns: dict[tuple[str, str], int] = {}
         self._rows: list[tuple[np.ndarray, Floats]] = []
         self._layouts: dict[tuple[Any, ...], np.ndarray] = {}
@@ -104,7 +103,7 @@ class _TopicLog:
     def add(self, message: Any, recorded_ns: int) -> None:
         stamp = getattr(getattr(message, "header", None), "stamp", None)
         self._stamps.append(stamp.sec * 1_000_000_000 + stamp.nanosec if stamp is not None else 0)
-        self._recorded.append(recorded_ns)
+        self.recorded.append(recorded_ns)
         if self.of_joints:
             names = tuple(message.name)
             parts = [np.asarray(getattr(message, quantity), float) for quantity, _ in _QUANTITIES]
@@ -115,7 +114,11 @@ class _TopicLog:
             names = layout = tuple(found)
             values = np.array([*found.values()], float)
         if layout not in self._layouts:
-            self._require_few_layouts(len(names))
+            if max(len(names), len(self._layouts)) > _MOST_JOINTS:
+                raise JointIdError(
+                    f"{self._file}: its messages name more than {_MOST_JOINTS} joints, or different "
+                    "sets of joints: record the state of one robot."
+                )
             columns = [("", name) for name in names]
             if self.of_joints:
                 sizes = zip(_QUANTITIES, layout[1:], strict=True)
@@ -126,48 +129,28 @@ class _TopicLog:
         require_few_values(self._file, self._held)
         self._rows.append((self._layouts[layout], values))
 
-    def _require_few_layouts(self, joints: int) -> None:
-        if joints > _MOST_JOINTS:
-            raise JointIdError(
-                f"{self._file}: a message names {joints} joints, more than the limit of "
-                f"{_MOST_JOINTS}: record the state of one robot."
-            )
-        if len(self._layouts) > _MOST_JOINTS:
-            raise JointIdError(
-                f"{self._file}: its messages name more than {_MOST_JOINTS} different sets of "
-                "joints: record the state of one robot."
-            )
-
     def signals(self, topic: str, start_ns: int) -> list[Signal]:
         """Every column with its times of recording since a start, under the name of the topic."""
-        time, table = np.array(self._recorded, dtype=np.int64) - start_ns, self._values()
+        time = np.array(self.recorded, dtype=np.int64) - start_ns
         order = np.argsort(time, kind="stable")
-        time_s, table = time[order] * 1e-9, table[order]
+        time_s = np.asarray(time[order] * 1e-9, np.float64)
         return [
-            Signal(f"{topic} {joint} {quantity}".replace("  ", " "), time_s[known], column[known], unit)
-            for (joint, quantity, unit), column in zip(self._named(), table.T, strict=True)
+            Signal(f"{topic} {name}", time_s[known], column[known], unit)
+            for name, _, unit, column in self._named(order)
             if (known := np.isfinite(column)).any()
         ]
 
-    @property
-    def start_ns(self) -> int:
-        """Time of recording of the first message."""
-        return min(self._recorded)
-
-    def _named(self) -> list[tuple[str, str, str]]:
-        """Joint, quantity and unit of every column."""
-        units = dict(_QUANTITIES)
-        return [(joint, quantity, units.get(quantity, "")) for joint, quantity in self._columns]
-
-    def _values(self) -> Floats:
-        table = np.full((len(self._rows), len(self._columns)), np.nan)
+    def _named(self, order: np.ndarray) -> Iterator[tuple[str, str, str, Floats]]:
+        """Name, quantity, unit and values of every column, rows in some order."""
+        table, units = np.full((len(self._rows), len(self._columns)), np.nan), dict(_QUANTITIES)
         for row, (places, values) in zip(table, self._rows, strict=True):
             row[places] = values
-        return table
+        for (joint, quantity), column in zip(self._columns, table[order].T, strict=True):
+            yield f"{joint} {quantity}".strip(), quantity, units.get(quantity, ""), column
 
     def table(self, name: str) -> LogTable:
         stamped = len(set(self._stamps)) > len(self._stamps) // 2
-        ticks = np.array(self._stamps if stamped else self._recorded, dtype=np.int64)
+        ticks = np.array(self._stamps if stamped else self.recorded, dtype=np.int64)
         order = np.argsort(ticks, kind="stable")
         notes = []
         if not stamped:
@@ -176,10 +159,8 @@ class _TopicLog:
             notes.append("Some messages were recorded out of order; they were sorted by time.")
         columns = [LogColumn("time", numbers((ticks[order] - ticks[order[0]]) * 1e-9), "s", "stamp")]
         columns += [
-            LogColumn(f"{joint} {quantity}".strip(), numbers(column), unit, quantity)
-            for (joint, quantity, unit), column in zip(
-                self._named(), self._values()[order].T, strict=True
-            )
+            LogColumn(name, numbers(column), unit, quantity)
+            for name, quantity, unit, column in self._named(order)
         ]
         return LogTable(name, tuple(columns), tuple(notes), 1, "message")
 

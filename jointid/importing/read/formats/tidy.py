@@ -10,7 +10,7 @@ from jointid.errors import JointIdError
 from jointid.importing.columns.column_words import WORDS, words_of
 from jointid.importing.columns.log_table import MAX_COLUMNS, LogTable, require_few_values
 from jointid.importing.columns.units import split_unit, unit_of
-from jointid.importing.read.clocks import Signal, tables_of_signals
+from jointid.importing.read.array_tables import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_of
 from jointid.importing.read.text.clock_times import ClockCells, is_clock
 from jointid.importing.read.text.numbers import is_number, value_of

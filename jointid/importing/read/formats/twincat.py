@@ -7,7 +7,7 @@ import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
-from jointid.importing.read.clocks import Signal, tables_of_signals
+from jointid.importing.read.array_tables import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_matches
 from jointid.importing.read.text.tables import columns_of
 from jointid.wording import listed

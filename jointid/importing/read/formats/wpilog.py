@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from jointid.importing.columns.log_table import LogTable, require_few_values
-from jointid.importing.read.clocks import Signal, tables_of_signals
+from jointid.importing.read.array_tables import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, begins_with
 from jointid.wording import listed
 

@@ -84,7 +84,9 @@ def decoded(file: str, data: bytes) -> str:
                 "the file is damaged. Export it again."
             ) from error
         # What Windows programs of western Europe write; Latin-1 never fails.
-        text = data.decode("cp1252", errors="ignore") if _is_cp1252(data) else data.decode("latin-1")
+        # Control characters of Latin-1 are signs in Windows' encoding.
+        is_windows = any(byte in data for byte in (0x80, 0x85, 0x91, 0x92, 0x93, 0x94, 0x96, 0x97))
+        text = data.decode("cp1252", errors="ignore") if is_windows else data.decode("latin-1")
     text = unix_lines(text.removeprefix("\ufeff"))
     if not text.strip():
         raise JointIdError(f"{file} holds only blank lines: export the log again.")
@@ -176,11 +178,6 @@ def split_line(line: str, separator: str) -> list[str]:
 def is_missing(cell: str) -> bool:
     """Whether a cell denotes a missing value."""
     return cell.lower() in NO_NUMBER
-
-
-def _is_cp1252(data: bytes) -> bool:
-    """Whether bytes that are control characters in Latin-1 occur: then Windows wrote them."""
-    return any(bytes([byte]) in data for byte in (0x80, 0x85, 0x91, 0x92, 0x93, 0x94, 0x96, 0x97))
 
 
 def _head_lines(file: str, text: str) -> list[str]:

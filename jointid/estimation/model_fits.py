@@ -1,0 +1,115 @@
+"""Fit of one candidate model: its friction waveforms, its estimate and its residual."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.estimation.candidates import Model
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.levenberg_marquardt import one_step
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.parameters import Parameters
+from jointid.estimation.estimators.problem import fitted_layout, make_problem
+from jointid.estimation.estimators.residual import with_law_noise
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
+from jointid.motion.end_terms import motor_motion
+from jointid.motion.friction import FrictionWaveforms, friction_waveforms
+from jointid.phasors.extract import Phasors
+
+_SAME_FILTER = 0.02
+"""Relative difference between time constants below which friction keeps its waveforms."""
+
+
+def model_waveforms(
+    phasors: Phasors, model: Model, p: Parameters | None = None
+) -> FrictionWaveforms | None:
+    """Friction waveforms of a model, with the position filters of some parameters; None without."""
+    if model.reversal is None:
+        return None
+    own = "position_filter" in model.effects and p is not None and "position_filter" in p.layout
+    return friction_waveforms(
+        phasors,
+        model.reversal,
+        curve=model.curve,
+        position_filter=p["position_filter"] if own and p else None,
+    )
+
+
+def fit_model(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    start: Floats | Parameters,
+    noise: Noise,
+    model: Model,
+    waveforms: FrictionWaveforms | None = None,
+) -> LikelihoodEstimate:
+    """Fit one model; its friction waveforms may be given.
+
+    Raises
+    ------
+    JointIdError
+        When the model does not fit, or its parameters have left the range of numbers.
+    """
+    waveforms = waveforms or model_waveforms(phasors, model)
+
+    def fitted(start: Floats | Parameters) -> LikelihoodEstimate:
+        return maximum_likelihood(
+            phasors,
+            prior,
+            start,
+            friction=waveforms,
+            delay=model.delay,
+            effects=model.effects,
+            noise=noise,
+        )
+
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            estimate = fitted(start)
+            if waveforms is None or "position_filter" not in model.effects or phasors.motion.any():
+                return estimate
+            found = estimate.named["position_filter"]
+            if np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):
+                return estimate
+            waveforms = model_waveforms(phasors, model, estimate.named)
+            return fitted(estimate.named)
+    except np.linalg.LinAlgError as error:
+        raise JointIdError(
+            "The model does not fit: its parameters exceed the range of numbers."
+        ) from error
+
+
+def evaluated(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    model: Model,
+    estimate: LikelihoodEstimate,
+    noise: Noise,
+    scale: Floats,
+) -> WhitenedResidual:
+    """Residual of a model at its estimate; ``scale`` multiplies the variances as in a fit."""
+    waveforms = model_waveforms(phasors, model, estimate.named)
+    problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
+    problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
+    return WhitenedResidual.of(problem, estimate.p, scale)
+
+
+def stepped(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    estimate: LikelihoodEstimate,
+    noise: Noise,
+    model: Model,
+    waveforms: FrictionWaveforms | None = None,
+) -> tuple[Floats, float]:
+    """Parameters and misfit of a model one step from the estimate of a similar one."""
+    waveforms = waveforms or model_waveforms(phasors, model, estimate.named)
+    layout = fitted_layout(prior, waveforms, model.delay, model.effects)
+    problem = make_problem(phasors, prior, layout, estimate.named.K, waveforms, noise)
+    p = problem.start(estimate.named)
+    return one_step(with_law_noise(problem, p), p)

@@ -1,0 +1,160 @@
+"""Growth of a model by one part: the most promising parts are fitted, and the rest pruned.
+
+A score test (Rao) estimates in one evaluation how much every absent part would lower the cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtri
+
+from jointid.estimation.candidates import CHANCE, EXPLAINED, Model
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.parameters import GEAR_LAWS, LAWS
+from jointid.estimation.estimators.score_tests import Score
+from jointid.estimation.model_search import LOST, POOR, Search
+
+_RICHER = {
+    (0.0, False): ((0.03, False), (0.1, False)),
+    (0.03, False): ((0.1, False), (0.03, True)),
+    (0.1, False): ((0.1, True),),
+    (0.03, True): ((0.1, True),),
+}
+"""Richer friction models for each one: velocity, over the largest, below which friction is free (from a
+sharp to a gradual reversal), and whether friction varies nonlinearly with speed."""
+_SIMILAR = 0.3
+"""Score over the highest from which a part is fitted: similar parts differ by the cost only."""
+_DECISIVE = 0.3
+"""Score over the cost from which a part is fitted before richer friction."""
+NEARLY_ALL = 0.9
+"""Score over the cost from which a part is fitted in place of a law, or before others that are."""
+_TRIED_LAWS = 2
+"""The most nonlinear laws that are fitted for each part added."""
+_MANY_ROWS = 20_000
+"""Equations, those of six joints in 50 records, from which one part is tried where the model explains
+the data: a fit takes seconds."""
+
+
+def grown(search: Search, best: Model) -> Model:
+    """The best of a model and those with one more part, pruned."""
+    fits, found = search.fits, [best]
+    for wider in sorted(_extensions(search, best), key=lambda model: model.is_slow):
+        leading = fits.least(found)
+        if search.is_spent:
+            break
+        if not _is_passed_over(search, wider, best, leading):
+            _fit_wider(search, wider, best, leading)
+            found.append(search.pruned(wider) if _is_kept(search, wider, best) else wider)
+    return fits.least(found)
+
+
+def _is_passed_over(search: Search, wider: Model, best: Model, leading: Model) -> bool:
+    """Whether a fit is not worth its time since another extension of the best model leads."""
+    fits = search.fits
+    if leading == best:
+        return False
+    added = set(wider.effects).difference(best.effects)
+    if fits.misfit(leading) < EXPLAINED < fits.misfit(best) and not added.isdisjoint(LAWS):
+        return True
+    if fits.is_explained(leading) and (wider.is_slow or wider.parts == leading.parts):
+        return True  # the score of a slow part decides again
+    # Richer friction first: other parts absorb some of it.
+    return leading.reversal != best.reversal and wider.reversal == best.reversal
+
+
+def _is_kept(search: Search, wider: Model, narrow: Model) -> bool:
+    """Whether a wider model may last; a slow one with a part that is not significant does not."""
+    estimate = search.fits.estimate(wider)
+    if estimate is None or not wider.is_slow:
+        return True
+    added = set(wider.parts).difference(narrow.parts).intersection(search.fits.optional)
+    return all(search.fits.part_is_significant(wider, estimate, part) for part in added)
+
+
+def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model) -> None:
+    """Fit with one more part, from the estimate without it.
+
+    Where that is far off, the fit starts from that of the same parts with other friction. Where it leads
+    nowhere, it starts as all do: one more part cannot raise the cost.
+    """
+    fits, near = search.fits, [narrow]
+    if leading.parts == wider.parts and fits.misfit(narrow) >= LOST:
+        near.insert(0, leading)
+    starts = [each.named for model in near if (each := fits.estimate(model))]
+    bar = min(LOST, max(POOR, fits.misfit(narrow)))
+    for start in [*starts, search.start]:
+        if fits.misfit(wider) >= bar and search.may_start_again(wider):
+            search.fit(wider, start)
+
+
+def _extensions(search: Search, model: Model) -> list[Model]:
+    """Models with one more part that may lower the cost significantly."""
+    found = search.fits.estimate(model)
+    if found is None:
+        return []
+    clear, scored = _clear_parts(search, model, found), search.scores(model)
+    explained = found.misfit <= EXPLAINED
+    laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]
+    tried = [part for part in clear if part in laws or part not in LAWS]
+    if explained and search.fits.rows > _MANY_ROWS:
+        tried = tried[:1]
+    wider = [model.with_part(part) for part in tried if _is_promising(search, model, scored[part], part)]
+    if model.is_slow and found.misfit >= LOST:  # another part may explain the data without the law
+        bare = replace(model, effects=tuple(e for e in model.effects if e not in GEAR_LAWS))
+        instead = (part for part in clear if scored[part].gain > NEARLY_ALL * found.cost)
+        wider += [bare.with_part(part) for part in instead if part not in LAWS]
+    highest = scored[clear[0]].gain / found.cost if clear else 0.0
+    if model.reversal is not None and search.may_be_richer(found):
+        richer = _RICHER.get((model.reversal, model.curve), ())
+        sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
+        wider = [*wider, *sharper] if highest > _DECISIVE else [*sharper, *wider]
+    if "cubic" in model.effects and search.may_be_richer(found):
+        plain = model.without("cubic")
+        laws_instead = ["piecewise"] if "backlash" in model.parts else ["backlash", "piecewise"]
+        instead_of_cubic = [plain.with_part(law) for law in laws_instead]
+        wider = [*wider, *instead_of_cubic] if highest > NEARLY_ALL else [*instead_of_cubic, *wider]
+    return [each for each in wider if search.is_open(each)]
+
+
+def _clear_parts(search: Search, model: Model, found: LikelihoodEstimate) -> list[str]:
+    """Absent parts with a significant score that is not far below the highest, best first.
+
+    What friction with sharp reversals leaves looks like other parts: where it explains the data, the
+    part must be significant beside free reversals, too.
+    """
+    fits, scored = search.fits, search.scores(model)
+    chance = CHANCE / max(len(fits.optional), 1)
+
+    def is_clear(score: Score, misfit: float) -> bool:
+        return bool(2 * score.gain / max(1.0, misfit) > chdtri(score.count, chance))
+
+    order = sorted(scored, key=lambda part: scored[part].penalised(fits.rows), reverse=True)
+    clear = [
+        part
+        for part in order
+        if is_clear(scored[part], found.misfit) and scored[part].gain > _SIMILAR * scored[order[0]].gain
+    ]
+    free = replace(model, reversal=0.03)
+    if clear and model.reversal == 0 and found.misfit < EXPLAINED and not search.has_motions:
+        if free not in fits.tried:
+            search.fit(free, found.named)
+        beside = search.scores(free)
+        clear = [p for p in clear if p not in beside or is_clear(beside[p], fits.misfit(free))]
+    return clear
+
+
+def _is_promising(search: Search, model: Model, score: Score, part: str) -> bool:
+    """Whether a slow fit with one more part is worth its time, by the part's score.
+
+    It is not where the model explains the data without it and K and D would hardly move. Its score still
+    widens the errors.
+    """
+    found = search.fits.estimate(model)
+    if found is None or not model.with_part(part).is_slow:
+        return True
+    if search.has_motions and not search.may_be_richer(found):
+        return False  # it takes a minute
+    sigma = np.sqrt(np.diag(found.elasticity_covariance))
+    return not search.fits.is_explained(model) or bool(np.any(np.abs(score.shift) > sigma))

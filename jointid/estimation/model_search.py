@@ -1,0 +1,164 @@
+"""Search for a model: fits from start values within limits of time, their scores, and pruning."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+from jointid.errors import JointIdError
+from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, Fits, Model, fundamental_chance
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.parameters import EFFECTS, Parameters
+from jointid.estimation.estimators.score_tests import Score, scores
+from jointid.estimation.model_fits import fit_model, model_waveforms
+from jointid.estimation.start_values import other_laws, with_delay, without_inertias
+from jointid.motion.friction import FrictionWaveforms
+from jointid.phasors.extract import Phasors
+
+LOST = 100.0
+"""Misfit from which the search is repeated from other start values."""
+DOUBTFUL = 3.0
+"""Misfit from which a model is fitted from other start values, too."""
+POOR = 10.0
+"""Misfit of a model that does not explain the data."""
+MOST_EFFECTS = 3
+_EXPLAINED_MOTIONS = 1.3
+"""Misfit of motions below which richer friction and laws are not tried: their noise is that of the
+residual, and wide reversals leave few equations."""
+_MOST_FITS = 24
+"""Fits of one search."""
+_MOST_STARTS = 2
+"""Start values from which a model is fitted."""
+_MOST_SLOW_FITS, _MOST_SLOW_FITS_OF_MOTIONS = 12, 3
+"""Fits with a law of the gears, and the same where the records hold motions."""
+
+
+@dataclass
+class Search:
+    """Models fitted to the same records from one start."""
+
+    phasors: Phasors
+    prior: InertiaPrior
+    start: Parameters
+    noise: Noise
+    base: Model
+    """Parts that every model has."""
+    fits: Fits
+    starts: dict[Model, int] = field(default_factory=dict)
+    """Number of start values from which each model was fitted."""
+    slow_fits: int = 0
+    _waveforms: dict[tuple[float | None, ...], FrictionWaveforms | None] = field(default_factory=dict)
+    _scores: dict[Model, tuple[LikelihoodEstimate, dict[str, Score]]] = field(default_factory=dict)
+    """Scores with the estimate at which they were evaluated."""
+
+    def again(self, start: Parameters) -> Search:
+        """The same search from another start."""
+        return replace(self, start=start, fits=replace(self.fits, tried={}), starts={}, slow_fits=0)
+
+    @property
+    def has_motions(self) -> bool:
+        """Whether a record is no sine."""
+        return bool(self.phasors.motion.any())
+
+    @property
+    def may_rub(self) -> bool:
+        """Whether a model may have friction of sines."""
+        friction = self.base.reversal is not None or "friction" in self.fits.optional
+        return friction and not self.has_motions
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether no model comes near the data."""
+        return not self.fits.least_misfit < LOST
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether the search ends: wrong data would take many fits."""
+        return sum(self.starts.values()) >= _MOST_FITS
+
+    def is_open(self, model: Model) -> bool:
+        """Whether a model was not fitted, or is lost from its only start values."""
+        return self.fits.misfit(model) >= LOST and self.may_start_again(model)
+
+    def may_start_again(self, model: Model) -> bool:
+        """Whether a model may be fitted from further start values."""
+        return self.starts.get(model, 0) < _MOST_STARTS
+
+    def may_be_richer(self, found: LikelihoodEstimate) -> bool:
+        """Whether richer friction, or a law of the gears, may lower the cost noticeably."""
+        if self.has_motions:
+            return found.misfit > _EXPLAINED_MOTIONS
+        return found.misfit > EXPLAINED or fundamental_chance(found) < CHANCE
+
+    def free_start(self) -> tuple[Parameters, ...]:
+        """Start values without uncertain inertias, if the records give any."""
+        start = without_inertias(self.phasors, self.prior) if self.prior.inertia_std else None
+        return () if start is None else (start,)
+
+    def fit(self, model: Model, start: Parameters) -> None:
+        """Fit a model; of two fits from different starts the better one stays."""
+        tried, earlier = self.fits.tried, self.fits.estimate(model)
+        self.starts[model] = self.starts.get(model, 0) + 1
+        if model.is_slow:
+            if self.slow_fits == (_MOST_SLOW_FITS_OF_MOTIONS if self.has_motions else _MOST_SLOW_FITS):
+                tried.setdefault(model, JointIdError("Not fitted: the limit of fitted laws is reached."))
+                return
+            self.slow_fits += 1
+        try:
+            waveforms = self.waveforms(model, start)
+            estimate = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)
+            for other in other_laws(self.phasors, self.prior, start, estimate.named):
+                if estimate.misfit > DOUBTFUL:
+                    again = fit_model(self.phasors, self.prior, other, self.noise, model, waveforms)
+                    estimate = min(estimate, again, key=lambda each: each.whole_cost(1))
+        except JointIdError as error:
+            tried.setdefault(model, error)
+            return
+        if earlier is None or estimate.whole_cost(1) <= earlier.whole_cost(1):
+            tried[model] = estimate
+
+    def waveforms(self, model: Model, p: Parameters) -> FrictionWaveforms | None:
+        """Friction waveforms of a model at some parameters."""
+        filtered = "position_filter" in model.effects and "position_filter" in p.layout
+        key = model.reversal, model.curve, *(p["position_filter"].tolist() if filtered else ())
+        if key not in self._waveforms:
+            self._waveforms[key] = model_waveforms(self.phasors, model, p)
+        return self._waveforms[key]
+
+    def scores(self, model: Model) -> dict[str, Score]:
+        """Score of every optional part that the model lacks."""
+        found = self.fits.estimate(model)
+        full = len(model.effects) >= MOST_EFFECTS
+        absent = [p for p in self.fits.optional if p not in model.parts and not (full and p in EFFECTS)]
+        if found is None or not absent:
+            return {}
+        if model not in self._scores or self._scores[model][0] is not found:
+            rubbing = replace(model, reversal=0.0) if "friction" in absent else model
+            waveforms = self.waveforms(rubbing, found.named)
+            of_each = scores(self.phasors, self.prior, found, waveforms, self.noise, absent)
+            self._scores[model] = found, of_each
+        return self._scores[model][1]
+
+    def pruned(self, model: Model) -> Model:
+        """The best of a model and those without parts that are not beyond doubt."""
+        fits, found = self.fits, self.fits.estimate(model)
+        if found is None:
+            return model
+        models = [model, *self._narrower(model)]
+        for narrow in models[1:]:
+            far = fits.misfit(narrow) > NEEDED * max(1.0, found.misfit)
+            if far and self.may_start_again(narrow):
+                self.fit(narrow, with_delay(found.named))  # from other starts it may have diverged
+        best = fits.least(models)
+        return best if best == model else self.pruned(best)
+
+    def _narrower(self, model: Model) -> Iterator[Model]:
+        """The model without each part that is not certain, and with a delay in place of lags."""
+        for part in model.parts:
+            if part in self.fits.optional:
+                if not self.fits.is_certain(model, part):
+                    yield model.without(part)
+                if part == "lag" and "delay" in self.fits.optional:
+                    yield model.without(part).with_part("delay")
