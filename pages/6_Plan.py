@@ -13,6 +13,7 @@ from jointid.ui.shared.page import open_page
 from jointid.ui.study.motion_plan_form import show_motion_plan
 from jointid.ui.study.plan_form import (
     ask,
+    content,
     percent,
     show_own_plan,
     suggested_columns,
@@ -68,7 +69,7 @@ try:
     with own:
         plan = show_own_plan(page, found, analysis, settings.pose)
     with set_points:
-        show_set_points(page, plan, analysis, settings.pose)
+        show_set_points(page, plan, content(plan), analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
 with motions:

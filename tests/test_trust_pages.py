@@ -283,6 +283,18 @@ class TestSetPoints:
         assert any("✗" in margin for margin in at.dataframe[-1].value["Margin"])
         assert not any("set points" in d.label for d in at.get("download_button"))
 
+    def test_planned_motions_can_be_saved_too(self, app: AppTest) -> None:
+        at = opened(app, PLAN)
+        next(w for w in at.number_input if w.label == "Length of each (s)").set_value(3.0)
+        at = shown(next(b for b in at.button if b.label == "Predict").click().run())
+        for label, text in LIMITS.items():
+            [w for w in at.text_input if w.label == label][-1].set_value(text)
+        [w for w in at.number_input if w.label == "Scale of the motion"][-1].set_value(0.3)
+        check = [b for b in at.button if b.label.startswith("Check on")]
+        at = shown(check[-1].click().run())
+        assert not at.error
+        assert any("Save the set points (CSV)" in d.label for d in at.get("download_button"))
+
     def test_a_wrong_entry_is_named(self, app: AppTest) -> None:
         at = self.checked(app, **{"Start pose (°), all axes": "0, zero"})
         assert "Start pose" in at.error[0].value

@@ -9,12 +9,13 @@ import streamlit as st
 from jointid import Analysis, JointIdError, Motion
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, csv_of, download
-from jointid.ui.shared.entries import applied, enter_number, enter_text
+from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.ui.shared.results import Show, computed_on_click
 from jointid.ui.study.plan_form import percent, pose_inertia
+from jointid.ui.study.setpoints_form import show_set_points
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
 from jointid.wording import significant
 
@@ -99,6 +100,14 @@ def show_motion_plan(page: Page, analysis: Analysis) -> None:
             f"planned_{plan.motion.kind}.csv",
             hint="Angles and torques of the simulated motors over time, record by record.",
         )
+    st.subheader("Set points", anchor=False)
+    names = {_KINDS[plan.motion.kind]: plan for plan in plans}
+    chosen = names[choose_from(st.container(), "motion_to_write", "Planned motion", list(names))]
+    pose = analysis.study.records[0].pose or ""
+    try:
+        show_set_points(page, chosen, (settings, chosen.motion.kind), analysis, pose)
+    except JointIdError as error:
+        show_error(error)
 
 
 def _ask(page: Page, analysis: Analysis) -> MotionSettings | None:

@@ -1,5 +1,6 @@
 """Set points of a plan: limits of the robot, check table and file."""
 
+from collections.abc import Hashable
 from typing import Any
 
 import streamlit as st
@@ -14,7 +15,7 @@ from jointid.ui.shared.charts import download, table
 from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
-from jointid.ui.study.plan_form import content
+from jointid.uncertainty.motion_plan import PlannedMotion
 from jointid.uncertainty.plan import PlannedRecords
 from jointid.wording import file_stem
 
@@ -46,11 +47,18 @@ _NUMBERS: dict[str, tuple[Any, ...]] = {
     "rest": ("Rest between records (s)", 1.0, (0.1, 60.0)),
 }
 """Label, default and limits of each number."""
-_KINDS = dict(zip(("Sines", "Multisine", "Sweeps"), KINDS, strict=True))
+_SINES = "Sines"
+_KINDS = dict(zip((_SINES, "Multisine", "Sweeps"), KINDS, strict=True))
 
 
-def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: str) -> None:
-    """Draw the form; with limits entered, the check and the file.
+def show_set_points(
+    page: Page,
+    plan: PlannedRecords | PlannedMotion,
+    content: Hashable,
+    analysis: Analysis,
+    pose: str,
+) -> None:
+    """Draw the form; with limits entered, the check and the file. ``content`` identifies the plan.
 
     Raises
     ------
@@ -62,26 +70,28 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
         "The plan above as a motion of the joints, for the controller. It runs on the simulated robot "
         "first; a file is written only if all limits hold. Read its header before use."
     )
+    sines = isinstance(plan, PlannedRecords)
+    form = "setpoints" if sines else "setpoints of motions"
     ratios = analysis.study.gear_ratios
     entered = {} if ratios is None else {"gear_ratio": numbers_out(ratios)}
     asked = {name: each for name, each in _LIMITS.items() if name not in entered}
     places = [column for _ in range(3) for column in st.columns(3)]
     for place, (name, (label, example, hint)) in zip(places, asked.items(), strict=False):
-        key = f"setpoints_{name}_{page.digest[:12]}"
+        key = f"{form}_{name}_{page.digest[:12]}"
         entered[name] = enter_text(place, key, label, "", hint, example)
     one, two, three, four = st.columns(4)
-    kind = choose_from(one, "setpoints_kind", "Motion", list(_KINDS))
-    file_format = choose_from(two, "setpoints_format", "Format", list(FORMATS), _title)
+    kind = choose_from(one, f"{form}_kind", "Motion", list(_KINDS)) if sines else _SINES
+    file_format = choose_from(two, f"{form}_format", "Format", list(FORMATS), _title)
     interval_hint = "Empty: the default of the format."
-    interval = enter_text(three, "setpoints_interval", "Interval (ms)", "", interval_hint)
+    interval = enter_text(three, f"{form}_interval", "Interval (ms)", "", interval_hint)
     numbers: list[Any] = [
-        enter_number(place, f"setpoints_{key}", *entry)
+        enter_number(place, f"{form}_{key}", *entry)
         for place, (key, entry) in zip((four, *st.columns(3)), _NUMBERS.items(), strict=True)
     ]
     label = "Superposed velocities (°/s)"
-    superposed = enter_text(st.container(), "setpoints_superposed", label, "0", _SUPERPOSED)
+    superposed = enter_text(st.container(), f"{form}_superposed", label, "0", _SUPERPOSED)
     choice = (entered, kind, file_format, interval, numbers, superposed)
-    known = applied("Check on the simulated robot", f"setpoints {page.digest}", choice)
+    known = applied("Check on the simulated robot", f"{form} {page.digest}", choice)
     if known is not None:
         entered, kind, file_format, interval, numbers, superposed = known
     if known is None or not entered["gear_ratio"].strip():
@@ -102,7 +112,7 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     settings |= {"rest_s": rest_s, "velocity_rad_s": drift}
     inertia, fit = analysis.inertia(pose), analysis.fit
     played = page.computed(
-        ("played", pose, content(plan), *settings.values()),
+        ("played", pose, content, *settings.values()),
         "Running on the simulated robot",
         play,
         planned_experiment(plan, inertia, fit.elasticity, **settings),
