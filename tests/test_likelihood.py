@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from jointid import (
     motor_response,
     simulate_records,
 )
+from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
@@ -36,7 +38,7 @@ from jointid.estimation.estimators.parameters import LAWS as NONLINEAR
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
 from jointid.estimation.estimators.score_tests import scores
-from jointid.estimation.model_average import positive_moments
+from jointid.estimation.model_average import positive_moments, spread
 from jointid.estimation.model_selection import choose_model
 from jointid.motion.friction import friction_waveforms
 
@@ -396,3 +398,20 @@ def test_probability_of_positive_values(correlation: float) -> None:
     hazard = np.exp(-0.5) / np.sqrt(2 * np.pi) / np.exp(log_ndtr(-1.0))
     assert log_positive == pytest.approx(log_ndtr(-1.0))
     assert moments[0, 0] == pytest.approx(2 - hazard, rel=0.02)
+
+
+@pytest.mark.parametrize(("behind", "weight"), [(2.0, np.exp(-1.0)), (5.9, np.exp(-2.95)), (6.1, 0.0)])
+def test_a_rival_model_widens_the_errors_by_its_weight(behind: float, weight: float) -> None:
+    """A twentieth of the best one's weight is the least that counts."""
+    best, rival = Model(None, delay=False), Model(0.0, delay=False)
+    estimates = {
+        model: SimpleNamespace(elasticity=K_and_D, elasticity_covariance=np.eye(2), misfit=1.0)
+        for model, K_and_D in ((best, np.array([43.0, 0.1])), (rival, np.array([44.0, 0.08])))
+    }
+    fits = SimpleNamespace(
+        estimate=estimates.get, joints=1, tried=estimates, optional=(),
+        criterion=lambda: {best: 10.0, rival: 10.0 + behind},
+    )  # fmt: skip
+    shift = np.array([1.0, -0.02])
+    found = spread(fits, best, {})  # type: ignore[arg-type]
+    np.testing.assert_allclose(found, weight / (1 + weight) * np.outer(shift, shift), atol=1e-12)
