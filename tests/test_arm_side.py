@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from app_pages import ELASTICITY, opened_app, shown, upload
-from examples import tries
 from typer.testing import CliRunner
 
 from jointid import (
@@ -97,10 +96,8 @@ def rows_of(whole: MotionRecord, rows: slice | np.ndarray, joints: int = 6) -> M
     return MotionRecord(time_s=whole.time_s[rows], theta_rad=theta, tau_Nm=tau, arm_rad=arm)
 
 
-PARTS = tries([slice(0, 1500)], long=[slice(0, 1500), slice(3000, None), slice(0, 2000)])
-
-
-@pytest.mark.parametrize("rows", PARTS, ids=str)
+@pytest.mark.long
+@pytest.mark.parametrize("rows", [slice(0, 1500), slice(3000, None), slice(0, 2000)], ids=str)
 def test_a_part_of_a_record_agrees_with_the_whole_and_predicts_it_or_is_refused(rows: slice) -> None:
     whole = record()
     assert whole.arm_rad is not None

@@ -358,6 +358,22 @@ def test_the_misfit_counts_the_parameters() -> None:
         assert np.mean(misfits) == pytest.approx(1.0, abs=0.13)
 
 
+@pytest.mark.parametrize(("standard_errors", "late"), [(3, False), (7, True)])
+def test_a_lag_is_chosen_where_it_is_significant(standard_errors: int, late: bool) -> None:
+    """Five standard errors are the limit; so short a one may also be that of a filter."""
+    base = example()
+    noise = mild_noise(base)
+    known = identify_elasticity(
+        noisy(base, noise, 0 * base.z), SERIAL, method="maximum-likelihood", delay=True
+    )
+    tau = base.tau * np.exp(1j * base.omega[:, None] * standard_errors * known.delay_error)
+    lagging = exact_phasors(base.omega / (2 * np.pi), base.q, tau)
+    for error in circular(np.random.default_rng(9), noise, 6):
+        fit = identify_elasticity(noisy(lagging, noise, error), SERIAL)
+        chosen = next(each.name for each in fit.candidates if each.chosen)
+        assert (chosen != "elasticity") == late
+
+
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_maximum_likelihood_finds_the_truth_without_noise(n: int) -> None:
     fit = identify_elasticity(example(n), ROBOTS[n][0], method="maximum-likelihood")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from jointid import (
     motor_response,
     simulate_records,
 )
+from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
@@ -36,7 +38,7 @@ from jointid.estimation.estimators.parameters import LAWS as NONLINEAR
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
 from jointid.estimation.estimators.score_tests import Score, scores
-from jointid.estimation.model_average import positive_moments, spread_by_prior
+from jointid.estimation.model_average import positive_moments, spread, spread_by_prior
 from jointid.estimation.model_selection import choose_model
 from jointid.motion.friction import friction_waveforms
 
@@ -434,3 +436,20 @@ def test_an_unseen_part_widens_the_error_where_the_data_may_hold_it(seen: float,
     factor = (1 + seen**2) ** -0.5
     variance = std**2 / (1 + seen**2) * factor / (1 + factor) * widens
     np.testing.assert_allclose(found, variance * slope @ slope.T, rtol=0.01)
+
+
+@pytest.mark.parametrize(("behind", "weight"), [(2.0, np.exp(-1.0)), (5.9, np.exp(-2.95)), (6.1, 0.0)])
+def test_a_rival_model_widens_the_errors_by_its_weight(behind: float, weight: float) -> None:
+    """A twentieth of the best one's weight is the least that counts."""
+    best, rival = Model(None, delay=False), Model(0.0, delay=False)
+    estimates = {
+        model: SimpleNamespace(elasticity=K_and_D, elasticity_covariance=np.eye(2), misfit=1.0)
+        for model, K_and_D in ((best, np.array([43.0, 0.1])), (rival, np.array([44.0, 0.08])))
+    }
+    fits = SimpleNamespace(
+        estimate=estimates.get, joints=1, tried=estimates, optional=(),
+        criterion=lambda: {best: 10.0, rival: 10.0 + behind},
+    )  # fmt: skip
+    shift = np.array([1.0, -0.02])
+    found = spread(fits, best, {})  # type: ignore[arg-type]
+    np.testing.assert_allclose(found, weight / (1 + weight) * np.outer(shift, shift), atol=1e-12)

@@ -85,8 +85,8 @@ def test_a_long_study_is_analysed_like_another(tmp_path: Path) -> None:
     records = simulate_records(
         INERTIA,
         TRUE,
-        [5, 12, 25],
-        excitation=Excitation(periods=60),
+        [8, 25],
+        excitation=Excitation(periods=50),
         controller=Controller(bandwidth_hz=8),
         friction=MotorFriction(coulomb=[0.05, 0.012]),
     )

@@ -197,7 +197,7 @@ def test_rounding_that_repeats_in_every_period_counts_as_one_error(
 def test_many_short_reversals_leave_equations() -> None:
     """A multisine turns back more often than its segments have lines."""
     motion = Motion(
-        "multisine", records=1, duration_s=8.0, sample_rate_hz=2000.0, encoder_counts=2**17,
+        "multisine", records=1, duration_s=5.0, sample_rate_hz=2000.0, encoder_counts=2**17,
         velocity_rad_s=2.0, band_hz=(3.2, 46.0), seed=8,
     )  # fmt: skip
     rubbing = simulate([(replace(SINGLE, coulomb=[0.011], viscous=[3e-4]), motion)])[0]

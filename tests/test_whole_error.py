@@ -31,8 +31,8 @@ from benchmarks.whole_error import (
 )
 from jointid import SineRecord
 
-SHORT = ("reversed axis", "Coulomb, 80 %", "presliding (Dahl)")
-SHORT += tries((), long=("load-dependent", "Stribeck"))
+SHORT = ("reversed axis", "Coulomb, 80 %")
+SHORT += tries((), long=("load-dependent", "presliding (Dahl)", "Stribeck"))
 """Deviations beside the thirteen cases that are tried here; the benchmark has more."""
 KINDS = {
     "cases": {
