@@ -66,7 +66,7 @@ def test_stiffness_and_payload_come_back_from_two_poses() -> None:
     first = fit.inertia[0].M2
     np.testing.assert_allclose(first, np.array(POSES[0]) + MISSED * np.array(BY_PAYLOAD[0]), rtol=0.02)
     apart = identify_elasticity(phasors, inertias, inertia_std=0.3)
-    assert np.all(fit.standard_error[:2] < apart.standard_error[:2])
+    assert np.all(fit.noise_error[:2] < apart.noise_error[:2])
     draws = [fit.prior.redrawn(np.random.default_rng(k), fit.parameters) for k in range(50)]
     shifts = np.array([draw.offsets["M2"] for draw in draws])
     assert np.corrcoef(shifts[:, 0, 0], shifts[:, 1, 0])[0, 1] > 0.99

@@ -443,7 +443,9 @@ def test_a_rival_model_widens_the_errors_by_its_weight(behind: float, weight: fl
     """A twentieth of the best one's weight is the least that counts."""
     best, rival = Model(None, delay=False), Model(0.0, delay=False)
     estimates = {
-        model: SimpleNamespace(elasticity=K_and_D, elasticity_covariance=np.eye(2), misfit=1.0)
+        model: SimpleNamespace(
+            elasticity=K_and_D, elasticity_covariance=np.eye(2), misfit=1.0, fundamental=(1.0, 10)
+        )
         for model, K_and_D in ((best, np.array([43.0, 0.1])), (rival, np.array([44.0, 0.08])))
     }
     fits = SimpleNamespace(
@@ -451,5 +453,5 @@ def test_a_rival_model_widens_the_errors_by_its_weight(behind: float, weight: fl
         criterion=lambda: {best: 10.0, rival: 10.0 + behind},
     )  # fmt: skip
     shift = np.array([1.0, -0.02])
-    found = spread(fits, best, {})  # type: ignore[arg-type]
+    found = spread(fits, best, estimates[best], {})  # type: ignore[arg-type]
     np.testing.assert_allclose(found, weight / (1 + weight) * np.outer(shift, shift), atol=1e-12)

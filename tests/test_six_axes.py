@@ -54,7 +54,7 @@ def test_heavy_friction_does_not_hide_the_springs(frequencies: int, rate_hz: flo
     )
     assert start is not None
     np.testing.assert_allclose(start.K, K, rtol=0.4)
-    np.testing.assert_allclose(start.coulomb, FRICTION.coulomb, rtol=0.1)
+    np.testing.assert_allclose(start["coulomb"], FRICTION.coulomb, rtol=0.1)
     exact = layout.named(np.concatenate([K, ELASTICITY.D]))
     clean = extract_phasors(simulate_records(INERTIA, ELASTICITY, [6.0, 12.0, 25.0, 40.0]))
     assert friction_start(clean, InertiaPrior.of(INERTIA, *clean.q.shape), exact) is None

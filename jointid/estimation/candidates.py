@@ -132,11 +132,9 @@ class Choice:
 
 def rubs(estimate: LikelihoodEstimate) -> bool:
     """Whether the friction of an estimate takes energy: Coulomb friction, or viscous alone."""
-    size, variance = estimate.p, np.diag(estimate.covariance) * max(1.0, estimate.misfit)
     coulomb, viscous = (estimate.layout[name] for name in ("coulomb", "viscous"))
-    taken = size > _RUBS * np.sqrt(variance)
-    alone = size > _SIGNIFICANT * np.sqrt(variance)
-    return bool(np.any(taken[coulomb]) or np.any(alone[viscous]))
+    ratio = estimate.p / np.sqrt(np.maximum(np.diag(estimate.covariance), np.finfo(float).tiny))
+    return bool(np.any(ratio[coulomb] > _RUBS) or np.any(ratio[viscous] > _SIGNIFICANT))
 
 
 def fundamental_chance(estimate: LikelihoodEstimate) -> float:
