@@ -23,6 +23,7 @@ from jointid.ui.study.plan_form import (
 )
 from jointid.ui.study.setpoints_form import show_set_points
 from jointid.uncertainty.validation import second_amplitude
+from jointid.verdict.rules_model import limit_of_records
 from jointid.wording import counted
 
 page = open_page("Plan")
@@ -49,8 +50,9 @@ count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
 st.header(f"{counted(count, 'additional record')}: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
-if advice := second_amplitude(analysis.fit):
-    st.info(advice)
+for advice in (limit_of_records(analysis.findings, found.worst), second_amplitude(analysis.fit)):
+    if advice:
+        st.info(advice)
 st.caption(
     "Torques: amplitude ∠ phase relative to the first driven joint, for inertias and springs"
     + ("; friction of the motors is extra." if analysis.fit.friction is not None else ".")
@@ -65,7 +67,8 @@ download(
 what = "Worst relative error over the number of records added"
 page.show(f"worst {settings}", partial(worst_error, found), what)
 
-own, set_points, motions = st.tabs(["Your own plan", "Set points", "Motions in place of sines"])
+tabs = ["Your own plan", "Set points", "Motions in place of sines"]
+own, set_points, motions = st.tabs(tabs, key="plan_view", bind="query-params")
 try:
     with own:
         plan = show_own_plan(page, found, analysis, settings.pose)

@@ -58,8 +58,13 @@ def plan(
         _print_motion(analysis, found, as_json)
         return
     from jointid.uncertainty.validation import second_amplitude
+    from jointid.verdict.rules_model import limit_of_records
 
-    document = _document(found) | {"second_amplitude": second_amplitude(analysis.fit)}
+    advice = {
+        "limit": limit_of_records(analysis.findings, found.worst),
+        "second_amplitude": second_amplitude(analysis.fit),
+    }
+    document = _document(found) | advice
     if as_json:
         print_json(document)
         return
@@ -73,8 +78,8 @@ def plan(
         rows.append([f"record {k}", f"{record['frequency_hz']:.3g}", torques, *errors])
     print("Suggested records, and the relative standard errors after each\n")
     print_table(["", "Hz", "torques (N·m)", *names], rows, right=(1, *range(3, 3 + len(names))))
-    if advice := document["second_amplitude"]:
-        print(f"\n{advice}")
+    for text in filter(None, advice.values()):
+        print(f"\n{text}")
 
 
 def planned(
