@@ -23,7 +23,6 @@ from jointid.ui.study.plan_form import (
 )
 from jointid.ui.study.setpoints_form import show_set_points
 from jointid.uncertainty.validation import second_amplitude
-from jointid.verdict.rules_model import limit_of_records
 from jointid.wording import counted
 
 page = open_page("Plan")
@@ -50,7 +49,7 @@ count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
 st.header(f"{counted(count, 'additional record')}: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
-for advice in (limit_of_records(analysis.findings, found.worst), second_amplitude(analysis.fit)):
+for advice in (analysis.limit_of_records(found.worst), second_amplitude(analysis.fit)):
     if advice:
         st.info(advice)
 st.caption(

@@ -334,6 +334,7 @@ def test_plan_promises_smaller_errors(study: Path) -> None:
     today, after = document["relative_error_today"], document["records"][-1]["relative_error_after"]
     assert max(after) < max(today)
     assert len(document["records"][0]["torque_Nm"]) == 2
+    assert document["limit"] == ""
     assert "record 1" in ok("plan", study, "--count", "1")
 
 

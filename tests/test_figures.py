@@ -268,6 +268,16 @@ def test_raw_columns_show_also_what_is_no_record() -> None:
         raw_columns({})
 
 
+def test_the_titles_of_raw_columns_fit_beside_their_panels() -> None:
+    names = ["Axis1.ActPos (deg)", "Axis2.ActPos (deg)", "a"]
+    figure = raw_columns({"t": np.arange(5.0)} | dict.fromkeys(names, np.zeros(5)))
+    axes = [figure.layout[axis] for axis in ("yaxis", "yaxis2", "yaxis3")]
+    for axis in axes:
+        low, high = axis.domain
+        assert figure.layout.height * (high - low) > 7 * len(axis.title.text)
+    assert axes[0].title.text == names[0]
+
+
 @pytest.fixture(scope="module")
 def no_spring(analyses: dict[int, Analysis]) -> Analysis:
     """The same records with inertias so wrong that K2 comes out negative."""

@@ -58,10 +58,9 @@ def plan(
         _print_motion(analysis, found, as_json)
         return
     from jointid.uncertainty.validation import second_amplitude
-    from jointid.verdict.rules_model import limit_of_records
 
     advice = {
-        "limit": limit_of_records(analysis.findings, found.worst),
+        "limit": analysis.limit_of_records(found.worst),
         "second_amplitude": second_amplitude(analysis.fit),
     }
     document = _document(found) | advice

@@ -1,11 +1,10 @@
 """Rules of the verdict on the answer: whether it is physical, precise, and limited by noise."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.special import fdtrc
 
-from jointid.arrays import Floats
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.joints import locked_resonances, resonances
@@ -26,9 +25,7 @@ from jointid.wording import counted
 
 EXPLAINED = 3.0
 """Misfit up to which noise explains the data."""
-_MODEL_LIMITS = "The model, not the noise, limits the answer"
-_LITTLE = 0.1
-"""Relative fall of the worst error that is not worth a record."""
+MODEL_LIMITS = "The model, not the noise, limits the answer"
 _CHANCE = 3e-4
 """Probability that noise alone leaves as much at the fundamentals."""
 _LOWEST = 0.1
@@ -122,36 +119,13 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     if fit.inflation > 1:
         left += f". The noise part of the error bars is widened by a factor of {widened}"
     yield warning(
-        _MODEL_LIMITS,
+        MODEL_LIMITS,
         f"{left}.",
         remedy,
         float(share),
         action,
         *hold_change(evidence),
     )
-
-
-def limit_of_records(found: Sequence[Finding], worst: Floats) -> str:
-    """Say in a sentence that more records of the same kind do not help, or "".
-
-    Parameters
-    ----------
-    found : sequence of Finding
-        Of the study so far.
-    worst : ndarray
-        Predicted worst error before the first and after each record.
-    """
-    if any(finding.title == _MODEL_LIMITS for finding in found):
-        return (
-            f"{_MODEL_LIMITS}: more records of the same kind do not help, and the real errors fall less "
-            "than predicted. First mend the cause, see the page Study."
-        )
-    if worst[-1] > (1 - _LITTLE) * worst[0]:
-        return (
-            "These records hardly reduce the worst error: more of the same kind do not help. Better "
-            "known inertias and torque scale, or larger motions, may."
-        )
-    return ""
 
 
 def hardly_tested(evidence: Evidence) -> Iterator[Finding]:

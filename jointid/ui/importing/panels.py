@@ -9,7 +9,6 @@ from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
 from jointid.figures.log_spans import log_spans
-from jointid.files.digest import study_digest
 from jointid.importing import (
     MappedLog,
     Mapping,
@@ -250,7 +249,7 @@ def _open_as_study(
             keep_mapping(log.table, mapping)
             forget_import()
             if clicked == "report":
-                st.session_state[REPORT_AT_ONCE] = study_digest(study)
+                st.session_state[REPORT_AT_ONCE] = st.session_state["chosen"]
         st.switch_page((REPORT if clicked == "report" else OVERVIEW).path)
     except JointIdError as error:
         show_error(error)

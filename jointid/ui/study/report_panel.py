@@ -21,7 +21,7 @@ def show_report(page: Page, analysis: Analysis, stem: str) -> None:
         "make_report",
         lambda show: _write(analysis, show),
         kind="primary",
-        at_once=st.session_state.get(REPORT_AT_ONCE) == page.digest,
+        at_once=st.session_state.get(REPORT_AT_ONCE) == st.session_state["chosen"],
     )
     if made is None:
         return
