@@ -33,8 +33,6 @@ from jointid.verdict.rules_model import MODEL_LIMITS
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
 STATES = (USABLE, WITH_CARE, NOT_USABLE)
 """States of an answer, best first."""
-_WORTH_A_RECORD = 0.9
-"""Largest worst error with more records, over that of today, that is worth the records."""
 
 
 def answer_state(levels: Iterable[str]) -> str:
@@ -113,21 +111,15 @@ class Analysis:
         return f"Usable with care: {self.state_reason}." if self.state == WITH_CARE else ""
 
     def limit_of_records(self, worst: Floats) -> str:
-        """Say in two sentences that more records of the same kind do not help; empty otherwise.
+        """Say that more records of the same kind do not help; empty otherwise.
 
         ``worst`` is the predicted worst error before the first and after each planned record.
         """
         if any(finding.title == MODEL_LIMITS for finding in self.findings):
-            return (
-                f"{MODEL_LIMITS}: more records of the same kind do not help, and the real errors fall "
-                "less than predicted. First remove the cause, see the page Study."
-            )
-        if worst[-1] <= _WORTH_A_RECORD * worst[0]:
-            return ""
-        return (
-            "These records hardly reduce the worst error: more of the same kind do not help. Larger "
-            "motions, or better known inertias and torque scale, may."
-        )
+            return f"{MODEL_LIMITS}: more records of the same kind do not help. First remove the cause."
+        if worst[-1] > 0.9 * worst[0]:
+            return "These records hardly reduce the worst error: more of the same kind do not help."
+        return ""
 
     @property
     def priors(self) -> tuple[PriorRow, ...]:

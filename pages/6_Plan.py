@@ -49,9 +49,8 @@ count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
 st.header(f"{counted(count, 'additional record')}: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
-for advice in (analysis.limit_of_records(found.worst), second_amplitude(analysis.fit)):
-    if advice:
-        st.info(advice)
+for advice in filter(None, (analysis.limit_of_records(found.worst), second_amplitude(analysis.fit))):
+    st.info(advice)
 st.caption(
     "Torques: amplitude ∠ phase relative to the first driven joint, for inertias and springs"
     + ("; friction of the motors is extra." if analysis.fit.friction is not None else ".")

@@ -64,8 +64,7 @@ def matrix_in(name: str, text: str) -> list[tuple[float, ...]]:
     if len({len(row) for row in rows}) > 1:
         lengths = ", ".join(str(len(row)) for row in rows)
         raise JointIdError(
-            f"{name}: its rows have {lengths} values. Give as many in every row as there are joints, "
-            "and separate the rows by semicolons."
+            f"{name}: its rows have {lengths} values. Give as many in every row as there are joints."
         )
     return rows
 
