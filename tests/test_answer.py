@@ -68,6 +68,7 @@ def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
             "Joints 1, 2 and 4 are 42 to 44 % stiffer than nominal; joints 3 and 5 have their nominal "
             "stiffness; joint 6 is 30 % softer than nominal.",
         ),
+        ([14.3, 14.2, 14.4], [10.0] * 3, "Every joint is 42 to 44 % stiffer than nominal."),
     ],
 )
 def test_against_the_nominal_stiffness(K: list[float], nominal: list[float], said: str) -> None:

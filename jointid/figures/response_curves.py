@@ -10,7 +10,6 @@ from typing import Literal
 import numpy as np
 
 from jointid.analysis import Analysis
-from jointid.answer import without
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.figures.style import joint_symbol
@@ -71,7 +70,7 @@ def measured(matrix: TransferMatrix, i: int, j: int) -> Response:
 
 def freed_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
     """Return the transfer matrix to compare with the model, and the effects removed, in words."""
-    removed = without(analysis.fit)
+    removed = analysis.removed
     if not removed or pose not in analysis.freed_transfer_matrices:
         return analysis.transfer_matrices[pose], ""
     return analysis.freed_transfer_matrices[pose], removed

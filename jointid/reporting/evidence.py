@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.analysis import Analysis
-from jointid.answer import gear_text, without
+from jointid.answer import gear_text
 from jointid.arrays import Floats
 from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, remainder, study_outcome
 from jointid.cut.rectangle import rectangle
@@ -38,7 +38,7 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
         if n > 1
         else "Acceleration of the motor over its torque. "
     )
-    if removed := without(analysis.fit):
+    if removed := analysis.removed:
         text += f"Filled points: {removed}, as identified here; open points: as measured. "
     yield Paragraph(
         f"{text}The blue line is the model with the identified K and D, not a curve through the points. "
