@@ -39,7 +39,7 @@ def batch(
     ],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Table of results, .parquet.", show_default="required"),
+        typer.Option("--output", "-o", help="Table of results, .parquet; required."),
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", hidden=True)] = None,  # its name before
     method: Annotated[str, METHOD] = "auto",

@@ -35,6 +35,7 @@ h2 { font-size: 1.75rem !important; }
   outline: 2px solid %s !important; outline-offset: 1px; }
 [data-testid="stMain"] [data-testid="stPageLink-NavLink"] p { text-decoration: underline; }
 @media (max-width: 640px) {  /* two cards in a row on a phone; a value and its error in two lines */
+  [role="tablist"] { flex-wrap: wrap; }  /* every tab in view */
   .modebar-container { display: none; }  /* always shown on a touch screen, over the legend */
   [data-testid="stTable"] td + td { min-width: 6rem; }
   [data-testid="stElementContainer"]:has(> [data-testid="stMetric"]) {

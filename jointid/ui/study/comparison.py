@@ -15,6 +15,7 @@ from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import (
     show_error,
     show_info,
+    show_note,
     show_text_table,
 )
 from jointid.ui.shared.page import Page
@@ -99,14 +100,14 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         st.header(unbroken(_sentence(rows, page, other)), anchor=False)
     for whose, each in unusable:
         show_error(f"{whose.key}: {each.headline}")
+    show_note(f"First: {page.key}, {first.state}. Second: {other.key}, {second.state}.")
     columns = {
-        "": ["State", *(f"{row.first.name} ({row.first.unit})" for row in rows)],
-        "Difference": ["", *(_signed(100 * row.relative) for row in rows)],
-        "Significant": ["", *map(_significance, rows)],
-        _column(page): [first.state, *(row.first.shown[0] for row in rows)],
+        "": [f"{row.first.name} ({row.first.unit})" for row in rows],
+        "Difference": [_signed(100 * row.relative) for row in rows],
+        "Significant": [*map(_significance, rows)],
+        _column(page): [row.first.shown[0] for row in rows],
         _column(other) + (" (second)" if _column(other) == _column(page) else ""): [
-            second.state,
-            *(row.second.shown[0] for row in rows),
+            row.second.shown[0] for row in rows
         ],
     }
     show_text_table(columns)
