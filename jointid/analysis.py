@@ -9,14 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from jointid.answer import (
-    AT_MOTOR,
-    Quantity,
-    StiffnessUnit,
-    answer_sentence,
-    elasticity_quantities,
-    without,
-)
+from jointid.answer import AT_MOTOR, Quantity, StiffnessUnit, answer_sentence, elasticity_quantities
 from jointid.arm_side.fit import ArmSideFit
 from jointid.arm_side.identify import identify_arm_side
 from jointid.arrays import Floats
@@ -75,11 +68,6 @@ class Analysis:
         Raises JointIdError when the unit is not known, or the study lacks the gear ratios for it.
         """
         return replace(self, unit=StiffnessUnit.named(name, self.study.gear_ratios))
-
-    @property
-    def removed(self) -> str:
-        """Effects that figures remove from the data, as ``without``; none of an unusable answer."""
-        return "" if self.state == NOT_USABLE else without(self.fit)
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:

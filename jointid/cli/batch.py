@@ -38,8 +38,7 @@ def batch(
         ),
     ],
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Table of results, .parquet; required."),
+        Path | None, typer.Option("--output", "-o", help="Table of results, .parquet; required.")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", hidden=True)] = None,  # its name before
     method: Annotated[str, METHOD] = "auto",

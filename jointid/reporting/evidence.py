@@ -12,7 +12,7 @@ from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
-from jointid.figures.response_curves import element_name
+from jointid.figures.response_curves import element_name, removed_effects
 from jointid.figures.style import LIGHT
 from jointid.reporting.blocks import Block, Figure, Paragraph
 from jointid.reporting.figures import (
@@ -38,7 +38,7 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
         if n > 1
         else "Acceleration of the motor over its torque. "
     )
-    if removed := analysis.removed:
+    if removed := removed_effects(analysis):
         text += f"Filled points: {removed}, as identified here; open points: as measured. "
     yield Paragraph(
         f"{text}The blue line is the model with the identified K and D, not a curve through the points. "

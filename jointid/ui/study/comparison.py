@@ -12,12 +12,7 @@ from jointid.analysis import NOT_USABLE
 from jointid.answer import AT_MOTOR
 from jointid.figures import compared_models
 from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import (
-    show_error,
-    show_info,
-    show_note,
-    show_text_table,
-)
+from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.sidebar import ESTIMATORS
 from jointid.ui.shared.workspace import names_by_address, open_study, sample_paths
@@ -65,21 +60,18 @@ def _similar(page: Page, names: list[str]) -> int:
 
     Without one, index of the chosen study.
     """
-    given, others = page.study.inertia, [name for name in names if name != page.key]
-    for are_samples in (False, True):
-        alike = None
-        for name in others:
-            if (name in sample_paths()) != are_samples:
+    given, samples, alike = page.study.inertia, sample_paths(), ""
+    for name in sorted(names, key=samples.__contains__):
+        if alike and name in samples and alike not in samples:
+            break
+        with suppress(JointIdError):
+            inertia = open_study(name).study.inertia
+            if name == page.key or inertia.n != given.n:
                 continue
-            with suppress(JointIdError):
-                inertia = open_study(name).study.inertia
-                if inertia.n == given.n and np.allclose(inertia.M, given.M):
-                    return names.index(name)
-                if inertia.n == given.n and alike is None:
-                    alike = names.index(name)
-        if alike is not None:
-            return alike
-    return names.index(page.key)
+            if np.allclose(inertia.M, given.M):
+                return names.index(name)
+            alike = alike or name
+    return names.index(alike or page.key)
 
 
 def show_differences(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
