@@ -28,6 +28,7 @@ from jointid.figures import (
 from jointid.figures.style import DARK, LIGHT, frequency_axis, plain_text
 from jointid.figures.waveforms import thinned
 from jointid.ui.study.data_quality import phasor_table
+from jointid.verdict.evidence import problem
 
 
 @pytest.fixture(scope="module")
@@ -151,6 +152,8 @@ def test_where_friction_was_found_the_freed_measurement_stands_beside_the_raw_on
         trace(model_over_measurement(found, 0), "measured, without friction").y, full.y
     )
     assert not any("without" in t.name for t in element_response(plain, 0, 0).data)
+    unusable = replace(found, findings=(problem("The torques look exchanged", "", "", 1.0),))
+    assert not any("without" in t.name for t in element_response(unusable, 0, 0).data)
 
 
 def test_single_records_show_every_record_once_on_the_scale_of_h(analyses: dict[int, Analysis]) -> None:

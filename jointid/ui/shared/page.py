@@ -37,6 +37,7 @@ h2 { font-size: 1.75rem !important; }
   position: sticky; top: 3.75rem; z-index: 9; background: Canvas; }
 [data-testid="stMain"] [data-testid="stPageLink-NavLink"] p { text-decoration: underline; }
 @media (max-width: 640px) {  /* two cards in a row on a phone; a value and its error in two lines */
+  [role="tablist"] { flex-wrap: wrap; }  /* every tab in view */
   .modebar-container { display: none; }  /* always shown on a touch screen, over the legend */
   [data-testid="stTable"] td + td { min-width: 6rem; }
   [data-testid="stElementContainer"]:has(> [data-testid="stMetric"]) {
