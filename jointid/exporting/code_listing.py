@@ -30,8 +30,6 @@ def code_listing(found: Identification, language: str) -> str:
         known = enumerated(list(LANGUAGES))
         raise JointIdError(f"The language {language!r} is not supported: choose one of {known}.")
     comment, line, brackets = LANGUAGES[language]
-    n, error = found.n, found.standard_error
-    study = " ".join(found.obtained.study.split()) or "study without a name"
     unusable = "" if found.is_usable else comment or "# "
     study = " ".join(found.obtained.study.split()) or "study without a name"
     answer = " ".join(found.answer.split())
