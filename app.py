@@ -33,7 +33,7 @@ show_findings(page, analysis)
 st.header("Model and measurement", anchor=False)
 st.caption(
     "Acceleration of each motor over its own torque, the controllers removed. Where points and line "
-    "agree, the model holds." + freed_note(analysis.fit)
+    "agree, the model holds." + freed_note(analysis)
 )
 if analysis.transfer_matrices:
     pose = next(iter(analysis.transfer_matrices))

@@ -28,6 +28,7 @@ from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, mo
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.verdict.findings import Evidence, Finding, findings
 from jointid.verdict.motion_findings import motion_findings
+from jointid.verdict.rules_model import MODEL_LIMITS
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
 STATES = (USABLE, WITH_CARE, NOT_USABLE)
@@ -108,6 +109,17 @@ class Analysis:
     def caution(self) -> str:
         """Limit of a usable answer, as a sentence; empty otherwise."""
         return f"Usable with care: {self.state_reason}." if self.state == WITH_CARE else ""
+
+    def limit_of_records(self, worst: Floats) -> str:
+        """Say that more records of the same kind do not help; empty otherwise.
+
+        ``worst`` is the predicted worst error before the first and after each planned record.
+        """
+        if any(finding.title == MODEL_LIMITS for finding in self.findings):
+            return f"{MODEL_LIMITS}: more records of the same kind do not help. First remove the cause."
+        if worst[-1] > 0.9 * worst[0]:
+            return "These records hardly reduce the worst error: more of the same kind do not help."
+        return ""
 
     @property
     def priors(self) -> tuple[PriorRow, ...]:

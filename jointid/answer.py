@@ -302,8 +302,11 @@ def _grouped(differences: Sequence[tuple[str, str, float]]) -> str:
     parts = []
     for kind, sizes in groups.items():
         ends = [significant(end(sizes.values()), 2) for end in (min, max)]
-        text = f"joint {enumerated(list(sizes))} {kind.format(' to '.join(dict.fromkeys(ends)))}"
-        if len(sizes) > 1:
+        difference = kind.format(" to ".join(dict.fromkeys(ends)))
+        text = f"joint {enumerated(list(sizes))} {difference}"
+        if len(sizes) == len(differences):
+            text = f"every joint {difference}"
+        elif len(sizes) > 1:
             for one, many in (("joint ", "joints "), (" is ", " are "), (" has its ", " have their ")):
                 text = text.replace(one, many, 1)
         parts.append(text)

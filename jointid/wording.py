@@ -2,11 +2,13 @@
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Sequence
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _MOST_DIGITS = 7
 """Most significant digits shown, whatever the standard error."""
+_WITHIN_NUMBER = re.compile(r"(?<=\d) (?=[%°±]|mm\b|Hz\b|N·m)|(?<=±) ")
 UNDETERMINED = "not determined"
 """In place of a value whose standard error is infinite."""
 
@@ -125,6 +127,11 @@ def decimal_place(value: float) -> int:
 def _fixed(value: float, place: int) -> str:
     rounded = round(value, -place) + 0.0  # no "-0"
     return minus(f"{rounded:.{max(0, -place)}f}")
+
+
+def unbroken(text: str) -> str:
+    """Keep every number, its error and its unit on one line, for a phone's width."""
+    return _WITHIN_NUMBER.sub("\N{NO-BREAK SPACE}", text)
 
 
 def minus(text: str) -> str:

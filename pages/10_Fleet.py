@@ -19,7 +19,7 @@ fleet = open_fleet()
 rows = list(fleet.rows.values())
 if not rows:
     st.caption("Thousands of studies are analysed from the command line, on this computer or a cluster:")
-    st.code("jointid batch cells/ --out results.parquet", language="bash")
+    st.code("jointid batch cells/ --output results.parquet", language="bash", wrap_lines=True)
     show_samples_button()
     st.stop()
 

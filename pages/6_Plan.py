@@ -49,7 +49,7 @@ count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
 st.header(f"{counted(count, 'additional record')}: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
-if advice := second_amplitude(analysis.fit):
+for advice in filter(None, (analysis.limit_of_records(found.worst), second_amplitude(analysis.fit))):
     st.info(advice)
 st.caption(
     "Torques: amplitude ∠ phase relative to the first driven joint, for inertias and springs"
@@ -65,7 +65,8 @@ download(
 what = "Worst relative error over the number of records added"
 page.show(f"worst {settings}", partial(worst_error, found), what)
 
-own, set_points, motions = st.tabs(["Your own plan", "Set points", "Motions in place of sines"])
+tabs = ["Your own plan", "Set points", "Motions in place of sines"]
+own, set_points, motions = st.tabs(tabs, key="plan_view", bind="query-params")
 try:
     with own:
         plan = show_own_plan(page, found, analysis, settings.pose)

@@ -11,6 +11,6 @@ start(
     "Logs of any controller become a study in five steps. One long log with many runs is as good as one "
     "log per run.",
 )
-progress = st.empty()
+progress = st.container(key="progress").empty()
 with kept_import():
     import_steps(progress)

@@ -43,7 +43,7 @@ from jointid.fleet.row import row_of
 from jointid.fleet.table import as_table
 from jointid.reporting.blocks import Paragraph
 from jointid.reporting.report import make_report, to_html
-from jointid.uncertainty.error_parts import error_parts
+from jointid.uncertainty.error_parts import error_parts, error_table
 
 
 def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
@@ -68,6 +68,7 @@ def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
             "Joints 1, 2 and 4 are 42 to 44 % stiffer than nominal; joints 3 and 5 have their nominal "
             "stiffness; joint 6 is 30 % softer than nominal.",
         ),
+        ([14.3, 14.2, 14.4], [10.0] * 3, "Every joint is 42 to 44 % stiffer than nominal."),
     ],
 )
 def test_against_the_nominal_stiffness(K: list[float], nominal: list[float], said: str) -> None:
@@ -177,6 +178,15 @@ def test_the_parts_add_up_to_the_whole_error(study: Study) -> None:
         found = analyse(replace(study, inertia_std=std, torque_std=0.02), method=method).fit
         total = sum(np.square(part.error) for part in error_parts(found))
         assert total == pytest.approx(np.square(found.standard_error))
+
+
+def test_the_part_that_decides_comes_first_in_the_table(study: Study) -> None:
+    found = analyse(replace(study, torque_std=0.02)).fit
+    size = np.abs(found.estimate)
+    for choice, decides in ((0.05, "noise"), (0.19, "choice of model")):
+        covariance = np.diag(np.square(0.2 * size))
+        changed = replace(found, covariance=covariance, choice_error=choice * size)
+        assert error_table(changed)[0][:3] == ["", "total error", decides]
 
 
 def test_inertias_are_compared_with_the_given_ones(study: Study) -> None:

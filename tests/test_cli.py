@@ -120,7 +120,8 @@ def test_a_file_or_folder_goes_before_a_sample_of_its_name(here: Path, one_joint
 def test_help_names_values_plainly(here: Path, command: str) -> None:
     text = ok(command, "--help")
     assert not re.search(r"<[\w\[\] ]+>", text)
-    assert ("--output FILE" in text) == (command in ("convert", "export", "setpoints"))
+    assert ("--output FILE" in text) == (command in ("convert", "export", "setpoints", "batch"))
+    assert "--out " not in text
     assert ("--output FILE …" in text) == (command == "export")
 
 
@@ -334,6 +335,7 @@ def test_plan_promises_smaller_errors(study: Path) -> None:
     today, after = document["relative_error_today"], document["records"][-1]["relative_error_after"]
     assert max(after) < max(today)
     assert len(document["records"][0]["torque_Nm"]) == 2
+    assert document["limit"] == ""
     assert "record 1" in ok("plan", study, "--count", "1")
 
 

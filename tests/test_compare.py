@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -67,7 +68,7 @@ def test_differences_are_shown_in_the_unit_and_on_the_side_of_the_answer(first: 
     assert {row.first.unit for row in rows} == {"N·m/arcmin", "N·m·s/rad"}
 
 
-def test_the_softer_of_two_robots_is_named_first(
+def test_a_softer_robot_differs_significantly_in_either_order(
     app: AppTest, studies: dict[int, Study], first: Analysis
 ) -> None:
     records = [replace(r, tau_Nm=0.9 * r.tau_Nm) for r in first.study.records]
@@ -78,8 +79,32 @@ def test_the_softer_of_two_robots_is_named_first(
     at = upload(app.run(), soft, "soft.zip").switch_page("pages/11_Compare.py").run()
     at = at.selectbox(key="compare_study").set_value("paper").run()
     assert not at.exception, at.exception[0].stack_trace
-    assert at.header[0].value.startswith("soft.zip is softer.")
-    assert "11 % stiffer" in at.header[0].value
+    said = at.header[0].value.replace("\N{NO-BREAK SPACE}", " ")
+    assert said.startswith("paper, compared with soft.zip: joint 1 is 11 % stiffer")
+    assert said.endswith("significantly")
+    table = at.table[0].value
+    assert list(table.columns[:3]) == ["Quantity", "Difference", "Significant"]
+    assert re.fullmatch(
+        r"yes, \d+\.\d σ", table.loc[table.Quantity == "K1 (N·m/rad)", "Significant"].item()
+    )
+    states = [caption.value for caption in at.caption if caption.value.startswith("First: ")]
+    assert re.fullmatch(r"First: soft\.zip, usable.*\. Second: paper, usable.*\.", states[0])
+    at = next(button for button in at.button if button.label == "Swap").click().run()
+    assert not at.exception, at.exception[0].stack_trace
+    said = at.header[0].value.replace("\N{NO-BREAK SPACE}", " ")
+    assert said.startswith("soft.zip, compared with paper: joint 1 is 10 % softer")
+
+
+def test_the_partner_is_first_sought_among_own_studies(
+    app: AppTest, studies: dict[int, Study], first: Analysis
+) -> None:
+    """A sample of the same inertias is no better partner than the study opened just before."""
+    M = first.study.inertia.M * 1.01
+    before = replace(first.study, inertia=replace(first.study.inertia, M=M))
+    at = upload(app.run(), before, "before.zip")
+    at = upload(at, first.study, "after.zip").switch_page("pages/11_Compare.py").run()
+    assert not at.exception, at.exception[0].stack_trace
+    assert at.selectbox(key="compare_study").value == "before.zip"
 
 
 @pytest.mark.parametrize(

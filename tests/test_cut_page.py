@@ -56,7 +56,9 @@ def words(at: AppTest) -> str:
 def headline(at: AppTest) -> tuple[float, float]:
     """Path error before and after, mm."""
     text = at.header[0].value
-    found = re.fullmatch(r"Path error (under )?([\d.]+) mm → (under )?([\d.]+) mm", text)
+    found = re.fullmatch(
+        r"Path error (under )?([\d.]+)\smm → (under )?([\d.]+)\smm \(95th percentile\)", text
+    )
     assert found, text
     return float(found[2]), float(found[4])
 

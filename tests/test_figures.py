@@ -28,6 +28,7 @@ from jointid.figures import (
 from jointid.figures.style import DARK, LIGHT, frequency_axis, plain_text
 from jointid.figures.waveforms import thinned
 from jointid.ui.study.data_quality import phasor_table
+from jointid.verdict.evidence import problem
 
 
 @pytest.fixture(scope="module")
@@ -151,6 +152,8 @@ def test_where_friction_was_found_the_freed_measurement_stands_beside_the_raw_on
         trace(model_over_measurement(found, 0), "measured, without friction").y, full.y
     )
     assert not any("without" in t.name for t in element_response(plain, 0, 0).data)
+    unusable = replace(found, findings=(problem("The torques look exchanged", "", "", 1.0),))
+    assert not any("without" in t.name for t in element_response(unusable, 0, 0).data)
 
 
 def test_single_records_show_every_record_once_on_the_scale_of_h(analyses: dict[int, Analysis]) -> None:
@@ -266,6 +269,16 @@ def test_raw_columns_show_also_what_is_no_record() -> None:
     np.testing.assert_array_equal(alone.data[0].x, np.arange(4.0))
     with pytest.raises(JointIdError, match="no column"):
         raw_columns({})
+
+
+def test_the_titles_of_raw_columns_fit_beside_their_panels() -> None:
+    names = ["Axis1.ActPos (deg)", "Axis2.ActPos (deg)", "a"]
+    figure = raw_columns({"t": np.arange(5.0)} | dict.fromkeys(names, np.zeros(5)))
+    axes = [figure.layout[axis] for axis in ("yaxis", "yaxis2", "yaxis3")]
+    for axis in axes:
+        low, high = axis.domain
+        assert figure.layout.height * (high - low) > 7 * len(axis.title.text)
+    assert axes[0].title.text == names[0]
 
 
 @pytest.fixture(scope="module")

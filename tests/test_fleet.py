@@ -396,7 +396,7 @@ def test_six_poisoned_studies_stop_nothing(
     out = tmp_path / "r.parquet"
     with monkeypatch.context() as context:
         context.setenv("PYTHONPATH", with_poison(tmp_path / "p")["PYTHONPATH"])
-        options = ["--out", str(out), "--workers", "2", "--timeout", "2"]
+        options = ["--output", str(out), "--workers", "2", "--timeout", "2"]
         ended = CliRunner().invoke(app, ["batch", *map(str, mixed), *options])
     assert ended.exit_code == 0, ended.stderr
     assert f"{COUNT + 6} studies, {COUNT} of them with an answer" in ended.stdout

@@ -66,6 +66,11 @@ def test_what_is_no_number_is_said(text: str) -> None:
         numbers_in("M", text)
 
 
+def test_a_wrong_matrix_is_said_with_the_separator_of_its_rows() -> None:
+    with pytest.raises(JointIdError, match=r'"/" is not a number.* A semicolon separates the rows'):
+        matrix_in("M2", "0.0074, 0.0017 / 0.0017, 0.0021")
+
+
 def test_rows_of_different_lengths_are_said() -> None:
     with pytest.raises(JointIdError, match="its rows have 2, 1 values"):
         matrix_in("M2", "1, 2; 3")

@@ -421,6 +421,7 @@ class TestStudy:
         at = send(drop(page, ("one.csv", long_log())), "0.001", "0.003", "Open its report")
         assert at.title[0].value == "Report and export"
         assert at.session_state["chosen"]
+        assert at.session_state["report_at_once"] == at.session_state["chosen"]
 
     def test_the_same_import_again_opens_the_study_that_is_there(self, page: AppTest) -> None:
         at = send(drop(page, ("one.csv", long_log())), "0.001", "0.003")

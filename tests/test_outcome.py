@@ -235,6 +235,14 @@ class TestThePromise:
         unknown = cut_outcome(robot(5.0), PATH, None)
         assert np.isnan(unknown.spread_m)
         assert unknown.springs_matter
+        assert not unknown.not_better
+
+    def test_a_result_that_is_not_better_says_so(self) -> None:
+        """With the true K before, the 95th percentile of the uncertain robots is worse."""
+        right = cut_outcome(robot(0.02), PATH, robot(0.02).elasticity, samples=30)
+        assert right.before_m < right.after_m
+        assert "not better" in right.not_better
+        assert not cut_outcome(robot(0.02), PATH, None, samples=30).not_better
 
     def test_left_out_the_servo_is_the_everyday_one(self) -> None:
         left_out, given_ = (

@@ -61,6 +61,15 @@ def test_the_report_is_made_on_demand_and_kept(
     assert not [button for button in again.button if button.key == "make_report"]
 
 
+def test_the_report_of_a_fresh_import_needs_no_click(app: AppTest) -> None:
+    result_cache.clear()
+    app.session_state["report_at_once"] = KEYS[1]
+    at = opened(app, "pages/7_Report.py", 2)
+    assert "Report as PDF" not in offered(at)
+    at.session_state["chosen"] = KEYS[1]
+    assert "Report as PDF" in offered(at.run())
+
+
 @pytest.mark.parametrize("joints", KEYS)
 def test_the_files_hold_the_analysis(studies: dict[int, Study], joints: int) -> None:
     analysis = analyse(studies[joints])

@@ -160,6 +160,24 @@ class TestTheNextExperiment:
         assert len(today) == 2 * joints
         assert len(column(at, "Both together")) == 2 * joints
 
+    def test_the_tabs_keep_their_place_and_their_key(self, app: AppTest) -> None:
+        at = opened(app, PLAN)
+        first = [place for place, part in at.main.children.items() if part.type == "tab_container"]
+        field = next(w for w in at.text_input if w.label == "Gear ratios")
+        at = shown(field.set_value("100, 80").run())
+        again = [place for place, part in at.main.children.items() if part.type == "tab_container"]
+        assert first == again
+        assert len(first) == 1
+        assert at.session_state["plan_view"] == "Your own plan"
+
+    def test_where_the_model_limits_the_answer_more_records_do_not_help(self, found: Analysis) -> None:
+        falling, flat = np.array([0.2, 0.05]), np.array([0.2, 0.19])
+        assert found.limit_of_records(falling) == ""
+        assert "hardly reduce" in found.limit_of_records(flat)
+        title = "The model, not the noise, limits the answer"
+        limited = replace(found, findings=(replace(found.findings[0], title=title),))
+        assert limited.limit_of_records(falling).startswith(f"{title}: more records")
+
     def test_more_records_are_suggested_when_asked(self, app: AppTest) -> None:
         at = opened(app, PLAN)
         at.number_input(key="plan_count").set_value(5)

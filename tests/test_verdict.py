@@ -816,7 +816,7 @@ def test_rate_of_sampling_is_named_where_all_joints_agree() -> None:
     fast = [remade(r, frequency_hz=2 * r.frequency_hz, time_s=r.time_s / 2) for r in sound()]
     found = scales(fast)
     assert found is not None
-    assert "sample rate 0.5 times the given one" in found.detail
+    assert "a sample rate of 0.5 times the given one" in found.detail
 
 
 @pytest.mark.parametrize("factor", [1e9, long(1e-9), long(1e7)])

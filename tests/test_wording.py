@@ -10,7 +10,7 @@ from examples import examples
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from jointid.wording import plain, significant, with_error
+from jointid.wording import plain, significant, unbroken, with_error
 
 
 @pytest.mark.parametrize(
@@ -83,3 +83,8 @@ def test_significant_digits(value: float, digits: int, text: str) -> None:
 @pytest.mark.parametrize(("value", "text"), [(20.0, "20"), (3.5, "3.5"), (0.015, "0.015"), (-1.0, "−1")])
 def test_chosen_numbers_are_written_as_chosen(value: float, text: str) -> None:
     assert plain(value) == text
+
+
+def test_a_number_stays_with_its_error_and_unit() -> None:
+    assert unbroken("joint 2 is 6 ± 3 % stiffer") == "joint 2 is 6\xa0±\xa03\xa0% stiffer"
+    assert unbroken("0.4 mm per joint") == "0.4\xa0mm per joint"

@@ -37,7 +37,10 @@ def batch(
             show_default=False,
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Table of results, .parquet.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Table of results, .parquet; required.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", hidden=True)] = None,  # its name before
     method: Annotated[str, METHOD] = "auto",
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes on this computer; by default one per core.")
@@ -57,7 +60,7 @@ def batch(
     """Analyse many studies into one table, a row per study.
 
     A study that cannot be read, exceeds a limit or crashes becomes a row with its error; the others
-    continue. The same command resumes an interrupted batch: finished rows are in OUT.journal
+    continue. The same command resumes an interrupted batch: finished rows are in OUTPUT.journal
     until the table is complete. Unchanged studies are not analysed again. Exit code 0: every study has a
     row, with or without an error; 1: nothing was done; 130: interrupted.
     """
@@ -70,7 +73,9 @@ def batch(
         raise typer.BadParameter(
             "--workers applies to this computer, --scheduler to a cluster: give one of them."
         )
-    require_ending("--out", out, ".parquet", ".pq")
+    if (out := output or out) is None:
+        raise typer.BadParameter("--output is missing: the table of results, such as results.parquet.")
+    require_ending("--output", out, ".parquet", ".pq")
     if not 0 < memory < 1e6:
         raise typer.BadParameter(f"--memory {memory:g}: expected a size in GiB, such as 4.")
     limits = Limits(time_s=timeout, memory_bytes=int(memory * 2**30))

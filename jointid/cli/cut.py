@@ -11,6 +11,7 @@ from jointid.cli.options import JSON, METHOD, OVERWRITE, named, numbers, require
 from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
+from jointid.wording import enumerated
 
 
 @reported
@@ -99,13 +100,15 @@ def cut(
     print_table(columns, cells, right=tuple(range(len(columns))))
     for problem in dict.fromkeys(o.problem for o in outcomes if o.problem):
         print(f"\nThe path error after identification is not known: {problem}")
+    if worse := [f"{zone:g} mm" for zone, o in zip(zones, outcomes, strict=True) if o.not_better]:
+        print(f"Corner zone {enumerated(worse)}: {next(o.not_better for o in outcomes if o.not_better)}")
     if not (largest := outcomes[-1]).springs_matter:
         print(remainder(largest, friction=robot.friction))
 
 
 def _print_own_path(analysis: Any, zones_mm: Sequence[float], as_json: bool) -> None:
     """Print the deflection of the study's own robot along the path."""
-    from jointid.cut.path_deflection import meaning, own_path_deflections, rows_of
+    from jointid.cut.path_deflection import COLUMNS_MEANING, meaning, own_path_deflections, rows_of
 
     found = own_path_deflections(analysis, [1e-3 * zone for zone in zones_mm])
     if as_json:
@@ -115,7 +118,7 @@ def _print_own_path(analysis: Any, zones_mm: Sequence[float], as_json: bool) -> 
         ]
         print_json({"rule": "own robot", "meaning": meaning(analysis), "cuts": cuts})
         return
-    print(f"Largest deflection of the tool along the path\n{meaning(analysis)}\n")
+    print(f"Largest deflection of the tool along the path\n{meaning(analysis)} {COLUMNS_MEANING}\n")
     header, rows = rows_of(zones_mm, found)
     print_table(header, rows, right=tuple(range(len(header))))
 

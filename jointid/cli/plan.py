@@ -59,7 +59,11 @@ def plan(
         return
     from jointid.uncertainty.validation import second_amplitude
 
-    document = _document(found) | {"second_amplitude": second_amplitude(analysis.fit)}
+    advice = {
+        "limit": analysis.limit_of_records(found.worst),
+        "second_amplitude": second_amplitude(analysis.fit),
+    }
+    document = _document(found) | advice
     if as_json:
         print_json(document)
         return
@@ -73,8 +77,8 @@ def plan(
         rows.append([f"record {k}", f"{record['frequency_hz']:.3g}", torques, *errors])
     print("Suggested records, and the relative standard errors after each\n")
     print_table(["", "Hz", "torques (N·m)", *names], rows, right=(1, *range(3, 3 + len(names))))
-    if advice := document["second_amplitude"]:
-        print(f"\n{advice}")
+    for text in filter(None, advice.values()):
+        print(f"\n{text}")
 
 
 def planned(

@@ -74,6 +74,18 @@ class Outcome:
         return self.after.max_contour_error_m
 
     @property
+    def which(self) -> str:
+        """Which of the simulated cuts ``after_m`` states, in two or three words."""
+        return "95th percentile" if self.distribution is not None else "one simulation"
+
+    @property
+    def not_better(self) -> str:
+        """Sentence where the servo before may cut as well as with the identified values; else empty."""
+        if self.distribution is None or self.before_m > self.after_m:
+            return ""
+        return "Within its uncertainty, the identified result is not better than that before."
+
+    @property
     def spread_m(self) -> float:
         """Central 90 % range of the path errors of the robots drawn, m; NaN without any."""
         if self.distribution is None:

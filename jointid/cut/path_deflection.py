@@ -23,9 +23,9 @@ from jointid.robot_models.model import RobotModel
 MEANING = (
     "The paper's rectangle, horizontal, about the tool of this study's own robot in its pose{pose}. "
     "Deflection of the gears by gravity and inertia, without vibration and process forces. "
-    "The sag at the start of the path is taught with the path and does not count. Servo: K that it "
-    "compensates; rigid: no compensation."
+    "The sag at the start of the path is taught with the path and does not count."
 )
+COLUMNS_MEANING = "Servo: K that it compensates; rigid: no compensation."
 _COLUMNS = {
     "assumed_m": "servo: nominal K",
     "identified_m": "servo: identified K (95th percentile)",

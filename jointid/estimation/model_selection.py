@@ -193,6 +193,8 @@ def _climbed(search: Search, model: Model) -> Model:
         wider = [model.with_part(part) for part in nearly]
         for law in set(GEAR_LAWS).intersection(model.effects):  # the first law may be a wrong one
             wider.append(model.without(law).with_part(parts[0]))
+        if not wider:  # no part lowers the cost
+            break
         least = np.inf
         for each in wider:  # a delay, lags and filters are similar, which their cost tells apart
             if not (each.is_slow and least < _CLIMB * found.misfit):

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from jointid.analysis import Analysis
+from jointid.analysis import NOT_USABLE, Analysis
 from jointid.answer import without
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
@@ -69,9 +69,14 @@ def measured(matrix: TransferMatrix, i: int, j: int) -> Response:
     return Response(matrix.omega / (2 * np.pi), matrix.H[:, i, j], error)
 
 
+def removed_effects(analysis: Analysis) -> str:
+    """Return the effects that figures remove from the data, in words; none of an unusable answer."""
+    return "" if analysis.state == NOT_USABLE else without(analysis.fit)
+
+
 def freed_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
     """Return the transfer matrix to compare with the model, and the effects removed, in words."""
-    removed = without(analysis.fit)
+    removed = removed_effects(analysis)
     if not removed or pose not in analysis.freed_transfer_matrices:
         return analysis.transfer_matrices[pose], ""
     return analysis.freed_transfer_matrices[pose], removed

@@ -260,7 +260,9 @@ def raw_columns(
         label = {"text": "refused here", "textposition": "start", "textangle": 0}
         shapes = [upright(float(time[marked]), ink.identified, dash="dash", label=label)]
     across = linear_axis(plain_text(names[0]) if len(names) > 1 else "Row")
-    return figure(traces, across, *axes, height=60 + 110 * len(shown), dark=dark, shapes=shapes)
+    # A title runs upwards along its panel: 7.5 px for each letter, and the gap between panels.
+    panel = max(110, 20 + round(7.5 * min(_LONGEST_TITLE, max(map(len, shown)))))
+    return figure(traces, across, *axes, height=60 + panel * len(shown), dark=dark, shapes=shapes)
 
 
 def thinned(x: Floats, y: Floats, *, peaks_only: bool = False) -> tuple[Floats, Floats]:

@@ -101,8 +101,8 @@ def deflection_beyond(phasors: Phasors, arm: Floats, K: Floats) -> Complexes:
     count = min(_FURTHER * H, max(_MOST_BINS - H, 0)) if phasors.motion.any() else 0
     found = np.zeros((r, count, phasors.n), complex)
     for row, segment in enumerate(phasors.segments):
-        if segment is not None:
-            last = min(H + count, segment.samples // 2 - 1)
+        last = 0 if segment is None else min(H + count, segment.samples // 2 - 1)
+        if segment is not None and last > H:
             squared = -((phasors.omega[row] * np.arange(H + 1, last + 1)) ** 2)[:, None, None]
             angle = _acceleration(segment, last)[H:, :, None] / squared
             moved = np.linalg.solve(np.eye(phasors.n) + arm[row] * K / squared, angle)[..., 0]

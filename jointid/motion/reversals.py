@@ -15,6 +15,8 @@ _MOST = 0.6
 unknown friction is an impulse, like noise."""
 _MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
+_REST = 2
+"""Samples without clear velocity above which a motor may rest."""
 _STATIONARY = 0.5
 """Share of the largest velocity with unknown sign from which a joint counts as stationary."""
 
@@ -56,6 +58,7 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
     v, H = segment.velocity, segment.highest
     n, N = v.shape
     blur, late = _MARGIN * segment.velocity_noise, segment.turn_rad_s * np.ones(n)
+    latest = segment.velocity_blur_s * np.ones(n) / segment.interval_s
     largest = np.abs(v).max(axis=1)
     stationary = blur > _STATIONARY * largest
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
@@ -64,7 +67,7 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
         stretches = _stretches(v[j], max(window * largest[j], blur[j]), blur[j])
         unknown = _polynomials(stretches, N, H, int(2 * _MOST * (H - segment.lowest + 1)))
         columns.append(unknown[:, None] * np.eye(n)[j, :, None])
-        turns, signs = _steps(v[j], blur[j], late[j])
+        turns, signs = _steps(v[j], blur[j], late[j], latest[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
         fades = (
             np.expm1(-np.abs(v[j]) / widths[j][:, None]) * signs[np.searchsorted(turns, np.arange(N))]
@@ -79,19 +82,20 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
     )
 
 
-def _steps(v: Floats, blur: float, late: float) -> tuple[Floats, Floats]:
+def _steps(v: Floats, blur: float, late: float, latest: float) -> tuple[Floats, Floats]:
     """Samples, with their fraction, at which the direction changes, and the directions (m + 1,).
 
-    The velocity is then ``late`` in the direction before. Where a motor rests, the change is in the
-    middle of its last and first clear motion.
+    The velocity is then ``late`` in the direction before, but the motor turned no more than ``latest``
+    samples ago. Where a motor rests, the change is in the middle of its last and first clear motion.
     """
     clear = np.flatnonzero(np.abs(v) > blur)
     sign = np.sign(v[clear])
     turn = np.flatnonzero(sign[1:] != sign[:-1])
     before, after = clear[turn], clear[turn + 1]
     # A straight line between the last and the first clear sample; exact for neighbours.
-    share = (np.abs(v[before]) - late) / (np.abs(v[before]) + np.abs(v[after]))
-    return before + share * (after - before), np.append(sign[:1], sign[turn + 1])
+    samples = (after - before) / (np.abs(v[before]) + np.abs(v[after]))
+    sooner = np.where(after - before > _REST, 0.0, np.minimum(late * samples, latest))
+    return before + np.abs(v[before]) * samples - sooner, np.append(sign[:1], sign[turn + 1])
 
 
 def _of_steps(turns: Floats, signs: Floats, N: int, H: int) -> Complexes:

@@ -5,14 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.analysis import Analysis
-from jointid.answer import gear_text, without
+from jointid.answer import gear_text
 from jointid.arrays import Floats
 from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, remainder, study_outcome
 from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
-from jointid.figures.response_curves import element_name
+from jointid.figures.response_curves import element_name, removed_effects
 from jointid.figures.style import LIGHT
 from jointid.reporting.blocks import Block, Figure, Paragraph
 from jointid.reporting.figures import (
@@ -38,7 +38,7 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
         if n > 1
         else "Acceleration of the motor over its torque. "
     )
-    if removed := without(analysis.fit):
+    if removed := removed_effects(analysis):
         text += f"Filled points: {removed}, as identified here; open points: as measured. "
     yield Paragraph(
         f"{text}The blue line is the model with the identified K and D, not a curve through the points. "

@@ -99,7 +99,8 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     if outcome is not None:
         yield Paragraph(
             f"Simulated path error of {whose(outcome.robot)}, as in Figure 7 of the paper: "
-            f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after."
+            f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after "
+            f"({outcome.which}). {outcome.not_better if outcome.springs_matter else ''}".rstrip()
         )
     columns, parts = error_table(fit)
     yield Table(tuple(columns), tuple(map(tuple, parts)), "Parts of the standard errors by cause.")

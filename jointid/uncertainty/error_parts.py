@@ -41,9 +41,12 @@ def error_parts(fit: ElasticityFit) -> tuple[ErrorPart, ...]:
 def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[list[str], list[list[str]]]:
     """Header and rows of a table: the total standard error of K and D, and its parts.
 
-    Parts that are zero throughout are left out.
+    Parts that are zero throughout are left out; that with the largest share of an error comes first.
     """
     parts = [part for part in error_parts(fit) if np.any(part.error > 0)]
+    total = fit.standard_error
+    known = np.isfinite(total) & (total > 0)
+    parts.sort(key=lambda part: -float(np.max(part.error[known] / total[known], initial=0.0)))
     shown = [unit.shown(error) for error in (fit.standard_error, *(part.error for part in parts))]
     rows = []
     for name, *sizes in zip(elasticity_labels(fit.n), *(error.tolist() for error in shown), strict=True):

@@ -25,6 +25,7 @@ from jointid.wording import counted
 
 EXPLAINED = 3.0
 """Misfit up to which noise explains the data."""
+MODEL_LIMITS = "The model, not the noise, limits the answer"
 _CHANCE = 3e-4
 """Probability that noise alone leaves as much at the fundamentals."""
 _LOWEST = 0.1
@@ -118,7 +119,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     if fit.inflation > 1:
         left += f". The noise part of the error bars is widened by a factor of {widened}"
     yield warning(
-        "The model, not the noise, limits the answer",
+        MODEL_LIMITS,
         f"{left}.",
         remedy,
         float(share),

@@ -8,17 +8,16 @@ import streamlit as st
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, remainder
-from jointid.cut.path_deflection import PathDeflection, has_own_path, meaning, rows_of
+from jointid.cut.path_deflection import COLUMNS_MEANING, PathDeflection, has_own_path, meaning, rows_of
 from jointid.cut.robot import CutRobot
 from jointid.figures.style import colours
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture, window
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import table
-from jointid.ui.shared.markdown_escape import unbroken
 from jointid.ui.shared.messages import show_error, show_note, show_warning
 from jointid.ui.shared.page import Page
-from jointid.wording import counted, significant
+from jointid.wording import counted, significant, unbroken
 
 CUT_PAGE = "pages/5_Cut.py"
 
@@ -40,7 +39,7 @@ def show_own_path(page: Page, analysis: Analysis) -> None:
     st.header(_own_headline(found[-1]), anchor=False)
     header, rows = rows_of([1e3 * zone for zone in ZONES_M], found)
     table({name: list(cells) for name, cells in zip(header, zip(*rows, strict=True), strict=True)})
-    st.caption(meaning(analysis))
+    st.caption(f"{meaning(analysis)} {COLUMNS_MEANING}")
 
 
 def _own_headline(found: PathDeflection) -> str:
@@ -60,7 +59,7 @@ def headline(outcome: Outcome) -> str:
     whose = " of the example arm" if outcome.robot.rule == "relative" else ""
     gears = ", with linear gears" if outcome.robot.gears else ""
     errors = f"{millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
-    return f"Path error{whose} {errors}{gears}"
+    return unbroken(f"Path error{whose} {errors} ({outcome.which}){gears}")
 
 
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
@@ -120,7 +119,7 @@ def promise(outcome: Outcome, settings: CutSettings) -> str:
     return (
         "the servo assumes the identified values; those of the robot are drawn from their "
         f"uncertainty. 95 % of these robots stay {_below(outcome.after_m)}, 50 % "
-        f"{_below(outcome.distribution.median_m)}."
+        f"{_below(outcome.distribution.median_m)}. {outcome.not_better}"
     )
 
 
@@ -231,6 +230,8 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
         return
     ink = colours(page.dark)
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
+    drawn = outcome.distribution
+    median = f" <small>(median {escape(millimetres(drawn.median_m))})</small>" if drawn else ""
     servo = "nominal values" if outcome.assumed is not None else "rigid joints"
     cuts = [(outcome.before, ink.nominal), (outcome.after, ink.identified)]
     around = window([outcome.before, outcome.after])
@@ -241,8 +242,8 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
         with words:
             st.header(headline(outcome), anchor=False)
             st.html(
-                f"{key_line(ink.nominal)}{escape(servo)}, {escape(before)}<br>"
-                f"{key_line(ink.identified)}identified values, {escape(after)}"
+                f"{key_line(ink.nominal)}{escape(servo)}, {escape(before)}: one simulation<br>"
+                f"{key_line(ink.identified)}identified values, {escape(after)}: {outcome.which}{median}"
             )
             relative = outcome.robot.rule == "relative"
             arm = (
@@ -260,7 +261,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             elif outcome.distribution is not None:
                 promised = (
                     "95 % of the robots within the uncertainty of the identified values stay "
-                    f"{_below(outcome.after_m)}."
+                    f"{_below(outcome.after_m)}. {outcome.not_better}"
                 )
             st.caption(
                 "A rectangle of 28 × 45 mm with corner zones of 10 mm, the largest, at 300 mm/s, cut by "

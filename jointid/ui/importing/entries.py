@@ -228,8 +228,9 @@ class Entries:
             list(_HELD.values()),
             index=None if known is None else list(_HELD).index(known),
             placeholder="choose",
-            help="The torque command of a digital controller is held. A torque lag of half a "
-            "sample in the verdict means that this entry is wrong.",
+            help="Held: a logged command or set point of a digital controller. Not held: a logged "
+            "actual torque or current, measured or interpolated. A torque lag of half a sample in the "
+            "verdict means that this entry is wrong.",
             **self._kept("held"),
         )
         delay = right.number_input(

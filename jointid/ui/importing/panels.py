@@ -44,7 +44,7 @@ from jointid.ui.importing.study import ask_robot
 from jointid.ui.importing.watched_work import StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot
 from jointid.ui.shared.messages import show_error, show_note
-from jointid.ui.shared.method_steps import OVERVIEW, REPORT
+from jointid.ui.shared.method_steps import OVERVIEW, REPORT, REPORT_AT_ONCE
 from jointid.ui.shared.workspace import keep
 from jointid.wording import counted, listed, minus, plain
 
@@ -248,6 +248,8 @@ def _open_as_study(
             keep(study, study.name)
             keep_mapping(log.table, mapping)
             forget_import()
+            if clicked == "report":
+                st.session_state[REPORT_AT_ONCE] = st.session_state["chosen"]
         st.switch_page((REPORT if clicked == "report" else OVERVIEW).path)
     except JointIdError as error:
         show_error(error)

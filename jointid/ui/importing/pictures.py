@@ -39,12 +39,12 @@ def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
     left, right = st.columns([2, 3])
     with left:
         show_note(f"{log.name}: {log.rows} rows, {len(log.columns)} columns. The first rows:")
-        table(
-            {_heading(c.name, c.unit): c.values[:_FIRST_ROWS].tolist() for c in log.columns}, height=400
-        )
-    with right:
+        headings = {c.name: _heading(c.name, c.unit) for c in log.columns}
         names = list(log.names)
         time = proposed[0] if proposed else names[0]
+        rows = {headings[c.name]: c.values[:_FIRST_ROWS].tolist() for c in log.columns}
+        table(rows, height=400, exact=headings[time])
+    with right:
         others = [name for name in names if name != time]
         curves = others if len(others) <= _FEW_CURVES else list(proposed[1:]) or others
         key = f"import curves {log.signature}"
@@ -52,7 +52,6 @@ def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
         chosen = st.multiselect(
             "Columns in the picture", others, begun, key=key, persist_state="session"
         )
-        headings = {c.name: _heading(c.name, c.unit) for c in log.columns}
         if chosen:
             shown = {headings[name]: log.column(name).values for name in (time, *chosen)}
             plot(raw_columns(shown, dark=is_dark()), "Columns as they are in the file")

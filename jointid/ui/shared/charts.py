@@ -74,12 +74,18 @@ def show_tabs(key: str, panels: Mapping[str, Callable[[], object]]) -> None:
                 show()
 
 
-def table(columns: Table, *, height: int | None = None) -> None:
-    """Show a table that scrolls within its own frame; a wide one keeps its first column in view."""
+def table(columns: Table, *, height: int | None = None, exact: str = "") -> None:
+    """Show a table that scrolls within its own frame; a wide one keeps its first column in view.
+
+    ``exact`` is the column whose numbers keep all their digits; the others have four decimals.
+    """
     first = next(iter(columns))
     fitting = min(36 + 35 * len(columns[first]), height or 430)
-    pinned = {first: st.column_config.Column(pinned=True)} if len(columns) > _WIDE else None
-    st.dataframe(dict(columns), hide_index=True, height=fitting, column_config=pinned)
+    wide = len(columns) > _WIDE
+    settings: dict[str, Any] = {first: st.column_config.Column(pinned=True)} if wide else {}
+    if exact:
+        settings[exact] = st.column_config.NumberColumn(format="%.15g", pinned=wide or None)
+    st.dataframe(dict(columns), hide_index=True, height=fitting, column_config=settings)
 
 
 def choose_segment(

@@ -5,14 +5,13 @@ Streamlit reads nearly every text as Markdown: messages, labels, help, progress,
 
 import re
 
-__all__ = ["markdown_escape", "unbroken"]
+__all__ = ["markdown_escape"]
 
 _JOINER = "\N{WORD JOINER}"
 """Invisible. Addresses, icons and arrows are sought in the finished text, where no backslash helps."""
 _ALWAYS = re.compile(r"[\\`*\[\]<$|~&]")
 _UNDERSCORES = re.compile(r"(?<![^\W_])_+|_+(?![^\W_])")
 _DIRECTIVE = re.compile(r":(?=[^\W\d_]|[:{])")
-_BEFORE_UNIT = re.compile(r"(?<=\d) (?=[%°]|mm\b|Hz\b|N·m)")
 _FIRST = re.compile(r"^([-+=#>]|\d+(?=[.)](?:\s|$)))")
 _SOUGHT = (
     re.compile(r"(?i)(?<=https:)(?=//)|(?<=http:)(?=//)|(?<=www)(?=\.)"),
@@ -38,11 +37,6 @@ def markdown_escape(text: object) -> str:
     """
     lines = (_line(line.strip()) for line in str(text).splitlines())
     return "  \n".join(line for line in lines if line)
-
-
-def unbroken(text: str) -> str:
-    """Keep every number and its unit on one line, for headings and cells of a phone's width."""
-    return _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
 
 
 def _line(text: str) -> str:

@@ -26,6 +26,8 @@ ELASTICITY = Step("pages/4_Elasticity.py", "Elasticity", "Stiffness and damping 
 CUT = Step("pages/5_Cut.py", "Cut", "Path error with nominal and identified K and D.")
 PLAN = Step("pages/6_Plan.py", "Plan", "Records that reduce the error bars most.")
 REPORT = Step("pages/7_Report.py", "Report and export", "A report, and files for other tools.")
+REPORT_AT_ONCE = "report_at_once"
+"""Key in the session of the study whose report is made without a click."""
 FLEET = Step("pages/10_Fleet.py", "Fleet", "Many studies side by side: spread, drift, outliers.")
 COMPARE = Step("pages/11_Compare.py", "Compare", "Two studies side by side, with their differences.")
 GLOSSARY = Step("pages/12_Glossary.py", "Glossary", "The terms of these pages.")

@@ -57,7 +57,10 @@ def matrix_in(name: str, text: str) -> list[tuple[float, ...]]:
             continue
         if all(len(row) == len(parts) for row in rows):
             return rows
-    rows = [_unambiguous(name, part) for part in parts]
+    try:
+        rows = [_unambiguous(name, part) for part in parts]
+    except JointIdError as error:
+        raise JointIdError(f"{error} A semicolon separates the rows: 4.1, 0.4; 0.4, 1.9.") from None
     if len({len(row) for row in rows}) > 1:
         lengths = ", ".join(str(len(row)) for row in rows)
         raise JointIdError(

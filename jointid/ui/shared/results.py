@@ -152,10 +152,11 @@ def computed_on_click(
     result or None
         None before the click, and after an error.
     """
+    # The place is there with a kept result too: what follows keeps its position on the page.
+    place, stopped = st.empty(), f"{name} stopped"
     found: Found | None = result_cache().get(key)
     if found is not None:
         return found
-    place, stopped = st.empty(), f"{name} stopped"
     waits = not at_once or st.session_state.get(stopped) == key
     if waits and not place.button(label, key=name, help=hint or None, type=kind):
         return None

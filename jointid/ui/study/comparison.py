@@ -12,26 +12,22 @@ from jointid.analysis import NOT_USABLE
 from jointid.answer import AT_MOTOR
 from jointid.figures import compared_models
 from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import (
-    show_error,
-    show_info,
-    show_text_table,
-)
+from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.sidebar import ESTIMATORS
-from jointid.ui.shared.workspace import names_by_address, open_study
+from jointid.ui.shared.workspace import names_by_address, open_study, sample_paths
 from jointid.uncertainty.comparison import Difference, compare
-from jointid.wording import enumerated, significant
+from jointid.wording import enumerated, significant, unbroken
 
 _CLEAR = 3.0
-"""Standard errors from which a difference counts as one."""
+"""Standard errors beyond which a difference is significant."""
 
 
 def choose_other(page: Page) -> Page:
     """Ask for the second study and its estimator; end the page where it cannot be opened."""
     names, methods = list(names_by_address().values()), list(ESTIMATORS)
     similar = _similar(page, names)
-    left, right = st.columns(2)
+    left, right, beside = st.columns([5, 5, 2], vertical_alignment="bottom")
     key = left.selectbox("Compare with", names, index=similar, key="compare_study")
     # Without a partner, the paper's estimator is compared.
     alone = names[similar] == page.key and page.method != "least-squares"
@@ -42,6 +38,7 @@ def choose_other(page: Page) -> Page:
         key="compare_estimator",
         help="See the sidebar.",
     )
+    beside.button("Swap", on_click=_swap, args=(page, key, method), help="Second study becomes first.")
     try:
         opened = open_study(key)
     except JointIdError as error:
@@ -50,18 +47,31 @@ def choose_other(page: Page) -> Page:
     return replace(page, key=opened.key, study=opened.study, digest=opened.digest, method=method)
 
 
+def _swap(page: Page, second: str, method: str) -> None:
+    """Exchange first and second study with their estimators."""
+    addresses = {name: address for address, name in names_by_address().items()}
+    st.session_state.update(
+        chosen=addresses[second], estimator=method, compare_study=page.key, compare_estimator=page.method
+    )
+
+
 def _similar(page: Page, names: list[str]) -> int:
-    """Index of the next study of the same inertias, else of as many joints, else of the chosen one."""
-    own, given = names.index(page.key), page.study.inertia
-    alike = own
-    for name in names[own + 1 :] + names[:own]:
+    """Index of the newest own study of the same inertias, else of as many joints; else of a sample.
+
+    Without one, index of the chosen study.
+    """
+    given, samples, alike = page.study.inertia, sample_paths(), ""
+    for name in sorted(names, key=samples.__contains__):
+        if alike and name in samples and alike not in samples:
+            break
         with suppress(JointIdError):
             inertia = open_study(name).study.inertia
-            if inertia.n == given.n and np.allclose(inertia.M, given.M):
+            if name == page.key or inertia.n != given.n:
+                continue
+            if np.allclose(inertia.M, given.M):
                 return names.index(name)
-            if inertia.n == given.n and alike == own:
-                alike = names.index(name)
-    return alike
+            alike = alike or name
+    return names.index(alike or page.key)
 
 
 def show_differences(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
@@ -79,24 +89,26 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         st.stop()
     unusable = [pair for pair in ((page, first), (other, second)) if pair[1].state == NOT_USABLE]
     if not unusable:
-        st.header(_sentence(rows, page, other), anchor=False)
+        st.header(unbroken(_sentence(rows, page, other)), anchor=False)
     for whose, each in unusable:
         show_error(f"{whose.key}: {each.headline}")
+    show_note(f"First: {page.key}, {first.state}. Second: {other.key}, {second.state}.")
     columns = {
         "": [f"{row.first.name} ({row.first.unit})" for row in rows],
+        "Difference": [_signed(100 * row.relative) for row in rows],
+        "Significant": [*map(_significance, rows)],
         _column(page): [row.first.shown[0] for row in rows],
         _column(other) + (" (second)" if _column(other) == _column(page) else ""): [
             row.second.shown[0] for row in rows
         ],
-        "Difference": [_signed(100 * row.relative, " %") for row in rows],
-        "Over its error": [_signed(row.sigmas, " σ") for row in rows],
     }
     show_text_table(columns)
     st.caption(
         "Both come from the same records and share their noise: the difference has no standard error."
         if same
-        else "σ is the standard error of the difference, with both errors independent. A common cause, "
-        "such as a wrong torque constant of the same robot, changes both alike."
+        else f"Significant: beyond {_CLEAR:g} σ, the standard error of the difference with both errors "
+        "independent. A common cause, such as a wrong torque constant of the same robot, changes both "
+        "alike."
     )
     why = "" if one_side else ": one of the studies has no gear ratios"
     st.caption(f"Difference: second study minus first. K and D {units[0].side}{why}.")
@@ -123,12 +135,10 @@ def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
         return f"The stiffnesses differ by at most {significant(100 * largest, 2)} %"
     clear = [row for row in stiffness if abs(row.sigmas) > _CLEAR]
     if not clear:
-        return "The stiffnesses agree within their errors"
+        return "No stiffness differs significantly"
     changes = enumerated([f"joint {row.first.name[1:]} is {_change(row)}" for row in clear])
-    lower = [row.relative < 0 for row in clear]
-    softer = "" if any(lower) != all(lower) else other.key if all(lower) else page.key
-    lead = f"{markdown_escape(softer)} is softer. " if softer else ""
-    return f"{lead}{markdown_escape(other.key)}, compared with {markdown_escape(page.key)}: {changes}"
+    names = [markdown_escape(name) for name in (other.key, page.key)]
+    return f"{', compared with '.join(names)}: {changes}, significantly"
 
 
 def _change(row: Difference) -> str:
@@ -142,7 +152,13 @@ def _column(page: Page) -> str:
     return f"{page.key}, {page.method}"
 
 
-def _signed(value: float, unit: str) -> str:
-    if not np.isfinite(value):
+def _significance(row: Difference) -> str:
+    if not np.isfinite(row.sigmas):
         return "–"
-    return ("+" if value > 0 else "−" if value < 0 else "") + significant(abs(value), 3) + unit
+    return f"{'yes' if abs(row.sigmas) > _CLEAR else 'no'}, {abs(row.sigmas):.1f} σ"
+
+
+def _signed(percent: float) -> str:
+    if not np.isfinite(percent):
+        return "–"
+    return ("+" if percent > 0 else "−" if percent < 0 else "") + significant(abs(percent), 2) + " %"

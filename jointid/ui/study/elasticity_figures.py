@@ -54,7 +54,8 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
         found["Frequency response"] = per_joint(
             "H{0}{0} over frequency, measured and modelled",
             lambda j, dark: element_response(analysis, j, j, pose=pose, dark=dark),
-            "Acceleration of each motor over its torque, the controllers removed." + freed_note(fit),
+            "Acceleration of each motor over its torque, the controllers removed."
+            + freed_note(analysis),
         )
     if page.study.motion_records:  # the other figures look at every sine separately
         return found

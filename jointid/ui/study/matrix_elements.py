@@ -73,7 +73,7 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
             caption = (
                 f"{name} and H{j + 1}{i + 1} are equal, because the coupling inertia is one number."
             )
-    st.caption(caption + freed_note(analysis.fit))
+    st.caption(caption + freed_note(analysis))
 
 
 def show_how_well_known(page: Page, matrix: TransferMatrix, pose: str, i: int, j: int) -> None:

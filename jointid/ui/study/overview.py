@@ -5,17 +5,18 @@ from collections.abc import Sequence
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, ElasticityFit, Finding, Study
+from jointid import Analysis, Finding, Study
 from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
-from jointid.answer import ERROR_BARS, Quantity, change_from, without
+from jointid.answer import ERROR_BARS, Quantity, change_from
+from jointid.figures.response_curves import removed_effects
 from jointid.files.study_files import pack_study
 from jointid.ui.shared.charts import download
-from jointid.ui.shared.markdown_escape import markdown_escape, unbroken
+from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_note, show_text_table
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.ui.shared.page import Page
 from jointid.ui.study.corrections import offer_changes
-from jointid.wording import counted, file_stem, plain, significant
+from jointid.wording import counted, file_stem, plain, significant, unbroken
 
 _BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
 _STATE_COLOURS = {USABLE: "green", WITH_CARE: "orange"}
@@ -145,18 +146,21 @@ def show_findings(page: Page, analysis: Analysis) -> None:
 
 def _finding(page: Page, analysis: Analysis, finding: Finding, lead: str = "") -> None:
     box = _BOXES[finding.level]
-    remedy = f"  \n*{markdown_escape(finding.remedy)}*" if finding.remedy else ""
+    advice = f"*{markdown_escape(finding.remedy)}*  \n" if finding.remedy else ""
     if finding.action:
         step, part = ACTIONS[finding.action]
-        remedy += f"  \nIn the app: page {step.name}, {part}"
+        advice += f"In the app: page {step.name}, {part}"
     lead = f"{lead}\n\n" if lead else f"**{markdown_escape(finding.title)}.** "
-    box(f"{lead}{markdown_escape(finding.detail)}{remedy}")
+    after = "" if finding.changes else f"  \n{advice}"
+    box(f"{lead}{markdown_escape(finding.detail)}{after}")
     offer_changes(page, analysis, finding)
+    if finding.changes and advice:
+        st.expander("If this is not the cause").markdown(advice)
 
 
-def freed_note(fit: ElasticityFit) -> str:
+def freed_note(analysis: Analysis) -> str:
     """Explain "without friction" in a figure's legend, if present."""
-    words = without(fit)
+    words = removed_effects(analysis)
     return f' "{words[0].upper()}{words[1:]}": removed from the data as identified.' if words else ""
 
 

@@ -8,6 +8,7 @@ from jointid import Analysis
 from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import download
+from jointid.ui.shared.method_steps import REPORT_AT_ONCE
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click
 
@@ -20,6 +21,7 @@ def show_report(page: Page, analysis: Analysis, stem: str) -> None:
         "make_report",
         lambda show: _write(analysis, show),
         kind="primary",
+        at_once=st.session_state.get(REPORT_AT_ONCE) == st.session_state["chosen"],
     )
     if made is None:
         return

@@ -20,23 +20,15 @@ from jointid.uncertainty.plan import PlannedRecords
 from jointid.wording import file_stem
 
 _LIMITS = {
-    "gear_ratio": (
-        "Gear ratios",
-        "100, 90",
-        "Motor turns per joint turn, negative if they turn in opposite directions.",
-    ),
+    "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
     "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As displayed by the robot."),
-    "lower_deg": ("Lowest positions (°)", "-170, -60", ""),
-    "upper_deg": ("Highest positions (°)", "170, 60", ""),
+    "lower_deg": ("Lowest positions (°)", "-170, -100", ""),
+    "upper_deg": ("Highest positions (°)", "170, 10", ""),
     "velocity_deg_s": ("Velocities (°/s)", "105, 101", "Largest velocities of the joints."),
-    "acceleration_deg_s2": ("Accelerations (°/s²)", "300, 250", "Largest accelerations of the joints."),
+    "acceleration_deg_s2": ("Accelerations (°/s²)", "2600, 2600", "Largest of the joints."),
     "torque_Nm": ("Motor torques (N·m)", "20, 12", "Largest torques of the motors."),
-    "load_Nm": ("Motor torques at rest (N·m)", "", "Such as gravity in the start pose; empty: none."),
-    "axes": (
-        "Axes of the robot",
-        "1, 2",
-        "Axes that are the joints of the study; empty: the first axes.",
-    ),
+    "load_Nm": ("Motor torques at rest (N·m)", "0, 4", "Such as gravity at the start; empty: none."),
+    "axes": ("Axes of the robot", "1, 2", "Axes that are the joints of the study; empty: the first."),
 }
 _SUPERPOSED = "Avoids sticking at reversals; every record then runs forward and back."
 _OPTIONAL = ("load_Nm", "axes")
