@@ -12,8 +12,8 @@ from jointid.wording import file_stem
 
 page = open_page(
     "Report and export",
-    "All results for a colleague or another tool. Each file states version, settings and the digest of "
-    "the study. The same study gives the same files, byte for byte.",
+    "All results for a colleague or another tool. The files with K and D state version, settings and "
+    "the digest of the study. The same study gives the same files, byte for byte.",
 )
 analysis = page.analysis()
 if analysis.state == NOT_USABLE:

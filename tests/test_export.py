@@ -517,6 +517,21 @@ def test_a_negative_damping_within_its_error_counts_as_zero() -> None:
         _ = replace(KNOWN, D=np.array([-1.0, 0.015])).elasticity
 
 
+def test_structured_text_is_a_global_variable_list(result: Identification) -> None:
+    """IEC 61131-3: keywords around the declarations, a decimal point in each real literal."""
+    result = replace(result, K=np.full(result.n, 43.0), D=np.full(result.n, 1e-5))
+    lines = code_listing(result, "Structured Text").splitlines()
+    code = [line for line in lines if not line.startswith("//")]
+    n = result.n
+    assert code == [
+        "VAR_GLOBAL CONSTANT",
+        f"    JointStiffness : ARRAY [1..{n}] OF LREAL := [{', '.join(['43.0'] * n)}];",
+        f"    JointDamping : ARRAY [1..{n}] OF LREAL := [{', '.join(['1.0e-05'] * n)}];",
+        "END_VAR",
+    ]
+    assert sum(line.startswith(("// K_std", "// D_std")) for line in lines) == 2
+
+
 def test_code_is_read_by_its_language(result: Identification) -> None:
     listings = {language: code_listing(result, language) for language in LANGUAGES}
     names: dict[str, Any] = {}
@@ -526,7 +541,10 @@ def test_code_is_read_by_its_language(result: Identification) -> None:
         assert [*read["K_std"], *read["D_std"]] == pytest.approx(result.standard_error, rel=1e-6)
     n = result.n
     assert f"static const double D[{n}] = {{" in listings["C"]
-    assert f"K : ARRAY[1..{n}] OF LREAL := [" in listings["Structured Text"]
+    for text in listings.values():
+        for fact in (result.obtained.version, result.obtained.digest, result.obtained.method):
+            assert fact in text
+    assert all(len(line) <= 80 for line in listings["Python"].splitlines() if line.startswith("#"))
     unknown = replace(result, covariance=np.diag([np.inf, *[1.0] * (2 * n - 1)]))
     assert "% K_std: not determined by the records" in code_listing(unknown, "MATLAB")
     with pytest.raises(JointIdError, match="'COBOL'"):

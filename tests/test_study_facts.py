@@ -77,7 +77,11 @@ def test_wrong_facts_are_refused(paper: Study, facts: dict[str, object], said: s
 
 def test_remarks_travel_with_the_answer(analysis: Analysis) -> None:
     found = identification(analysis)
-    texts = [to_json(found), code_listing(found, "Python"), to_html(make_report(analysis, cut=False))]
+    texts = [
+        to_json(found),
+        code_listing(found, "Python").replace("\n# ", " "),
+        to_html(make_report(analysis, cut=False)),
+    ]
     for text in texts:
         for remark in ("Gears at 24 °C", "two hours of work", "gear ratio 1 (joint 2)"):
             assert remark in text

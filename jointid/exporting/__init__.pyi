@@ -1,3 +1,4 @@
+from .code_listing import ENDINGS as ENDINGS
 from .code_listing import LANGUAGES as LANGUAGES
 from .code_listing import code_listing as code_listing
 from .identification import Identification as Identification

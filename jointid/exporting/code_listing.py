@@ -1,23 +1,36 @@
 """K and D as a few lines of code, to paste into a controller or a script."""
 
 from collections.abc import Sequence
+from textwrap import wrap
 
 import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.exporting.identification import Identification
-from jointid.wording import enumerated
+from jointid.wording import counted, enumerated
 
+_NAMES = {"K": "K", "K_std": "K_std", "D": "D", "D_std": "D_std"}
+_GLOBAL_NAMES = {"K": "JointStiffness", "D": "JointDamping"}
+"""Of a global variable list, where K and D may have other meanings; the errors are comments."""
+_GLOBAL = "    {name} : ARRAY [1..{n}] OF LREAL := {values};"
 LANGUAGES = {
-    "Text": ("", "{name} = {values}", ("", "", ", ")),
-    "TOML": ("# ", "{name} = {values}", ("[", "]", ", ")),
-    "Python": ("# ", "{name} = {values}", ("[", "]", ", ")),
-    "MATLAB": ("% ", "{name} = {values};", ("[", "]", " ")),
-    "C": ("// ", "static const double {name}[{n}] = {values};", ("{", "}", ", ")),
-    "Structured Text": ("// ", "{name} : ARRAY[1..{n}] OF LREAL := {values};", ("[", "]", ", ")),
+    "Text": ("", "{name} = {values}", ("", "", ", "), _NAMES, ()),
+    "TOML": ("# ", "{name} = {values}", ("[", "]", ", "), _NAMES, ()),
+    "Python": ("# ", "{name} = {values}", ("[", "]", ", "), _NAMES, ()),
+    "MATLAB": ("% ", "{name} = {values};", ("[", "]", " "), _NAMES, ()),
+    "C": ("// ", "static const double {name}[{n}] = {values};", ("{", "}", ", "), _NAMES, ()),
+    "Structured Text": (
+        *("// ", _GLOBAL, ("[", "]", ", "), _GLOBAL_NAMES),
+        ("VAR_GLOBAL CONSTANT", "END_VAR"),
+    ),
 }
-"""Beginning of a comment, a line of code, and opening, closing and separator of a list, by language."""
+"""Beginning of a comment, a line of code, opening, closing and separator of a list, names, and the first
+and last line of code if there are any, by language; Structured Text as in IEC 61131-3."""
+ENDINGS = {".st": "Structured Text", ".c": "C", ".m": "MATLAB", ".py": "Python"}
+"""Languages of files, by the ending of their name."""
 _DIGITS = 7
+_WIDTH = 80
+"""Of a comment, in characters."""
 
 
 def code_listing(found: Identification, language: str) -> str:
@@ -29,28 +42,39 @@ def code_listing(found: Identification, language: str) -> str:
     if language not in LANGUAGES:
         known = enumerated(list(LANGUAGES))
         raise JointIdError(f"The language {language!r} is not supported: choose one of {known}.")
-    comment, line, brackets = LANGUAGES[language]
+    comment, line, brackets, names, frame = LANGUAGES[language]
+    n, error, origin = found.n, found.standard_error, found.obtained
+    study = " ".join(origin.study.split()) or "study without a name"
     unusable = "" if found.is_usable else comment or "# "
-    study = " ".join(found.obtained.study.split()) or "study without a name"
     answer = " ".join(found.answer.split())
     facts = [
         f"NOT USABLE, the values are comments: {answer}" if unusable else "",
-        f"{study}: {found.state or 'state unknown'}; jointid {found.obtained.version}",
+        f"{study}: {found.state or 'state unknown'}",
         "" if unusable else answer,
+        f"jointid {origin.version}; estimator {origin.method}; model: {origin.model}; "
+        f"{counted(origin.records, 'record')}; study {origin.digest}",
         "Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error from all causes",
     ]
-    lines = [f"{comment}{fact}" for fact in facts if fact]
-    n, error = found.n, found.standard_error
+    width = _WIDTH - len(comment)
+    lines = [comment + part for fact in facts for part in wrap(fact, width, break_long_words=False)]
+    lines += [unusable + opening for opening in frame[:1]]
     rows = {"K": found.K, "K_std": error[:n], "D": found.D, "D_std": error[n:]}
     for name, values in rows.items():
+        code = unusable + line if name in names else f"{comment}{{name}}: {{values}}"
         if np.isfinite(values).all():
-            lines.append(
-                unusable + line.format(name=name, n=n, values=_list(values.tolist(), *brackets))
-            )
+            shown = _list(values.tolist(), *brackets)
+            lines.append(code.format(name=names.get(name, name), n=n, values=shown))
         else:
             lines.append(f"{comment}{name}: not determined by the records")
+    lines += [unusable + closing for closing in frame[1:]]
     return "\n".join(lines) + "\n"
 
 
 def _list(values: Sequence[float], opening: str, closing: str, separator: str) -> str:
-    return opening + separator.join(f"{value:.{_DIGITS}g}" for value in values) + closing
+    return opening + separator.join(map(_real, values)) + closing
+
+
+def _real(value: float) -> str:
+    """Format a real literal of every language: with a decimal point, also before an exponent."""
+    mantissa, e, exponent = f"{value:.{_DIGITS}g}".partition("e")
+    return mantissa + ("" if "." in mantissa else ".0") + e + exponent

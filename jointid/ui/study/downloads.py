@@ -8,6 +8,7 @@ import streamlit as st
 from jointid import Analysis, JointIdError, Study
 from jointid.answer import without
 from jointid.exporting import (
+    ENDINGS,
     LANGUAGES,
     Identification,
     code_listing,
@@ -62,8 +63,10 @@ def show_identification_files(found: Identification, analysis: Analysis, stem: s
         download("JSON", partial(to_json, found), f"{stem}.json")
         download("TOML", partial(to_toml, found), f"{stem}.toml")
         download("MATLAB (.mat)", partial(to_mat, analysis), f"{stem}.mat", hint=_MATLAB_HINT)
-    language = choose_segment("Copy K and D as", list(LANGUAGES), "copy_as")
+    language = choose_segment("K and D as", list(LANGUAGES), "copy_as")
     st.code(code_listing(found, language), language=None, wrap_lines=language == "Text")
+    for ending in (ending for ending, of in ENDINGS.items() if of == language):
+        download(f"{language} ({ending})", partial(code_listing, found, language), f"{stem}{ending}")
     with st.expander("The whole file"):
         st.code(to_toml(found), language="toml", height=360)
 
