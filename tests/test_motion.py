@@ -12,6 +12,7 @@ from examples import tries
 from benchmarks.motion import CELL, SINGLE, Motion, simulate
 from jointid import ElasticityFit, Inertia, JointIdError, MotionRecord, SineRecord, identify_motion
 from jointid.motion.noise import repeated_variances, sensor_variances
+from jointid.motion.reversals import reversals
 from jointid.motion.sampling import UniformPart, uniform_parts
 from jointid.motion.spectra import motion_phasors
 from jointid.motion.velocity import smooth_velocity
@@ -245,6 +246,21 @@ def test_a_smoothed_velocity_shows_when_friction_turns_the_motor_back() -> None:
     there = before * np.interp(turns - T / 2, t, found[0])
     np.testing.assert_allclose(there.mean(), jump / 2 * blur[0], rtol=0.2)
     assert there.mean() > 5 * there.std() / np.sqrt(there.size)
+
+
+def test_a_late_reversal_stays_near_the_motor_and_a_rest_in_its_middle() -> None:
+    """Moves between rests: the correction for smoothing holds for motors that turn at once."""
+    at_once = np.array([1.0, 0.5, 0.1, -0.1, -0.5, -1.0])
+    rest = np.concatenate([[1.0, 0.5, 0.1], np.zeros(99), [-0.1, -0.5, -1.0]])
+    for v, late, turn in (
+        (at_once, 0.0, 2.5),
+        (at_once, 0.04, 2.3),
+        (at_once, 9.0, 0.5),
+        (rest, 9.0, 52.0),
+    ):
+        turns, signs = reversals(v, blur=0.05, late=late, latest=2.0)
+        np.testing.assert_allclose(turns, [turn])
+        np.testing.assert_array_equal(signs, [1, -1])
 
 
 def test_hysteresis_of_the_gear_in_random_motion() -> None:

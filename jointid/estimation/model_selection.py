@@ -38,6 +38,9 @@ _ALIKE = 1.2
 """Ratio of misfits up to which another width of the reversals explains motions as well."""
 _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
 """The next narrower and wider reversals of each one."""
+_LOOPS = 1.0
+"""Variance that a hysteresis in motions adds, over that of the noise: its computed loop deviates from
+the real one. The errors of some 40 simulated studies had 1.4 times their standard deviation."""
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit is lost."""
 _CLIMB = 0.7
@@ -165,9 +168,9 @@ def _fit_first(search: Search) -> None:
         if search.is_lost and "friction" in fits.optional and rubbing not in fits.tried:
             search.fit(rubbing, start)
     plain = fits.misfit(base if base in fits.tried else rubbing)  # motors stick
-    rubs = NEEDED * fits.least_misfit < plain < np.inf
+    needs_friction = NEEDED * fits.least_misfit < plain < np.inf
     laws = []
-    if not rubs and not search.has_motions:
+    if not needs_friction and not search.has_motions:
         laws += [(base, law, with_play if law == "backlash" else by_motion) for law in _FAR_LAWS]
     if search.may_rub:
         laws += [(rubbing, "backlash", begin) for begin in (with_play, by_motion)]
@@ -223,6 +226,8 @@ def _choice(search: Search, best: Model) -> Choice:
     if search.has_motions:
         scored = {name: score for name, score in scored.items() if name != "link"}
         whole = whole + _spread_of_reversals(search, best, found)
+        if "hysteresis" in best.effects:
+            whole = whole + _LOOPS * found.elasticity_covariance
     return Choice(best, found, candidates, whole + spread_of_unseen(found, scored, search.prior))
 
 

@@ -50,7 +50,7 @@ class ArmSide:
 
 
 def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
-    """Reflect an identification to the joint side; K and D of an unusable answer are NaN.
+    """Reflect an identification to the joint side; what an unusable answer fitted is NaN.
 
     ``gear_ratio`` holds motor turns per joint turn; a single number holds for all joints.
 
@@ -81,10 +81,10 @@ def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
         K=usable * N**2 * K,
         D=usable * N**2 * i.elasticity.D,
         covariance=twice[:, None] * i.covariance * twice,
-        rotor=N**2 * i.inertia.M,
-        M2=N[:, None] * i.inertia.M2 * N,
-        coulomb=np.abs(N) * np.maximum(friction[0], 0.0),
-        viscous=N**2 * np.maximum(friction[1], 0.0),
+        rotor=usable * N**2 * i.inertia.M,
+        M2=usable * N[:, None] * i.inertia.M2 * N,
+        coulomb=usable * np.abs(N) * np.maximum(friction[0], 0.0),
+        viscous=usable * N**2 * np.maximum(friction[1], 0.0),
     )
 
 

@@ -21,6 +21,9 @@ _SINE_POINTS = 512
 """Samples of a sine."""
 _NEWTON, _CONVERGED = 36, 1e-6
 """Most Newton steps for the deflection, and the relative torque residual that ends them."""
+_NEWTON_OF_LOOPS = 6
+"""Most steps where further deflection is measured, as of loops in motions: a right law takes fewer, a
+wrong one minutes with 36."""
 _SLOW = 0.2
 """Ratio of torque residuals of a step with earlier slopes from which they are evaluated again."""
 _CENTRED = 1e-9
@@ -107,14 +110,15 @@ class WoundGears:
         old = np.full(size.shape, earlier is None)  # whose slopes are of no use
         fresh = np.zeros(size.shape, bool)  # whose last step is with slopes where it began
         inverse = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m)) if earlier is None else earlier.copy()
-        for turn in range(_NEWTON):
+        most = _NEWTON_OF_LOOPS if given is measured else _NEWTON
+        for turn in range(most):
             beyond, slope, samples = beyond_linear(laws, delta, points)
             delta[..., 1 + H :] = measured + free * beyond[..., 1 + H :]
             beyond = beyond[..., : 1 + H]
             left = np.where(solved, (f - kappa * delta[..., : 1 + H] - beyond)[..., : 1 + m], 0)
             size_left = np.linalg.norm(left, axis=2)
             is_open = size_left > _CONVERGED * size
-            if turn == _NEWTON - 1 or not np.any(is_open):
+            if turn == most - 1 or not np.any(is_open):
                 break
             better = size_left < least
             due = better & is_open & (old | (size_left > _SLOW * least))

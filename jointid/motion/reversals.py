@@ -67,7 +67,7 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
         stretches = _stretches(v[j], max(window * largest[j], blur[j]), blur[j])
         unknown = _polynomials(stretches, N, H, int(2 * _MOST * (H - segment.lowest + 1)))
         columns.append(unknown[:, None] * np.eye(n)[j, :, None])
-        turns, signs = _steps(v[j], blur[j], late[j], latest[j])
+        turns, signs = reversals(v[j], blur[j], late[j], latest[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
         fades = (
             np.expm1(-np.abs(v[j]) / widths[j][:, None]) * signs[np.searchsorted(turns, np.arange(N))]
@@ -82,7 +82,7 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
     )
 
 
-def _steps(v: Floats, blur: float, late: float, latest: float) -> tuple[Floats, Floats]:
+def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Floats, Floats]:
     """Samples, with their fraction, at which the direction changes, and the directions (m + 1,).
 
     The velocity is then ``late`` in the direction before, but the motor turned no more than ``latest``

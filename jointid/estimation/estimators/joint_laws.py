@@ -169,7 +169,7 @@ class JointLaws:
         kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
             start = (self.latest[-1].delta, self.latest[-1].latest_inverse) if self.latest else ()
-            given = self.further.swapaxes(1, 2)
+            given = self.further.swapaxes(1, 2)[..., : None if "hysteresis" in p.layout else 0]
             free = 0 * given if given.size else self._beyond_measured(p)
             found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, *start, given=given)
         self.latest[:] = [found] if np.isfinite(found.delta).all() else []
