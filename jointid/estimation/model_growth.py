@@ -37,8 +37,9 @@ the data: a fit takes seconds."""
 
 def grown(search: Search, best: Model) -> Model:
     """The best of a model and those with one more part, pruned."""
-    fits, found = search.fits, [best]
-    for wider in sorted(_extensions(search, best), key=lambda model: model.is_slow):
+    fits, extensions = search.fits, _extensions(search, best)
+    found = [best, *(each for each in extensions if not search.is_open(each))]  # fitted before
+    for wider in sorted(filter(search.is_open, extensions), key=lambda model: model.is_slow):
         leading = fits.least(found)
         if search.is_spent:
             break
@@ -113,7 +114,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         laws_instead = ["piecewise"] if "backlash" in model.parts else ["backlash", "piecewise"]
         instead_of_cubic = [plain.with_part(law) for law in laws_instead]
         wider = [*wider, *instead_of_cubic] if highest > NEARLY_ALL else [*instead_of_cubic, *wider]
-    return [each for each in wider if search.is_open(each)]
+    return wider
 
 
 def _clear_parts(search: Search, model: Model, found: LikelihoodEstimate) -> list[str]:
