@@ -267,7 +267,7 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
     assert "double gear2(" in (here / "s.gears.txt").read_text("utf-8")
     assert "torque_m2_Nm" in (here / "s.gears.csv").read_text("utf-8")
     assert "law_Nm" in (here / "s.torsion.csv").read_text("utf-8")
-    assert "K : ARRAY[1..2] OF LREAL := [" in (here / "s.st").read_text("utf-8")
+    assert "JointStiffness : ARRAY [1..2] OF LREAL := [" in (here / "s.st").read_text("utf-8")
     assert "static const double D[2] = {" in (here / "s.c").read_text("utf-8")
     np.testing.assert_allclose(laws["cubic"], [9000, 0], rtol=0.02)
     np.testing.assert_allclose(laws["backlash_rad"], [0, 0.004], rtol=0.02)

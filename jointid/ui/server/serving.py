@@ -10,8 +10,6 @@ import os
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from importlib import import_module
-from threading import Thread
 from time import monotonic
 from typing import Any
 
@@ -27,8 +25,6 @@ LEAST_BYTES = 20_000
 """Least traffic of a client in ``PATIENCE_S``: more than the longest head of a request."""
 _MOST_CONNECTIONS = 500
 """Fifty tabs with seven connections each; with their sessions below the usual 1024 descriptors."""
-_PRELOADED = ("jointid.ui.study.overview", "jointid.ui.cut.panels", "jointid.files.table_preview")
-"""Modules of the first page, then of tables: imported while the browser loads the client."""
 KEPT_S = 3 * PATIENCE_S
 """Time for a tab to connect again, for instance after its network failed, s."""
 
@@ -99,14 +95,8 @@ async def _close_sessions() -> None:
                 server.close_session(session)
 
 
-def _import_pages() -> None:
-    for module in _PRELOADED:
-        import_module(module)
-
-
 def serve(script: str, port: int) -> None:
     """Serve the app until a signal ends it; ``.streamlit/config.toml`` beside it holds the address."""
-    Thread(target=_import_pages, name="imports", daemon=True).start()
     app = st.App(script, lifespan=_closing_sessions)
     config.set_option("server.port", port)
     address = config.get_option("server.address") or "127.0.0.1"
