@@ -25,18 +25,24 @@ _SAME_FILTER = 0.02
 """Relative difference between time constants below which friction keeps its waveforms."""
 
 
+def filters_before_friction(model: Model, p: Parameters | None) -> Floats | None:
+    """Time constants of the position filters that a model's friction is freed of, shape (n,), s."""
+    if p is None or "position_filter" not in model.effects or "position_filter" not in p.layout:
+        return None
+    return p["position_filter"]
+
+
 def model_waveforms(
     phasors: Phasors, model: Model, p: Parameters | None = None
 ) -> FrictionWaveforms | None:
     """Friction waveforms of a model, with the position filters of some parameters; None without."""
     if model.reversal is None:
         return None
-    own = "position_filter" in model.effects and p is not None and "position_filter" in p.layout
     return friction_waveforms(
         phasors,
         model.reversal,
         curve=model.curve,
-        position_filter=p["position_filter"] if own and p else None,
+        position_filter=filters_before_friction(model, p),
     )
 
 

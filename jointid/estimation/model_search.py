@@ -12,7 +12,7 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import EFFECTS, Parameters
 from jointid.estimation.estimators.score_tests import Score, scores
-from jointid.estimation.model_fits import fit_model, model_waveforms
+from jointid.estimation.model_fits import filters_before_friction, fit_model, model_waveforms
 from jointid.estimation.start_values import other_laws, with_delay, without_inertias
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
@@ -121,8 +121,8 @@ class Search:
 
     def waveforms(self, model: Model, p: Parameters) -> FrictionWaveforms | None:
         """Friction waveforms of a model at some parameters."""
-        filtered = "position_filter" in model.effects and "position_filter" in p.layout
-        key = model.reversal, model.curve, *(p["position_filter"].tolist() if filtered else ())
+        filters = filters_before_friction(model, p)
+        key = model.reversal, model.curve, *(() if filters is None else filters.tolist())
         if key not in self._waveforms:
             self._waveforms[key] = model_waveforms(self.phasors, model, p)
         return self._waveforms[key]
