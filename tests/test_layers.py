@@ -25,7 +25,7 @@ HOMES = {
     "uvicorn": ["jointid/ui/server/serving.py"],
     "plotly": ["jointid/figures/*"],
     "pymunk": ["jointid/cut/arm_simulation.py"],
-    "pandas": ["jointid/files/*", "jointid/importing/*"],
+    "pandas": ["jointid/files/*", "jointid/importing/*", "jointid/ui/shared/page.py"],
     "pyarrow": [
         "jointid/files/*", "jointid/importing/*",
         "jointid/fleet/table.py", "jointid/fleet/content.py",

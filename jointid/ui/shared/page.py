@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+import pandas  # noqa: F401 - before any figure: plotly uses it half imported in another thread
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
