@@ -64,6 +64,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_runs": ("from_arrays", "six_axis_tool"),
     },
     "test_figures.py": {
+        "test_an_estimate_that_is_no_spring_still_shows_the_measurement": (),
         "test_every_figure_names_its_axes_with_units_and_its_meanings_once": ("True-2", "True-1"),
     },
     "test_fleet.py": {
@@ -133,9 +134,13 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "test_the_gradient_is_that_of_the_cost": ("*-0.1",),
     },
+    "test_long_records.py": {
+        "test_a_long_study_is_analysed_like_another": (),
+    },
     "test_motion.py": {
         "test_an_initial_state_does_not_change_the_answer": (),
         "test_errors_hold_rounding_that_repeats": (),
+        "test_friction_is_chosen_by_itself": (),
         "test_inertias_need_not_be_known": (),
         "test_motions_of_two_joints": ("None-moves", "None-sweep", "inf-random"),
         "test_without_noise_k_and_d_are_exact": ("1000.0*",),
@@ -146,6 +151,9 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_friction_acts_in_a_simulated_motion": (),
         "test_sweeps_do_not_become_steady_sines": ("12.0",),
         "test_torques_of_another_robot_are_no_usable_answer": (),
+    },
+    "test_motion_response.py": {
+        "test_error_is_the_covariance": ("1-0.0001", "2-1e-06"),
     },
     "test_outcome.py": {
         "test_a_stiffness_error_costs_its_share_of_the_rigid_servos_error": ("0.5", "2.0"),
@@ -167,12 +175,16 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_report.py": {
         "test_a_figure_gives_way_before_it_leaves_a_page_empty": ("0", "20"),
+        "test_a_study_that_is_no_spring_is_reported_as_such": (),
         "test_another_process_gives_the_same_bytes": (),
         "test_no_page_but_the_last_is_mostly_empty": ("2",),
         "test_other_numbers_of_joints_have_no_cut": ("1",),
     },
     "test_report_page.py": {
         "test_the_report_is_made_on_demand_and_kept": ("2",),
+    },
+    "test_samples.py": {
+        "test_the_failed_study_names_its_cause_and_the_remedy_mends_it": (),
     },
     "test_sensor_steps.py": {
         "test_rounding_of_slow_and_sticking_motion_is_claimed": ("67.0-*",),
@@ -196,6 +208,9 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     "test_tolerance.py": {
         "test_and_with_every_option_of_the_servo": ("serial",),
         "test_the_map_is_made_of_single_cuts": ("0.01-*",),
+    },
+    "test_tool_stiffness.py": {
+        "test_a_slow_tool_bends_by_gravity_alone": (),
     },
     "test_tracking.py": {
         "test_identified_parameters_cut_within_hundredths_of_a_millimetre": ("0.01*",),
@@ -223,7 +238,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_exchanged_joints_and_units_that_inertias_absorb": ("sound*", "<lambda>-inertia4*"),
         "test_friction_does_not_hide_exchanged_or_reversed_axes": ("given0*0.0", "given[123]*0.05"),
         "test_factor_of_one_record_is_named": ("1-87.0*",),
-        "test_one_record_in_degrees_is_named_and_no_inertia_blamed": ("5-weighted",),
+        "test_one_record_in_degrees_is_named_and_no_inertia_blamed": (),
         "test_what_is_wrong_in_every_record_accuses_none": ("six-0.8",),
         "test_wrong_scale_comes_first_and_hides_what_follows_from_it": ("*-weighted",),
     },

@@ -57,8 +57,8 @@ def once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @cache
-def record(seed: int = 1) -> MotionRecord:
-    return motion_record(TRUTH, seed)
+def record() -> MotionRecord:
+    return motion_record(TRUTH, 1)
 
 
 @cache
@@ -101,7 +101,7 @@ def test_joints_whose_torque_hardly_varies_or_that_rest_are_refused() -> None:
 
 
 def test_one_record_predicts_the_deflection_of_another() -> None:
-    other = record(9)
+    other = motion_record(TRUTH, 9, seconds=8.0)
     assert other.arm_rad is not None
     measured = other.theta_rad / ROBOT.gear_ratio - other.arm_rad
     left = (measured - fit().predict(other))[:, :SENSORS]

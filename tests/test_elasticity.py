@@ -277,14 +277,14 @@ def shared_equations(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_errors_are_as_stated(n: int, count: int, freedom: int | None, unlike: float) -> None:
-    """320 realisations in a long run, a third in a normal one.
+    """320 realisations in a long run, half in a normal one.
 
     ``freedom`` None knows the noise, else it is estimated from so many draws. The standard deviation of
     a variance ratio is 0.08: 0.7 to 1.35 is four of them. The misfit of a right model is 1 on average.
     Where the noise of the records differs by a factor of sixteen and only a few periods show it, the
     error may be stated up to 1.6 times too wide, never too narrow.
     """
-    runs, base, inertia = tries(80, long=320), example(n, count=count), ROBOTS[n][0]
+    runs, base, inertia = tries(160, long=320), example(n, count=count), ROBOTS[n][0]
     noise = mild_noise(base, unlike=unlike)
     rng = np.random.default_rng(5)
     fits: dict[str, list[ElasticityFit]] = {method: [] for method in LINEAR}
