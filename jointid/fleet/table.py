@@ -1,7 +1,5 @@
 """A fleet's rows as one Parquet table, and back to the last bit."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Sequence
@@ -16,7 +14,7 @@ from jointid.background.child_process import Child, Ended, Limits
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
 from jointid.fleet.jobs import WORKER
-from jointid.fleet.row import MAX_JOINTS, Row, checked, from_plain
+from jointid.fleet.row import MAX_JOINTS, Row, from_plain
 
 MAX_ROWS = 1_000_000
 """Most rows of a table that is read; larger ones must be split."""
@@ -30,14 +28,14 @@ _TAIL = (
     "delay_s", "delay_error_s", "model", "misfit", "verdict", "findings", "error", "failure", "time_s",
     "method", "version", "digest", "content",
 )  # fmt: skip
-_ARROW_TYPES = {
-    "str": pa.string(),
-    "int": pa.int32(),
-    "float": pa.float64(),
-    "float | None": pa.float64(),
-    "tuple[str, ...]": pa.list_(pa.string()),
+_ARROW_TYPES: dict[object, Any] = {
+    str: pa.string(),
+    int: pa.int32(),
+    float: pa.float64(),
+    float | None: pa.float64(),
+    tuple[str, ...]: pa.list_(pa.string()),
 }
-_TYPES = {f.name: _ARROW_TYPES[str(f.type)] for f in fields(Row) if f.name not in _JOINTWISE}
+_TYPES = {f.name: _ARROW_TYPES[f.type] for f in fields(Row) if f.name not in _JOINTWISE}
 _UNITS = {"K": b"N.m/rad", "D": b"N.m.s/rad", "c": b"N.m", "v": b"N.m.s/rad"}
 
 
@@ -126,7 +124,7 @@ def _row(columns: dict[str, list[Any]], k: int) -> Row:
         values = [columns.get(column.format(j + 1), [None] * (k + 1))[k] for j in range(joints)]
         plain[name] = tuple(value for value in values if value is not None)
     try:
-        return checked(Row(**plain))
+        return from_plain(plain)
     except ValueError as error:
         raise ValueError(f"row {k + 1} has {error!s:.160}") from error
 
