@@ -27,17 +27,9 @@ _Record = SineRecord | MotionRecord
 def corrected(study: Study, change: Change) -> Study:
     """Return the study with a change made, and a sentence on it at the end of ``changes``.
 
-    Parameters
-    ----------
-    study : Study
-        The study of the finding that proposes the change.
-    change : Change
-
-    Raises
-    ------
-    JointIdError
-        When the change is not possible, such as a later start of a record that never becomes steady, or
-        a record that is read in parts.
+    ``study`` is that of the finding that proposes the change. Raises JointIdError when the change is not
+    possible, such as a later start of a record that never becomes steady, or a record that is read in
+    parts.
     """
     made, sentence = _CHANGES[change.kind](study, change)
     return replace(made, changes=(*study.changes, sentence))

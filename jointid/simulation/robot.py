@@ -13,7 +13,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats, per_joint
 from jointid.errors import JointIdError
 from jointid.gears.laws import GearLaws
-from jointid.joints import Elasticity, Inertia
+from jointid.joints import Elasticity, Inertia, require_same_joints
 from jointid.simulation.experiment import Controller, Measurement, MotorFriction
 from jointid.simulation.motion import SampledReference
 from jointid.simulation.motor_dynamics import (
@@ -23,7 +23,6 @@ from jointid.simulation.motor_dynamics import (
     plant,
     step_with_friction,
 )
-from jointid.wording import counted
 
 _CHUNKS = 64
 """Calls of a progress function per run."""
@@ -55,11 +54,7 @@ class Robot:
         friction: MotorFriction,
         gears: GearLaws | None = None,
     ) -> None:
-        if inertia.n != elasticity.n:
-            raise JointIdError(
-                f"The inertia has {counted(inertia.n, 'joint')}, the elasticity {elasticity.n}: "
-                "they must agree."
-            )
+        require_same_joints(inertia, elasticity)
         n = self.n = inertia.n
         self.T = 1 / controller.sample_rate_hz
         self.inertia, self.elasticity = inertia, elasticity
