@@ -194,7 +194,15 @@ class Robot:
         w -= omega**2 * (self.feedforward @ A)
         loop = z[:, None, None] * np.eye(len(self.closed)) - self.closed
         S = np.linalg.solve(loop, (self.drive @ w).T[:, :, None])[:, :, 0].T
-        _require_one_direction(velocity, np.abs(omega * S[:n]))
+        amplitude = np.abs(omega * S[:n]).max(axis=1)
+        reverses = (velocity != 0) & (np.abs(velocity) <= amplitude)
+        if reverses.any():
+            j = int(np.argmax(reverses))
+            raise JointIdError(
+                f"constant_velocity_rad_s of joint {j + 1} is {velocity[j]:g} rad/s, but its sine "
+                f"reaches {amplitude[j]:.3g} rad/s: the joint would reverse. Superpose more, or move "
+                "less."
+            )
         if velocity.any() and self.inertia.gravity.any():
             raise JointIdError(
                 "constant_velocity_rad_s is not 0 and gravity acts: the pose changes. Leave one out."
@@ -227,13 +235,3 @@ def _gains(controller: Controller, inertia: Inertia) -> tuple[Floats, Floats]:
 def _noise(source: np.random.Generator, std: Floats, shape: tuple[int, ...]) -> Floats:
     """White noise of each joint's standard deviation, (N, n, R)."""
     return std[:, None] * source.standard_normal(shape) if std.any() else np.zeros(shape)
-
-
-def _require_one_direction(velocity: Floats, amplitude: Floats) -> None:
-    reverses = (velocity != 0) & (np.abs(velocity) <= amplitude.max(axis=1))
-    if reverses.any():
-        j = int(np.argmax(reverses))
-        raise JointIdError(
-            f"constant_velocity_rad_s of joint {j + 1} is {velocity[j]:g} rad/s, but its sine reaches "
-            f"{amplitude[j].max():.3g} rad/s: the joint would reverse. Superpose more, or move less."
-        )
