@@ -229,12 +229,12 @@ def checked_setting(
 def _weights_table(value: ArrayLike) -> Complexes:
     try:
         table = np.array(value, dtype=np.complex128)
-    except (TypeError, ValueError) as error:
-        raise JointIdError(f"pattern: expected complex weights, got {value!r:.80}.") from error
+    except (TypeError, ValueError):
+        table = np.empty(0, dtype=np.complex128)
     if table.ndim != 2 or table.size == 0 or not np.isfinite(table).all():
         raise JointIdError(
             "pattern: expected finite complex weights, one row per record and one column per joint; "
-            f"got shape {table.shape}."
+            f"got {value!r:.80}."
         )
     if not table.any(axis=1).all():
         row = int(np.argmin(table.any(axis=1))) + 1
