@@ -100,9 +100,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         odd = distortion(evidence)
         if odd > 1e-3:
             remedy = f"The torque has odd harmonics of {percent(odd)}, a sign of friction. " + (
-                "Use the estimator auto (automatic)."
-                if fit.method in LINEAR
-                else "Check the inertias too."
+                "Use the estimator auto." if fit.method in LINEAR else "Check the inertias too."
             )
     if mended := half_a_sample(evidence):
         remedy, action = mended, "edit mapping"

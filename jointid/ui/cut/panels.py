@@ -260,8 +260,8 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 promised = remainder(outcome, EVERYDAY_SERVO, outcome.robot.friction)
             elif outcome.distribution is not None:
                 promised = (
-                    "95 % of the robots within the uncertainty of the identified values stay "
-                    f"{_below(outcome.after_m)}. {outcome.not_better}"
+                    "Of robots drawn from the error bars of K and D, 95 % stay "
+                    f"{_below(outcome.after_m)}. {outcome.not_better}".rstrip()
                 )
             st.caption(
                 "A rectangle of 28 × 45 mm with corner zones of 10 mm, the largest, at 300 mm/s, cut by "

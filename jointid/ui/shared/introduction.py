@@ -7,7 +7,7 @@ import streamlit as st
 
 from jointid.files.application import application_folder
 
-_ENTRY = re.compile(r"^\*\*(.+?)\*\*: .*$", re.MULTILINE)
+_ENTRY = re.compile(r"^\*\*(.+?)\*\*: .*(?:\n.+)*", re.MULTILINE)
 _SYMBOL = re.compile(r" [A-ZησJ][\w, ]*$")
 
 

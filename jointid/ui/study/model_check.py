@@ -52,12 +52,15 @@ def _sentence(prediction: Prediction | TorquePrediction) -> str:
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
     of = "the gears' torque" if isinstance(prediction, TorquePrediction) else "H"
-    text = f"within {apart} % of {of} (median), {times} × the standard errors"
+    text = (
+        f"within {apart} % of {of} (median). The deviation is {times} × its standard error; noise alone "
+        f"gives up to {limit}."
+    )
     if prediction.misfit <= EXPLAINED:
-        return f"{text}; up to {limit} is expected from noise."
+        return text
     return (
-        f"{text}; at most {limit} is expected from noise. The model lacks an effect, or these records "
-        "show less than the whole fit takes into account."
+        f"{text} The model lacks an effect, or these records show less than the whole fit takes into "
+        "account."
     )
 
 
