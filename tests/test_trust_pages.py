@@ -105,7 +105,7 @@ class TestErrorBars:
         self, app: AppTest, joints: int
     ) -> None:
         said = next(c.value for c in opened(app, "app.py", joints).caption if "left out" in c.value)
-        found = re.search(r"within (\S+) % .* (\S+) × the standard errors", said)
+        found = re.search(r"within (\S+) % .* (\S+) × its standard error", said)
         assert found is not None
         assert 0 < float(found[1]) < 5
         assert 0.3 < float(found[2]) < 3
