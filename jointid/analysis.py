@@ -156,7 +156,8 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
     """
     if not isinstance(study, Study):
         raise JointIdError(f"analyse needs a Study, got {study!r:.80}. Build one, or use load_study.")
-    with one_thread():
+    # What overflows is no number, and judged as such.
+    with one_thread(), np.errstate(over="ignore"):
         return _analyse(study, method)
 
 

@@ -65,8 +65,7 @@ class WoundGears:
         moved: Complexes,
         low: np.ndarray,
         free: Complexes,
-        start: Complexes | None = None,
-        earlier: Floats | None = None,
+        start: WoundGears | None = None,
         *,
         given: Complexes | None = None,
     ) -> WoundGears:
@@ -85,17 +84,15 @@ class WoundGears:
             Harmonics whose deflection follows from the torque.
         free : ndarray, shape (r, n, T)
             Deflection over g at the harmonics H + 1 to H + T, which nothing but the gear drives.
-        start : ndarray, shape (r, n, 1 + H + T), optional
-            The deflection at similar parameters.
-        earlier : ndarray, shape (r, n, 1 + 2m, 1 + 2m), optional
-            The latest inverse there.
+        start : WoundGears, optional
+            The solution at similar parameters.
         given : ndarray, shape (r, n, T), optional
             Further deflection at the harmonics H + 1 to H + T, as measured.
         """
         H, m = f.shape[2], low.shape[2]
         measured = 0.0 if given is None or not given.size else given
         points = _POINTS * max(H + free.shape[2] * (given is measured), _LEAST_HARMONICS)
-        first = _started(laws, f, stiffness, points) if start is None else start
+        first = _started(laws, f, stiffness, points) if start is None else start.delta
         mean = np.zeros_like(f[..., :1])
         solved = np.concatenate([np.ones((*low.shape[:2], 1), bool), low], axis=2)
         delta = np.concatenate([first[..., :1], moved, first[..., 1 + H :]], axis=2)
@@ -107,9 +104,12 @@ class WoundGears:
         size = np.abs(f).max(axis=2) + np.finfo(float).tiny
         before, least = delta.copy(), np.full(size.shape, np.inf)
         step = np.zeros((*size.shape, 1 + m), complex)
-        old = np.full(size.shape, earlier is None)  # whose slopes are of no use
+        old = np.full(size.shape, start is None)  # whose slopes are of no use
         fresh = np.zeros(size.shape, bool)  # whose last step is with slopes where it began
-        inverse = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m)) if earlier is None else earlier.copy()
+        if start is None:
+            inverse = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m))
+        else:
+            inverse = start.latest_inverse.copy()
         most = _NEWTON_OF_LOOPS if given is measured else _NEWTON
         for turn in range(most):
             beyond, slope, samples = beyond_linear(laws, delta, points)

@@ -163,8 +163,8 @@ def _factor(
     predicted = Z @ q
     if np.linalg.norm(predicted) > 0:
         whole = np.vdot(predicted, tau) / np.vdot(predicted, predicted)
-        rest = np.linalg.norm(tau - whole * predicted) / np.linalg.norm(tau)
-        if rest < _TOLERANCE and _is_real(np.array([whole])):
+        rest = np.linalg.norm(tau - whole * predicted)
+        if rest < _TOLERANCE * np.linalg.norm(tau) and _is_real(np.array([whole])):
             value = _snapped(float(whole.real))
             return np.full(q.size, value), _usual_on_angle(value)
     with np.errstate(divide="ignore", invalid="ignore"):

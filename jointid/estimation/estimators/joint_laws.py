@@ -156,23 +156,22 @@ class JointLaws:
     def wound(
         self, torque: Complexes, moved: Complexes, stiffness: Complexes, p: Parameters
     ) -> WoundGears | None:
-        """Deflection of nonlinear gears; None of linear ones.
+        """Deflection of nonlinear gears, None of linear ones, from signals of shape (r, H, n).
 
-        Parameters
-        ----------
-        torque, moved, stiffness : ndarray, shape (r, H, n)
-            Torque through the gears, their deflection by the motions of motor and arm, and their linear
-            dynamic stiffness.
+        ``moved`` is the deflection by the motions of motor and arm, ``stiffness`` linear and dynamic.
         """
         if not any(name in p.layout for name in GEAR_LAWS):
             return None
         kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
+        given = self.further.swapaxes(1, 2)[..., : None if "hysteresis" in p.layout else 0]
+        free = 0 * given if given.size else self._beyond_measured(p)
+        laws = _laws(_values(p))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
-            start = (self.latest[-1].delta, self.latest[-1].latest_inverse) if self.latest else ()
-            given = self.further.swapaxes(1, 2)[..., : None if "hysteresis" in p.layout else 0]
-            free = 0 * given if given.size else self._beyond_measured(p)
-            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, *start, given=given)
-        self.latest[:] = [found] if np.isfinite(found.delta).all() else []
+            for start in (*self.latest, None):  # the start of other parameters may lead nowhere
+                found = WoundGears.solve(laws, kappa, f, d, self.low, free, start, given=given)
+                if np.isfinite(found.delta).all():
+                    self.latest[:] = [found]
+                    break
         return found
 
     def _beyond_measured(self, p: Parameters) -> Complexes:
