@@ -106,8 +106,10 @@ def floored(covariance: Complexes, z: Complexes) -> Complexes:
     return np.asarray(covariance + np.diag((_FLOOR * largest) ** 2))
 
 
-def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes, angles: Floats) -> Floats:
-    """Variance of each sample of the torques of motions, shape (n,).
+def sensor_noise(
+    phasors: Phasors, left: Complexes, E: Complexes, angles: Floats
+) -> tuple[Floats, Floats]:
+    """Variance of each sample of the torques of motions (n,), and the local residuals that show it (n,).
 
     In a few neighbouring lines, a part of the residual that is linear in the angles, with smooth
     coefficients, is no noise but an error of the model; a smooth part is that of the ends. Noise is the
@@ -145,9 +147,10 @@ def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes, angles: Floats
         powers.append((np.abs(r) ** 2).sum(axis=1) / (width - columns) * segment.samples / 4)
         gains.append((np.abs(E[row, used]) ** 2).reshape(count, width, n, 2 * n).mean(axis=1))
     if not powers:
-        return np.zeros(n)
+        return np.zeros(n), np.zeros(n)
     power, gain = np.concatenate(powers), np.concatenate(gains)
-    return np.array([_further_variance(power[:, j], gain[:, j], n + j, angles) for j in range(n)])
+    found = [_further_variance(power[:, j], gain[:, j], n + j, angles) for j in range(n)]
+    return np.array(found), np.isfinite(power).sum(axis=0)
 
 
 def _further_variance(power: Floats, gain: Floats, channel: int, known: Floats) -> float:
