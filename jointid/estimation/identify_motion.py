@@ -17,7 +17,6 @@ from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
-from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.model_fits import evaluated, fit_model, stepped
 from jointid.estimation.model_selection import choose_model
@@ -39,8 +38,6 @@ _SAME = 0.1
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
 """Least share of a joint's equations in a segment that free friction leaves, and the share from which
 the segment shows the noise; without such segments those with the largest share do."""
-_FEWEST_LOCAL = 6
-"""Local residuals that show the torque's noise of a record of its own."""
 
 
 def identify_motion(
@@ -194,53 +191,31 @@ def _with_noise(
     noise = _noise(phasors, prior)
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
     residual = evaluated(phasors, prior, model, estimate, noise, unweighted)
-    torques = _torque_variances(phasors, residual)
+    left = residual.at.r - residual.free_friction()
+    rows = 2 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
+    share = np.where(
+        residual.at.problem.used, 1 - residual.projection.rank_by_joint(phasors.n) / rows, 0
+    )
+    clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
+    share = np.where(clear, share, np.nan)
+    torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
     braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
-            variance = np.concatenate([segment.angle_variance, torques[segment.record]])
+            least, most = segment.least_torque_variance, segment.most_torque_variance
+            torque = np.clip(torques[segment.record], least, np.maximum(most, least))
+            variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             segments[row] = replace(segment, turn_rad_s=late, known={})
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
 
-def _torque_variances(phasors: Phasors, residual: WhitenedResidual) -> dict[int, Floats]:
-    """Variance of each sample of the torques (n,) in every motion record, by its number.
-
-    Records may differ: a slower one may hold an aliased torque. A record with too few lines has the
-    variance of all.
-    """
-    left, E = residual.at.r - residual.free_friction(), residual.at.E
-    equations = 2 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
-    bound = residual.projection.rank_by_joint(phasors.n)
-    share = np.where(residual.at.problem.used, 1 - bound / equations, 0)
-
-    def of(rows: np.ndarray) -> tuple[Floats, Floats]:
-        """Variances (n,) of some segments, and the number of local residuals behind each."""
-        clear = share[rows] >= np.clip(share[rows].max(axis=0), _LEAST_LEFT, _CLEAREST)
-        shown = left[rows] * np.where(clear, share[rows], np.nan)[:, None] ** -0.5
-        segments = [phasors.segments[row] for row in rows.tolist()]
-        angles, most, least = (
-            np.mean([getattr(segment, name) for segment in segments], axis=0)
-            for name in ("angle_variance", "most_torque_variance", "least_torque_variance")
-        )
-        found, count = sensor_noise(phasors.select(rows), shown, E[rows], angles)
-        return np.clip(found, least, np.maximum(most, least)), count
-
-    record = np.array([-1 if segment is None else segment.record for segment in phasors.segments])
-    common, _ = of(np.flatnonzero(phasors.motion))
-    each = {k: of(np.flatnonzero(record == k)) for k in np.unique(record[phasors.motion]).tolist()}
-    return {k: np.where(count < _FEWEST_LOCAL, common, own) for k, (own, count) in each.items()}
-
-
 def _differ(one: Phasors, other: Phasors) -> bool:
     """Whether the noise of motions differs noticeably."""
     rows = one.motion
-    before, after = (
-        np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real for each in (one, other)
-    )
+    before, after = (np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real for each in (one, other))
     return bool(np.any(np.sqrt(np.mean((before / after - 1) ** 2, axis=0)) > _SAME))
 
 

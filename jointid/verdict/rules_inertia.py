@@ -23,6 +23,7 @@ from jointid.verdict.evidence import (
     problem,
     relative,
     some,
+    times_noise,
     warning,
 )
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
@@ -69,7 +70,7 @@ def axes_exchanged(evidence: Evidence) -> Iterator[Finding]:
     if np.any(other.estimate <= 0) or other.misfit > _EXPLAINED or after > most:
         return
     texts = [
-        f"{number(np.sqrt(each.misfit), 2)} × noise"
+        times_noise(each.misfit)
         + f" and inertias up to {number(off, 2)} standard deviations from the given ones" * (before > 0)
         for each, off in ((fit, before), (other, after))
     ]
@@ -93,8 +94,8 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     accounts = "K and D come from the fitted inertias."
     if exact:
         accounts = (
-            f"Refitting the inertias cuts the residual from {number(np.sqrt(fit.misfit), 2)} to "
-            f"{number(np.sqrt(own.misfit), 2)} × noise, and "
+            f"Refitting the inertias cuts the residual from {times_noise(fit.misfit)} to "
+            f"{times_noise(own.misfit)}, and "
             f"{elasticity_labels(fit.n)[k]} changes by {percent(change[k])}."
         )
     absurd = not exact and off[0][0] > _ABSURD
@@ -160,7 +161,7 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
             yield problem(
                 f"A spring or gravity acts on joint {falling[0] + 1} at low frequency{where}",
                 "At the lowest frequencies its torque opposes the acceleration, unlike that of an "
-                f"inertia. The residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
+                f"inertia. The residual is {times_noise(fit.misfit)}.",
                 "Check the sign of the torque. If it is right, measure at higher frequencies, or in a "
                 "pose without gravity torque and without the pull of springs and hoses.",
                 1.0,
@@ -172,7 +173,7 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
                 f"The inertias look wrong{where}",
                 "At low frequency, where the springs have no effect, torque over acceleration gives "
                 f"about {element} = {number((measured[i, j] + measured[j, i]) / 2, 2)} kg·m² (entered: "
-                f"{number(given[i, j])}). The residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
+                f"{number(given[i, j])}). The residual is {times_noise(fit.misfit)}.",
                 "Check M and M2 for another pose or drive, a missing payload or wrong gear ratios.",
                 float(off[i, j]),
                 "edit inertias",
