@@ -36,7 +36,7 @@ _MUCH, _CONTRADICTED = 0.02, 20.0
 _NEGLIGIBLE_K, _NEGLIGIBLE_D = 1e-4, 1e-3
 """Relative changes of K and D that no use of them notices."""
 _ODD = 5.0
-"""Misfit of one record over that of the others from which it is named."""
+"""Misfit of one record over that of every other from which it is named."""
 _LOWEST = 0.1
 """Lowest suggested frequency over the lowest of the records."""
 _GAP = 1.4
@@ -177,13 +177,12 @@ def _odd_record(evidence: Evidence) -> tuple[str, list[Change]]:
         squares = np.nan_to_num(np.abs(fit.residual / fit.residual_noise) ** 2, posinf=0.0).mean(axis=1)
     labels, of_row = np.unique(fit.phasors.labels, return_inverse=True)
     each = np.bincount(of_row, squares) / np.bincount(of_row)
-    worst = int(np.argmax(each))
-    others = squares[of_row != worst]
-    if not others.size or not each[worst] > _ODD * max(1.0, others.mean()) or others.mean() > EXPLAINED:
+    *others, worst = np.argsort(each).tolist()
+    if not others or each[worst] < _ODD * max(1.0, each[others[-1]]) or each[others[-1]] > EXPLAINED:
         return "", []
     text = (
         f" Most of it is in {labels[worst]}: {times_noise(each[worst])}; in the others "
-        f"{times_noise(others.mean())}."
+        f"up to {times_noise(each[others[-1]])}."
     )
     has_motions = len(evidence.sines) < len(evidence.records)
     return text, [] if has_motions else [Change("leave out", (int(np.argmax(of_row == worst)),))]
