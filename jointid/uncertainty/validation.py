@@ -192,7 +192,7 @@ class HarmonicContent:
 
 
 def harmonic_content(phasors: Phasors) -> HarmonicContent:
-    """Distortion of angle and torque of every joint; odd for friction, even for asymmetric load or play.
+    """Distortion of angle and torque; odd for friction, even for asymmetric load or backlash.
 
     Raises
     ------

@@ -177,7 +177,7 @@ class JointLaws:
     def _beyond_measured(self, p: Parameters) -> Complexes:
         """Deflection over torque beyond K δ at as many harmonics again, shape (r, n, T).
 
-        The edges of a play reach further than the harmonics of the records. There the controller does
+        The edges of backlash reach further than the harmonics of the records. There the controller does
         nothing, and the gear moves motor and arm apart. Of motions it is measured, or T = 0.
         """
         H = self.s.shape[1]
@@ -339,8 +339,8 @@ def _values(p: Parameters) -> Floats:
 
 
 def _laws(values: Floats) -> GearLaws:
-    K, cubic, play, level, presliding, bend, knee, second, further = values[..., None]
-    return GearLaws.made(K, cubic, play, level, presliding, (knee, knee + further), (bend, second))
+    K, cubic, backlash, level, presliding, bend, knee, second, further = values[..., None]
+    return GearLaws.made(K, cubic, backlash, level, presliding, (knee, knee + further), (bend, second))
 
 
 def _sign(x: Floats) -> Floats:
