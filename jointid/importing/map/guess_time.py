@@ -35,7 +35,11 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
             best = (score, column, late)
     if best is None:
         said = [column.name for column in table.columns if _says_time(column)]
-        why = f'"{said[0]}" is named as time but does not increase from row to row' if said else "No column increases"
+        why = (
+            f'"{said[0]}" is named as time but does not increase from row to row'
+            if said
+            else "No column increases"
+        )
         text = f"{why}: the rows are numbered. Give the sample rate; 1000 Hz is assumed."
         reasons.append(Reason("time", text))
         return TimeColumn("", SAMPLES, 1000.0)
