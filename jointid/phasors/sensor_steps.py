@@ -38,7 +38,7 @@ _TURNS = 1.2020569 / np.pi**4
 """Variance of a harmonic of a rounded sine of any offset, times its amplitude, in steps: ζ(3)/π⁴, from
 the Fourier series of rounding, a sine's Bessel functions and their mean squares for large arguments."""
 _ALIKE = 0.15
-"""Difference of two sines' amplitudes and means, in steps, below which rounding errs alike: 1 rad / 2π."""
+"""Difference of two sines' amplitudes and means, in steps, below which both are rounded alike."""
 _LEAST_STEP = 1e-150
 """Smallest step whose square does not underflow."""
 
