@@ -115,7 +115,7 @@ class Analysis:
 
         ``worst`` is the predicted worst error before the first and after each planned record.
         """
-        if any(finding.title == MODEL_LIMITS for finding in self.findings):
+        if any(finding.code == "model limits" for finding in self.findings):
             return f"{MODEL_LIMITS}: more records of the same kind do not help. First remove the cause."
         if worst[-1] > 0.9 * worst[0]:
             return "These records hardly reduce the worst error: more of the same kind do not help."
@@ -156,7 +156,8 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
     """
     if not isinstance(study, Study):
         raise JointIdError(f"analyse needs a Study, got {study!r:.80}. Build one, or use load_study.")
-    with one_thread():
+    # What overflows is no number, and judged as such.
+    with one_thread(), np.errstate(over="ignore"):
         return _analyse(study, method)
 
 
