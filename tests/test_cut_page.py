@@ -221,7 +221,7 @@ class TestPage:
         assert rough > ideal + 0.1
         assert "The servo does not compensate it" in words(at)
         assert "comes from friction, delay and encoder, not from the springs" in words(at)
-        assert "95 % of these robots" not in words(at)
+        assert "probability of 95 %" not in words(at)
         at = shown(at.checkbox(key="cut_compensated").check().run())
         assert headline(at)[1] < 0.2 * rough
 

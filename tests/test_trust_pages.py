@@ -104,8 +104,8 @@ class TestErrorBars:
     def test_the_prediction_of_left_out_records_is_beside_the_answer(
         self, app: AppTest, joints: int
     ) -> None:
-        said = next(c.value for c in opened(app, "app.py", joints).caption if "left out" in c.value)
-        found = re.search(r"within (\S+) % .* (\S+) × the standard errors", said)
+        said = next(c.value for c in opened(app, "app.py", joints).caption if "Fitted to half" in c.value)
+        found = re.search(r"within (\S+) %, .* \((\S+) σ;", said)
         assert found is not None
         assert 0 < float(found[1]) < 5
         assert 0.3 < float(found[2]) < 3
@@ -126,17 +126,17 @@ def test_every_page_about_several_poses(app: AppTest, studies: dict[int, Study])
     records = [replace(r, pose="ab"[i // 2 % 2]) for i, r in enumerate(study.records)]
     several = replace(study, records=records, poses=dict.fromkeys("ab", study.inertia))
     at = upload(app.run(), several, "poses.zip")
-    (said,) = [c.value for c in at.caption if "left out of the fit" in c.value]
-    within = re.search(r"within (\S+) % of the gears' torque", said)
+    (said,) = [c.value for c in at.caption if "Fitted to half" in c.value]
+    within = re.search(r"predict the gear torques at the others within (\S+) %", said)
     assert within is not None
     assert float(within[1]) < 1.0
     at.session_state["details"] = "Model check"
     at = shown(at.switch_page(ELASTICITY).run())
-    assert any("of the gears' torque (median)" in caption.value for caption in at.caption)
+    assert any("predict the gear torques" in caption.value for caption in at.caption)
     at = shown(at.switch_page(PLAN).run())
     assert not at.error
     assert list(at.selectbox(key="plan_pose").options) == ["a", "b"]
-    assert len(at.dataframe[0].value) == 3
+    assert len(at.table[0].value) == 3
     at.query_params["details"] = "Poses"
     at = shown(at.switch_page(ELASTICITY).run())
     poses = next(t.value for t in at.table if "Pose" in t.value)
@@ -150,7 +150,7 @@ class TestTheNextExperiment:
         self, app: AppTest, joints: int
     ) -> None:
         at = opened(app, PLAN, joints)
-        assert len(at.dataframe[0].value) == 3
+        assert len(at.table[0].value) == 3
         assert len(at.get("plotly_chart")) == 1
         said = re.fullmatch(r"3 additional records: worst error (\S+) % → (\S+) %", at.header[0].value)
         assert said is not None
@@ -182,7 +182,7 @@ class TestTheNextExperiment:
         at = opened(app, PLAN)
         at.number_input(key="plan_count").set_value(5)
         at = at.button[0].click().run()
-        assert len(at.dataframe[0].value) == 5
+        assert len(at.table[0].value) == 5
 
     @pytest.mark.parametrize(
         ("text", "said"), [("1, 2, 3", "3 values for 2"), ("much", "not a number"), ("-1", "positive")]
@@ -287,7 +287,7 @@ class TestSetPoints:
         assert not any("set points" in d.label for d in at.get("download_button"))
         at = self.checked(app)
         assert not at.error
-        rows = at.dataframe[-1].value
+        rows = at.table[-1].value
         assert list(rows["Joint"]) == ["1"] * 5 + ["2"] * 5
         assert all(number(margin) > 0 for margin in rows["Margin"])
         assert any("Save the set points (CSV)" in d.label for d in at.get("download_button"))
@@ -298,7 +298,7 @@ class TestSetPoints:
         assert re.search(
             r"velocity of joint \d reaches .* Set the scale of the motion", at.error[0].value
         )
-        assert any("✗" in margin for margin in at.dataframe[-1].value["Margin"])
+        assert any("✗" in margin for margin in at.table[-1].value["Margin"])
         assert not any("set points" in d.label for d in at.get("download_button"))
 
     def test_planned_motions_can_be_saved_too(self, app: AppTest) -> None:

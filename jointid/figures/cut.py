@@ -77,7 +77,7 @@ def path_error_histogram(distribution: PathErrorDistribution, *, dark: bool = Fa
     unit, factor = ("mm", 1e-3) if error.max() >= 100 else ("µm", 1.0)
     counts, edges = np.histogram(factor * error, bins=20)
     share = 100 * counts / error.size
-    hover = f"%{{x:.3g}} {unit}<br>%{{y:.0f}} % of the robots<extra></extra>"
+    hover = f"%{{x:.3g}} {unit}<br>%{{y:.0f}} % of the simulated robots<extra></extra>"
     look: Trace = {"width": np.diff(edges), "marker": {"opacity": 0.75}, "showlegend": False}
     middle = 0.5 * (edges[1:] + edges[:-1])
     traces = [bars(middle, share, "robots", ink.identified, hovertemplate=hover, **look)]
@@ -91,7 +91,7 @@ def path_error_histogram(distribution: PathErrorDistribution, *, dark: bool = Fa
         style = {"line": {"dash": dash}, "hovertemplate": f"{text}<extra></extra>"}
         traces.append(line(x, np.array([0.0, top]), text, ink.measured, **style))
     across = linear_axis(f"Largest path error ({unit})", nticks=6)
-    upwards = linear_axis("Share of the robots (%)", range=[0.0, top])
+    upwards = linear_axis("Share of simulated robots (%)", range=[0.0, top])
     return figure(traces, across, upwards, height=420, dark=dark, bargap=0)
 
 

@@ -40,7 +40,14 @@ h2 { font-size: 1.75rem !important; }
 @media (max-width: 640px) {  /* two cards in a row on a phone; a value and its error in two lines */
   [role="tablist"] { flex-wrap: wrap; }  /* every tab in view */
   .modebar-container { display: none; }  /* always shown on a touch screen, over the legend */
-  [data-testid="stTable"] td + td { min-width: 6rem; }
+  [data-testid="stTable"] td + td { min-width: 5.5rem; }
+  table.stacked thead { display: none; }
+  table.stacked :is(tbody, tr) { display: block; }
+  table.stacked tr + tr { border-top: 1px solid GrayText; }
+  table.stacked td { display: flex; justify-content: space-between; gap: 1rem; border: 0 !important;
+    padding: 0.15rem 0.5rem !important; }
+  table.stacked td:first-child { font-weight: 600; }
+  table.stacked td::before { content: attr(data-heading); }
   [data-testid="stElementContainer"]:has(> [data-testid="stMetric"]) {
     width: calc(50%% - 0.5rem) !important; min-width: 0 !important; flex: none !important; }
   [data-testid="stMetric"] { padding: 0.6rem !important; min-width: 0 !important; }

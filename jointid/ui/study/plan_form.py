@@ -1,6 +1,7 @@
 """Experiment planning: limits, suggested records, and an own plan."""
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import streamlit as st
@@ -166,7 +167,10 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     JointIdError
         When a cell is empty, or the plan is no experiment.
     """
-    st.write("Change the records, add some, or delete some; the table shows the expected accuracy.")
+    st.write(
+        "Change the records, add some, or delete some: frequency f, length t, and amplitude τ and phase φ "
+        "of each motor's torque. The table shows the expected accuracy."
+    )
     plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
     errors = page.computed(
         ("own plan", pose, content(plan)),
@@ -202,10 +206,19 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
         num_rows="dynamic",
         hide_index=True,
         key=f"own_plan_{digest[:12]}",
-        column_config={name: number(format="%g", required=True) for name in start},
+        # Narrow, so that a phone shows the columns of two joints; on a wide page they grow.
+        column_config={
+            name: number(label, width=62, help=name, format="%g", required=True)
+            for name, label in zip(start, _short_headings(turned.shape[1]), strict=True)
+        },
         alt="Your own plan",
     )
     return {str(name): list(values) for name, values in dict(edited).items()}
+
+
+def _short_headings(joints: int) -> list[str]:
+    of_joints = ((f"τ{j} (N·m)", f"φ{j} (°)") for j in range(1, joints + 1))
+    return ["f (Hz)", "t (s)", *chain.from_iterable(of_joints)]
 
 
 def _own_plan(columns: dict[str, list[float | None]], analysis: Analysis, pose: str) -> PlannedRecords:

@@ -11,8 +11,9 @@ from jointid.setpoints.from_plan import KINDS, planned_experiment
 from jointid.setpoints.limit_check import check_table, require_within_limits
 from jointid.setpoints.played import play
 from jointid.setpoints.robot_limits import RobotLimits
-from jointid.ui.shared.charts import download, table
+from jointid.ui.shared.charts import download
 from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
+from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
 from jointid.uncertainty.motion_plan import PlannedMotion
@@ -114,7 +115,7 @@ def show_set_points(
     )
     (interval_ms,) = numbers_in("Interval", interval, count=1) if interval.strip() else (None,)
     points = set_points(played, robot, file_format, interval_ms=interval_ms, study=analysis.study.name)
-    table(check_table(points.rows))
+    show_text_table(check_table(points.rows))
     st.caption(
         f"{played.experiment.duration_s:.0f} s. Positions to accelerations at the joint, torque at the "
         "motor. Peaks of the set points, and of motors and arm under simulated control and under exact "
