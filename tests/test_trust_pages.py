@@ -285,7 +285,16 @@ class TestSetPoints:
         at = opened(app, PLAN)
         assert any("no check and no file" in caption.value for caption in at.caption)
         assert not any("set points" in d.label for d in at.get("download_button"))
-        at = self.checked(app)
+        lines = [
+            "gear_ratio = [100, 90]\nstart_deg = [0, -90, 90, 0, 45, 0]\nvelocity_deg_s = [200, 200]",
+            "lower_deg = [-170, -100]\nupper_deg = [170, 10]\nacceleration_deg_s2 = [9000, 9000]",
+            'torque_Nm = [30, 30]\njoint_names = ["a", "b", "c", "d", "e", "f"]',
+        ]
+        given = "limits.toml", "\n".join(lines).encode(), "application/toml"
+        at = at.file_uploader(key="setpoints limits").set_value(given).run()
+        names = next(w for w in at.text_input if w.label == "Names of all axes")
+        assert names.value == "a, b, c, d, e, f"
+        at = shown(next(b for b in at.button if b.label.startswith("Check on")).click().run())
         assert not at.error
         rows = at.table[-1].value
         assert list(rows["Joint"]) == ["1"] * 5 + ["2"] * 5

@@ -40,6 +40,13 @@ def _kept(key: str, ask: Callable[..., T], default: T, label: str, *args: Any, *
     return value
 
 
+def fill_in(key: str, value: str) -> None:
+    """Set the value of an entry that is drawn later in this run."""
+    st.session_state.pop(key, None)
+    st.query_params.pop(key, None)
+    st.session_state.setdefault("kept entries", {})[key] = value
+
+
 def enter_text(
     place: DeltaGenerator, key: str, label: str, value: str, help_: str = "", example: str = ""
 ) -> str:

@@ -10,9 +10,9 @@ from jointid.setpoints.files import FORMATS, set_points
 from jointid.setpoints.from_plan import KINDS, planned_experiment
 from jointid.setpoints.limit_check import check_table, require_within_limits
 from jointid.setpoints.played import play
-from jointid.setpoints.robot_limits import RobotLimits
+from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml
 from jointid.ui.shared.charts import download
-from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
+from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text, fill_in
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
@@ -30,9 +30,10 @@ _LIMITS = {
     "torque_Nm": ("Motor torques (N·m)", "20, 12", "Largest torques of the motors."),
     "load_Nm": ("Motor torques at rest (N·m)", "0, 4", "Such as gravity at the start; empty: none."),
     "axes": ("Axes of the robot", "1, 2", "Axes that are the joints of the study; empty: the first."),
+    "joint_names": ("Names of all axes", "joint_1, joint_2", "For ROS 2; empty: joint_1, joint_2, …"),
 }
 _SUPERPOSED = "Avoids sticking at reversals; every record then runs forward and back."
-_OPTIONAL = ("load_Nm", "axes")
+_OPTIONAL = ("load_Nm", "axes", "joint_names")
 _NUMBERS: dict[str, tuple[Any, ...]] = {
     "scale": ("Scale of the motion", 1.0, (0.001, 100.0)),
     "repeats": ("Repeats", 1, (1, 100)),
@@ -67,10 +68,11 @@ def show_set_points(
     form = "setpoints" if sines else "setpoints of motions"
     ratios = analysis.study.gear_ratios
     entered = {} if ratios is None else {"gear_ratio": numbers_out(ratios)}
-    asked = {name: each for name, each in _LIMITS.items() if name not in entered}
-    places = [column for _ in range(3) for column in st.columns(3)]
-    for place, (name, (label, example, hint)) in zip(places, asked.items(), strict=False):
-        key = f"{form}_{name}_{page.digest[:12]}"
+    keys = {name: f"{form}_{name}_{page.digest[:12]}" for name in _LIMITS if name not in entered}
+    _load_limits(keys, form)
+    places = [column for _ in range(4) for column in st.columns(3)]
+    for place, (name, key) in zip(places, keys.items(), strict=False):
+        label, example, hint = _LIMITS[name]
         entered[name] = enter_text(place, key, label, "", hint, example)
     one, two, three, four = st.columns(4)
     kind = choose_from(one, f"{form}_kind", "Motion", list(_KINDS)) if sines else _SINES
@@ -97,8 +99,10 @@ def show_set_points(
     given: dict[str, Any] = {
         name: numbers_in(_LIMITS[name][0], text, count=None if name in ("start_deg", "axes") else n)
         for name, text in entered.items()
-        if text.strip() or name not in _OPTIONAL
+        if name != "joint_names" and (text.strip() or name not in _OPTIONAL)
     }
+    names = entered["joint_names"].split(",")
+    given["joint_names"] = tuple(name.strip() for name in names if name.strip())
     robot = RobotLimits(**given, robot=analysis.study.robot)
     drift = tuple(robot.motor_velocity(numbers_in("Superposed velocities", superposed)).tolist())
     settings = {"kind": _KINDS[kind], "scale": scale, "repeats": repeats, "ramp_s": ramp_s}
@@ -127,6 +131,20 @@ def show_set_points(
     download(f"Save the set points ({chosen.title})", points.text, name)
     with st.expander("Header of the file"):
         st.code("\n".join(points.comments), language=None, height=360)
+
+
+def _load_limits(keys: dict[str, str], form: str) -> None:
+    """Fill the fields in from the file of limits that ``jointid setpoints`` reads."""
+    hint = "The file that jointid setpoints --limits reads. Its values fill the fields below."
+    label = "Limits and start pose (.toml), optional"
+    file = st.file_uploader(label, ["toml"], key=f"{form} limits", help=hint)
+    if file is None or st.session_state.get(f"{form} file") == file.file_id:
+        return
+    st.session_state[f"{form} file"] = file.file_id
+    robot = limits_from_toml(file.getvalue(), file.name)
+    for name, key in keys.items():
+        value = getattr(robot, name)
+        fill_in(key, ", ".join(value) if name == "joint_names" else numbers_out(value))
 
 
 def _title(name: str) -> str:

@@ -11,6 +11,7 @@ from jointid.errors import JointIdError
 from jointid.importing.columns.units import split_unit, unit_of
 from jointid.importing.read.text.clock_times import is_clock
 from jointid.importing.read.text.numbers import is_number, marks_note, proven_thousands, thousands_in
+from jointid.wording import listed
 
 BLANKS = " "
 """Separator of columns with any number of blanks between them."""
@@ -161,7 +162,7 @@ def find_layout(file: str, text: str) -> TextLayout:
         if numeric and is_number(cell, decimal, thousands)
     ]
     note = marks_note(file, said, decimal, thousands)
-    return replace(layout, notes=(note,) if note else ())
+    return replace(layout, notes=tuple(filter(None, (*layout.notes, note))))
 
 
 def split_line(line: str, separator: str) -> list[str]:
@@ -223,7 +224,7 @@ def _described(
         right = sum(is_number(cell, decimal, thousands) for cell in said)
         numeric.append(2 * right > len(said))
         clock.append(bool(said) and all(is_clock(cell) for cell in said[:20]))
-    header, units = _header(lines[:first], separator, decimal, width)
+    header, units, above = _header(lines[:first], separator, decimal, width)
     split = [split_unit(name) for name in header] if header else [("", "")] * width
     said_units = [own or unit_of(below) for (_, own), below in zip(split, units, strict=True)]
     return TextLayout(
@@ -237,16 +238,17 @@ def _described(
         first_line=first + 1,
         has_header=header is not None,
         thousands=thousands,
+        notes=(f'Not used, above the table: "{listed(above, at_most=3)}".',) if above else (),
     )
 
 
 def _header(
     above: Sequence[str], separator: str, decimal: str, width: int
-) -> tuple[list[str] | None, list[str]]:
-    """Names, and units if they have a separate row, from the lines above the numbers."""
+) -> tuple[list[str] | None, list[str], list[str]]:
+    """Names, units if they have a separate row, and unused lines, all from above the numbers."""
     units = [""] * width
     written = [line for line in above if line.strip()]
-    for line in reversed(written[-4:]):
+    for k, line in reversed([*enumerate(written)][-4:]):
         cells = _header_cells(line, separator, width)
         if cells is None or sum(is_number(cell, decimal) for cell in cells) > width / 2:
             break
@@ -255,11 +257,11 @@ def _header(
             if line is not written[0]:
                 units = cells
                 continue
-            return cells, units
+            return cells, units, written[:k]
         if len(said) > 2 and len(set(said)) == 1:  # a row of types: float;float;float
             continue
-        return cells, units
-    return None, units
+        return cells, units, written[:k]
+    return None, units, written
 
 
 def _header_cells(line: str, separator: str, width: int) -> list[str] | None:
