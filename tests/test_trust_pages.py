@@ -104,7 +104,9 @@ class TestErrorBars:
     def test_the_prediction_of_left_out_records_is_beside_the_answer(
         self, app: AppTest, joints: int
     ) -> None:
-        said = next(c.value for c in opened(app, "app.py", joints).caption if "Fitted to half" in c.value)
+        said = next(
+            c.value for c in opened(app, "app.py", joints).caption if "Fitted to half" in c.value
+        )
         found = re.search(r"within (\S+) %, .* \((\S+) σ;", said)
         assert found is not None
         assert 0 < float(found[1]) < 5

@@ -51,7 +51,9 @@ def _sentence(prediction: Prediction | TorquePrediction) -> str:
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
     what = "gear torques" if isinstance(prediction, TorquePrediction) else "motor accelerations"
-    text = f"Fitted to half of the frequencies, K and D predict the {what} at the others within {apart} %"
+    text = (
+        f"Fitted to half of the frequencies, K and D predict the {what} at the others within {apart} %"
+    )
     sigmas = f"({times} σ; noise alone: up to {limit} σ)."
     if prediction.misfit <= EXPLAINED:
         return f"{text}, as expected from noise {sigmas}"
