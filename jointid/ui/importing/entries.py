@@ -40,9 +40,7 @@ _SIDE_HELP = (
     "Robot controllers often show values of the joint, converted by the gear ratio; drives log those of "
     "their motor."
 )
-_SIGN_HELP = (
-    "Mark one of both where a positive motor torque moves the logged position to smaller values."
-)
+_SIGN_HELP = "Mark one of both where a positive torque moves the logged position to smaller values."
 _SWITCHES = {
     ("position", "side"): (JOINT, "Position is of the joint, behind the gear", _SIDE_HELP),
     ("torque", "side"): (JOINT, "Torque is of the joint, behind the gear", _SIDE_HELP),
@@ -99,8 +97,8 @@ class Entries:
         """Ask for gear ratios, scales, directions and timing of the torque."""
         missing: list[str] = []
         st.caption(
-            "Not in the log: look these up in the drive's data sheet and settings. Entries left empty or "
-            "not confirmed are marked as assumed in the study, its report and its files."
+            "Not in the log: see the data sheet and settings of the drive. Entries left empty or not "
+            "confirmed are marked as assumed in the study, its report and its files."
         )
         left, right = st.columns(2)
         joints = list(columns.joints)
