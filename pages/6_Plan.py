@@ -70,9 +70,11 @@ own, set_points, motions = st.tabs(tabs, key="plan_view", bind="query-params")
 try:
     with own:
         plan = show_own_plan(page, found, analysis, settings.pose)
-    with set_points:
-        show_set_points(page, plan, content(plan), analysis, settings.pose)
+    if set_points.open:
+        with set_points:
+            show_set_points(page, plan, content(plan), analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
-with motions:
-    show_motion_plan(page, analysis)
+if motions.open:
+    with motions:
+        show_motion_plan(page, analysis)

@@ -163,14 +163,14 @@ class TestTheNextExperiment:
         assert len(column(at, "Both together")) == 2 * joints
 
     def test_the_tabs_keep_their_place_and_their_key(self, app: AppTest) -> None:
-        at = opened(app, PLAN)
+        at = opened(app, PLAN, plan_view="Set points")
         first = [place for place, part in at.main.children.items() if part.type == "tab_container"]
         field = next(w for w in at.text_input if w.label == "Gear ratios")
         at = shown(field.set_value("100, 80").run())
         again = [place for place, part in at.main.children.items() if part.type == "tab_container"]
         assert first == again
         assert len(first) == 1
-        assert at.session_state["plan_view"] == "Your own plan"
+        assert at.session_state["plan_view"] == "Set points"
 
     def test_where_the_model_limits_the_answer_more_records_do_not_help(self, found: Analysis) -> None:
         falling, flat = np.array([0.2, 0.05]), np.array([0.2, 0.19])
@@ -278,13 +278,13 @@ LIMITS = {
 
 class TestSetPoints:
     def checked(self, app: AppTest, **changed: str) -> AppTest:
-        at = opened(app, PLAN)
+        at = opened(app, PLAN, plan_view="Set points")
         for label, text in {**LIMITS, **changed}.items():
             next(w for w in at.text_input if w.label == label).set_value(text)
         return shown(next(b for b in at.button if b.label.startswith("Check on")).click().run())
 
     def test_a_plan_can_be_saved_once_it_is_checked(self, app: AppTest) -> None:
-        at = opened(app, PLAN)
+        at = opened(app, PLAN, plan_view="Set points")
         assert any("no check and no file" in caption.value for caption in at.caption)
         assert not any("set points" in d.label for d in at.get("download_button"))
         lines = [
@@ -313,8 +313,8 @@ class TestSetPoints:
         assert not any("set points" in d.label for d in at.get("download_button"))
 
     def test_planned_motions_can_be_saved_too(self, app: AppTest) -> None:
-        at = opened(app, PLAN)
-        next(w for w in at.number_input if w.label == "Length of each (s)").set_value(3.0)
+        at = opened(app, PLAN, plan_view="Motions in place of sines")
+        next(w for w in at.number_input if w.key == "motion_seconds").set_value(3.0)
         at = shown(next(b for b in at.button if b.label == "Predict").click().run())
         for label, text in LIMITS.items():
             [w for w in at.text_input if w.label == label][-1].set_value(text)

@@ -58,8 +58,8 @@ def _sentence(prediction: Prediction | TorquePrediction) -> str:
     if prediction.misfit <= EXPLAINED:
         return f"{text}, as expected from noise {sigmas}"
     return (
-        f"{text}, more than noise explains {sigmas} The model lacks an effect, or these records show less "
-        "than the whole fit takes into account."
+        f"{text}, more than noise explains {sigmas} The model lacks an effect, or these records show "
+        "less than the whole fit takes into account."
     )
 
 

@@ -168,7 +168,7 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
         When a cell is empty, or the plan is no experiment.
     """
     st.write(
-        "Change the records, add some, or delete some: frequency f, length t, and amplitude τ and phase φ "
+        "Change the records, add some, or delete some: frequency f, length t, amplitude τ and phase φ "
         "of each motor's torque. The table shows the expected accuracy."
     )
     plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
