@@ -54,8 +54,7 @@ from jointid.reporting.pdf import to_pdf
 from jointid.reporting.report import make_report
 from jointid.ui.study.data_quality import phasor_table as phasors_shown
 from jointid.ui.study.data_quality import quality_table
-from jointid.ui.study.estimates import estimates_table
-from jointid.ui.study.uncertainty_panels import errors_table
+from jointid.ui.study.uncertainty_panels import errors_table, estimates_table
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose

@@ -14,8 +14,8 @@ from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
 from jointid.ui.cut.settings import CutSettings, usual
-from jointid.ui.shared.background import awaited
 from jointid.ui.shared.page import Page
+from jointid.ui.shared.results import awaited
 
 Found = TypeVar("Found")
 OFFSETS = (0.01, 0.03, 0.10, 0.30)

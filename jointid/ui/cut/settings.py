@@ -16,8 +16,7 @@ from jointid.cut.robot import CUTTING_POINT_M, Assumption, CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.cut.toolpath import Toolpath
 from jointid.ui.shared.charts import choose_segment
-from jointid.ui.shared.entries import enter_number
-from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
+from jointid.ui.shared.entries import enter_number, numbers_in, numbers_out
 from jointid.wording import counted
 
 NOMINAL: dict[str, Assumption] = {

@@ -25,10 +25,8 @@ from jointid.importing.map.guess import guess_unit, propose_joint
 from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.reasons import Reason, unchanged, value_of
 from jointid.ui.importing.steps import go_on
-from jointid.ui.shared.entries import example_hint
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_error
-from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.shared.entries import example_hint, numbers_in
+from jointid.ui.shared.messages import markdown_escape, show_error
 from jointid.wording import capitalised, enumerated, plain
 
 _NO_COLUMN = "no column: number the rows"
@@ -36,10 +34,7 @@ _NO_SENSOR = "none"
 _HELD = {True: "held until the next sample", False: "not held: measured, or interpolated"}
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """First parts of the names of entries from the drive's data sheet, not the file."""
-_SIDE_HELP = (
-    "Robot controllers often show values of the joint, converted by the gear ratio; drives log those of "
-    "their motor."
-)
+_SIDE_HELP = "Robot controllers often log values of the joint; drives log those of their motor."
 _SIGN_HELP = "Mark one of both where a positive torque moves the logged position to smaller values."
 _SWITCHES = {
     ("position", "side"): (JOINT, "Position is of the joint, behind the gear", _SIDE_HELP),

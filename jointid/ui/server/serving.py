@@ -18,7 +18,7 @@ import uvicorn
 from streamlit import config, runtime
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from jointid.ui.shared.background import last_seen
+from jointid.ui.shared.results import last_seen
 
 PATIENCE_S = float(os.environ.get("JOINTID_PATIENCE_S", 20.0))
 LEAST_BYTES = 20_000

@@ -12,13 +12,12 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
 from jointid.figures.style import colours
-from jointid.ui.shared.background import awaited, note_session
 from jointid.ui.shared.charts import choose_segment, is_dark, plot, side_by_side
 from jointid.ui.shared.introduction import introduce
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.refused_file import show_refused
-from jointid.ui.shared.results import result_cache
+from jointid.ui.shared.results import awaited, note_session, result_cache
 from jointid.ui.shared.sidebar import choose_study
 from jointid.ui.shared.workspace import open_study
 

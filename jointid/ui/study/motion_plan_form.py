@@ -7,13 +7,11 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Motion
-from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, csv_of, download
-from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
+from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text, numbers_in
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.parse_numbers import numbers_in
-from jointid.ui.shared.results import Show, computed_on_click
+from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.study.plan_form import percent, pose_inertia
 from jointid.ui.study.setpoints_form import show_set_points
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion

@@ -11,8 +11,7 @@ from jointid.answer import ERROR_BARS, Quantity, change_from
 from jointid.figures.response_curves import removed_effects
 from jointid.files.study_files import pack_study
 from jointid.ui.shared.charts import download
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_note, show_text_table
+from jointid.ui.shared.messages import markdown_escape, show_note, show_text_table
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.ui.shared.page import Page
 from jointid.ui.study.corrections import offer_changes

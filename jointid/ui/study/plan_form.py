@@ -8,13 +8,11 @@ import streamlit as st
 
 from jointid import Analysis, Inertia, JointIdError
 from jointid.arrays import Floats
-from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, Table
-from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
+from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text, numbers_in
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.parse_numbers import numbers_in
-from jointid.ui.shared.results import computed_on_click
+from jointid.ui.shared.results import computed_on_click, run_in_background
 from jointid.ui.study.uncertainty_panels import plus_minus
 from jointid.uncertainty.information import planning_model
 from jointid.uncertainty.plan import (

@@ -12,10 +12,17 @@ from jointid.setpoints.limit_check import check_table, require_within_limits
 from jointid.setpoints.played import play
 from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml
 from jointid.ui.shared.charts import download
-from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text, fill_in
+from jointid.ui.shared.entries import (
+    applied,
+    choose_from,
+    enter_number,
+    enter_text,
+    fill_in,
+    numbers_in,
+    numbers_out,
+)
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
 from jointid.uncertainty.motion_plan import PlannedMotion
 from jointid.uncertainty.plan import PlannedRecords
 from jointid.wording import file_stem

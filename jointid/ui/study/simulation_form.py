@@ -21,15 +21,17 @@ from jointid import (
 from jointid.simulation.campaign import simulate_campaign
 from jointid.simulation.motion import KINDS
 from jointid.study import INERTIA_STD
-from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.entries import (
     ask_inertia_std,
     ask_torque_std,
     choose_from,
     enter_number,
     enter_text,
+    matrix_in,
+    numbers_in,
+    numbers_out,
 )
-from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
+from jointid.ui.shared.results import run_in_background
 from jointid.wording import plain
 
 _RECORDS = {
