@@ -7,11 +7,10 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import worst_error
-from jointid.ui.shared.charts import csv_of, download
-from jointid.ui.shared.introduction import introduce
+from jointid.ui.shared.charts import csv_of, download, introduce
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.motion_plan_form import show_motion_plan
+from jointid.ui.study.motion_plan_form import show_motion_plan, show_set_points
 from jointid.ui.study.plan_form import (
     ask,
     content,
@@ -21,7 +20,6 @@ from jointid.ui.study.plan_form import (
     suggested_table,
     suggestion,
 )
-from jointid.ui.study.setpoints_form import show_set_points
 from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted
 

@@ -30,8 +30,7 @@ from jointid.files.digest import study_digest
 from jointid.reporting.drawing import to_svg
 from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts as cut_cached
-from jointid.ui.cut.animation import animation_data, tracks
-from jointid.ui.cut.pictures import cut_drawing
+from jointid.ui.cut.pictures import animation_data, cut_drawing, tracks
 from jointid.ui.cut.settings import CutSettings, usual
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.sidebar import DEFAULT_METHOD

@@ -12,8 +12,7 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
 from jointid.figures.style import colours
-from jointid.ui.shared.charts import choose_segment, is_dark, plot, side_by_side
-from jointid.ui.shared.introduction import introduce
+from jointid.ui.shared.charts import choose_segment, introduce, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.refused_file import show_refused
