@@ -9,7 +9,6 @@ from jointid.ui.study.model_check import show_model_holds, show_poses, show_pred
 from jointid.ui.study.overview import show_bands, show_headline, show_tiles
 from jointid.ui.study.uncertainty_panels import (
     show_checks,
-    show_ellipses,
     show_errors,
     show_estimates,
     show_fitted_model,
@@ -36,7 +35,6 @@ details = {
     "Inertias": lambda: show_inertias(analysis),
     "Fitted model": lambda: show_fitted_model(analysis.fit),
     "Estimators": lambda: show_estimates(analysis),
-    "Ellipses": lambda: show_ellipses(page, analysis),
 }
 if not page.study.motion_records:  # these look at every sine by itself
     details |= {

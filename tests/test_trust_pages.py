@@ -13,12 +13,12 @@ from app_pages import ELASTICITY, opened, shown, upload
 from streamlit.testing.v1 import AppTest
 
 from jointid import Analysis, Study
-from jointid.figures.uncertainty import confidence_outlines, harmonic_bars, normalised_residuals
+from jointid.figures.uncertainty import harmonic_bars, normalised_residuals
 from jointid.ui.shared.charts import csv_of
 from jointid.ui.study.plan_form import largest_so_far, suggested_columns
 from jointid.ui.study.uncertainty_panels import difference
 from jointid.uncertainty.plan import suggest_records
-from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
+from jointid.uncertainty.sensitivity import prior_influence
 from jointid.uncertainty.validation import harmonic_content, record_residuals
 
 PLAN = "pages/6_Plan.py"
@@ -90,8 +90,6 @@ class TestErrorBars:
     ) -> None:
         closed = len(opened(app, ELASTICITY, joints).get("plotly_chart"))
         assert closed == joints
-        at = opened(app, ELASTICITY, joints, details="Ellipses")
-        assert len(at.get("plotly_chart")) == closed + 1
         at = opened(app, ELASTICITY, joints, details="Model check")
         assert len(at.get("plotly_chart")) == closed + 2 + joints
 
@@ -231,12 +229,6 @@ class TestTheNextExperiment:
 
 
 class TestFigures:
-    def test_an_ellipse_is_drawn_around_the_estimate(self, found: Analysis) -> None:
-        ellipse = confidence_ellipse(found.fit, "K1", "D1")
-        outline, estimate = confidence_outlines([ellipse]).data
-        assert (estimate.x[0], estimate.y[0]) == (found.fit.K[0], found.fit.D[0])
-        assert min(outline.x) < found.fit.K[0] < max(outline.x)
-
     def test_residuals_are_drawn_for_every_record_and_joint(self, found: Analysis) -> None:
         drawn = normalised_residuals(record_residuals(found.phasors, found.fit))
         dots = [t for t in drawn.data if t.mode == "markers"]

@@ -1,4 +1,4 @@
-"""Details of a cut: over time, a corner, the required accuracy of K, and the tool under a force."""
+"""Details of a cut: over time, the required accuracy of K, and the tool under a force."""
 
 from functools import partial
 
@@ -7,13 +7,11 @@ import streamlit as st
 
 from jointid import Elasticity, JointIdError
 from jointid.analysis import Analysis
-from jointid.cut.outcome import Outcome, millimetres, remainder
+from jointid.cut.outcome import Outcome, millimetres
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot
 from jointid.cut.tool_stiffness import ToolStiffness, planar_tool_stiffness, tool_stiffness
 from jointid.figures.cut import (
-    corner_detail,
     deflection_ellipse,
-    path_error_histogram,
     path_error_over_time,
     torque_over_time,
 )
@@ -26,8 +24,8 @@ from jointid.wording import minus, significant, with_error
 
 
 def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> None:
-    """Show error, torque, a corner, and the distribution of the path error."""
-    error, torque, corner, distribution = side_by_side(4)
+    """Show path and tracking error, and the torques."""
+    error, torque = side_by_side(2)
     with error:
         st.markdown("**Error**")
         st.caption(
@@ -43,32 +41,6 @@ def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> Non
             "the motors by the deflection x."
         )
         page.show(f"torque {settings}", partial(torque_over_time, outcome), "Motor torques over time")
-    with corner:
-        st.markdown("**A corner**")
-        names = [str(k + 1) for k in range(len(outcome.toolpath.corners()[0]))]
-        chosen = int(choose_segment("Corner", names, "cut_corner", hide_label=True)) - 1
-        draw = partial(corner_detail, outcome, chosen)
-        page.show(f"corner {chosen} {settings}", draw, "Tool paths around a corner")
-    with distribution:
-        _show_distribution(page, settings, outcome)
-
-
-def _show_distribution(page: Page, settings: CutSettings, outcome: Outcome) -> None:
-    st.markdown("**Predicted path error**")
-    if outcome.distribution is None:
-        st.caption("Not available: see the reason above.")
-        return
-    if not outcome.springs_matter:
-        st.caption(remainder(outcome, settings.servo, settings.friction))
-        return
-    demonstrated = outcome.robot.rule == "demonstration"
-    source = "the errors of this demonstration" if demonstrated else "the fit's covariance"
-    st.caption(
-        f"{outcome.distribution.K.shape[0]} robots drawn from {source}, each cut by a servo with the "
-        "identified values."
-    )
-    draw = partial(path_error_histogram, outcome.distribution)
-    page.show(f"promise {settings}", draw, "Distribution of the path error")
 
 
 def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:

@@ -1,8 +1,6 @@
 """Uncertainty of K and D: error bars, their parts, inertias, estimators, and checks."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import streamlit as st
@@ -19,7 +17,6 @@ from jointid.answer import (
 from jointid.arrays import Floats
 from jointid.estimation.candidates import Candidate
 from jointid.estimation.estimators.parameters import elasticity_labels
-from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.ui.shared.charts import Table, table
 from jointid.ui.shared.messages import show_info, show_text_table
 from jointid.ui.shared.page import Page
@@ -28,8 +25,8 @@ from jointid.ui.shared.sidebar import ESTIMATORS
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
-from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
-from jointid.wording import UNDETERMINED, capitalised, plain, significant
+from jointid.uncertainty.sensitivity import prior_influence
+from jointid.wording import UNDETERMINED, capitalised, minus, plain, significant
 
 
 def show_estimates(analysis: Analysis) -> None:
@@ -241,8 +238,10 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     if isinstance(left_out, str):
         show_info(left_out)
         return
-    st.write("Change by leaving out a frequency, in standard errors:")
-    page.show("influence", partial(influence_strip, left_out, names), "Influence of each frequency")
+    f, k = np.unravel_index(np.abs(left_out.influence).argmax(), left_out.influence.shape)
+    change = minus(f"{left_out.influence[f, k]:+.2g}")
+    hertz = significant(left_out.frequency_hz[f], 3)
+    st.write(f"Largest influence: without {hertz} Hz, {names[k]} changes by {change} standard errors.")
 
 
 def _checks(page: Page, analysis: Analysis, draws: int, show: Show) -> tuple[Bootstrap, Jackknife | str]:
@@ -261,27 +260,3 @@ def _checks(page: Page, analysis: Analysis, draws: int, show: Show) -> tuple[Boo
 def plus_minus(values: Floats) -> list[str]:
     """Write standard errors with their sign."""
     return [f"± {significant(float(x), 2)}" if np.isfinite(x) else UNDETERMINED for x in values]
-
-
-def show_ellipses(page: Page, analysis: Analysis) -> None:
-    """Joint confidence regions of two parameters."""
-    names = elasticity_labels(analysis.fit.n)
-    left, right = st.columns(2)
-    first = left.selectbox("Across", names, key="ellipse_x", bind="query-params")
-    others = [name for name in names if name != first]
-    second = right.selectbox("Upwards", others, key="ellipse_y", bind="query-params")
-    try:
-        ellipses = [confidence_ellipse(analysis.fit, first, second, level=p) for p in (0.95, 0.68)]
-    except JointIdError as error:
-        show_info(error)
-        return
-    units = dict(zip(names, analysis.unit.units(analysis.fit.n), strict=True))
-    size = dict(zip(names, analysis.unit.shown(np.ones(len(names))), strict=True))
-    scale = np.array([size[first], size[second]])
-    shown = [replace(e, centre=e.centre * scale, outline=e.outline * scale) for e in ellipses]
-    draw = partial(confidence_outlines, shown, units)
-    page.show(f"ellipses {first} {second}", draw, f"Confidence ellipses of {first} and {second}")
-    st.caption(
-        "From the total error. A slanted ellipse means that an error in one comes with an error in the "
-        "other."
-    )
