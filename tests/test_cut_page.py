@@ -15,6 +15,7 @@ import streamlit as st
 from app_pages import shown
 from plants import PAPER
 from streamlit.testing.v1 import AppTest
+from streamlit.testing.v1.element_tree import TextInput
 
 from jointid import Analysis, Elasticity, PlanarArm, analyse, load_study, rectangle
 from jointid.cut.outcome import Outcome, cut_outcome, millimetres, study_outcome
@@ -73,6 +74,11 @@ def another_robot(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     st.cache_resource.clear()
     yield
     st.cache_resource.clear()
+
+
+def nominal(at: AppTest, name: str) -> TextInput:
+    """The custom nominal K or D."""
+    return next(w for w in at.text_input if w.label.startswith(f"Nominal {name}1"))
 
 
 class TestPage:
@@ -167,23 +173,23 @@ class TestPage:
     def test_custom_values_are_taken_or_refused_in_words(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
         at = shown(control(at, "cut_nominal").set_value("Custom").run())
-        at = shown(at.text_input(key="cut_K").set_value("43, 7.5").run())
-        at = shown(at.text_input(key="cut_D").set_value("0.1, 0.015").run())
+        at = shown(nominal(at, "K").set_value("43, 7.5").run())
+        at = shown(nominal(at, "D").set_value("0.1, 0.015").run())
         assert headline(at)[0] < 0.1
-        at = shown(at.text_input(key="cut_K").set_value("43, soft").run())
+        at = shown(nominal(at, "K").set_value("43, soft").run())
         assert '"soft" is not a number' in at.error[0].value
-        at = shown(at.text_input(key="cut_K").set_value("43, -7").run())
+        at = shown(nominal(at, "K").set_value("43, -7").run())
         assert "positive" in at.error[0].value
 
     def test_custom_values_need_one_per_joint_and_stay_as_typed(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
         at = shown(control(at, "cut_nominal").set_value("Custom").run())
-        assert at.text_input(key="cut_K").value == "21.5, 3.75"
+        assert nominal(at, "K").value == "21.5, 3.75"
         for typed, count in (("43", 1), ("43, 7, 5", 3)):
-            at = shown(at.text_input(key="cut_K").set_value(typed).run())
+            at = shown(nominal(at, "K").set_value(typed).run())
             assert f"{count} value{'s' if count > 1 else ''} for 2 joints" in at.error[0].value
-            assert at.text_input(key="cut_K").value == typed
-        at = shown(at.text_input(key="cut_K").set_value("40, 7").run())
+            assert nominal(at, "K").value == typed
+        at = shown(nominal(at, "K").set_value("40, 7").run())
         assert not at.error
         assert "assumes K = 40.0, 7.00 N·m/rad" in words(at)
 
@@ -195,8 +201,8 @@ class TestPage:
         assert "K = 60.0, 5.00 N·m/rad" in words(at)
         assert "robot has K = 43.0, 7.50 N·m/rad" in words(at)
         at = shown(control(at, "cut_nominal").set_value("Custom").run())
-        at = shown(at.text_input(key="cut_K").set_value("43, 7.5").run())
-        at = shown(at.text_input(key="cut_D").set_value("0.1, 0.015").run())
+        at = shown(nominal(at, "K").set_value("43, 7.5").run())
+        at = shown(nominal(at, "D").set_value("0.1, 0.015").run())
         assert "which corresponds to K = 43.0, 7.50 N·m/rad" in words(at)
         before, after = meant(at)
         assert before == pytest.approx(after, abs=0.002)

@@ -199,9 +199,11 @@ def choose_from(
     label: str,
     options: Sequence[str],
     format_func: Callable[[str], str] = str,
+    help_: str = "",
 ) -> str:
     """Ask for one of several options, at first the first."""
-    return _kept(key, place.selectbox, options[0], label, options, format_func=format_func)
+    ask, about = place.selectbox, help_ or None
+    return _kept(key, ask, options[0], label, options, format_func=format_func, help=about)
 
 
 def applied(label: str, key: str, settings: T, *, at_first: bool = False) -> T | None:
