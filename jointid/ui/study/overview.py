@@ -12,7 +12,6 @@ from jointid.answer import ERROR_BARS, Quantity, change_from
 from jointid.corrections.changes import corrected, label
 from jointid.figures.response_curves import removed_effects
 from jointid.files.digest import study_digest
-from jointid.files.store import Store
 from jointid.files.study_files import pack_study
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import markdown_escape, show_error, show_note, show_text_table
@@ -24,9 +23,8 @@ from jointid.ui.shared.workspace import (
     keep_part,
     names_by_address,
     noting_problems,
-    place_for,
+    read_part,
     recent,
-    store,
 )
 from jointid.verdict.evidence import Change
 from jointid.wording import UNDETERMINED, counted, file_stem, plain, significant, unbroken
@@ -112,13 +110,9 @@ def _apply(page: Page, study: Study) -> None:
     digest, before = study_digest(study), str(st.session_state["chosen"])
     keep(study, page.key.removesuffix(_SUFFIX) + _SUFFIX)
     with noting_problems("The change can be undone in this session only. "):
-        keep_part(_PART, lambda to, place: _note_before(to, place, digest, before))
+        keep_part(_PART, "Study before a change", digest, before.encode())
     st.session_state.setdefault(_BEFORE, {})[digest] = before
     _look_at(None)
-
-
-def _note_before(to: Store, place: str, digest: str, before: str) -> None:
-    to.put(place, "Study before a change", digest, before.encode())
 
 
 def _before(digest: str) -> str | None:
@@ -127,9 +121,8 @@ def _before(digest: str) -> str | None:
     if digest not in known:
         known[digest] = None
         with noting_problems():
-            if place := place_for(_PART):
-                found = [entry.id for entry in store().entries(place) if entry.digest == digest]
-                known[digest] = store().read(place, found[0]).decode() if found else None
+            kept = read_part(_PART, digest)
+            known[digest] = None if kept is None else kept.decode()
     return known[digest]
 
 
