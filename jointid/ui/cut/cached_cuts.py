@@ -110,12 +110,7 @@ def _begin(
 def overview(page: Page, analysis: Analysis) -> Outcome | None:
     """Return the outcome on the paper's path; its cuts are shared with the page Cut.
 
-    None where no cut applies.
-
-    Raises
-    ------
-    JointIdError
-        As in :func:`jointid.cut.outcome.study_outcome`.
+    None where no cut applies. Raises JointIdError as in :func:`jointid.cut.outcome.study_outcome`.
     """
     robot = cut_robot(analysis)
     if robot.rule == "demonstration":
@@ -126,10 +121,7 @@ def overview(page: Page, analysis: Analysis) -> Outcome | None:
 def own_path(page: Page, analysis: Analysis) -> list[PathDeflection]:
     """Deflections of the study's own robot along the path, for each of ``ZONES_M``.
 
-    Raises
-    ------
-    JointIdError
-        As in :func:`jointid.cut.path_deflection.own_path_deflections`.
+    Raises JointIdError as in :func:`jointid.cut.path_deflection.own_path_deflections`.
     """
     doing = "Following the path with the robot's model"
     return page.computed("own path", doing, own_path_deflections, analysis, ZONES_M)

@@ -21,6 +21,9 @@ _SURELY = re.compile(r"[+-]?\d+,0\d+(e[+-]?\d+)?", re.IGNORECASE)
 def numbers_in(name: str, text: str, *, count: int | None = None) -> tuple[float, ...]:
     """Read "43, 7.5", or "43 7,5" with decimal commas. A typographic minus counts.
 
+    Raises JointIdError when something is not a number, their count is wrong, or a comma can be read in
+    two ways.
+
     Parameters
     ----------
     name : str
@@ -30,11 +33,6 @@ def numbers_in(name: str, text: str, *, count: int | None = None) -> tuple[float
         separated by blanks or semicolons only.
     count : int, optional
         How many are expected; a single number then counts for all.
-
-    Raises
-    ------
-    JointIdError
-        When something is not a number, their count is wrong, or a comma can be read in two ways.
     """
     values = _unambiguous(name, _hyphens(text))
     if count is not None and len(values) == 1:
@@ -49,10 +47,8 @@ def numbers_in(name: str, text: str, *, count: int | None = None) -> tuple[float
 def matrix_in(name: str, text: str) -> list[tuple[float, ...]]:
     """Read "a, b; c, d" as rows; of two readings of the commas the square one is right.
 
-    Raises
-    ------
-    JointIdError
-        When something is not a number, a comma can be read in two ways, or the rows differ in length.
+    Raises JointIdError when something is not a number, a comma can be read in two ways, or the rows
+    differ in length.
     """
     parts = _hyphens(text).strip().strip(";").split(";")
     for read in (_separated, _decimal):
@@ -229,6 +225,8 @@ def applied(label: str, key: str, settings: T, *, at_first: bool = False) -> T |
 def ask_inertia_std(place: DeltaGenerator, key: str, default: float) -> float:
     """Ask how well the inertias are known.
 
+    Raises JointIdError when the entry is no percentage.
+
     Parameters
     ----------
     place : DeltaGenerator
@@ -236,11 +234,6 @@ def ask_inertia_std(place: DeltaGenerator, key: str, default: float) -> float:
         Of the widget.
     default : float
         Relative standard deviation that is chosen first.
-
-    Raises
-    ------
-    JointIdError
-        When the entry is no percentage.
     """
     label = "How well M and M2 are known"
     text = _ask(place, label, _INERTIAS, _INERTIAS.index(deviation_text(default)), key, _INERTIA_HELP)
@@ -250,10 +243,7 @@ def ask_inertia_std(place: DeltaGenerator, key: str, default: float) -> float:
 def ask_torque_std(place: DeltaGenerator, key: str) -> float | None:
     """Ask how well the torque constants are known; None when not stated.
 
-    Raises
-    ------
-    JointIdError
-        When the entry is no percentage.
+    Raises JointIdError when the entry is no percentage.
     """
     label = "How well the torque scale is known"
     text = _ask(place, label, _TORQUES, 0, key, _TORQUE_HELP)
@@ -263,10 +253,7 @@ def ask_torque_std(place: DeltaGenerator, key: str) -> float | None:
 def deviation_in(name: str, text: str) -> float:
     """Read "exact", "unknown" or a percentage such as "± 7 %" as a relative standard deviation.
 
-    Raises
-    ------
-    JointIdError
-        When it is none of these.
+    Raises JointIdError when it is none of these.
     """
     if text in _WORDS:
         return _WORDS[text]

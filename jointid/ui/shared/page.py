@@ -91,10 +91,7 @@ class Page:
     def analysed(self) -> Analysis:
         """Return the result of the whole method, seen from the motors.
 
-        Raises
-        ------
-        JointIdError
-            As ``analyse`` does.
+        Raises JointIdError as ``analyse`` does.
         """
         doing = "Fitting sines, identifying K and D"
         return self.computed("analysis", doing, analyse, self.study, method=self.method)

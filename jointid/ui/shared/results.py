@@ -66,6 +66,8 @@ def run_in_background(
 ) -> Found:
     """Return ``compute(*given, **named)``.
 
+    Raises JointIdError when the computation ends its process; and whatever it raises.
+
     Parameters
     ----------
     compute : callable
@@ -74,11 +76,6 @@ def run_in_background(
         Arguments; one that is part of the result comes back as the same object.
     **named
         Keyword arguments; ``progress`` is called in this process.
-
-    Raises
-    ------
-    JointIdError
-        When the computation ends its process; and whatever it raises.
     """
     return _computed(_session(), compute, *given, **named)
 

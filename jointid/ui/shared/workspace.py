@@ -132,10 +132,7 @@ def place_for(part: str) -> str | None:
 def part_entries(part: str) -> dict[str, Entry]:
     """Return the entries of a part of this workspace by digest, the newest last.
 
-    Raises
-    ------
-    JointIdError
-        When the store cannot be read.
+    Raises JointIdError when the store cannot be read.
     """
     place = place_for(part)
     return {} if place is None else {entry.digest: entry for entry in reversed(store().entries(place))}
@@ -152,12 +149,8 @@ def keep_part(
 ) -> None:
     """Put an entry into a part of this workspace, which is created if needed.
 
-    Of the other entries those with a digest in ``beside`` stay, by default all.
-
-    Raises
-    ------
-    JointIdError
-        When the store cannot take it.
+    Of the other entries those with a digest in ``beside`` stay, by default all. Raises JointIdError when
+    the store cannot take it.
     """
     place = workspace() or _new_workspace()
     store().put(part_of(place, part), name, digest, data)
@@ -219,10 +212,7 @@ def change_store(action: Literal["rename", "delete", "dismiss"], *given: str) ->
 def open_study(key: str) -> Opened:
     """Return a study of the list.
 
-    Raises
-    ------
-    JointIdError
-        When a sample or a kept copy cannot be read.
+    Raises JointIdError when a sample or a kept copy cannot be read.
     """
     if key in _in_session():
         return _in_session()[key]

@@ -65,10 +65,7 @@ def show_set_points(
 ) -> None:
     """Draw the form; with limits entered, the check and the file. ``content`` identifies the plan.
 
-    Raises
-    ------
-    JointIdError
-        When the answer is not usable, an entry is wrong or a limit is exceeded.
+    Raises JointIdError when the answer is not usable, an entry is wrong or a limit is exceeded.
     """
     analysis.require_usable()
     st.write(

@@ -43,10 +43,7 @@ class PlanSettings:
 def ask(analysis: Analysis, digest: str) -> PlanSettings:
     """Draw the form; the limits are at first the largest amplitudes of the study.
 
-    Raises
-    ------
-    JointIdError
-        When the entry is no list of positive numbers.
+    Raises JointIdError when the entry is no list of positive numbers.
     """
     study, n = analysis.study, analysis.fit.n
     torque, velocity = largest_so_far(analysis)
@@ -160,10 +157,7 @@ def suggested_columns(found: Suggestion) -> Table:
 def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) -> PlannedRecords:
     """Let a plan be edited, show its expected errors and return it.
 
-    Raises
-    ------
-    JointIdError
-        When a cell is empty, or the plan is no experiment.
+    Raises JointIdError when a cell is empty, or the plan is no experiment.
     """
     st.write(
         "Change the records, add some, or delete some: frequency f, length t, amplitude τ and phase φ "

@@ -107,10 +107,7 @@ class Simulation(NamedTuple):
 def ask() -> Simulation | None:
     """Draw the form and return the simulation when it was sent.
 
-    Raises
-    ------
-    JointIdError
-        When the entries are no robot or no experiment.
+    Raises JointIdError when the entries are no robot or no experiment.
     """
     left, right = st.columns(2)
     left.markdown("**The robot, seen from the motors**")
@@ -191,10 +188,7 @@ def ask() -> Simulation | None:
 def simulated_study(simulation: Simulation, progress: Callable[[float], None]) -> Study:
     """Run the experiments.
 
-    Raises
-    ------
-    JointIdError
-        When the settings do not fit each other.
+    Raises JointIdError when the settings do not fit each other.
     """
     made = run_in_background(simulate_campaign, **simulation.campaign, progress=progress)
     return Study(**made._asdict(), **simulation.study)
