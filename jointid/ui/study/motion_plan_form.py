@@ -145,7 +145,8 @@ def _load_limits(keys: dict[str, str], form: str) -> None:
     """Fill the fields in from the file of limits that ``jointid setpoints`` reads."""
     hint = "The file that jointid setpoints --limits reads. Its values fill the fields below."
     label = "Limits and start pose (.toml), optional"
-    file = st.file_uploader(label, ["toml"], key=f"{form} limits", help=hint)
+    key = f"{form} limits"
+    file = st.file_uploader(label, ["toml"], key=key, help=hint, max_upload_size=1)
     if file is None or st.session_state.get(f"{form} file") == file.file_id:
         return
     st.session_state[f"{form} file"] = file.file_id
