@@ -44,7 +44,7 @@ from jointid.figures.uncertainty import (
     worst_error,
 )
 from jointid.figures.waveforms import spectra, waveforms
-from jointid.fleet.row import checked, row_of
+from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.joints import diagonal_zeros, locked_resonances, motor_impedance, resonances
 from jointid.phasors.sine_fit import fit_sines
 from jointid.reporting.html import to_html
@@ -412,7 +412,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
     yield "further", lambda: [quantity.shown for quantity in further_quantities(fit)]
     yield "error parts", lambda: error_table(fit)
     yield "priors", lambda: [row.cells for row in analysis.priors]
-    yield "row", lambda: checked(row_of(analysis, study="study"))
+    yield "row", lambda: from_plain(to_plain(row_of(analysis, study="study")))
     yield "json", lambda: from_json(to_json(identification(analysis)))
     yield "toml", lambda: to_toml(identification(analysis))
     yield "mat", lambda: to_mat(analysis)

@@ -175,7 +175,7 @@ class TestTheNextExperiment:
         assert found.limit_of_records(falling) == ""
         assert "hardly reduce" in found.limit_of_records(flat)
         title = "The model, not the noise, limits the answer"
-        limited = replace(found, findings=(replace(found.findings[0], title=title),))
+        limited = replace(found, findings=(replace(found.findings[0], code="model limits"),))
         assert limited.limit_of_records(falling).startswith(f"{title}: more records")
 
     def test_more_records_are_suggested_when_asked(self, app: AppTest) -> None:
