@@ -138,16 +138,10 @@ def _restore_own(names: Sequence[str]) -> None:
 
 
 def ask(robot: CutRobot, digest: str) -> CutSettings:
-    """Draw the controls and return the choice.
+    """Draw the controls and return the choice. Raises JointIdError when an entry is not a number.
 
-    Raises JointIdError when an entry is not a number.
-
-    Parameters
-    ----------
-    robot : CutRobot
-        The robot of the study, with the drive that suits its inertias.
-    digest : str
-        Of the study: entries for one robot do not apply to another.
+    The robot of the study has the drive that suits its inertias; the study's digest keeps entries for
+    one robot from applying to another.
     """
     left, right = st.columns([3, 2])
     with left:

@@ -21,18 +21,10 @@ _SURELY = re.compile(r"[+-]?\d+,0\d+(e[+-]?\d+)?", re.IGNORECASE)
 def numbers_in(name: str, text: str, *, count: int | None = None) -> tuple[float, ...]:
     """Read "43, 7.5", or "43 7,5" with decimal commas. A typographic minus counts.
 
-    Raises JointIdError when something is not a number, their count is wrong, or a comma can be read in
-    two ways.
-
-    Parameters
-    ----------
-    name : str
-        Name of the entry, for messages.
-    text : str
-        Numbers with decimal points, separated by commas, blanks or semicolons; or with decimal commas,
-        separated by blanks or semicolons only.
-    count : int, optional
-        How many are expected; a single number then counts for all.
+    Numbers with decimal points are separated by commas, blanks or semicolons; with decimal commas, by
+    blanks or semicolons only. ``name`` is that of the entry in messages. ``count`` numbers are expected;
+    a single one then counts for all. Raises JointIdError when something is not a number, their count is
+    wrong, or a comma can be read in two ways.
     """
     values = _unambiguous(name, _hyphens(text))
     if count is not None and len(values) == 1:
@@ -203,15 +195,9 @@ def choose_from(
 
 
 def applied(label: str, key: str, settings: T, *, at_first: bool = False) -> T | None:
-    """Draw a button; return the settings as they were when it was last clicked.
+    """Draw a button; return the settings, entered now, as they were when it was last clicked.
 
-    Parameters
-    ----------
-    label, key : str
-    settings : T
-        As they are entered now.
-    at_first : bool
-        Whether the settings apply before the first click; otherwise None is returned until then.
+    ``at_first`` is whether they apply before the first click; otherwise None is returned until then.
     """
     kept = f"applied {key}"
     if st.button(label, type="primary", key=f"apply {key}") or (
@@ -223,17 +209,9 @@ def applied(label: str, key: str, settings: T, *, at_first: bool = False) -> T |
 
 
 def ask_inertia_std(place: DeltaGenerator, key: str, default: float) -> float:
-    """Ask how well the inertias are known.
+    """Ask how well the inertias are known, a relative standard deviation, at first ``default``.
 
     Raises JointIdError when the entry is no percentage.
-
-    Parameters
-    ----------
-    place : DeltaGenerator
-    key : str
-        Of the widget.
-    default : float
-        Relative standard deviation that is chosen first.
     """
     label = "How well M and M2 are known"
     text = _ask(place, label, _INERTIAS, _INERTIAS.index(deviation_text(default)), key, _INERTIA_HELP)

@@ -89,10 +89,7 @@ class Page:
         return found if at_motor else found.shown_in(self.unit)
 
     def analysed(self) -> Analysis:
-        """Return the result of the whole method, seen from the motors.
-
-        Raises JointIdError as ``analyse`` does.
-        """
+        """Return the result of the whole method, motor side. Raises JointIdError as ``analyse``."""
         doing = "Fitting sines, identifying K and D"
         return self.computed("analysis", doing, analyse, self.study, method=self.method)
 
@@ -105,12 +102,8 @@ class Page:
     ) -> Future[Found]:
         """Begin a computation on this study and estimator, unless it has begun or its result is kept.
 
-        Parameters
-        ----------
-        what : hashable
-            Identifies the result: its kind, and all settings on which it depends.
-        compute : callable
-            See ``run_in_background``.
+        ``what`` identifies the result: its kind, and all settings on which it depends; for ``compute``
+        see ``run_in_background``.
         """
         return result_cache().begin((what, self.digest, self.method), compute, *given, **named)
 
@@ -122,13 +115,7 @@ class Page:
         *given: Given.args,
         **named: Given.kwargs,
     ) -> Found:
-        """Return a result of ``begin``; until it is there, the page shows ``doing``.
-
-        Raises
-        ------
-        JointIdError
-            And whatever else ``compute`` raises.
-        """
+        """Return a result of ``begin``; meanwhile the page shows ``doing``. Raises as ``compute``."""
         begun = self.begin(what, compute, *given, **named)
         awaited(doing, begun)
         return begun.result()
@@ -136,12 +123,8 @@ class Page:
     def drawn(self, what: str, draw: Callable[..., Any]) -> Any:
         """Return a figure of this study and estimator from the cache, or draw it.
 
-        Parameters
-        ----------
-        what : str
-            Identifies the figure within the study: its kind and everything it depends on.
-        draw : callable
-            Takes ``dark``, as all functions of ``jointid.figures`` do.
+        ``what`` identifies the figure within the study: its kind and everything it depends on. ``draw``
+        takes ``dark``, as all functions of ``jointid.figures`` do.
         """
         return _figure(self.digest, (self.method, self.unit, self.dark), what, draw)
 
@@ -160,21 +143,9 @@ class Page:
     ) -> Sequence[int]:
         """Show one figure per joint, two side by side; of many joints, that of the chosen one.
 
-        Parameters
-        ----------
-        what : str
-            Identifies the figures, see ``drawn``.
-        draw : callable
-            Draws the figure of a joint, from 0; takes ``dark`` as well.
-        description, heading : str
-            Alternative text and heading, with {0} for the joint's number.
-        caption : str
-            Text above all of them.
-
-        Returns
-        -------
-        sequence of int
-            The joints drawn.
+        ``draw`` takes a joint, from 0, and ``dark``; for ``what`` see ``drawn``. The alternative text
+        ``description`` and the ``heading`` have {0} for the joint's number; ``caption`` is above all.
+        Returns the joints drawn.
         """
         if caption:
             st.caption(caption)
@@ -231,14 +202,8 @@ def _set_up(title: str) -> None:
 def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Page:
     """Begin a page about the chosen study; without one, offer ways to get one and end.
 
-    Parameters
-    ----------
-    title : str
-        For the browser's tab and the heading.
-    introduction : str
-        What the page shows, in two sentences.
-    heading : bool
-        False where the page writes its own.
+    ``title`` is for the browser's tab and, unless the page writes its own, the heading; ``introduction``
+    states what the page shows, in two sentences.
     """
     _set_up(title)
     choice = choose_study()

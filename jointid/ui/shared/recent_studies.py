@@ -19,16 +19,9 @@ _component = st.components.v2.component(
 
 
 def offer_last_workspace(current: str | None, study: str, unknown: str) -> None:
-    """Remember the open workspace in the browser, or link to the one opened last.
+    """Remember the open workspace and the chosen study in the browser, or link to those opened last.
 
-    Parameters
-    ----------
-    current : str or None
-        Id of the open workspace.
-    study : str
-        Key of the chosen study in the address.
-    unknown : str
-        Id that no longer exists on this server, to be forgotten.
+    The id ``unknown`` no longer exists on this server: the browser forgets it.
     """
     _component(
         key="last_workspace", data={"current": current or "", "study": quote(study), "unknown": unknown}

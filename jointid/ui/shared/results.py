@@ -64,18 +64,10 @@ def _pool() -> Pool:
 def run_in_background(
     compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
 ) -> Found:
-    """Return ``compute(*given, **named)``.
+    """Return ``compute(*given, **named)`` for a function of a module without side effects.
 
-    Raises JointIdError when the computation ends its process; and whatever it raises.
-
-    Parameters
-    ----------
-    compute : callable
-        A function of a module, without side effects.
-    *given
-        Arguments; one that is part of the result comes back as the same object.
-    **named
-        Keyword arguments; ``progress`` is called in this process.
+    A given value that is part of the result comes back as the same object; ``progress`` is called in
+    this process. Raises JointIdError when the computation ends its process; and whatever it raises.
     """
     return _computed(_session(), compute, *given, **named)
 
@@ -141,14 +133,8 @@ def awaited(what: str, *begun: Future[Any]) -> None:
 class ResultCache:
     """Finished results and those being computed; the least recently used are dropped first.
 
-    Parameters
-    ----------
-    most_bytes : int
-        Approximate memory of all results.
-    always_kept : int
-        Number of the latest results that stay even beyond ``most_bytes``.
-    limit_bytes : int
-        Beyond it only the latest result stays: large logs of many sessions do not fill the memory.
+    All results take about ``most_bytes``. The ``always_kept`` latest ones stay even beyond it; beyond
+    ``limit_bytes`` only the latest: large logs of many sessions do not fill the memory.
     """
 
     def __init__(
@@ -246,12 +232,10 @@ def computed_on_click(
     ----------
     key : hashable
         Of the result in the cache.
-    label, name : str
-        Text and key of the button.
+    label, name, hint, kind : str
+        Text, key, help and look of the button.
     compute : callable
         Given a function that shows progress; its error is shown.
-    hint, kind : str
-        Help and look of the button.
     at_once : bool
         Compute without a click, unless this computation was stopped.
 
