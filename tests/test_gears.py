@@ -27,7 +27,7 @@ from jointid import (
     track,
 )
 from jointid.cut.arm import Drive
-from jointid.figures.torsion import torsion_curve
+from jointid.figures.springs import torsion_curve
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, sine_stiffness
 from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import phasors_of, samples_of
