@@ -8,7 +8,7 @@ from jointid.figures import model_over_measurement
 from jointid.ui.cut.panels import outcome_panel
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.model_check import show_prediction
+from jointid.ui.study.elasticity_figures import show_prediction
 from jointid.ui.study.overview import (
     freed_note,
     show_changes,

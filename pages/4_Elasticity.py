@@ -4,8 +4,13 @@ import streamlit as st
 
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.elasticity_figures import figures, show_arm_side
-from jointid.ui.study.model_check import show_model_holds, show_poses, show_prediction
+from jointid.ui.study.elasticity_figures import (
+    figures,
+    show_arm_side,
+    show_model_holds,
+    show_poses,
+    show_prediction,
+)
 from jointid.ui.study.overview import show_bands, show_headline, show_tiles
 from jointid.ui.study.uncertainty_panels import (
     show_checks,

@@ -89,8 +89,8 @@ def show_samples_button() -> None:
     """Offer a fleet of one kind of robot over five years, and the sample studies."""
     with st.container(horizontal=True):
         if (file := SAMPLES / "fleet.parquet").exists():
-            show, given = "Show a sample fleet, 8 robots over 5 years", (file,)
-            st.button(show, key="sample_fleet", type="primary", on_click=_take_table, args=given)
+            show = "Show a sample fleet, 8 robots over 5 years"
+            st.button(show, key="sample_fleet", type="primary", on_click=_take_table, args=(file,))
         if sample_paths():
             analyse = "Analyse the sample studies, of different robots"
             st.button(analyse, key="fleet_samples", on_click=_take_samples)
@@ -151,13 +151,14 @@ def _analyse(fleet: OpenFleet) -> None:
     if fleet.stopped:
         left, right = st.columns([4, 1], vertical_alignment="center")
         left.info(f"{counted(len(fleet.todo), 'study')} not analysed yet.")
-        right.button("Resume", on_click=_resume, width="stretch")
+        right.button("Resume", on_click=setattr, args=(fleet, "stopped", False), width="stretch")
         return
     jobs = [Job(name, data, content=digest) for digest, (name, data) in fleet.todo.items()]
     total, count, failed = len(jobs), 0, 0
     bar, stop = st.progress(0.0), st.empty()
     show = steps_at(bar)
-    stop.button("Stop", key="fleet_stop", on_click=_stop, help="Finished rows are kept.")
+    hint, stopping = "Finished rows are kept.", (fleet, "stopped", True)
+    stop.button("Stop", key="fleet_stop", on_click=setattr, args=stopping, help=hint)
     workers = max(1, min(_MOST_WORKERS, os.cpu_count() or 1))
 
     def tell() -> None:
@@ -179,14 +180,6 @@ def _analyse(fleet: OpenFleet) -> None:
         show_error(error)
     bar.empty()
     stop.empty()
-
-
-def _stop() -> None:
-    _current().stopped = True
-
-
-def _resume() -> None:
-    _current().stopped = False
 
 
 def _close() -> None:
