@@ -101,7 +101,9 @@ def test_few_frequencies_show_links_as_well() -> None:
     """Seven frequencies from 0.7 of the resonance on: K was up to 6 standard errors off, silently."""
     kinds = {"links": THIRTEEN["10"], "rigid": Case()}
     seven = {name: replace(case, band=(0.7, 3.0, 7)) for name, case in kinds.items()}
-    campaigns = {name: [case.campaign(run) for run in range(tries(2, long=3))] for name, case in seven.items()}
+    campaigns = {
+        name: [case.campaign(run) for run in range(tries(2, long=3))] for name, case in seven.items()
+    }
     links, rigid = (outcomes(campaigns[name]) for name in kinds)
     assert max(np.abs(each.z).max() for each in links) < 4, told(links)
     assert max(each.standard_error.max() for each in links) < 0.03, told(links)

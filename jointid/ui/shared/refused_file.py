@@ -3,12 +3,10 @@
 import numpy as np
 import streamlit as st
 
-from jointid.arrays import Floats
 from jointid.figures import raw_columns
 from jointid.files.study_files import PeekedTable
 from jointid.ui.shared.charts import is_dark, plot
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_note
+from jointid.ui.shared.messages import markdown_escape, show_note
 from jointid.ui.shared.workspace import Refused
 
 _PLOTTED = 12
@@ -59,11 +57,8 @@ def _show_table(table: PeekedTable) -> None:
     columns = dict(list(plottable(frame).items())[:_PLOTTED])
     if columns:
         first = f"{place.capitalize()}s {lines[0]} to {lines[-1]}"
-        gaps = "; gaps are cells that hold no number" if _gaps(columns) else ""
+        missing = any(np.isnan(column).any() for column in columns.values())
+        gaps = "; gaps are cells that hold no number" * missing
         show_note(f"{first}, columns of numbers{gaps}.")
         figure = raw_columns(columns, marked=marked, dark=is_dark())
         plot(figure, f"Columns of {table.name}", key="peeked_plot")
-
-
-def _gaps(columns: dict[str, Floats]) -> bool:
-    return any(bool(np.isnan(column).any()) for column in columns.values())
