@@ -55,7 +55,6 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_of_another_robot_custom_values_are_its_own": (),
         "test_of_other_than_two_joints_is_a_demonstration": ("three joints",),
         "test_the_drive_may_be_another_and_that_is_said": (),
-        "test_the_map_is_made_on_demand_kept_and_covers_the_range_that_was_chosen": (),
     },
     "test_elasticity.py": {
         "test_errors_are_as_stated": ("2-2-7-1.0",),
