@@ -14,14 +14,13 @@ from jointid.ui.study.motion_plan_form import show_motion_plan, show_set_points
 from jointid.ui.study.plan_form import (
     ask,
     content,
-    percent,
     show_own_plan,
     suggested_columns,
     suggested_table,
     suggestion,
 )
 from jointid.uncertainty.validation import second_amplitude
-from jointid.wording import counted
+from jointid.wording import counted, percent
 
 page = open_page("Plan")
 analysis = page.analysis()
