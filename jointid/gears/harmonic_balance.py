@@ -15,6 +15,8 @@ from jointid.phasors.periods import phasors_of, samples_of
 
 _POINTS = 8
 """Samples over a period for each harmonic."""
+_FURTHER_POINTS = 4
+"""The same where the highest harmonics are small ones that are measured."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
 _SINE_POINTS = 512
@@ -24,6 +26,8 @@ _NEWTON, _CONVERGED = 36, 1e-6
 _NEWTON_OF_LOOPS = 6
 """Most steps where further deflection is measured, as of loops in motions: a right law takes fewer, a
 wrong one minutes with 36."""
+_MANY, _REFINED = 32, 3
+"""Harmonics from which slopes are not inverted at every solution, and refinements of an earlier inverse."""
 _SLOW = 0.2
 """Ratio of torque residuals of a step with earlier slopes from which they are evaluated again."""
 _CENTRED = 1e-9
@@ -94,7 +98,8 @@ class WoundGears:
         """
         H, m = f.shape[2], low.shape[2]
         measured = 0.0 if given is None or not given.size else given
-        points = _POINTS * max(H + free.shape[2] * (given is measured), _LEAST_HARMONICS)
+        further = free.shape[2] * (given is measured)
+        points = max(_POINTS * max(H, _LEAST_HARMONICS), _FURTHER_POINTS * (H + further))
         first = _started(laws, f, stiffness, points) if start is None else start
         mean = np.zeros_like(f[..., :1])
         solved = np.concatenate([np.ones((*low.shape[:2], 1), bool), low], axis=2)
@@ -109,8 +114,8 @@ class WoundGears:
         step = np.zeros((*size.shape, 1 + m), complex)
         old = np.full(size.shape, earlier is None)  # whose slopes are of no use
         fresh = np.zeros(size.shape, bool)  # whose last step is with slopes where it began
-        inverse = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m)) if earlier is None else earlier.copy()
-        most = _NEWTON_OF_LOOPS if given is measured else _NEWTON
+        inverse = _linear_inverse(kappa[..., : 1 + m]) if earlier is None else earlier.copy()
+        most = _NEWTON_OF_LOOPS if given is measured and laws.hysteretic else _NEWTON
         for turn in range(most):
             beyond, slope, samples = beyond_linear(laws, delta, points)
             delta[..., 1 + H :] = measured + free * beyond[..., 1 + H :]
@@ -153,11 +158,24 @@ class WoundGears:
     @cached_property
     def inverse(self) -> Floats:
         """Parts of δ by those of the torque, shape (r, n, 1 + 2m, 1 + 2m)."""
+        return _inverted(self._inward)
+
+    @cached_property
+    def _inward(self) -> Floats:
         m, H = self.low.shape[2], self.stiffness.shape[2]
         solved = np.concatenate([np.ones((*self.low.shape[:2], 1), bool), self.low], axis=2)
         mean = np.broadcast_to((1 + _CENTRED) * self.laws.K, (*self.low.shape[:2], 1))
         kappa = np.concatenate([mean, self.stiffness], axis=2)
-        return _inverted(kappa, self.spread[..., inner(m, H)], solved)
+        return _inward(kappa, self.spread[..., inner(m, H)], solved)
+
+    def _wound(self, left: Floats) -> Floats:
+        """Parts of δ by those of the torque, (r, n, 1 + 2m, 1); of many by an earlier inverse, refined."""
+        if self.low.shape[2] < _MANY:
+            return np.asarray(self.inverse @ left)
+        found = self.earlier @ left
+        for _ in range(_REFINED):
+            found = found + self.earlier @ (left - self._inward @ found)
+        return np.asarray(found)
 
     @property
     def law(self) -> Complexes:
@@ -178,7 +196,7 @@ class WoundGears:
         linear = stiffness * self.delta[..., : 1 + H] if np.any(stiffness) else 0.0
         left = np.broadcast_to(f - beyond - linear, self.beyond.shape)[..., : 1 + m].copy()
         left[..., 1:] = np.where(self.low, left[..., 1:], 0)
-        wound = self.inverse @ _parts(left)[..., None]
+        wound = self._wound(_parts(left)[..., None])
         through = _complex((wound.swapaxes(2, 3) @ self.spread).swapaxes(2, 3))[..., 0]
         whole = (beyond + through)[..., 1:]
         if np.any(stiffness):
@@ -236,14 +254,33 @@ def _inverse(
     """``WoundGears.inverse`` of some gears in some records, due (r, n), at samples of the deflection."""
     m = solved.shape[2] - 1
     if laws.hysteretic:
-        return np.asarray(
-            _inverted(kappa, whole_spread(laws, slope, _thinned(samples, H), m, m), solved)[due]
-        )
-    return _inverted(kappa[due], smooth_spread(slope[due], m, m), solved[due])
+        whole = whole_spread(laws, slope, _thinned(samples, H), m, m)[due]
+    else:
+        whole = smooth_spread(slope[due], m, m)
+    return _inverted(_inward(kappa[due], whole, solved[due]))
 
 
-def _inverted(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
-    """Inverse of κ (..., 1 + H) and a spread (..., 1 + 2m, 1 + 2m) where solved (..., 1 + m)."""
+def _linear_inverse(kappa: Complexes) -> Floats:
+    """Parts of δ by those of the torque of linear gears κ (r, n, 1 + m)."""
+    m = kappa.shape[2] - 1
+    found = np.zeros((*kappa.shape[:2], 1 + 2 * m, 1 + 2 * m))
+    j, inverse = np.arange(1, 1 + m), 1 / kappa
+    found[..., 0, 0] = inverse[..., 0].real
+    found[..., j, j] = found[..., m + j, m + j] = inverse[..., 1:].real
+    found[..., m + j, j] = inverse[..., 1:].imag
+    found[..., j, m + j] = -inverse[..., 1:].imag
+    return found
+
+
+def _inverted(inward: Floats) -> Floats:
+    """Inverses of matrices; of large ones, which only start an iteration, with single precision."""
+    if inward.shape[-1] < 2 * _MANY:
+        return np.linalg.inv(inward)
+    return np.linalg.inv(inward.astype(np.float32)).astype(float)
+
+
+def _inward(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
+    """Matrix of κ (..., 1 + H) and a spread (..., 1 + 2m, 1 + 2m) where solved (..., 1 + m)."""
     m = solved.shape[-1] - 1
     inward = np.array(spread.swapaxes(-2, -1))
     j, k = np.arange(1, 1 + m), kappa[..., 1 : 1 + m]
@@ -253,7 +290,7 @@ def _inverted(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
     inward[..., j, m + j] -= k.imag
     inward[..., m + j, j] += k.imag
     unknown = np.concatenate([solved, solved[..., 1:]], axis=-1)
-    return np.asarray(np.linalg.inv(np.where(unknown[..., None], inward, np.eye(1 + 2 * m))))
+    return np.where(unknown[..., None], inward, np.eye(1 + 2 * m))
 
 
 def _started(laws: GearLaws, f: Complexes, stiffness: Complexes, points: int) -> Complexes:

@@ -42,7 +42,7 @@ _STEP = 1e-3
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
 _WIDER = 2.0
-"""Frequency over the resonance, up to which hysteresis in motions follows from the torque."""
+"""Frequency over the resonance, up to which deflection in motions follows from the torque."""
 _SIGNIFICANT = 3.5
 """Standard errors from which a joint has a law that is fitted to all joints."""
 _GEAR_FIELDS = {
@@ -169,7 +169,7 @@ class JointLaws:
         kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
             start = (self.latest[-1].delta, self.latest[-1].latest_inverse) if self.latest else ()
-            given = self.further.swapaxes(1, 2)[..., : None if "hysteresis" in p.layout else 0]
+            given = self.further.swapaxes(1, 2)
             free = 0 * given if given.size else self._beyond_measured(p)
             found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, *start, given=given)
         self.latest[:] = [found] if np.isfinite(found.delta).all() else []
