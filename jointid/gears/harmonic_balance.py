@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import lu_factor, lu_solve
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.gear import Gear
@@ -26,9 +27,9 @@ _NEWTON, _CONVERGED = 36, 1e-6
 _NEWTON_OF_LOOPS = 6
 """Most steps where further deflection is measured, as of loops in motions: a right law takes fewer, a
 wrong one minutes with 36."""
-_MANY, _REFINED = 32, 3
-"""Harmonics from which slopes are not inverted at every solution, and refinements of an earlier inverse."""
-_SLOW = 0.2
+_MANY = 32
+"""Harmonics from which slopes are not inverted at every solution."""
+_SLOW, _SLOW_OF_MANY = 0.2, 0.5
 """Ratio of torque residuals of a step with earlier slopes from which they are evaluated again."""
 _CENTRED = 1e-9
 """Stiffness, over K, that holds a gear in the middle of a play that it never leaves."""
@@ -116,6 +117,7 @@ class WoundGears:
         fresh = np.zeros(size.shape, bool)  # whose last step is with slopes where it began
         inverse = _linear_inverse(kappa[..., : 1 + m]) if earlier is None else earlier.copy()
         most = _NEWTON_OF_LOOPS if given is measured and laws.hysteretic else _NEWTON
+        slow = _SLOW if m < _MANY else _SLOW_OF_MANY
         for turn in range(most):
             beyond, slope, samples = beyond_linear(laws, delta, points)
             delta[..., 1 + H :] = measured + free * beyond[..., 1 + H :]
@@ -126,7 +128,7 @@ class WoundGears:
             if turn == most - 1 or not np.any(is_open):
                 break
             better = size_left < least
-            due = better & is_open & (old | (size_left > _SLOW * least))
+            due = better & is_open & (old | (size_left > slow * least))
             if np.any(due):
                 inverse[due] = _inverse(laws, slope, samples, H, kappa, solved, due)
             old = ~better & ~fresh  # to where that step began
@@ -169,13 +171,18 @@ class WoundGears:
         return _inward(kappa, self.spread[..., inner(m, H)], solved)
 
     def _wound(self, left: Floats) -> Floats:
-        """Parts of δ by those of the torque, (r, n, 1 + 2m, 1); of many by an earlier inverse, refined."""
+        """Parts of δ by those of the torque, shape (r, n, 1 + 2m, 1)."""
         if self.low.shape[2] < _MANY:
             return np.asarray(self.inverse @ left)
-        found = self.earlier @ left
-        for _ in range(_REFINED):
-            found = found + self.earlier @ (left - self._inward @ found)
-        return np.asarray(found)
+        parts = zip(self._factors, left.reshape(-1, *left.shape[2:]), strict=True)
+        found = [lu_solve(factors, each, check_finite=False) for factors, each in parts]
+        return np.asarray(found).reshape(left.shape)
+
+    @cached_property
+    def _factors(self) -> list[tuple[Floats, np.ndarray]]:
+        """Of the slopes of each gear in each record: an inverse of many harmonics takes far longer."""
+        each = self._inward.reshape(-1, *self._inward.shape[2:])
+        return [lu_factor(slopes, check_finite=False) for slopes in each]
 
     @property
     def law(self) -> Complexes:

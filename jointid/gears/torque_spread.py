@@ -8,10 +8,6 @@ from jointid.arrays import Floats
 from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import pairs
 
-_MANY = 48
-"""Harmonics from which the fast Fourier transform pays; the bins of motions are more."""
-
-
 def dahl(delta: Floats, sharpness: Floats) -> Floats:
     """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
     move = _moves(delta)
@@ -121,11 +117,3 @@ def whole_spread(laws: GearLaws, slope: Floats, samples: Floats, m: int, H: int)
     """As ``smooth_spread``, with that of the hysteresis."""
     spread = smooth_spread(slope, m, H)
     return spread + _loop_spread(laws, samples, m, H) if laws.hysteretic else spread
-
-
-def _coefficients(samples: Floats, H: int) -> Floats:
-    """Mean and H coefficients each of sines and cosines of samples (..., t)."""
-    if H < _MANY:
-        return np.asarray(samples @ _waves(H, samples.shape[-1])[1])
-    found = np.fft.rfft(samples, axis=-1)[..., : H + 1] * (2 / samples.shape[-1])
-    return np.concatenate([0.5 * found[..., :1].real, -found[..., 1:].imag, found[..., 1:].real], -1)
