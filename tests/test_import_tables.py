@@ -454,13 +454,13 @@ def test_dates_over_midnight(stamp: str, first: str) -> None:
     np.testing.assert_allclose(table.column("Zeit").values, 0.002 * np.arange(40), atol=1e-6)
 
 
-def test_an_order_that_was_found_is_said_and_one_that_is_open_is_refused() -> None:
-    table = text(clock_log("%m/%d/%Y %H:%M:%S.{ms}", first="2026-05-07T23:59:59.950"))
-    assert any("read as month.day.year" in note for note in table.notes)
+def test_a_pause_of_days_counts_as_one_day() -> None:
+    """The order of day and month need not be known: a pause is no part of a run."""
     first = clock_log("%d/%m/%Y %H:%M:%S.{ms}")
-    second = clock_log("%d/%m/%Y %H:%M:%S.{ms}", first="2026-05-09T17:00:00")
-    with pytest.raises(JointIdError, match="may have the day or the month first"):
-        text(first + second.partition("\n")[2])
+    second = clock_log("%d/%m/%Y %H:%M:%S.{ms}", first="2026-05-09T09:00:59.950")
+    time = text(first + second.partition("\n")[2]).column("Zeit").values
+    expected = 0.002 * np.arange(40)
+    np.testing.assert_allclose(time, np.concatenate([expected, 86400 + expected]), atol=1e-6)
 
 
 def test_cells_that_are_no_time_are_missing() -> None:

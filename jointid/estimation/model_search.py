@@ -57,7 +57,8 @@ class Search:
 
     def again(self, start: Parameters) -> Search:
         """The same search from another start."""
-        return replace(self, start=start, fits=replace(self.fits, tried={}), starts={}, slow_fits=0, laws=[])
+        fits = replace(self.fits, tried={})
+        return replace(self, start=start, fits=fits, starts={}, slow_fits=0, laws=[])
 
     @property
     def has_motions(self) -> bool:

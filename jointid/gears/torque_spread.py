@@ -8,6 +8,7 @@ from jointid.arrays import Floats
 from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import pairs
 
+
 def dahl(delta: Floats, sharpness: Floats) -> Floats:
     """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
     move = _moves(delta)
@@ -73,8 +74,9 @@ def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
     s[s == 0] = 1.0
     slope = laws.sharpness * (1 - s * z)
     found = smooth_spread(laws.level * slope, m, H)
-    level, sharpness = (np.broadcast_to(x[..., 0], delta.shape[:-1]) for x in (laws.level, laws.sharpness))
-    for place in np.ndindex(delta.shape[:-1]):
+    shape = delta.shape[:-1]
+    level, sharpness = (np.broadcast_to(x[..., 0], shape) for x in (laws.level, laws.sharpness))
+    for place in np.ndindex(shape):
         turns = np.flatnonzero(s[place] != np.roll(s[place], 1))
         if level[place] and turns.size:
             order = np.roll(np.arange(delta.shape[-1]), -turns[0])

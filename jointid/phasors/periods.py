@@ -6,7 +6,6 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 
-
 _MANY = 48
 """Harmonics from which the fast Fourier transform pays; the bins of motions are more."""
 

@@ -42,6 +42,7 @@ _MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the sho
 _HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
 _BEATS = 2.0  # of the closest lines of a multisine, beside which they may look like a sine
+_EDGE_FREQUENCY = 0.02  # relative error of the frequency of a part of a ramp
 _MULTISINE_WORK = 0.2  # share of the work, for the progress
 _CANDIDATE_WORK = 0.3
 
@@ -89,6 +90,7 @@ class SegmentSearch:
             singles = [*self._singles(candidates, blocked, clear, lambda share: None)]
         found += [run for _, runs in singles for run in runs]
         found = [r for r in found if not any(_is_beat_of(r, m) for m in multisine_runs)]
+        found = [r for r in found if not any(_is_edge_of(r, other) for other in found)]
         return self._merged(sorted(found + multisine_runs, key=lambda s: s.start_s))
 
     def _merged(self, found: list[Segment]) -> list[Segment]:
@@ -257,3 +259,11 @@ def _is_beat_of(run: Segment, multisine: Segment) -> bool:
     beside = multisine.start_s - reach < run.stop_s and run.start_s < multisine.stop_s + reach
     near = np.abs(lines - run.frequency_hz).min() < apart
     return bool(beside and near and run.stop_s - run.start_s < reach)
+
+
+def _is_edge_of(run: Segment, other: Segment) -> bool:
+    """Whether a short run is part of the ramp at the begin or end of a long one."""
+    reach = (other.stop_s - other.start_s) / 2
+    beside = other.start_s - reach < run.stop_s and run.start_s < other.stop_s + reach
+    near = abs(run.frequency_hz / other.frequency_hz - 1) < _EDGE_FREQUENCY
+    return bool(beside and near and run.stop_s - run.start_s < reach / 2)

@@ -18,6 +18,7 @@ from jointid.importing.columns.log_table import (
     require_few_values,
     require_small,
 )
+from jointid.importing.read.clocks import with_whole_clock
 from jointid.importing.read.reader_process import ReaderProcess
 from jointid.importing.read.readers import TEXT, is_zip, kind_of
 from jointid.wording import counted, listed
@@ -72,7 +73,7 @@ def read_logs(sources: Iterable[tuple[LogSource, str]]) -> Iterator[tuple[LogTab
     with closing(ReaderProcess()) as reader:
         for source, name in sources:
             try:
-                yield _read(source, name, reader)
+                yield tuple(map(with_whole_clock, _read(source, name, reader)))
             except JointIdError as error:
                 yield error
 

@@ -117,9 +117,9 @@ def promise(outcome: Outcome, settings: CutSettings) -> str:
             f"{remainder(outcome, settings.servo, settings.friction)}"
         )
     return (
-        "the servo assumes the identified values; those of the robot are drawn from their "
-        f"uncertainty. 95 % of these robots stay {_below(outcome.after_m)}, 50 % "
-        f"{_below(outcome.distribution.median_m)}. {outcome.not_better}"
+        "the servo assumes the identified values; those of the robot differ from them within the "
+        f"error bars. The path error stays {_below(outcome.after_m)} with a probability of 95 %, "
+        f"{_below(outcome.distribution.median_m)} with 50 %. {outcome.not_better}"
     )
 
 
@@ -260,8 +260,9 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 promised = remainder(outcome, EVERYDAY_SERVO, outcome.robot.friction)
             elif outcome.distribution is not None:
                 promised = (
-                    "95 % of the robots within the uncertainty of the identified values stay "
-                    f"{_below(outcome.after_m)}. {outcome.not_better}"
+                    f"The path error stays {_below(outcome.after_m)} with a probability of 95 %: K and "
+                    f"D of the robot differ from the identified ones within their error bars. "
+                    f"{outcome.not_better}"
                 )
             st.caption(
                 "A rectangle of 28 × 45 mm with corner zones of 10 mm, the largest, at 300 mm/s, cut by "

@@ -11,7 +11,6 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.background.child_process import Limits
-from jointid.files.store import PARTS, Store
 from jointid.fleet.content import content_digest, packed
 from jointid.fleet.jobs import Job, Local
 from jointid.fleet.row import Row
@@ -20,12 +19,12 @@ from jointid.ui.shared.messages import show_error, show_warning
 from jointid.ui.shared.results import steps_at
 from jointid.ui.shared.workspace import (
     SAMPLES,
+    empty_part,
     keep_part,
     noting_problems,
-    place_for,
+    part_entries,
+    read_part,
     sample_paths,
-    store,
-    workspace,
 )
 from jointid.wording import counted
 
@@ -194,39 +193,26 @@ def _close() -> None:
     st.session_state[_OPEN] = OpenFleet()
     st.session_state[_KEPT] = True
     with noting_problems():
-        if (place := place_for(_PART)) is not None:
-            for entry in store().entries(place):
-                store().delete(place, entry.id)
+        empty_part(_PART)
 
 
 # --- kept at the address
 
 
-def _can_keep() -> bool:
-    return workspace() is not None or _PART in PARTS
-
-
 def _keep(fleet: OpenFleet) -> None:
     """Write the rows to the store when they have changed; studies are kept when they are opened."""
     rows = list(fleet.rows.values())
-    if not rows or fleet.todo or fleet.saved or fleet.unkept or not _can_keep():
+    if not rows or fleet.todo or fleet.saved or fleet.unkept:
         return
     data = to_parquet(rows)
     digest = blake2b(data, digest_size=16).hexdigest()
     try:
-        keep_part(_PART, lambda to, place: _write(to, place, digest, data))
+        keep_part(_PART, "results.parquet", digest, data, beside=())
     except JointIdError as error:
         fleet.unkept = True
         show_warning(f"These results are open in this session only. {error}")
     else:
         fleet.saved = digest
-
-
-def _write(to: Store, place: str, digest: str, data: bytes) -> None:
-    to.put(place, "results.parquet", digest, data)
-    for entry in to.entries(place):
-        if entry.digest != digest:
-            to.delete(place, entry.id)
 
 
 def _restore(fleet: OpenFleet) -> None:
@@ -235,11 +221,9 @@ def _restore(fleet: OpenFleet) -> None:
         return
     st.session_state[_KEPT] = True
     try:
-        if fleet.rows or (place := place_for(_PART)) is None:
-            return
-        for entry in store().entries(place)[:1]:
-            _add_rows(fleet, store().read(place, entry.id))
-            fleet.saved = entry.digest
+        for digest in [] if fleet.rows else [*part_entries(_PART)][-1:]:
+            _add_rows(fleet, read_part(_PART, digest) or b"")
+            fleet.saved = digest
     except JointIdError as error:
         fleet.problems.append(f"The fleet that was open at this address cannot be shown. {error}")
 

@@ -7,8 +7,7 @@ from jointid.arrays import Floats
 from jointid.figures import raw_columns
 from jointid.files.study_files import PeekedTable
 from jointid.ui.shared.charts import is_dark, plot
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_note
+from jointid.ui.shared.messages import markdown_escape, show_note
 from jointid.ui.shared.workspace import Refused
 
 _PLOTTED = 12

@@ -9,8 +9,7 @@ from jointid.answer import STIFFNESS_UNITS
 from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.study_files import load_study
 from jointid.ui.shared.charts import equip_page
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_info
+from jointid.ui.shared.messages import markdown_escape, show_info
 from jointid.ui.shared.method_steps import GROUPS
 from jointid.ui.shared.recent_studies import show_recent
 from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, set_in_address

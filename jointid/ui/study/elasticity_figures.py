@@ -20,11 +20,11 @@ from jointid.figures import (
     torsion_curve,
     unexplained_torque,
 )
-from jointid.figures.torsion import ColourBy
-from jointid.ui.shared.background import run_in_background
+from jointid.figures.springs import ColourBy
 from jointid.ui.shared.charts import choose_segment, download, plot
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
+from jointid.ui.shared.results import run_in_background
 from jointid.ui.study.overview import freed_note
 from jointid.wording import file_stem
 

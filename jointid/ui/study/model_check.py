@@ -43,21 +43,23 @@ def show_prediction(page: Page, analysis: Analysis) -> None:
     except JointIdError as error:
         show_note(f"No prediction of records left out of the fit. {error}")
         return
-    what = "Frequencies" if isinstance(prediction, TorquePrediction) else "Records"
-    show_note(f"{what} left out of the fit are predicted {_sentence(prediction)}")
+    show_note(_sentence(prediction))
 
 
 def _sentence(prediction: Prediction | TorquePrediction) -> str:
     """Size of the deviation, judged as the verdict judges the misfit of all records."""
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
-    of = "the gears' torque" if isinstance(prediction, TorquePrediction) else "H"
-    text = f"within {apart} % of {of} (median), {times} × the standard errors"
+    what = "gear torques" if isinstance(prediction, TorquePrediction) else "motor accelerations"
+    text = (
+        f"Fitted to half of the frequencies, K and D predict the {what} at the others within {apart} %"
+    )
+    sigmas = f"({times} σ; noise alone: up to {limit} σ)."
     if prediction.misfit <= EXPLAINED:
-        return f"{text}; up to {limit} is expected from noise."
+        return f"{text}, as expected from noise {sigmas}"
     return (
-        f"{text}; at most {limit} is expected from noise. The model lacks an effect, or these records "
-        "show less than the whole fit takes into account."
+        f"{text}, more than noise explains {sigmas} The model lacks an effect, or these records show "
+        "less than the whole fit takes into account."
     )
 
 
@@ -69,7 +71,7 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
     except JointIdError as error:
         show_info(error)
     else:
-        st.caption(f"Fits to every second frequency predict the others {_sentence(prediction)}")
+        show_note(_sentence(prediction))
         if isinstance(prediction, Prediction):
             what = "Measured and predicted H over frequency, and their relative difference"
             page.show("left_out", partial(left_out_prediction, prediction), what)
