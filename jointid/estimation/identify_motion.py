@@ -124,10 +124,11 @@ def _identified(
     choice = search(few, own, start, noise=_noise(few, own))
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
     if few is not phasors or _differ(again, phasors):
-        phasors, first = again, None
-        if isinstance(choice.estimate, LikelihoodEstimate):
-            start, first = choice.estimate.named, choice.model
-        choice = search(phasors, prior, start, noise=_noise(phasors, prior), first=first)
+        phasors, found = again, choice.estimate
+        if isinstance(found, LikelihoodEstimate):
+            search = partial(search, first=choice.model)
+            start = found.named
+        choice = search(phasors, prior, start, noise=_noise(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
     estimate, noise = choice.estimate, _noise(phasors, prior)

@@ -112,7 +112,11 @@ class WoundGears:
         step = np.zeros((*size.shape, 1 + m), complex)
         old = np.full(size.shape, start is None)  # whose slopes are of no use
         fresh = np.zeros(size.shape, bool)  # whose last step is with slopes where it began
-        inverse = _linear_inverse(kappa[..., : 1 + m]) if start is None else start.latest_inverse.copy()
+        if start is None:  # a linear gear
+            none = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m))
+            inverse = _inward(np.asarray(1 / kappa, complex), none, solved)
+        else:
+            inverse = start.latest_inverse.copy()
         most = _NEWTON_OF_LOOPS if given is measured and laws.hysteretic else _NEWTON
         slow = _SLOW if m < _MANY else _SLOW_OF_MANY
         for turn in range(most):
@@ -157,7 +161,7 @@ class WoundGears:
     @cached_property
     def inverse(self) -> Floats:
         """Parts of δ by those of the torque, shape (r, n, 1 + 2m, 1 + 2m)."""
-        return _inverted(self._inward)
+        return np.asarray(np.linalg.inv(self._inward))
 
     @cached_property
     def _inward(self) -> Floats:
@@ -261,26 +265,9 @@ def _inverse(
         whole = whole_spread(laws, slope, _thinned(samples, H), m, m)[due]
     else:
         whole = smooth_spread(slope[due], m, m)
-    return _inverted(_inward(kappa[due], whole, solved[due]))
-
-
-def _linear_inverse(kappa: Complexes) -> Floats:
-    """Parts of δ by those of the torque of linear gears κ (r, n, 1 + m)."""
-    m = kappa.shape[2] - 1
-    found = np.zeros((*kappa.shape[:2], 1 + 2 * m, 1 + 2 * m))
-    j, inverse = np.arange(1, 1 + m), 1 / kappa
-    found[..., 0, 0] = inverse[..., 0].real
-    found[..., j, j] = found[..., m + j, m + j] = inverse[..., 1:].real
-    found[..., m + j, j] = inverse[..., 1:].imag
-    found[..., j, m + j] = -inverse[..., 1:].imag
-    return found
-
-
-def _inverted(inward: Floats) -> Floats:
-    """Inverses of matrices; of large ones, which only start an iteration, with single precision."""
-    if inward.shape[-1] < 2 * _MANY:
-        return np.linalg.inv(inward)
-    return np.linalg.inv(inward.astype(np.float32)).astype(float)
+    inward = _inward(kappa[due], whole, solved[due])
+    precision = np.float64 if m < _MANY else np.float32
+    return np.asarray(np.linalg.inv(inward.astype(precision)), np.float64)
 
 
 def _inward(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
