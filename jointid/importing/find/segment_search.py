@@ -12,19 +12,15 @@ from jointid.importing.find.multisines import excited_lines, multisines
 from jointid.importing.find.segment import (
     FEWEST_PERIODS,
     HARMONICS,
-    MIN_SNR,
     Segment,
-    line_sizes,
     measured,
 )
 from jointid.importing.find.sine_candidates import SHARE, Candidate, sine_candidates
 from jointid.importing.find.steady_state import (
     Frames,
     frames_of,
-    grown,
     settled_part,
     steady_runs,
-    weighted,
 )
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.phasors.fitted_sine import sine_basis
@@ -36,9 +32,6 @@ _MAX_OTHERS = 0.05  # power of other lines over that of a single sine
 _OTHERS_BAND = 2.5  # times the frequency of a sine, below which other lines count
 _MIN_TRAVEL = 0.05  # travel of a joint over the largest, below which its lines are ignored
 _ROUGH_PHASE_RAD = 1e-3  # phase error over the run, small enough to see where it has settled
-_MERGE_CYCLES = 0.1  # phase difference of two parts of one run
-_MERGE_CHANGE = 0.06  # relative change of the phasors within both
-_MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the shorter part
 _HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
 _BEATS = 2.0  # of the closest lines of a multisine, beside which they may look like a sine
@@ -91,33 +84,7 @@ class SegmentSearch:
         found += [run for _, runs in singles for run in runs]
         found = [r for r in found if not any(_is_beat_of(r, m) for m in multisine_runs)]
         found = [r for r in found if not any(_is_edge_of(r, other) for other in found)]
-        return self._merged(sorted(found + multisine_runs, key=lambda s: s.start_s))
-
-    def _merged(self, found: list[Segment]) -> list[Segment]:
-        """Merge neighbours that are parts of one run: a single sine continues through both."""
-        merged: list[Segment] = []
-        for segment in found:
-            if merged and (both := self._as_one(merged[-1], segment)):
-                merged[-1] = both
-            else:
-                merged.append(segment)
-        return merged
-
-    def _as_one(self, one: Segment, two: Segment) -> Segment | None:
-        gap, shorter = two.start_s - one.stop_s, min(s.stop_s - s.start_s for s in (one, two))
-        cycles = abs(one.frequency_hz - two.frequency_hz) * (gap + shorter)
-        several = one.is_multisine or two.is_multisine
-        if (
-            several
-            or cycles > _MERGE_CYCLES
-            or gap > max(shorter, _MERGE_GAP_PERIODS / one.frequency_hz)
-        ):
-            return None
-        longer = max(one, two, key=lambda s: s.stop_s - s.start_s)
-        begin, end = self._rows(one).start, self._rows(two).stop
-        y, noise = weighted(self._frames(begin, end, [longer.frequency_hz]).z)
-        whole = grown(y, noise, change=_MERGE_CHANGE) == (0, len(y))
-        return self._settled(begin, end, [longer.frequency_hz]) if whole else None
+        return found + multisine_runs
 
     def _singles(
         self,
@@ -178,7 +145,7 @@ class SegmentSearch:
         chance = min(shares) < _CHANCE_SHARE / (part.stop - part.start)
         if change > _SAME_FREQUENCY or max(shares) < SHARE or chance:
             return None
-        if segment.periods < FEWEST_PERIODS - 0.5 or not self._moves_at(part, segment.frequency_hz):
+        if segment.periods < FEWEST_PERIODS - 0.5:
             return None
         return segment if self._others(part, segment.frequency_hz) < _MAX_OTHERS else None
 
@@ -220,13 +187,6 @@ class SegmentSearch:
 
     def _frames(self, begin: int, end: int, lines: Sequence[float]) -> Frames:
         return frames_of(self._even[begin:end], np.asarray(lines) * self._interval)
-
-    def _moves_at(self, part: slice, frequency_hz: float) -> bool:
-        """Whether the position of any joint has a line clear of the noise floor."""
-        theta = self._even[part, : self._theta.shape[1]]
-        size, floor, moved = line_sizes(self._grid[part], theta, np.array([frequency_hz]))
-        # Half of the motion is a line by itself: short runs have no spectrum beside it.
-        return bool(((moved > 0) & (size[0] > np.minimum(MIN_SNR * floor[0], 1.5 * moved))).any())
 
     def _others(self, part: slice, frequency_hz: float) -> float:
         """Power near a sine that the sine and its harmonics do not explain, over that of the sine.
