@@ -59,45 +59,33 @@ class SegmentSearch:
         """Find single sines, and multisines where no clear sine is; ``progress`` gets the share done."""
         progress(0.0)
         candidates = sine_candidates(self._even, lambda share: progress(_CANDIDATE_WORK * share))
-        blocked, clear = np.zeros((2, self._time.size), bool)
+        clear = np.zeros(self._time.size, bool)
         work = 1 - _CANDIDATE_WORK - _MULTISINE_WORK
-        singles = [
-            *self._singles(
-                candidates, blocked, clear, lambda share: progress(_CANDIDATE_WORK + work * share)
-            )
-        ]
+        singles = self._singles(
+            candidates, clear, lambda share: progress(_CANDIDATE_WORK + work * share)
+        )
         multisine_runs, several = [], np.zeros(self._time.size, bool)
         for begin, end, lines in multisines(
             self._grid, self._even, ~clear, lambda share: progress(1 - _MULTISINE_WORK * (1 - share))
         ):
             several[begin:end] = True
             multisine_runs.append(self._settled(begin, end, lines))
-        found: list[Segment] = []
-        if multisine_runs:  # parts of a multisine have looked like sines
-            blocked = several.copy()
-            for candidate, runs in singles:
-                kept = [run for run in runs if not several[self._rows(run)].any()]
-                for rows in [candidate] if kept == runs else map(self._rows, kept):
-                    blocked[rows] = True
-                found += kept
-            singles = [*self._singles(candidates, blocked, clear, lambda share: None)]
-        found += [run for _, runs in singles for run in runs]
+        # Parts of a multisine have looked like sines.
+        found = [run for run in singles if not several[self._rows(run)].any()]
         found = [r for r in found if not any(_is_beat_of(r, m) for m in multisine_runs)]
         found = [r for r in found if not any(_is_edge_of(r, other) for other in found)]
         return found + multisine_runs
 
     def _singles(
-        self,
-        candidates: list[Candidate],
-        blocked: np.ndarray,
-        clear: np.ndarray,
-        progress: Callable[[float], None],
-    ) -> Iterator[tuple[slice, list[Segment]]]:
-        """Yield the free parts of candidates that hold sines, the best first, and these sines.
+        self, candidates: list[Candidate], clear: np.ndarray, progress: Callable[[float], None]
+    ) -> list[Segment]:
+        """Return the sines in the free parts of candidates, the best first.
 
-        Parts are added to ``blocked``, sines without any other line to ``clear``; both have shape (N,).
+        Those without any other line are marked in ``clear`` (N,).
         """
+        found: list[Segment] = []
         failed: list[Candidate] = []
+        blocked = np.zeros(self._time.size, bool)
         for number, candidate in enumerate(candidates):
             progress(number / len(candidates))
             begin, end = candidate.begin, min(candidate.end, self._time.size)
@@ -106,20 +94,20 @@ class SegmentSearch:
                 too_short = (last - first) * part.frequency < FEWEST_PERIODS
                 if too_short or any(_repeats(part, tried) for tried in failed):
                     continue
-                runs = []
+                before = len(found)
                 for low, high, near in self._steady(part):
                     if not blocked[low:high].any() and (run := self._single(low, high, near)):
                         rows = self._rows(run)
-                        runs.append(run)
+                        found.append(run)
                         blocked[rows] = True
                         one = len(excited_lines(self._grid[rows], self._even[rows])) == 1
                         clear[low:high] |= part == candidate and one
-                if runs:
+                if len(found) > before:
                     # The edges of a run that was found look like sines of other frequencies.
                     blocked[part.begin : part.end] = True
-                    yield slice(part.begin, part.end), runs
                 else:
                     failed.append(part)
+        return found
 
     def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int, float]]:
         """Runs of one excitation pattern within a candidate, transients included, and their Hz."""
