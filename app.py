@@ -8,10 +8,10 @@ from jointid.figures import model_over_measurement
 from jointid.ui.cut.panels import outcome_panel
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.corrections import show_changes
-from jointid.ui.study.model_check import show_prediction
+from jointid.ui.study.elasticity_figures import show_prediction
 from jointid.ui.study.overview import (
     freed_note,
+    show_changes,
     show_findings,
     show_heading,
     show_headline,

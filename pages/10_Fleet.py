@@ -3,10 +3,17 @@
 import streamlit as st
 
 from jointid.fleet.table import to_parquet
-from jointid.ui.fleet.drift import show_drift
 from jointid.ui.fleet.files import open_fleet, show_samples_button
-from jointid.ui.fleet.panels import choose, show_headline, show_outstanding, show_spread, spreads_of
-from jointid.ui.fleet.studies import show_failed, show_studies
+from jointid.ui.fleet.panels import (
+    choose,
+    show_drift,
+    show_failed,
+    show_headline,
+    show_outstanding,
+    show_spread,
+    show_studies,
+    spreads_of,
+)
 from jointid.ui.shared.charts import download, is_dark
 from jointid.ui.shared.page import start
 

@@ -4,15 +4,21 @@ import streamlit as st
 
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.elasticity_figures import figures, show_arm_side
-from jointid.ui.study.estimates import show_estimates, show_fitted_model, show_matrix
-from jointid.ui.study.model_check import show_model_holds, show_poses, show_prediction
+from jointid.ui.study.elasticity_figures import (
+    figures,
+    show_arm_side,
+    show_model_holds,
+    show_poses,
+    show_prediction,
+)
 from jointid.ui.study.overview import show_bands, show_headline, show_tiles
 from jointid.ui.study.uncertainty_panels import (
     show_checks,
-    show_ellipses,
     show_errors,
+    show_estimates,
+    show_fitted_model,
     show_inertias,
+    show_matrix,
 )
 
 page = open_page(
@@ -34,7 +40,6 @@ details = {
     "Inertias": lambda: show_inertias(analysis),
     "Fitted model": lambda: show_fitted_model(analysis.fit),
     "Estimators": lambda: show_estimates(analysis),
-    "Ellipses": lambda: show_ellipses(page, analysis),
 }
 if not page.study.motion_records:  # these look at every sine by itself
     details |= {

@@ -5,7 +5,7 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.cut.robot import NOMINAL_NAMES, cut_robot
 from jointid.ui.cut import cached_cuts
-from jointid.ui.cut.animation import show_animation
+from jointid.ui.cut.details import show_time_series, show_tolerance, show_tool_stiffness
 from jointid.ui.cut.panels import (
     headline,
     show_assumptions,
@@ -14,11 +14,8 @@ from jointid.ui.cut.panels import (
     show_own_path,
     show_rule,
 )
-from jointid.ui.cut.pictures import show_figure_7
+from jointid.ui.cut.pictures import show_animation, show_figure_7
 from jointid.ui.cut.settings import ask
-from jointid.ui.cut.time_series import show_time_series
-from jointid.ui.cut.tolerance import show_tolerance
-from jointid.ui.cut.tool_stiffness import show_tool_stiffness
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page

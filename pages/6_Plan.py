@@ -7,11 +7,10 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import worst_error
-from jointid.ui.shared.charts import csv_of, download, table
-from jointid.ui.shared.introduction import introduce
-from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.charts import csv_of, download, introduce
+from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.motion_plan_form import show_motion_plan
+from jointid.ui.study.motion_plan_form import show_motion_plan, show_set_points
 from jointid.ui.study.plan_form import (
     ask,
     content,
@@ -21,7 +20,6 @@ from jointid.ui.study.plan_form import (
     suggested_table,
     suggestion,
 )
-from jointid.ui.study.setpoints_form import show_set_points
 from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted
 
@@ -48,12 +46,12 @@ if found is None:
 count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
 st.header(f"{counted(count, 'additional record')}: worst error {before} → {after}", anchor=False)
-table(suggested_table(found))
+show_text_table(suggested_table(found))
 for advice in filter(None, (analysis.limit_of_records(found.worst), second_amplitude(analysis.fit))):
     st.info(advice)
 st.caption(
-    "Torques: amplitude ∠ phase relative to the first driven joint, for inertias and springs"
-    + ("; friction of the motors is extra." if analysis.fit.friction is not None else ".")
+    "Torques: amplitude ∠ phase relative to the first driven joint"
+    + (", without the friction of the motors." if analysis.fit.friction is not None else ".")
     + " The errors include noise, inertias and torque scale, as in the study."
 )
 download(
@@ -70,9 +68,11 @@ own, set_points, motions = st.tabs(tabs, key="plan_view", bind="query-params")
 try:
     with own:
         plan = show_own_plan(page, found, analysis, settings.pose)
-    with set_points:
-        show_set_points(page, plan, content(plan), analysis, settings.pose)
+    if set_points.open:
+        with set_points:
+            show_set_points(page, plan, content(plan), analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
-with motions:
-    show_motion_plan(page, analysis)
+if motions.open:
+    with motions:
+        show_motion_plan(page, analysis)

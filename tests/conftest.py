@@ -134,7 +134,7 @@ def quick_app_tests() -> Iterator[None]:
     from streamlit.testing.v1 import local_script_runner
 
     from jointid.background.pool import Pool
-    from jointid.ui.shared import background
+    from jointid.ui.shared import results
 
     compiled = functools.cache(functools.partial(ScriptCache.get_bytecode, ScriptCache()))
     ask = local_script_runner.require_widgets_deltas
@@ -146,7 +146,7 @@ def quick_app_tests() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         scan = manifest_scanner.scan_component_manifests
         patch.setattr(manifest_scanner, "scan_component_manifests", functools.cache(scan))
-        patch.setattr(background, "_pool", functools.partial(Pool, 0))
+        patch.setattr(results, "_pool", functools.partial(Pool, 0))
         patch.setattr(ScriptCache, "get_bytecode", lambda _, path: compiled(path))
         patch.setattr(local_script_runner, "require_widgets_deltas", wait)
         yield

@@ -69,7 +69,6 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "test_hostile_pages.py": {
-        "test_every_tab_about_a_hostile_study": ("Ellipses*",),
     },
     "test_import_inertia.py": {
         "test_the_page_asks_how_well_inertias_and_torque_scale_are_known": ("chosen2*",),

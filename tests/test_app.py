@@ -14,7 +14,7 @@ from streamlit.testing.v1 import AppTest
 
 from jointid import Inertia, Study
 from jointid.files.study_files import pack_study
-from jointid.ui.shared import workspace
+from jointid.ui.shared import charts, workspace
 
 TITLES = {
     "pages/1_Records.py": "Records",
@@ -334,3 +334,9 @@ def test_the_terms_of_a_page_are_explained_where_they_stand(app: AppTest) -> Non
     hint = at.markdown[0].proto.help
     assert "**Phasor**: " in hint
     assert "**Backlash**" not in hint
+
+
+def test_hints_hold_whole_entries_of_the_glossary() -> None:
+    entries = [entry[0] for entry in charts._ENTRY.finditer(charts.glossary())]
+    assert len(entries) > 60
+    assert all(entry.endswith(".") for entry in entries)

@@ -200,9 +200,9 @@ def changed(result: Identification, **values: Any) -> str:
     ("values", "complaint"),
     [
         ({"K": [1.0]}, "K has shape"),
-        ({"K": ["43", 7.5]}, "K must be a number"),
+        ({"K": ["43", 7.5]}, "K: expected real numbers"),
         ({"kind": "something"}, "expected kind"),
-        ({"format": 2}, "reads format 1"),
+        ({"format": 2}, "expected format = 1"),
         ({"side": "arm"}, "expected side"),
         ({"covariance": [[1.0]]}, "covariance has shape"),
         ({"stiffnes": 1}, 'unknown key "stiffnes"'),

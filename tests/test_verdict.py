@@ -395,7 +395,7 @@ def test_friction_is_weighed_against_the_paper() -> None:
     share = np.abs(np.r_[case.paper.K, case.paper.D] / np.r_[PAPER.K, PAPER.D] - 1).max()
     assert friction.weight == pytest.approx(share, rel=0.02)
     assert f"{100 * share:.0f} % too high" in friction.title
-    assert "0.1, 0.02 N·m" in friction.detail
+    assert "0.1 and 0.02 N·m" in friction.detail
     assert found[0].level == "good"
 
 
@@ -403,7 +403,7 @@ def test_friction_that_is_ignored_is_a_warning() -> None:
     found = findings(of_rubbing(method="weighted"))
     (limits,) = said(found, "model, not the noise")
     assert "odd harmonics" in limits.remedy
-    assert "automatic" in limits.remedy
+    assert "estimator auto" in limits.remedy
     assert not said(found, "record")
     assert not said(found, "inertias")
 
@@ -626,7 +626,7 @@ def test_coarse_encoder_is_told(counts: int) -> None:
     found = said(analysed(records, method="weighted").findings, "encoder of joint")
     assert bool(found) == (counts == 4096)
     for finding in found:
-        assert "4096 counts per revolution" in finding.detail
+        assert "4096 counts per turn" in finding.detail
 
 
 # ------------------------------------------------------------------------------ the story of the figures

@@ -198,17 +198,14 @@ def _with_noise(
     )
     clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
     share = np.where(clear, share, np.nan)
-    motions = [segment for segment in phasors.segments if segment is not None]
-    angles = np.mean([segment.angle_variance for segment in motions], axis=0)
-    most = np.mean([segment.most_torque_variance for segment in motions], axis=0)
-    least = np.mean([segment.least_torque_variance for segment in motions], axis=0)
-    torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E, angles)
-    torques = np.clip(torques, least, np.maximum(most, least))
+    torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
     braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
-            variance = np.concatenate([segment.angle_variance, torques])
+            least, most = segment.least_torque_variance, segment.most_torque_variance
+            torque = np.clip(torques[segment.record], least, np.maximum(most, least))
+            variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             segments[row] = replace(segment, turn_rad_s=late, known={})
@@ -218,10 +215,8 @@ def _with_noise(
 def _differ(one: Phasors, other: Phasors) -> bool:
     """Whether the noise of motions differs noticeably."""
     rows = one.motion
-    variances = [
-        np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real.mean(axis=0) for each in (one, other)
-    ]
-    return bool(np.any(np.abs(variances[0] - variances[1]) > _SAME * variances[1]))
+    before, after = (np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real for each in (one, other))
+    return bool(np.any(np.sqrt(np.mean((before / after - 1) ** 2, axis=0)) > _SAME))
 
 
 def _lines(

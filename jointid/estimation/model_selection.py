@@ -28,7 +28,7 @@ from jointid.estimation.model_average import spread, spread_of_unseen
 from jointid.estimation.model_fits import stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
 from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, Search
-from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_play
+from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
 from jointid.joints import Inertia
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
@@ -171,9 +171,9 @@ def _fit_first(search: Search) -> None:
     needs_friction = NEEDED * fits.least_misfit < plain < np.inf
     laws = []
     if not needs_friction and not search.has_motions:
-        laws += [(base, law, with_play if law == "backlash" else by_motion) for law in _FAR_LAWS]
+        laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
     if search.may_rub:
-        laws += [(rubbing, "backlash", begin) for begin in (with_play, by_motion)]
+        laws += [(rubbing, "backlash", begin) for begin in (with_backlash, by_motion)]
     for model, law, begin in laws:
         if search.is_lost and law in fits.optional:
             search.fit(model.with_part(law), begin(search.phasors, search.prior))

@@ -19,9 +19,8 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.joints import Elasticity, Inertia
+from jointid.joints import Elasticity, Inertia, require_same_joints
 from jointid.transfer_matrix import TransferMatrix
-from jointid.wording import counted
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
@@ -68,11 +67,7 @@ def state_space(
     """
     if output not in get_args(Output):
         raise JointIdError(f'output = "{output}": expected one of {", ".join(get_args(Output))}.')
-    if inertia.n != elasticity.n:
-        raise JointIdError(
-            f"The inertia has {counted(inertia.n, 'joint')}, the elasticity {elasticity.n}: "
-            "they must agree."
-        )
+    require_same_joints(inertia, elasticity)
     n = inertia.n
     eye, none = np.eye(n), np.zeros((n, n))
     motor = np.diag(1 / inertia.M)

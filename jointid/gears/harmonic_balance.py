@@ -27,7 +27,7 @@ wrong one minutes with 36."""
 _SLOW = 0.2
 """Ratio of torque residuals of a step with earlier slopes from which they are evaluated again."""
 _CENTRED = 1e-9
-"""Stiffness, over K, that holds a gear in the middle of a play that it never leaves."""
+"""Stiffness, over K, that holds a gear in the middle of backlash that it never leaves."""
 _RESOLVED = 1e-9
 """Least move between samples, over the largest deflection."""
 
@@ -36,10 +36,10 @@ _RESOLVED = 1e-9
 class WoundGears:
     """Solution of κ δ + g(δ) = f for gears with linear dynamic stiffness κ and the torque g beyond.
 
-    A deflection is smooth, the torque through a play is not: where the arm moves less than the gear
+    A deflection is smooth, the torque through backlash is not: where the arm moves less than the gear
     winds up by the same torque, below its resonance with the motor locked, the harmonics of δ follow
     from those of the torque; above, from the motions of motor and arm. The mean of δ is that of a gear
-    without mean torque: a large play has periodic motions that lean to one side.
+    without mean torque: wide backlash has periodic motions that lean to one side.
     """
 
     laws: GearLaws
@@ -65,8 +65,7 @@ class WoundGears:
         moved: Complexes,
         low: np.ndarray,
         free: Complexes,
-        start: Complexes | None = None,
-        earlier: Floats | None = None,
+        start: WoundGears | None = None,
         *,
         given: Complexes | None = None,
     ) -> WoundGears:
@@ -85,17 +84,15 @@ class WoundGears:
             Harmonics whose deflection follows from the torque.
         free : ndarray, shape (r, n, T)
             Deflection over g at the harmonics H + 1 to H + T, which nothing but the gear drives.
-        start : ndarray, shape (r, n, 1 + H + T), optional
-            The deflection at similar parameters.
-        earlier : ndarray, shape (r, n, 1 + 2m, 1 + 2m), optional
-            The latest inverse there.
+        start : WoundGears, optional
+            The solution at similar parameters.
         given : ndarray, shape (r, n, T), optional
             Further deflection at the harmonics H + 1 to H + T, as measured.
         """
         H, m = f.shape[2], low.shape[2]
         measured = 0.0 if given is None or not given.size else given
         points = _POINTS * max(H + free.shape[2] * (given is measured), _LEAST_HARMONICS)
-        first = _started(laws, f, stiffness, points) if start is None else start
+        first = _started(laws, f, stiffness, points) if start is None else start.delta
         mean = np.zeros_like(f[..., :1])
         solved = np.concatenate([np.ones((*low.shape[:2], 1), bool), low], axis=2)
         delta = np.concatenate([first[..., :1], moved, first[..., 1 + H :]], axis=2)
@@ -107,9 +104,12 @@ class WoundGears:
         size = np.abs(f).max(axis=2) + np.finfo(float).tiny
         before, least = delta.copy(), np.full(size.shape, np.inf)
         step = np.zeros((*size.shape, 1 + m), complex)
-        old = np.full(size.shape, earlier is None)  # whose slopes are of no use
+        old = np.full(size.shape, start is None)  # whose slopes are of no use
         fresh = np.zeros(size.shape, bool)  # whose last step is with slopes where it began
-        inverse = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m)) if earlier is None else earlier.copy()
+        if start is None:
+            inverse = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m))
+        else:
+            inverse = start.latest_inverse.copy()
         most = _NEWTON_OF_LOOPS if given is measured else _NEWTON
         for turn in range(most):
             beyond, slope, samples = beyond_linear(laws, delta, points)
@@ -257,10 +257,10 @@ def _inverted(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
 
 
 def _started(laws: GearLaws, f: Complexes, stiffness: Complexes, points: int) -> Complexes:
-    """Mean and phasors of the linear deflection, with half the play in the direction of the torque."""
+    """Mean and phasors of the linear deflection, and half the backlash in the torque's direction."""
     delta = f / stiffness
-    if laws.plays:
-        delta = delta + laws.half_play * phasors_of(np.sign(samples_of(f, points)), f.shape[2])
+    if laws.has_backlash:
+        delta = delta + laws.half_backlash * phasors_of(np.sign(samples_of(f, points)), f.shape[2])
     return np.concatenate([np.zeros_like(f[..., :1]), delta], axis=2)
 
 
@@ -282,7 +282,7 @@ def beyond_linear(laws: GearLaws, delta: Complexes, points: int) -> tuple[Comple
         found[..., 0], found[..., 1:] = torque.mean(axis=-1), phasors_of(torque, H)
         slope = laws.smooth_slope(plain)
     chords = mean.real + samples_of(delta * (np.sinc(turn) / np.cos(np.pi * turn)), points)
-    if not (laws.plays or laws.bent or laws.hysteretic):
+    if not (laws.has_backlash or laws.bent or laws.hysteretic):
         return found, slope, chords
     move = chords - np.roll(chords, 1, axis=-1)
     least = _RESOLVED * np.abs(chords).max(axis=-1, keepdims=True) + np.finfo(float).tiny

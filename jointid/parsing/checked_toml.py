@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any, TypeVar
 
 from jointid.errors import JointIdError
-from jointid.wording import listed, nearest, shown
+from jointid.wording import nearest, shown
 
 T = TypeVar("T")
 
@@ -191,6 +191,11 @@ def parse_toml(file: str, data: bytes, examples: Mapping[str, str]) -> CheckedTa
 
     Raises JointIdError when it is not UTF-8 or not TOML, too large, or has an unknown key.
     """
+    return CheckedTable(file, toml_values(file, data), examples)
+
+
+def toml_values(file: str, data: bytes) -> dict[str, Any]:
+    """Return the values of a TOML file; errors as in ``parse_toml``, without unknown keys."""
     if len(data) > MAX_TOML_BYTES:
         raise JointIdError(
             f"{file} has {len(data)} bytes, more than the limit of {MAX_TOML_BYTES}: "
@@ -210,14 +215,13 @@ def parse_toml(file: str, data: bytes, examples: Mapping[str, str]) -> CheckedTa
     if match := _LONG_DOTTED_KEY.search(text):
         line = text.count("\n", 0, match.start()) + 1
         raise JointIdError(
-            f"{file}, line {line}: a key of more than 32 dotted parts. {listed(examples)} are known.",
+            f"{file}, line {line}: a key of more than 32 dotted parts.",
             file=file,
             line=line,
         )
     try:
-        values = tomllib.loads(text)
+        return tomllib.loads(text)
     except RecursionError:
         raise JointIdError(f"{file}: brackets are nested too deeply.", file=file) from None
     except ValueError as error:
         raise JointIdError(f"{file} is not valid TOML: {error!s:.200}.", file=file) from error
-    return CheckedTable(file, values, examples)

@@ -10,7 +10,7 @@ from reportlab.platypus import CondPageBreak, KeepTogether, SimpleDocTemplate
 from reportlab.platypus import Paragraph as Set
 from reportlab.platypus import Table as Grid
 
-from jointid.reporting.blocks import Figure, Paragraph, Report, Table, Verdict
+from jointid.reporting.blocks import Block, Figure, Paragraph, Report, Table, Verdict
 from jointid.reporting.html import LEVELS
 from jointid.reporting.pdf_figure import Piece
 from jointid.reporting.pdf_type import BOLD, QUIET, REGULAR, RULE, clean, page_styles, printable
@@ -72,19 +72,16 @@ def _story(report: Report, width: float) -> list[Any]:
     for section in report.sections:
         heading = [CondPageBreak(_HEADING_NEEDS), _set(section.title, styles["heading"])]
         for block in section.blocks:
-            if isinstance(block, Figure):
-                pieces, together = [Piece(block, styles["caption"])], False
-            else:
-                pieces, together = _block(block, styles, width)
+            pieces, together = _block(block, styles, width)
             story += [KeepTogether([*heading, *pieces])] if together else [*heading, *pieces]
             heading = []
     return story
 
 
-def _block(
-    block: Paragraph | Table | Verdict, styles: dict[str, Any], width: float
-) -> tuple[list[Any], bool]:
+def _block(block: Block, styles: dict[str, Any], width: float) -> tuple[list[Any], bool]:
     """Flowables of a block, and whether they stay on one page."""
+    if isinstance(block, Figure):
+        return [Piece(block, styles["caption"])], False
     if isinstance(block, Paragraph):
         return [_set(block.text, styles[block.kind])], False
     if isinstance(block, Table):
@@ -95,19 +92,15 @@ def _block(
 
 def _table(table: Table, styles: dict[str, Any], width: float) -> Any:
     """A table with the caption as its last row, which keeps it with the others over a page break."""
-
     answer = table.kind == "answer"
     size = "answer" if answer else "cell"
     sides = ["left" if side == "l" else "right" for side in table.sides]
     rows = []
-    if table.header:
-        bold = [styles[f"{size}-{side}-bold"] for side in sides]
-        rows.append([_set(text, style) for text, style in zip(table.header, bold, strict=True)])
-    usual = [
-        styles[f"{size}-{side}" + ("-bold" if answer and k == 1 else "")] for k, side in enumerate(sides)
-    ]
-    for row in table.rows:
-        rows.append([_set(text, style) for text, style in zip(row, usual, strict=True)])
+    for number, row in enumerate((table.header, *table.rows)):
+        bold = [number == 0 or (answer and column == 1) for column in range(len(row))]
+        cells = zip(row, sides[: len(row)], bold, strict=True)
+        rows += [[_set(text, styles[f"{size}-{side}" + "-bold" * b]) for text, side, b in cells]]
+    rows = rows if table.header else rows[1:]
     if table.caption:
         rows.append([_set(table.caption, styles["caption"]), *[""] * (len(sides) - 1)])
     grid = Grid(
@@ -140,7 +133,6 @@ def _table(table: Table, styles: dict[str, Any], width: float) -> Any:
 
 def _columns(table: Table, width: float, size: float) -> list[float]:
     """Column widths: the longest text each; the first column fills the page."""
-
     if table.kind == "facts":
         return [110.0, width - 110.0]
     rows = [*([table.header] if table.header else []), *table.rows]
@@ -169,7 +161,6 @@ def _set(text: str, style: Any) -> Any:
 
 
 def _finding(finding: Finding, styles: dict[str, Any], width: float) -> Any:
-
     text = f"<b>{LEVELS[finding.level]}: {clean(finding.title)}.</b> {clean(finding.detail)}"
     parts = [Set(text, styles["plain"])]
     if finding.remedy:

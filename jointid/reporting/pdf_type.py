@@ -17,7 +17,6 @@ QUIET, RULE = "#565B63", "#C9CDD2"
 @cache
 def register_fonts() -> None:
     """Register the typeface with reportlab."""
-
     for name, file in ((REGULAR, "Roboto-Regular.ttf"), (BOLD, "Roboto-Bold.ttf")):
         data = files("font_roboto").joinpath("files", file).read_bytes()
         registerFont(TTFont(name, BytesIO(data)))
@@ -26,7 +25,6 @@ def register_fonts() -> None:
 
 def page_styles() -> dict[str, Any]:
     """Return the styles of paragraphs and cells by name."""
-
     register_fonts()
 
     def style(name: str, size: float, **more: Any) -> Any:

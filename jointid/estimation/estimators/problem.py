@@ -33,7 +33,7 @@ deflection or angle."""
 _SHARPEST, _SLOWEST = 1e-4, 2.0
 """Their range: beyond it a sharper hysteresis, or one that is a spring, looks the same."""
 _LARGEST = 4.0
-"""Upper bound on play and hysteresis over the largest linear deflection and torque."""
+"""Upper bound on backlash and hysteresis over the largest linear deflection and torque."""
 _FLATTEST = 0.1
 """Least slope of a piecewise linear gear, over K."""
 LOWEST_LINK = 4.0

@@ -25,10 +25,8 @@ from jointid.importing.map.guess import guess_unit, propose_joint
 from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.reasons import Reason, unchanged, value_of
 from jointid.ui.importing.steps import go_on
-from jointid.ui.shared.entries import example_hint
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_error
-from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.shared.entries import example_hint, numbers_in
+from jointid.ui.shared.messages import markdown_escape, show_error
 from jointid.wording import capitalised, enumerated, plain
 
 _NO_COLUMN = "no column: number the rows"
@@ -36,13 +34,15 @@ _NO_SENSOR = "none"
 _HELD = {True: "held until the next sample", False: "not held: measured, or interpolated"}
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """First parts of the names of entries from the drive's data sheet, not the file."""
+_SIDE_HELP = "Robot controllers often log values of the joint; drives log those of their motor."
+_SIGN_HELP = "Mark one of both where a positive torque moves the logged position to smaller values."
 _SWITCHES = {
-    ("position", "side"): (JOINT, "Positions measured at the joint, behind the gear"),
-    ("torque", "side"): (JOINT, "Torques measured at the joint, behind the gear"),
-    ("position", "sign"): (-1, "Positions that count backwards"),
-    ("torque", "sign"): (-1, "Torques that count backwards"),
+    ("position", "side"): (JOINT, "Position is of the joint, behind the gear", _SIDE_HELP),
+    ("torque", "side"): (JOINT, "Torque is of the joint, behind the gear", _SIDE_HELP),
+    ("position", "sign"): (-1, "Position has the opposite sign", _SIGN_HELP),
+    ("torque", "sign"): (-1, "Torque has the opposite sign", _SIGN_HELP),
 }
-"""Value of a channel's field and its question, answered by the joints that have it."""
+"""Value of a channel's field, its question, answered by the joints that have it, and its help."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,10 @@ class Entries:
     def ask_drives(self, columns: Mapping) -> Asked:
         """Ask for gear ratios, scales, directions and timing of the torque."""
         missing: list[str] = []
+        st.caption(
+            "Not in the log: see the data sheet and settings of the drive. Entries left empty or not "
+            "confirmed are marked as assumed in the study, its report and its files."
+        )
         left, right = st.columns(2)
         joints = list(columns.joints)
         of_base = [joint.gear_ratio for joint in self.base.joints]
@@ -122,10 +126,6 @@ class Entries:
         given = ("gear ratio", "scale", "torque hold")
         guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(given)]
         asked = self._confirmed("drive data", found, missing, guesses)
-        st.caption(
-            "A log cannot confirm these entries. Unconfirmed ones are marked as assumed in the study, "
-            "its report and its files."
-        )
         of_joints = tuple(ratios.values())
         return replace(asked, gear_ratio=None if np.isnan(of_joints).any() else of_joints)
 
@@ -234,9 +234,10 @@ class Entries:
             **self._kept("held"),
         )
         delay = right.number_input(
-            "Torque acts after its sample by (ms)",
+            "Delay from a torque sample to its effect (ms)",
             value=1e3 * self.base.torque_delay_s,
             format="%g",
+            help="0 for a measured torque or current. Of a logged command, the delay of the drive.",
             **self._kept("delay"),
         )
         return (None if held is None else held == _HELD[True]), float(delay) / 1e3
@@ -245,7 +246,7 @@ class Entries:
         self, place: DeltaGenerator, role: str, field: str, joints: Sequence[JointMapping]
     ) -> set[int]:
         """Ask which joints have the value of ``_SWITCHES``."""
-        value, question = _SWITCHES[role, field]
+        value, question, about = _SWITCHES[role, field]
         of = {str(j): getattr(joint, role) for j, joint in enumerate(joints, start=1)}
         chosen = place.pills(
             question,
@@ -253,6 +254,7 @@ class Entries:
             selection_mode="multi",
             default=[name for name, channel in of.items() if getattr(channel, field) == value],
             format_func=lambda name: f"joint {name}",
+            help=about,
             **self._kept(f"{role} {field} of {len(joints)}"),
         )
         return {int(name) - 1 for name in chosen}

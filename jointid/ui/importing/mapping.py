@@ -7,7 +7,6 @@ from typing import Any
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.files.store import Store
 from jointid.importing import (
     Channel,
     Guess,
@@ -27,7 +26,7 @@ from jointid.ui.importing.files import once
 from jointid.ui.importing.inertia import inertias_given
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import show_error
-from jointid.ui.shared.workspace import keep_part, noting_problems, place_for, store
+from jointid.ui.shared.workspace import keep_part, noting_problems, part_entries, read_part
 
 _SAVED = "import_mappings"
 _BASE = "import_base"
@@ -83,26 +82,20 @@ def keep_mapping(table: LogTable, mapping: Mapping) -> None:
         return
     known[table.signature] = mapping
 
-    def write(to: Store, place: str) -> None:
-        data = mapping_to_json(mapping).encode()
-        to.put(place, f"The mapping of {table.name}", table.signature, data)
-        for entry in to.entries(place)[_MOST_KNOWN:]:
-            to.delete(place, entry.id)
-
     with noting_problems("The mapping is known in this session only. "):
-        keep_part(_PART, write)
+        stays = [*part_entries(_PART)][-_MOST_KNOWN:]
+        data = mapping_to_json(mapping).encode()
+        keep_part(_PART, f"The mapping of {table.name}", table.signature, data, beside=stays)
 
 
 def _known(signature: str) -> Mapping | None:
     """Return the mapping that this workspace had for these columns, read once per session."""
     known: dict[str, Mapping | None] = st.session_state.setdefault(_KNOWN, {})
-    place = place_for(_PART)
-    if place is not None and signature not in known:
+    if signature not in known:
         known[signature] = None
         with noting_problems("The earlier mapping is no longer known.  "):
-            found = [entry for entry in store().entries(place) if entry.digest == signature]
-            if found:
-                known[signature] = mapping_from_json(store().read(place, found[0].id))
+            if kept := read_part(_PART, signature):
+                known[signature] = mapping_from_json(kept)
     return known.get(signature)
 
 

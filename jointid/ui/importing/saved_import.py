@@ -13,12 +13,18 @@ from typing import Any
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.files.store import Store
 from jointid.ui.importing.files import Dropped, dropped, hold
 from jointid.ui.importing.mapping import mappings_from_json, mappings_to_json, of_mapping, offer_again
 from jointid.ui.importing.segments import forget_rows, rows_from_json, rows_to_json
 from jointid.ui.shared.messages import show_warning
-from jointid.ui.shared.workspace import keep_part, noting_problems, place_for, store
+from jointid.ui.shared.workspace import (
+    empty_part,
+    keep_part,
+    noting_problems,
+    part_entries,
+    place_for,
+    store,
+)
 
 _PART = "import"
 _DRAFT = "entries"
@@ -54,9 +60,9 @@ def keep_import() -> None:
     st.session_state[_WRITTEN] = digest
     try:
         if not files:
-            _empty()
+            empty_part(_PART)
         else:
-            keep_part(_PART, lambda to, place: _write(to, place, files, text.encode()))
+            _write(files, text.encode())
     except JointIdError as error:
         st.session_state[_PROBLEM] = f"The logs are open in this session only. {error}"
     else:
@@ -97,7 +103,7 @@ def forget_import() -> None:
     """Remove the import from the store; it stays open in this session."""
     keep_import()
     with noting_problems():
-        _empty()
+        empty_part(_PART)
         st.session_state[_MADE] = st.session_state[_WRITTEN]
 
 
@@ -110,29 +116,19 @@ def clear_entries() -> None:
     offer_again()
 
 
-def _write(to: Store, place: str, files: list[Dropped], text: bytes) -> None:
-    size = sum(len(file.data) for file in files)
-    if size * _SHARE > to.limit_bytes:
+def _write(files: list[Dropped], text: bytes) -> None:
+    size, limit = sum(len(file.data) for file in files), store().limit_bytes / _SHARE
+    if size > limit:
         raise JointIdError(
-            f"They take {size / 2**20:.4g} MiB, and the store keeps up to "
-            f"{to.limit_bytes / _SHARE / 2**20:.4g} MiB of logs: open them as a study, or in parts."
+            f"They take {size / 2**20:.4g} MiB, and the store keeps up to {limit / 2**20:.4g} MiB of "
+            "logs: open them as a study, or in parts."
         )
-    there = {entry.digest for entry in to.entries(place)}
+    there = part_entries(_PART)
     for file in files:
         if file.digest not in there:
-            to.put(place, file.name, file.digest, file.data)
-    to.put(place, "Entries of the import", _DRAFT, text)
-    wanted = {_DRAFT, *(file.digest for file in files)}
-    for entry in to.entries(place):
-        if entry.digest not in wanted:
-            to.delete(place, entry.id)
-
-
-def _empty() -> None:
-    place = place_for(_PART)
-    if place is not None:
-        for entry in store().entries(place):
-            store().delete(place, entry.id)
+            keep_part(_PART, file.name, file.digest, file.data)
+    digests = [file.digest for file in files]
+    keep_part(_PART, "Entries of the import", _DRAFT, text, beside=digests)
 
 
 def _snapshot(files: list[Dropped]) -> dict[str, Any]:
@@ -162,7 +158,7 @@ def _restore() -> None:
     if place is None or dropped():
         return
     try:
-        entries = {entry.digest: entry for entry in reversed(store().entries(place))}
+        entries = part_entries(_PART)
     except JointIdError as error:
         st.session_state["store_problem"] = str(error)
         return

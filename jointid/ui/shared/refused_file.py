@@ -2,7 +2,7 @@
 
 import streamlit as st
 
-from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.ui.shared.messages import markdown_escape
 from jointid.ui.shared.workspace import Refused
 
 

@@ -11,8 +11,7 @@ from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.answer import AT_MOTOR
 from jointid.figures import compared_models
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
+from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.sidebar import ESTIMATORS
 from jointid.ui.shared.workspace import names_by_address, open_study, sample_paths
