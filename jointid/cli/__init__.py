@@ -11,9 +11,8 @@ try:
     from jointid.cli.export import export, report
     from jointid.cli.identify import arm_side, identify
     from jointid.cli.plan import plan, setpoints
-    from jointid.cli.program import Command, app
+    from jointid.cli.program import Command, app, start_app
     from jointid.cli.simulate import simulate
-    from jointid.cli.start_app import start_app
 except KeyboardInterrupt:  # during the imports
     raise SystemExit(130) from None
 

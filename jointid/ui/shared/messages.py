@@ -63,7 +63,7 @@ def show_progress(share: float, text: object, place: DeltaGenerator) -> None:
     place.progress(min(max(share, 0.0), 1.0), markdown_escape(text))
 
 
-def show_text_table(columns: Mapping[str, Sequence[Any]], place: DeltaGenerator | None = None) -> None:
+def show_text_table(columns: Mapping[str, Sequence[Any]]) -> None:
     """Show a small table without a frame of its own; headings and cells are text.
 
     A column without a heading holds names of quantities.
@@ -72,4 +72,4 @@ def show_text_table(columns: Mapping[str, Sequence[Any]], place: DeltaGenerator 
         markdown_escape(name or "Quantity"): [*map(markdown_escape, cells)]
         for name, cells in columns.items()
     }
-    (place or st).table(escaped, hide_index=True)
+    st.table(escaped, hide_index=True)

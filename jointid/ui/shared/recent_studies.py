@@ -62,8 +62,7 @@ def _row(name: str, entry: Entry) -> None:
             key=f"open_{entry.id}",
             type="tertiary",
             width="stretch",
-            on_click=_open,
-            args=(entry.id,),
+            on_click=lambda: st.session_state.update(chosen=entry.id),
         )
         with st.popover("Edit", help=f"Rename or delete {markdown_escape(name)}"):
             key = f"name_{entry.id}"
@@ -71,10 +70,6 @@ def _row(name: str, entry: Entry) -> None:
             st.caption(f"{entry.size_bytes / 2**20:.1f} MiB. Deleting cannot be undone.")
             remove = "delete", entry.id
             st.button("Delete", key=f"delete_{entry.id}", on_click=workspace.change_store, args=remove)
-
-
-def _open(entry: str) -> None:
-    st.session_state["chosen"] = entry
 
 
 def _rename(entry: str, key: str) -> None:

@@ -222,7 +222,6 @@ def computed_on_click(
     name: str,
     compute: Callable[[Show], Found],
     *,
-    hint: str = "",
     kind: Literal["primary", "secondary"] = "secondary",
     at_once: bool = False,
 ) -> Found | None:
@@ -232,8 +231,8 @@ def computed_on_click(
     ----------
     key : hashable
         Of the result in the cache.
-    label, name, hint, kind : str
-        Text, key, help and look of the button.
+    label, name, kind : str
+        Text, key and look of the button.
     compute : callable
         Given a function that shows progress; its error is shown.
     at_once : bool
@@ -250,7 +249,7 @@ def computed_on_click(
     if found is not None:
         return found
     waits = not at_once or st.session_state.get(stopped) == key
-    if waits and not place.button(label, key=name, help=hint or None, type=kind):
+    if waits and not place.button(label, key=name, type=kind):
         return None
     with place.container():
         bar = st.progress(0.0, "Computing")

@@ -26,10 +26,10 @@ from jointid.ui.shared.entries import (
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
-from jointid.ui.study.plan_form import percent, pose_inertia
+from jointid.ui.study.plan_form import pose_inertia
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
 from jointid.uncertainty.plan import PlannedRecords
-from jointid.wording import file_stem, significant
+from jointid.wording import file_stem, percent, significant
 
 _LIMITS = {
     "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
@@ -84,7 +84,8 @@ def show_set_points(
         entered[name] = enter_text(place, key, label, "", hint, example)
     one, two, three, four = st.columns(4)
     kind = choose_from(one, f"{form}_kind", "Motion", list(_FORMS)) if sines else _SINES
-    file_format = choose_from(two, f"{form}_format", "Format", list(FORMATS), _title)
+    titles = {name: each.title for name, each in FORMATS.items()}
+    file_format = choose_from(two, f"{form}_format", "Format", list(FORMATS), titles.__getitem__)
     interval_hint = "Empty: the default of the format."
     interval = enter_text(three, f"{form}_interval", "Interval (ms)", "", interval_hint)
     numbers: list[Any] = [
@@ -154,10 +155,6 @@ def _load_limits(keys: dict[str, str], form: str) -> None:
     for name, key in keys.items():
         value = getattr(robot, name)
         fill_in(key, ", ".join(value) if name == "joint_names" else numbers_out(value))
-
-
-def _title(name: str) -> str:
-    return FORMATS[name].title
 
 
 _NUMBERS: dict[str, tuple[Any, ...]] = {

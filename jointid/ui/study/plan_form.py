@@ -24,7 +24,7 @@ from jointid.uncertainty.plan import (
     suggest_records,
 )
 from jointid.uncertainty.planned_records import phase_deg, phasor_text
-from jointid.wording import UNDETERMINED, significant
+from jointid.wording import percent, significant
 
 
 @dataclass(frozen=True)
@@ -192,6 +192,8 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
     for j in range(turned.shape[1]):
         start[f"Torque {j + 1} (N·m)"] = [float(f"{x:.3g}") for x in np.abs(turned[:, j])]
         start[f"Phase {j + 1} (°)"] = [float(round(x)) for x in phase_deg(turned[:, j])]
+    of_joints = ((f"τ{j + 1} (N·m)", f"φ{j + 1} (°)") for j in range(turned.shape[1]))
+    short = ["f (Hz)", "t (s)", *chain.from_iterable(of_joints)]
     number = st.column_config.NumberColumn
     edited = st.data_editor(
         start,
@@ -201,16 +203,11 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
         # Narrow, so that a phone shows the columns of two joints; on a wide page they grow.
         column_config={
             name: number(label, width=62, help=name, format="%g", required=True)
-            for name, label in zip(start, _short_headings(turned.shape[1]), strict=True)
+            for name, label in zip(start, short, strict=True)
         },
         alt="Your own plan",
     )
     return {str(name): list(values) for name, values in dict(edited).items()}
-
-
-def _short_headings(joints: int) -> list[str]:
-    of_joints = ((f"τ{j} (N·m)", f"φ{j} (°)") for j in range(1, joints + 1))
-    return ["f (Hz)", "t (s)", *chain.from_iterable(of_joints)]
 
 
 def _own_plan(columns: dict[str, list[float | None]], analysis: Analysis, pose: str) -> PlannedRecords:
@@ -252,8 +249,3 @@ def predicted_table(errors: PredictedErrors, analysis: Analysis) -> Table:
         "This plan alone": plus_minus(analysis.unit.shown(errors.planned)),
         "Both together": plus_minus(analysis.unit.shown(errors.together)),
     }
-
-
-def percent(error: float) -> str:
-    """Relative error in per cent."""
-    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED
