@@ -23,7 +23,7 @@ from jointid.phasors.extract import Phasors
 
 _SAME_FILTER = 0.02
 """Relative difference between time constants below which friction keeps its waveforms. Beyond it they
-are renewed once: ``friction_advance`` follows the time constant to first order, so that the square of the
+are renewed once: ``friction_advance`` follows the time constant to first order; the square of the
 difference is left."""
 
 
