@@ -23,8 +23,6 @@ NEEDED = 3.0
 """Ratio of misfits from which a part is needed, whatever its standard error."""
 _SIGNIFICANT = 5.0
 """Standard errors by which an optional part must differ from zero."""
-_RUBBING = 2.0
-"""Factor on its square beside friction, whose approximations other parts absorb."""
 _WORTH = 0.2
 """Share of the misfit beyond 1 that a part must explain where the model leaves more than noise: every
 wrong part explains something."""
@@ -232,7 +230,7 @@ class Fits:
         if beyond_noise and simpler and simpler.misfit - own < _WORTH * (simpler.misfit - 1):
             return False
         if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
-            least = _SIGNIFICANT**2 * (_RUBBING if "friction" in model.parts else 1.0) + size.size
+            least = _SIGNIFICANT**2 + size.size
             least *= 1 + estimate.repeated  # such errors lower the cost of any part
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
         if part == "piecewise":  # a first slope near zero, or a steep one, is backlash or hysteresis
