@@ -55,10 +55,15 @@ def opened(at: AppTest, name: str, data: bytes) -> AppTest:
     return shown(at.run())
 
 
-def test_every_page_about_a_hostile_study(app: AppTest, studies: dict[int, Study]) -> None:
+def test_every_page_about_a_hostile_study_sets_its_address(
+    app: AppTest, studies: dict[int, Study]
+) -> None:
     at = opened(shown(app.run()), "a.zip", pack_study(hostile_study(studies[2])))
+    address = {name: at.query_params[name] for name in ("w", "study")}
     for page in PAGES:
+        at.query_params.clear()
         at = shown(at.switch_page(page).run())
+        assert {name: at.query_params[name] for name in address} == address, page
 
 
 @pytest.mark.parametrize(("tab", "said"), [("Model check", "Largest: "), ("Inertias", "Motor side")])

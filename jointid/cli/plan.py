@@ -19,6 +19,7 @@ from jointid.cli.program import reported
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
 from jointid.simulation.motion import Motion
+from jointid.wording import percent
 
 if TYPE_CHECKING:
     from jointid.uncertainty.motion_plan import PlannedMotion
@@ -72,10 +73,10 @@ def plan(
     from jointid.uncertainty.planned_records import phasor_text
 
     names = document["parameters"]
-    rows = [["today", "", "", *map(_percent, document["relative_error_today"])]]
+    rows = [["today", "", "", *map(percent, document["relative_error_today"])]]
     for k, record in enumerate(document["records"], start=1):
         torques = ", ".join(map(phasor_text, found.records.relative[0][k - 1].tolist()))
-        errors = map(_percent, record["relative_error_after"])
+        errors = map(percent, record["relative_error_after"])
         rows.append([f"record {k}", f"{record['frequency_hz']:.3g}", torques, *errors])
     print("Suggested records, and the relative standard errors after each\n")
     print_table(["", "Hz", "torques (N·m)", *names], rows, right=(1, *range(3, 3 + len(names))))
@@ -154,7 +155,7 @@ def _print_motion(analysis: Analysis, found: PlannedMotion, as_json: bool) -> No
     count, seconds = len(found.records), found.duration_s
     print(f"{found.motion.kind}, {count} records, {seconds:.4g} s in all: relative standard errors\n")
     today = fit.standard_error / np.abs(fit.estimate)
-    columns = ([_percent(float(x)) for x in each] for each in (today, found.alone, found.together))
+    columns = ([percent(float(x)) for x in each] for each in (today, found.alone, found.together))
     rows = [list(row) for row in zip(found.names, *columns, strict=True)]
     print_table(["", "today", "motion alone", "together"], rows, right=(1, 2, 3))
 
@@ -181,12 +182,6 @@ def _document(suggestion: Suggestion) -> dict[str, Any]:
             for k in range(records.frequency_hz.size)
         ],
     }
-
-
-def _percent(error: float) -> str:
-    from jointid.wording import UNDETERMINED, significant
-
-    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED
 
 
 @reported

@@ -15,17 +15,9 @@ from jointid.fleet.content import content_digest, packed
 from jointid.fleet.jobs import Job, Local
 from jointid.fleet.row import Row
 from jointid.fleet.table import read_untrusted, to_parquet
+from jointid.ui.shared import workspace
 from jointid.ui.shared.messages import show_error, show_warning
 from jointid.ui.shared.results import steps_at
-from jointid.ui.shared.workspace import (
-    SAMPLES,
-    empty_part,
-    keep_part,
-    noting_problems,
-    part_entries,
-    read_part,
-    sample_paths,
-)
 from jointid.wording import counted
 
 _UPLOADER = "fleet_uploader"
@@ -88,10 +80,10 @@ def open_fleet() -> OpenFleet:
 def show_samples_button() -> None:
     """Offer a fleet of one kind of robot over five years, and the sample studies."""
     with st.container(horizontal=True):
-        if (file := SAMPLES / "fleet.parquet").exists():
+        if (file := workspace.SAMPLES / "fleet.parquet").exists():
             show = "Show a sample fleet, 8 robots over 5 years"
             st.button(show, key="sample_fleet", type="primary", on_click=_take_table, args=(file,))
-        if sample_paths():
+        if workspace.sample_paths():
             analyse = "Analyse the sample studies, of different robots"
             st.button(analyse, key="fleet_samples", on_click=_take_samples)
 
@@ -128,7 +120,7 @@ def _take_table(file: Path) -> None:
 def _take_samples() -> None:
     fleet = _current()
     fleet.stopped = False
-    for name, path in sample_paths().items():
+    for name, path in workspace.sample_paths().items():
         _add(fleet, name, packed(path))
 
 
@@ -185,8 +177,8 @@ def _analyse(fleet: OpenFleet) -> None:
 def _close() -> None:
     st.session_state[_OPEN] = OpenFleet()
     st.session_state[_KEPT] = True
-    with noting_problems():
-        empty_part(_PART)
+    with workspace.noting_problems():
+        workspace.empty_part(_PART)
 
 
 # --- kept at the address
@@ -200,7 +192,7 @@ def _keep(fleet: OpenFleet) -> None:
     data = to_parquet(rows)
     digest = blake2b(data, digest_size=16).hexdigest()
     try:
-        keep_part(_PART, "results.parquet", digest, data, beside=())
+        workspace.keep_part(_PART, "results.parquet", digest, data, beside=())
     except JointIdError as error:
         fleet.unkept = True
         show_warning(f"These results are open in this session only. {error}")
@@ -214,8 +206,8 @@ def _restore(fleet: OpenFleet) -> None:
         return
     st.session_state[_KEPT] = True
     try:
-        for digest in [] if fleet.rows else [*part_entries(_PART)][-1:]:
-            _add_rows(fleet, read_part(_PART, digest) or b"")
+        for digest in [] if fleet.rows else [*workspace.part_entries(_PART)][-1:]:
+            _add_rows(fleet, workspace.read_part(_PART, digest) or b"")
             fleet.saved = digest
     except JointIdError as error:
         fleet.problems.append(f"The fleet that was open at this address cannot be shown. {error}")

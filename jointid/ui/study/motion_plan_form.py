@@ -26,10 +26,10 @@ from jointid.ui.shared.entries import (
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
-from jointid.ui.study.plan_form import percent, pose_inertia
+from jointid.ui.study.plan_form import pose_inertia
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
 from jointid.uncertainty.plan import PlannedRecords
-from jointid.wording import file_stem, significant
+from jointid.wording import file_stem, percent, significant
 
 _LIMITS = {
     "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),

@@ -13,19 +13,11 @@ from jointid.corrections.changes import corrected, label
 from jointid.figures.response_curves import removed_effects
 from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
+from jointid.ui.shared import workspace
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import markdown_escape, show_error, show_note, show_text_table
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.workspace import (
-    change_store,
-    keep,
-    keep_part,
-    names_by_address,
-    noting_problems,
-    read_part,
-    recent,
-)
 from jointid.verdict.evidence import Change
 from jointid.wording import UNDETERMINED, counted, file_stem, plain, significant, unbroken
 
@@ -41,7 +33,7 @@ def show_changes(page: Page) -> None:
     with st.container(border=True):
         show_note(f"Changed from the data as logged: {' '.join(page.study.changes)}")
         before = _before(page.digest)
-        if before in names_by_address():
+        if before in workspace.names_by_address():
             st.button("Undo the last change", key="undo_change", on_click=_undo, args=(before,))
 
 
@@ -108,9 +100,9 @@ def _look_at(chosen: tuple[str, str] | None) -> None:
 def _apply(page: Page, study: Study) -> None:
     """Keep the corrected study and show it; the workspace remembers its origin."""
     digest, before = study_digest(study), str(st.session_state["chosen"])
-    keep(study, page.key.removesuffix(_SUFFIX) + _SUFFIX)
-    with noting_problems("The change can be undone in this session only. "):
-        keep_part(_PART, "Study before a change", digest, before.encode())
+    workspace.keep(study, page.key.removesuffix(_SUFFIX) + _SUFFIX)
+    with workspace.noting_problems("The change can be undone in this session only. "):
+        workspace.keep_part(_PART, "Study before a change", digest, before.encode())
     st.session_state.setdefault(_BEFORE, {})[digest] = before
     _look_at(None)
 
@@ -120,16 +112,16 @@ def _before(digest: str) -> str | None:
     known: dict[str, str | None] = st.session_state.setdefault(_BEFORE, {})
     if digest not in known:
         known[digest] = None
-        with noting_problems():
-            kept = read_part(_PART, digest)
+        with workspace.noting_problems():
+            kept = workspace.read_part(_PART, digest)
             known[digest] = None if kept is None else kept.decode()
     return known[digest]
 
 
 def _undo(before: str) -> None:
     """Show the study before the change, and remove the changed one."""
-    if (changed := st.session_state["chosen"]) in {entry.id for entry in recent().values()}:
-        change_store("delete", changed)
+    if (changed := st.session_state["chosen"]) in {entry.id for entry in workspace.recent().values()}:
+        workspace.change_store("delete", changed)
     st.session_state["chosen"] = before
 
 

@@ -24,7 +24,7 @@ from jointid.uncertainty.plan import (
     suggest_records,
 )
 from jointid.uncertainty.planned_records import phase_deg, phasor_text
-from jointid.wording import UNDETERMINED, significant
+from jointid.wording import percent, significant
 
 
 @dataclass(frozen=True)
@@ -249,8 +249,3 @@ def predicted_table(errors: PredictedErrors, analysis: Analysis) -> Table:
         "This plan alone": plus_minus(analysis.unit.shown(errors.planned)),
         "Both together": plus_minus(analysis.unit.shown(errors.together)),
     }
-
-
-def percent(error: float) -> str:
-    """Relative error in per cent."""
-    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED

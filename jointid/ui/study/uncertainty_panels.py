@@ -153,9 +153,13 @@ def errors_table(analysis: Analysis) -> Table:
 
 def difference(other: float, value: float) -> str:
     """Deviation of ``other`` from ``value``, in per cent of it."""
-    if value == 0:
+    return signed_percent(100 * (other - value) / abs(value)) if value else "–"
+
+
+def signed_percent(percent: float) -> str:
+    """Write a change with its sign."""
+    if not np.isfinite(percent):
         return "–"
-    percent = 100 * (other - value) / abs(value)
     size = f"{abs(percent):.0f}" if abs(percent) >= 10 else significant(abs(percent), 2)
     return f"{'+' if percent > 0 else '−'}{size} %" if percent else "0 %"
 
