@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from jointid.cli import options
+import jointid.cli.options as options
 from jointid.cli.files import require_free, robot_from
 from jointid.cli.output import made, print_json, print_table, progress
 from jointid.cli.program import reported

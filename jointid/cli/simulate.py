@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 import jointid
-from jointid.cli import options
+import jointid.cli.options as options
 from jointid.cli.files import require_free, robot_from
 from jointid.cli.output import made, progress
 from jointid.cli.program import reported
