@@ -138,8 +138,21 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
 
     The result does not depend on the number of cores: BLAS uses one.
 
-    ``method`` is the estimator of ``Analysis.fit``, one of
-    ``jointid.estimation.identify_elasticity.METHODS``. Raises JointIdError when no estimate is possible.
+    Parameters
+    ----------
+    study : Study
+    method : str, default "auto"
+        Estimator of ``Analysis.fit``; see ``jointid.estimation.identify_elasticity.METHODS``.
+
+    Returns
+    -------
+    Analysis
+        Results of every step, with the state of the answer and the findings.
+
+    Raises
+    ------
+    JointIdError
+        When no estimate is possible.
     """
     if not isinstance(study, Study):
         raise JointIdError(f"analyse needs a Study, got {study!r:.80}. Build one, or use load_study.")

@@ -167,7 +167,7 @@ class Study:
             ratio = finite_array("gear_ratio (motor turns per joint turn)", self.gear_ratio, ndim=1)
             if ratio.shape != (self.inertia.n,) or not ratio.all():
                 raise JointIdError(
-                    f"gear_ratio = {ratio.tolist()}: give one per joint ({self.inertia.n}), none 0."
+                    f"gear_ratio = {ratio.tolist()}: give one per joint ({self.inertia.n}), not 0."
                 )
             object.__setattr__(self, "gear_ratio", ratio)
         if self.gear_temperature_C is not None:

@@ -57,9 +57,20 @@ class TransferMatrix:
 def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
     """Solve equation (17) at every frequency; with more than n records by least squares.
 
-    ``phasors`` holds at least n records per frequency, of one pose. The result lacks the frequencies of
-    linearly dependent torques, which ``rejected`` lists. Raises JointIdError when no frequency can be
-    inverted.
+    Parameters
+    ----------
+    phasors : Phasors
+        At least n records per frequency, of one pose.
+
+    Returns
+    -------
+    TransferMatrix
+        Without the frequencies of linearly dependent torques, which ``rejected`` lists.
+
+    Raises
+    ------
+    JointIdError
+        When no frequency can be inverted.
     """
     groups = {omega: partial(_solve, phasors, omega, group) for omega, group in phasors.by_frequency()}
     problem = f"The transfer matrix of {counted(phasors.n, 'joint')} cannot be found at any frequency."
@@ -207,7 +218,16 @@ def single_record_response(phasors: Phasors) -> Complexes:
     """Acceleration over torque of each joint from one record alone, the dotted curve of Figure 3.
 
     For two joints this is H11 + H12 τ2/τ1, which depends on the other joint's controller through τ2.
-    Shape (r, n) of r records, 1/(kg·m²); NaN where a joint has no torque.
+
+    Parameters
+    ----------
+    phasors : Phasors
+        r records of n joints.
+
+    Returns
+    -------
+    ndarray, shape (r, n), complex
+        1/(kg·m²); NaN where a joint has no torque.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         response = -(phasors.omega[:, None] ** 2) * phasors.q / phasors.tau

@@ -79,9 +79,9 @@ def export(
             "--output",
             "-o",
             help="Files; the ending selects the format: .json, .toml (identification), .mat (MATLAB), "
-            ".phasors.csv, .H.csv, .torsion.csv (curves), .gears.csv (laws of gears), .gears.txt (the "
-            "same for Modelica), .st, .c, .m, .py (K and D as code), .zip (the study), .xml (MuJoCo), "
-            ".urdf, .sdf.",
+            ".phasors.csv, .H.csv (transfer matrix), .torsion.csv (torsion curves), .gears.csv (gear "
+            "laws), .gears.txt (the same for Modelica), .st, .c, .m, .py (K and D as code), .zip (the "
+            "study), .xml (MuJoCo), .urdf, .sdf.",
         ),
     ],
     gear_ratio: Annotated[

@@ -31,8 +31,8 @@ _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
-_FEW = 16
-"""Segments of motions that show the first noise."""
+_FEW, _SEARCHED = 16, 6
+"""Segments of motions that show the first noise, and the first model, from which all start."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
@@ -120,12 +120,15 @@ def _identified(
     prior = given.of_rows(source)
     phasors, start = _with_first_noise(phasors, prior, motion_start(phasors, prior))
     search = partial(choose_model, friction=friction, delay=delay, gear=gear)
-    choice = search(phasors, prior, start, noise=_noise(phasors, prior))
+    few, own = _few(phasors, prior, _SEARCHED)
+    choice = search(few, own, start, noise=_noise(few, own))
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
-    if _differ(again, phasors) and isinstance(choice.estimate, LikelihoodEstimate):
-        phasors = again
-        found, near = choice.model, choice.estimate.named
-        choice = search(phasors, prior, near, noise=_noise(phasors, prior), first=found)
+    if few is not phasors or _differ(again, phasors):
+        phasors, found = again, choice.estimate
+        if isinstance(found, LikelihoodEstimate):
+            search = partial(search, first=choice.model)
+            start = found.named
+        choice = search(phasors, prior, start, noise=_noise(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
     estimate, noise = choice.estimate, _noise(phasors, prior)
@@ -151,7 +154,7 @@ def _with_first_noise(
     if not phasors.motion.any():
         return phasors, start
     fits: list[tuple[Model, LikelihoodEstimate]] = []
-    few, own = _few(phasors, prior)
+    few, own = _few(phasors, prior, _FEW)
     noise = _noise(few, own)
     for reversal in (None, 0.0, 0.03, 0.1)["coulomb" in start.layout :]:
         model = Model(reversal, delay=False)
@@ -173,12 +176,12 @@ def _with_first_noise(
     return phasors, found.named if "coulomb" in found.layout else found.elasticity
 
 
-def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
+def _few(phasors: Phasors, prior: InertiaPrior, most: int) -> tuple[Phasors, InertiaPrior]:
     """Evenly spread segments of long motions around one pose, and all sines."""
     moves = np.flatnonzero(phasors.motion)
-    if moves.size <= _FEW or len(prior.M2) > 1:
+    if moves.size <= most or len(prior.M2) > 1:
         return phasors, prior
-    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // _FEW)]))
+    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // most)]))
     return phasors.select(rows), prior.of_rows(rows)
 
 

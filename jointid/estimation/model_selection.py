@@ -38,9 +38,9 @@ _ALIKE = 1.2
 """Ratio of misfits up to which another width of the reversals explains motions as well."""
 _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
 """The next narrower and wider reversals of each one."""
-_LOOPS = 1.0
-"""Variance that a hysteresis in motions adds, over that of the noise: its computed loop deviates from
-the real one. The errors of some 40 simulated studies had 1.4 times their standard deviation."""
+_LAWS_BEYOND = 1.0
+"""Variance that a law of the gears in motions adds, over that of the noise: its computed waveform
+deviates from the real one. The errors of some 40 simulated studies had 1.4 times their deviation."""
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit is lost."""
 _CLIMB = 0.7
@@ -226,8 +226,8 @@ def _choice(search: Search, best: Model) -> Choice:
     if search.has_motions:
         scored = {name: score for name, score in scored.items() if name != "link"}
         whole = whole + _spread_of_reversals(search, best, found)
-        if "hysteresis" in best.effects:
-            whole = whole + _LOOPS * found.elasticity_covariance
+        if best.is_slow:
+            whole = whole + _LAWS_BEYOND * found.elasticity_covariance
     return Choice(best, found, candidates, whole + spread_of_unseen(found, scored, search.prior))
 
 

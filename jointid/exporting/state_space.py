@@ -118,23 +118,17 @@ def control_state_space(
     return control.ss(model.A, model.B, model.C, model.D, name=name, **signals)
 
 
-def control_frd(matrix: TransferMatrix, *, smooth: bool = False, name: str = "measured") -> Any:
+def control_frd(matrix: TransferMatrix, *, name: str = "measured") -> Any:
     """Return the measured H as ``control.FrequencyResponseData`` of python-control.
 
-    ``matrix`` is motor acceleration over motor torque, equations (16)-(18), 1/(kg·m²). ``smooth``
-    interpolates between the measured frequencies and needs four or more of them. Raises JointIdError
-    when there are fewer, or python-control is not installed.
+    ``matrix`` is motor acceleration over motor torque, equations (16)-(18), 1/(kg·m²). Raises
+    JointIdError when python-control is not installed.
     """
     control = _python_control()
     n = matrix.H.shape[1]
-    if smooth and matrix.omega.size < 4:
-        raise JointIdError(
-            f"smooth = True needs 4 frequencies or more; H was measured at {matrix.omega.size}."
-        )
     return control.frd(
         np.moveaxis(matrix.H, 0, -1),
         matrix.omega,
-        smooth=smooth,
         name=name,
         inputs=[f"tau_m{j + 1}" for j in range(n)],
         outputs=[f"ddtheta_m{j + 1}" for j in range(n)],

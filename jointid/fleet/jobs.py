@@ -1,8 +1,8 @@
 """A study to analyse, its result, and its analysis by child processes."""
 
 import queue
-import threading
 from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,39 +86,35 @@ class Local:
 
         Raises JointIdError when no further job of any study is possible.
         """
-        todo, done = iter([*jobs]), queue.SimpleQueue[Done | Exception]()  # next of a list's is atomic
-        stopped = threading.Event()
         children = [Child(WORKER, self._limits) for _ in range(min(self._workers, len(jobs)))]
+        free, done = queue.SimpleQueue[Child](), queue.SimpleQueue[Future[Done]]()
+        for child in children:
+            free.put(child)
 
-        def work(child: Child) -> None:
+        def work(job: Job) -> Done:
+            child = free.get()
             try:
-                while not stopped.is_set() and (job := next(todo, None)) is not None:
-                    done.put(do_job(child, job))
-            except Exception as error:  # without it the generator would wait forever
-                done.put(error)
+                return do_job(child, job)
             finally:
-                child.stop()
+                free.put(child)
 
-        threads = [threading.Thread(target=work, args=(child,), daemon=True) for child in children]
-        for thread in threads:
-            thread.start()
+        pool = ThreadPoolExecutor(max(1, len(children)))
         try:
+            for job in jobs:
+                pool.submit(work, job).add_done_callback(done.put)
             for _ in jobs:
-                yield self._next(done)
+                yield self._next(done).result()
         finally:
-            stopped.set()
+            pool.shutdown(wait=False, cancel_futures=True)
             for child in children:
                 child.kill()
-            for thread in threads:
-                thread.join()
+            pool.shutdown()
+            for child in children:
+                child.stop()
 
-    def _next(self, done: queue.SimpleQueue[Done | Exception]) -> Done:
+    def _next(self, done: queue.SimpleQueue[Future[Done]]) -> Future[Done]:
         while True:
             try:
-                result = done.get(timeout=_POLL_S)
+                return done.get(timeout=_POLL_S)
             except queue.Empty:
                 self._waiting()
-                continue
-            if isinstance(result, Exception):
-                raise result
-            return result

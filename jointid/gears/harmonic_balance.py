@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import lu_factor, lu_solve
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.gear import Gear
@@ -15,6 +16,8 @@ from jointid.phasors.periods import phasors_of, samples_of
 
 _POINTS = 8
 """Samples over a period for each harmonic."""
+_FURTHER_POINTS = 4
+"""The same where the highest harmonics are small ones that are measured."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
 _SINE_POINTS = 512
@@ -24,7 +27,9 @@ _NEWTON, _CONVERGED = 36, 1e-6
 _NEWTON_OF_LOOPS = 6
 """Most steps where further deflection is measured, as of loops in motions: a right law takes fewer, a
 wrong one minutes with 36."""
-_SLOW = 0.2
+_MANY = 32
+"""Harmonics from which slopes are not inverted at every solution."""
+_SLOW, _SLOW_OF_MANY = 0.2, 0.5
 """Ratio of torque residuals of a step with earlier slopes from which they are evaluated again."""
 _CENTRED = 1e-9
 """Stiffness, over K, that holds a gear in the middle of backlash that it never leaves."""
@@ -91,7 +96,8 @@ class WoundGears:
         """
         H, m = f.shape[2], low.shape[2]
         measured = 0.0 if given is None or not given.size else given
-        points = _POINTS * max(H + free.shape[2] * (given is measured), _LEAST_HARMONICS)
+        further = free.shape[2] * (given is measured)
+        points = max(_POINTS * max(H, _LEAST_HARMONICS), _FURTHER_POINTS * (H + further))
         first = _started(laws, f, stiffness, points) if start is None else start.delta
         mean = np.zeros_like(f[..., :1])
         solved = np.concatenate([np.ones((*low.shape[:2], 1), bool), low], axis=2)
@@ -106,11 +112,13 @@ class WoundGears:
         step = np.zeros((*size.shape, 1 + m), complex)
         old = np.full(size.shape, start is None)  # whose slopes are of no use
         fresh = np.zeros(size.shape, bool)  # whose last step is with slopes where it began
-        if start is None:
-            inverse = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m))
+        if start is None:  # a linear gear
+            none = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m))
+            inverse = _inward(np.asarray(1 / kappa, complex), none, solved)
         else:
             inverse = start.latest_inverse.copy()
-        most = _NEWTON_OF_LOOPS if given is measured else _NEWTON
+        most = _NEWTON_OF_LOOPS if given is measured and laws.hysteretic else _NEWTON
+        slow = _SLOW if m < _MANY else _SLOW_OF_MANY
         for turn in range(most):
             beyond, slope, samples = beyond_linear(laws, delta, points)
             delta[..., 1 + H :] = measured + free * beyond[..., 1 + H :]
@@ -121,7 +129,7 @@ class WoundGears:
             if turn == most - 1 or not np.any(is_open):
                 break
             better = size_left < least
-            due = better & is_open & (old | (size_left > _SLOW * least))
+            due = better & is_open & (old | (size_left > slow * least))
             if np.any(due):
                 inverse[due] = _inverse(laws, slope, samples, H, kappa, solved, due)
             old = ~better & ~fresh  # to where that step began
@@ -153,11 +161,29 @@ class WoundGears:
     @cached_property
     def inverse(self) -> Floats:
         """Parts of δ by those of the torque, shape (r, n, 1 + 2m, 1 + 2m)."""
+        return np.asarray(np.linalg.inv(self._inward))
+
+    @cached_property
+    def _inward(self) -> Floats:
         m, H = self.low.shape[2], self.stiffness.shape[2]
         solved = np.concatenate([np.ones((*self.low.shape[:2], 1), bool), self.low], axis=2)
         mean = np.broadcast_to((1 + _CENTRED) * self.laws.K, (*self.low.shape[:2], 1))
         kappa = np.concatenate([mean, self.stiffness], axis=2)
-        return _inverted(kappa, self.spread[..., inner(m, H)], solved)
+        return _inward(kappa, self.spread[..., inner(m, H)], solved)
+
+    def _wound(self, left: Floats) -> Floats:
+        """Parts of δ by those of the torque, shape (r, n, 1 + 2m, 1)."""
+        if self.low.shape[2] < _MANY:
+            return np.asarray(self.inverse @ left)
+        parts = zip(self._factors, left.reshape(-1, *left.shape[2:]), strict=True)
+        found = [lu_solve(factors, each, check_finite=False) for factors, each in parts]
+        return np.asarray(found).reshape(left.shape)
+
+    @cached_property
+    def _factors(self) -> list[tuple[Floats, np.ndarray]]:
+        """Of the slopes of each gear in each record: an inverse of many harmonics takes far longer."""
+        each = self._inward.reshape(-1, *self._inward.shape[2:])
+        return [lu_factor(slopes, check_finite=False) for slopes in each]
 
     @property
     def law(self) -> Complexes:
@@ -178,7 +204,7 @@ class WoundGears:
         linear = stiffness * self.delta[..., : 1 + H] if np.any(stiffness) else 0.0
         left = np.broadcast_to(f - beyond - linear, self.beyond.shape)[..., : 1 + m].copy()
         left[..., 1:] = np.where(self.low, left[..., 1:], 0)
-        wound = self.inverse @ _parts(left)[..., None]
+        wound = self._wound(_parts(left)[..., None])
         through = _complex((wound.swapaxes(2, 3) @ self.spread).swapaxes(2, 3))[..., 0]
         whole = (beyond + through)[..., 1:]
         if np.any(stiffness):
@@ -236,14 +262,16 @@ def _inverse(
     """``WoundGears.inverse`` of some gears in some records, due (r, n), at samples of the deflection."""
     m = solved.shape[2] - 1
     if laws.hysteretic:
-        return np.asarray(
-            _inverted(kappa, whole_spread(laws, slope, _thinned(samples, H), m, m), solved)[due]
-        )
-    return _inverted(kappa[due], smooth_spread(slope[due], m, m), solved[due])
+        whole = whole_spread(laws, slope, _thinned(samples, H), m, m)[due]
+    else:
+        whole = smooth_spread(slope[due], m, m)
+    inward = _inward(kappa[due], whole, solved[due])
+    precision = np.float64 if m < _MANY else np.float32
+    return np.asarray(np.linalg.inv(inward.astype(precision)), np.float64)
 
 
-def _inverted(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
-    """Inverse of κ (..., 1 + H) and a spread (..., 1 + 2m, 1 + 2m) where solved (..., 1 + m)."""
+def _inward(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
+    """Matrix of κ (..., 1 + H) and a spread (..., 1 + 2m, 1 + 2m) where solved (..., 1 + m)."""
     m = solved.shape[-1] - 1
     inward = np.array(spread.swapaxes(-2, -1))
     j, k = np.arange(1, 1 + m), kappa[..., 1 : 1 + m]
@@ -253,7 +281,7 @@ def _inverted(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
     inward[..., j, m + j] -= k.imag
     inward[..., m + j, j] += k.imag
     unknown = np.concatenate([solved, solved[..., 1:]], axis=-1)
-    return np.asarray(np.linalg.inv(np.where(unknown[..., None], inward, np.eye(1 + 2 * m))))
+    return np.where(unknown[..., None], inward, np.eye(1 + 2 * m))
 
 
 def _started(laws: GearLaws, f: Complexes, stiffness: Complexes, points: int) -> Complexes:

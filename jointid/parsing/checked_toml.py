@@ -6,7 +6,7 @@ import datetime
 import math
 import re
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, TypeVar
 
@@ -74,10 +74,8 @@ class CheckedTable:
         """Return a finite number."""
         return self._number(key, self._get(key, default))
 
-    def deviation(self, key: str, *, words: Collection[object] = ()) -> float:
-        """Return a relative standard deviation: zero, positive or infinite (``words``)."""
-        if key in self and self._values[key] in words:
-            return math.inf
+    def deviation(self, key: str) -> float:
+        """Return a relative standard deviation: zero, positive or infinite."""
         value = self._get(key)
         if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
             expected = "a relative standard deviation: 0.05 for 5 %, 0 for exact, inf for unknown values"
@@ -92,30 +90,25 @@ class CheckedTable:
             raise self._wrong_type(key, found, "a date without quotes")
         return value
 
-    def numbers(self, key: str, *, words: Collection[object] = ()) -> list[float]:
-        """Return a list of finite numbers; a single number counts as a list of one.
-
-        ``words`` are values in place of an infinite number.
-        """
+    def numbers(self, key: str) -> list[float]:
+        """Return a list of finite numbers; a single number counts as a list of one."""
         value = self._get(key)
-        items = value if isinstance(value, list) else [value]
-        return [math.inf if item in words else self._number(key, item) for item in items]
+        return [self._number(key, item) for item in (value if isinstance(value, list) else [value])]
 
     def texts(self, key: str) -> list[str]:
         """Return a list of strings."""
-        return self._list(key, str, "a list of texts")
+        value = self._typed(key, list, expected := "a list of texts")
+        if not all(isinstance(item, str) for item in value):
+            raise self._wrong_type(key, value, expected)
+        return value
 
-    def flags(self, key: str) -> list[bool]:
-        """Return a list of true or false."""
-        return self._list(key, bool, "a list of true or false")
-
-    def matrix(self, key: str, *, words: Collection[object] = ()) -> list[list[float]]:
+    def matrix(self, key: str) -> list[list[float]]:
         """Return rows of numbers as in ``numbers``, equally long; a single number is one row of one."""
         value = self._get(key)
         rows = value if isinstance(value, list) else [[value]]
         if not all(isinstance(row, list) and len(row) == len(rows[0]) for row in rows):
             raise self._wrong_type(key, value, "a list of equally long rows")
-        return [[math.inf if item in words else self._number(key, item) for item in row] for row in rows]
+        return [[self._number(key, item) for item in row] for row in rows]
 
     def table(self, key: str, examples: Mapping[str, str]) -> CheckedTable:
         """Return the table under ``key``."""
@@ -140,12 +133,6 @@ class CheckedTable:
     def _typed(self, key: str, kind: type[T], expected: str, default: object = None) -> T:
         value = self._get(key, default)
         if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-            raise self._wrong_type(key, value, expected)
-        return value
-
-    def _list(self, key: str, kind: type[T], expected: str) -> list[T]:
-        value = self._typed(key, list, expected)
-        if not all(isinstance(item, kind) for item in value):
             raise self._wrong_type(key, value, expected)
         return value
 

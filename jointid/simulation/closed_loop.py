@@ -143,7 +143,14 @@ def simulate_motion(
     seed : int
         Seed of the motion and of the noise.
 
-    Raises JointIdError when settings do not fit the robot, or the closed loop is unstable.
+    Returns
+    -------
+    tuple of MotionRecord
+
+    Raises
+    ------
+    JointIdError
+        When settings do not fit the robot, or the closed loop is unstable.
     """
     motion, controller = motion or Motion(), controller or Controller()
     friction, measurement = friction or MotorFriction(), measurement or Measurement()

@@ -178,7 +178,7 @@ class Measurement:
     Parameters
     ----------
     encoder_counts : int, optional
-        Encoder counts per motor revolution; None is an ideal encoder.
+        Encoder counts per motor turn; None is an ideal encoder.
     position_noise_rad : float or (n,)
         Standard deviation of white noise on the position, ahead of the encoder's rounding, rad.
     torque_noise_Nm : float or (n,)
@@ -194,7 +194,7 @@ class Measurement:
     torque_gain: PerJoint = 1.0
 
     def __post_init__(self) -> None:
-        checked_setting(self, "encoder_counts", "per revolution", positive=True, single=True)
+        checked_setting(self, "encoder_counts", "per turn", positive=True, single=True)
         checked_setting(self, "position_noise_rad", "rad")
         checked_setting(self, "torque_noise_Nm", "N·m")
         checked_setting(self, "torque_gain", "", positive=True)

@@ -47,8 +47,8 @@ class Finding:
     """One statement of the verdict on the data or the answer, with its figures and a remedy."""
 
     level: str
-    """"problem" (the answer is unusable), "warning" (the error bars are too small), "good" (no action
-    needed; states what limits the accuracy) or "note" (the answer accounts for it)."""
+    """"problem" (the answer is unusable), "warning" (a doubt that the error bars may not include),
+    "good" (no action needed; states what limits the accuracy) or "note" (the answer accounts for it)."""
     title: str
     """The finding as a short sentence."""
     detail: str

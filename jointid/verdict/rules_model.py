@@ -152,7 +152,7 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
     odd = distortion(evidence)
     if odd > 1e-3:
         return f"The torque has odd harmonics of {percent(odd)}, a sign of friction. " + (
-            "Use the estimator auto (automatic)." if fit.method in LINEAR else "Check the inertias too."
+            "Use the estimator auto." if fit.method in LINEAR else "Check the inertias too."
         )
     return "Check the usual causes: friction, a torque delay, torque constants, inertias."
 

@@ -42,7 +42,7 @@ _STEP = 1e-3
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
 _WIDER = 2.0
-"""Frequency over the resonance, up to which hysteresis in motions follows from the torque."""
+"""Frequency over the resonance, up to which deflection in motions follows from the torque."""
 _SIGNIFICANT = 3.5
 """Standard errors from which a joint has a law that is fitted to all joints."""
 _GEAR_FIELDS = {
@@ -163,7 +163,7 @@ class JointLaws:
         if not any(name in p.layout for name in GEAR_LAWS):
             return None
         kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
-        given = self.further.swapaxes(1, 2)[..., : None if "hysteresis" in p.layout else 0]
+        given = self.further.swapaxes(1, 2)
         free = 0 * given if given.size else self._beyond_measured(p)
         laws = _laws(_values(p))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost

@@ -262,7 +262,7 @@ def _is_beat_of(run: Segment, multisine: Segment) -> bool:
 
 
 def _is_edge_of(run: Segment, other: Segment) -> bool:
-    """Whether a short run is part of the ramp at the begin or end of a long one."""
+    """Whether a short run is part of the ramp at the beginning or end of a long one."""
     reach = (other.stop_s - other.start_s) / 2
     beside = other.start_s - reach < run.stop_s and run.start_s < other.stop_s + reach
     near = abs(run.frequency_hz / other.frequency_hz - 1) < _EDGE_FREQUENCY

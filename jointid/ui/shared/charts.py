@@ -14,7 +14,7 @@ from jointid.exporting.tables import csv_text
 from jointid.files.application import application_folder
 from jointid.wording import file_stem
 
-_ENTRY = re.compile(r"^\*\*(.+?)\*\*: .*$", re.MULTILINE)
+_ENTRY = re.compile(r"^\*\*(.+?)\*\*: .*(?:\n.+)*", re.MULTILINE)
 _SYMBOL = re.compile(r" [A-ZησJ][\w, ]*$")
 
 

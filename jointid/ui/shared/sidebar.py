@@ -82,7 +82,7 @@ def _choose() -> str | None:
         on_change=_take_choice,
         disabled=not names,
         help="Studies opened, simulated or imported at this address, and the samples. Two samples "
-        "are faulty, to show a failed and a doubtful answer. Commands take the "
+        "are faulty: one answer is not usable, the other usable with care. Commands take the "
         "name of a sample with or without underscores: six_axes.",
     )
     if chosen is not None:
@@ -117,7 +117,7 @@ def _open_file() -> None:
             "A study folder, zipped",
             type="zip",
             key=_UPLOADER,
-            help="study.toml with the inertias, and one table per sine experiment.",
+            help="study.toml with the inertias, and one table per experiment.",
         )
         arrived: tuple[str, bytes] | None = st.session_state.get(_ARRIVED)
         if arrived is None:

@@ -86,7 +86,7 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
     found["Residual"] = per_joint(
         "Residual torque of joint {0} against noise",
         partial(unexplained_torque, fit),
-        "Torque that the model leaves unexplained in each record. Noise alone leaves the dashes; "
+        "Torque that the model leaves unexplained in each record. Dashes: expected from noise; "
         "points far above them show an effect that the model lacks, and the error bars are widened.",
     )
     return found
