@@ -79,9 +79,6 @@ def test_every_tab_about_a_hostile_study(
 def test_every_page_beside_a_refused_file(app: AppTest, studies: dict[int, Study]) -> None:
     at = opened(shown(app.run()), f"{file_name(1)}.zip", refused_study(studies[2]))
     assert "was not opened" in at.error[0].value
-    tables = next(box for box in at.selectbox if box.label == "Table").options
-    for name in tries(tables[:3], long=tables):
-        at = shown(next(box for box in at.selectbox if box.label == "Table").set_value(name).run())
     for page in tries(PAGES[::4], long=PAGES):
         at = shown(at.switch_page(page).run())
 

@@ -17,7 +17,7 @@ from jointid import JointIdError, Study
 from jointid.files.application import application_folder, sample_studies
 from jointid.files.digest import study_digest
 from jointid.files.store import Entry, Note, Store, new_workspace, part_of, user_folder
-from jointid.files.study_files import PeekedTable, load_study, pack_study, peek_study
+from jointid.files.study_files import lines_around, load_study, pack_study
 
 SAMPLES = application_folder() / "sample_data"
 _MOST_OPENED = 12
@@ -35,21 +35,17 @@ class Opened:
 
 @dataclass(frozen=True)
 class Refused:
-    """A file that could not be opened as a study; its tables can still be looked at."""
+    """A file that could not be opened as a study."""
 
     file: str
     message: str
-    tables: tuple[PeekedTable, ...]
-    """The beginning of each table in it."""
+    lines: str
+    """Those around the fault, if it is in a text."""
 
 
 def refuse(file: str, error: JointIdError, data: bytes) -> None:
-    """Remember a file that could not be opened, with the beginning of its tables."""
-    try:
-        tables = peek_study(data)
-    except JointIdError:
-        tables = ()
-    st.session_state["refused"] = Refused(file, str(error), tables)
+    """Remember a file that could not be opened, with the lines around its fault."""
+    st.session_state["refused"] = Refused(file, str(error), lines_around(data, error))
 
 
 def sample_paths() -> dict[str, Path]:
