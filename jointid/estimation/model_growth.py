@@ -30,8 +30,8 @@ NEARLY_ALL = 0.9
 """Score over the cost from which a part is fitted in place of a law, or before others that are."""
 _TRIED_LAWS = 2
 """The most nonlinear laws that are fitted for each part added."""
-_MANY_ROWS = 20_000
-"""Equations, those of six joints in 50 records, from which one part is tried where the model explains
+_MANY_ROWS = 15_000
+"""Equations, those of six joints in 40 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
 
 
