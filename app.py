@@ -8,32 +8,24 @@ from jointid.figures import model_over_measurement
 from jointid.ui.cut.panels import outcome_panel
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.corrections import show_changes
-from jointid.ui.study.model_check import show_prediction
-from jointid.ui.study.overview import (
-    freed_note,
-    show_findings,
-    show_heading,
-    show_headline,
-    show_steps,
-    show_tiles,
-)
+from jointid.ui.study import overview
+from jointid.ui.study.elasticity_figures import show_prediction
 
 page = open_page("Study", heading=False)
-show_heading(page.study)
-show_changes(page)
+overview.show_heading(page.study)
+overview.show_changes(page)
 analysis = page.analysis()
 
-show_headline(analysis, page)
-show_tiles(analysis)
+overview.show_headline(analysis, page)
+overview.show_tiles(analysis)
 show_prediction(page, analysis)
 outcome_panel(page, analysis)
-show_findings(page, analysis)
+overview.show_findings(page, analysis)
 
 st.header("Model and measurement", anchor=False)
 st.caption(
     "Acceleration of each motor over its own torque, the controllers removed. Where points and line "
-    "agree, the model holds." + freed_note(analysis)
+    "agree, the model holds." + overview.freed_note(analysis)
 )
 if analysis.transfer_matrices:
     pose = next(iter(analysis.transfer_matrices))
@@ -47,4 +39,4 @@ else:
     show_info(analysis.transfer_problem)
 
 st.header("Step by step", anchor=False)
-show_steps(page.study)
+overview.show_steps(page.study)

@@ -115,7 +115,7 @@ class Analysis:
 
         ``worst`` is the predicted worst error before the first and after each planned record.
         """
-        if any(finding.title == MODEL_LIMITS for finding in self.findings):
+        if any(finding.code == "model limits" for finding in self.findings):
             return f"{MODEL_LIMITS}: more records of the same kind do not help. First remove the cause."
         if worst[-1] > 0.9 * worst[0]:
             return "These records hardly reduce the worst error: more of the same kind do not help."
@@ -156,7 +156,8 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
     """
     if not isinstance(study, Study):
         raise JointIdError(f"analyse needs a Study, got {study!r:.80}. Build one, or use load_study.")
-    with one_thread():
+    # What overflows is no number, and judged as such.
+    with one_thread(), np.errstate(over="ignore"):
         return _analyse(study, method)
 
 
@@ -197,16 +198,8 @@ def _analyse(study: Study, method: str) -> Analysis:
 def analyse_arm_side(study: Study, robot: RobotModel | None = None) -> ArmSideFit:
     """Identify K of the joints of a study with sensors behind their gears.
 
-    Parameters
-    ----------
-    study : Study
-    robot : RobotModel, optional
-        By default that of the study; gear ratios that it lacks are those of the study.
-
-    Raises
-    ------
-    JointIdError
-        When the study has no such sensor or no robot model, or see ``identify_arm_side``.
+    ``robot`` is by default that of the study; gear ratios that it lacks are those of the study. Raises
+    JointIdError when the study has no such sensor or no robot model, or see ``identify_arm_side``.
     """
     records, robot = study.motion_records, study.robot_model if robot is None else robot
     if all(record.arm_rad is None for record in records):

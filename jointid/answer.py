@@ -197,8 +197,8 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
         terms["Hysteresis (± torque)"] = torques(gear.hysteresis_Nm)
     lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0
     noise = curve.deflection_noise_rad
-    least = f"noise {wind_up(float(np.median(noise)), 1)}" if noise.size else "no curve"
-    terms["Lost motion"] = wind_up(lost) if lost else f"not detected ({least})"
+    known = f", deflection known to ± {wind_up(float(np.median(noise)), 1)}" if noise.size else ""
+    terms["Lost motion"] = wind_up(lost) if lost else f"none found{known}"
     return terms
 
 

@@ -6,7 +6,7 @@ Motor side throughout: every inertia, stiffness and damping is reflected to the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,14 +62,18 @@ class Inertia:
         arm = _symmetric("M2", "arm inertia", M2, n)
         _require_positive("M", rotor, "kg·m²")
         _require_positive_definite("M2", arm)
-        zero = np.zeros((n, n))
-        known = _symmetric("added", "known part of M2", zero if added is None else added, n)
+        known = _symmetric("added", "known part of M2", added, n)
         if known.any():
             _require_positive_definite("M2 − added (M2 is the total)", arm - known)
-        common = _symmetric("shared", "change of M2", zero if shared is None else shared, n)
-        slow = _gravity("gravity", zero if gravity is None else gravity, n)
-        change = _gravity("shared_gravity", zero if shared_gravity is None else shared_gravity, n)
-        for name, value in zip(_FIELDS, (rotor, arm, known, slow, common, change), strict=True):
+        checked = {
+            "M": rotor,
+            "M2": arm,
+            "added": known,
+            "gravity": _symmetric("gravity", "stiffness of gravity", gravity, n, "N·m/rad"),
+            "shared": _symmetric("shared", "change of M2", shared, n),
+            "shared_gravity": _symmetric("shared_gravity", "its change", shared_gravity, n, "N·m/rad"),
+        }
+        for name, value in checked.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -83,12 +87,7 @@ class Inertia:
         Raises JointIdError when it is not symmetric or has another shape, or the sum is no inertia.
         """
         more = _symmetric("added", "addition to M2", added, self.n)
-        return Inertia(
-            self.M, self.M2 + more, self.added + more, self.gravity, self.shared, self.shared_gravity
-        )
-
-
-_FIELDS = ("M", "M2", "added", "gravity", "shared", "shared_gravity")
+        return replace(self, M2=self.M2 + more, added=self.added + more)
 
 
 def dynamic_arm_inertia(omega: ArrayLike, inertia: Inertia | Sequence[Inertia]) -> Floats:
@@ -105,30 +104,25 @@ def dynamic_arm_inertia(omega: ArrayLike, inertia: Inertia | Sequence[Inertia]) 
     return np.asarray(M2 - gravity / squared[:, None, None])
 
 
-def _gravity(name: str, values: ArrayLike, n: int) -> Floats:
-    matrix = finite_array(f"{name} (stiffness of gravity, N·m/rad)", values, ndim=2)
-    if matrix.shape != (n, n):
-        raise JointIdError(f"{name} has shape {matrix.shape}: expected ({n}, {n}).")
-    if np.abs(matrix - matrix.T).max() > 1e-6 * np.abs(matrix).max():
-        raise JointIdError(f"{name} must be symmetric: it is the second derivative of an energy.")
-    return frozen((matrix + matrix.T) / 2)
-
-
-def _symmetric(name: str, what: str, values: ArrayLike, n: int) -> Floats:
-    """Return a symmetric matrix of inertias, shape (n, n)."""
+def _symmetric(name: str, what: str, values: ArrayLike | None, n: int, unit: str = "kg·m²") -> Floats:
+    """Return a symmetric matrix of inertias or of gravity's stiffness, shape (n, n); zero by default."""
+    if values is None:
+        return frozen(np.zeros((n, n)))
     if isinstance(values, Sequence) and len(values) == 1 and isinstance(values[0], int | float):
         values = values[0]  # of a single joint
-    matrix = finite_array(f"{name} ({what}, kg·m²)", values, ndim=2)
+    matrix = finite_array(f"{name} ({what}, {unit})", values, ndim=2)
     if matrix.shape != (n, n):
         raise JointIdError(
             f"{name} has shape {matrix.shape}: expected ({n}, {n}), since M has {counted(n, 'value')}."
         )
-    scale = np.sqrt(np.outer(np.abs(np.diag(matrix)), np.abs(np.diag(matrix))))
+    symbol, scale = "J", np.sqrt(np.outer(np.abs(np.diag(matrix)), np.abs(np.diag(matrix))))
+    if unit != "kg·m²":  # gravity may act on one joint alone, or change its sign
+        symbol, scale = name, np.full((n, n), np.abs(matrix).max())
     if np.any(np.abs(matrix - matrix.T) > 1e-6 * scale):
         i, j = np.unravel_index(np.argmax(np.abs(matrix - matrix.T)), matrix.shape)
         raise JointIdError(
-            f"{name} must be symmetric: J_{i + 1}{j + 1} = {matrix[i, j]:g} kg·m² but "
-            f"J_{j + 1}{i + 1} = {matrix[j, i]:g} kg·m². The coupling inertia is one number."
+            f"{name} must be symmetric: {symbol}_{i + 1}{j + 1} = {matrix[i, j]:g} {unit} but "
+            f"{symbol}_{j + 1}{i + 1} = {matrix[j, i]:g} {unit}. A coupling is one number."
         )
     return frozen((matrix + matrix.T) / 2)
 
@@ -306,7 +300,7 @@ def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
 
 def _natural_frequencies_hz(inertia: Inertia, elasticity: Elasticity, moving: np.ndarray) -> Floats:
     """Spring deflections x obey ẍ = −(M⁻¹ + M2⁻¹)K x; a motor held still counts as M⁻¹ = 0."""
-    _require_same_joints(inertia, elasticity)
+    require_same_joints(inertia, elasticity)
     if inertia.gravity.any():  # the n highest of arm and motors: the others swing slowly under gravity
         K, kept = np.diag(elasticity.K), np.concatenate([moving, np.ones(inertia.n, bool)])
         stiffness = np.block([[K, -K], [-K, K + inertia.gravity]])
@@ -322,7 +316,7 @@ def _natural_frequencies_hz(inertia: Inertia, elasticity: Elasticity, moving: np
 
 def _laplace(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> tuple[Complexes, Complexes]:
     """s² (f,) and the spring constants K + sD (f, n) at s = iω."""
-    _require_same_joints(inertia, elasticity)
+    require_same_joints(inertia, elasticity)
     s = 1j * finite_array("omega (rad/s)", omega, ndim=1)
     return s * s, elasticity.K + s[:, None] * elasticity.D
 
@@ -332,7 +326,8 @@ def _diagonal(rows: Complexes) -> Complexes:
     return np.asarray(rows[:, :, None] * np.eye(rows.shape[1]))
 
 
-def _require_same_joints(inertia: Inertia, elasticity: Elasticity) -> None:
+def require_same_joints(inertia: Inertia, elasticity: Elasticity) -> None:
+    """Raise JointIdError when the numbers of joints differ, or a value is of another kind."""
     if not isinstance(inertia, Inertia) or not isinstance(elasticity, Elasticity):
         raise JointIdError("Expected an Inertia and an Elasticity, in this order.")
     if inertia.n != elasticity.n:

@@ -200,14 +200,13 @@ class MotionRecord(JointRecord):
     def _checked_band(self) -> tuple[float, float] | None:
         if self.band_hz is None:
             return None
-        band = finite_array("band_hz", self.band_hz, ndim=1)
-        if band.size != 2:
-            raise JointIdError(f"band_hz = {band.tolist()}: expected a lowest and a highest frequency.")
-        low, high = band.tolist()
-        if not 0 <= low < high:
+        band = finite_array("band_hz", self.band_hz, ndim=1).tolist()
+        if len(band) != 2 or not 0 <= band[0] < band[1]:
+            given = ", ".join(f"{hertz:g}" for hertz in band)
             raise JointIdError(
-                f"band_hz = [{low:g}, {high:g}] Hz: expected 0 ≤ lowest < highest frequency."
+                f"band_hz = [{given}] Hz: expected a lowest and a highest, 0 ≤ lowest < highest."
             )
+        low, high = band
         if high * self.interval_s >= 0.5:
             raise JointIdError(
                 f"band_hz = [{low:g}, {high:g}] Hz reaches half the sample rate of "

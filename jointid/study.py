@@ -78,9 +78,6 @@ class Study:
         if not all(isinstance(record, SineRecord | MotionRecord) for record in self.records):
             raise JointIdError("records: expected SineRecord and MotionRecord values only.")
         object.__setattr__(self, "records", tuple(self.records))
-        if not isinstance(self.changes, list | tuple):
-            raise JointIdError(f"changes = {self.changes!r:.60}: expected a list of sentences.")
-        object.__setattr__(self, "changes", tuple(str(change) for change in self.changes))
         self._take_poses_from_model()
         if any(not isinstance(name, str) or not name.strip() for name in self.poses):
             raise JointIdError("A pose has no name: give it one, such as stretched.")
@@ -88,8 +85,6 @@ class Study:
             raise JointIdError(
                 f'origin = "{self.origin}": expected "simulated" or "measured", or leave it out.'
             )
-        if not isinstance(self.robot, str):
-            raise JointIdError(f"robot = {self.robot!r:.60}: expected a text such as cell 7, robot A.")
         _require_date(self.date)
         self._check_remarks()
         object.__setattr__(self, "inertia_std", checked_std("inertia_std", self.inertia_std))
@@ -159,22 +154,25 @@ class Study:
             )
 
     def _check_remarks(self) -> None:
-        """Check gear ratios, temperature, note and assumptions."""
+        """Check texts, gear ratios and temperature."""
+        for name in ("robot", "note"):
+            if not isinstance(value := getattr(self, name), str):
+                raise JointIdError(f"{name} = {value!r:.60}: expected a text.")
+        for name in ("assumed", "changes"):
+            value = getattr(self, name)
+            if not isinstance(value, list | tuple) or not all(isinstance(text, str) for text in value):
+                raise JointIdError(f"{name} = {value!r:.60}: expected a list of texts.")
+            object.__setattr__(self, name, tuple(value))
         if self.gear_ratio is not None:
             ratio = finite_array("gear_ratio (motor turns per joint turn)", self.gear_ratio, ndim=1)
             if ratio.shape != (self.inertia.n,) or not ratio.all():
                 raise JointIdError(
-                    f"gear_ratio = {ratio.tolist()}: give one per joint ({self.inertia.n}), none 0."
+                    f"gear_ratio = {ratio.tolist()}: give one per joint ({self.inertia.n}), not 0."
                 )
             object.__setattr__(self, "gear_ratio", ratio)
         if self.gear_temperature_C is not None:
             celsius = float(finite_array("gear_temperature_C (°C)", self.gear_temperature_C, ndim=0))
             object.__setattr__(self, "gear_temperature_C", celsius)
-        if not isinstance(self.note, str):
-            raise JointIdError(f"note = {self.note!r:.60}: expected a text.")
-        if not all(isinstance(text, str) for text in self.assumed):
-            raise JointIdError(f"assumed = {self.assumed!r:.60}: expected a list of texts.")
-        object.__setattr__(self, "assumed", tuple(self.assumed))
 
     def _take_poses_from_model(self) -> None:
         """Complete ``poses`` by the joint angles of ``pose_angles_rad``."""

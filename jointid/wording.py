@@ -105,6 +105,11 @@ def significant(value: float, digits: int = 4) -> str:
     return minus(f"{mantissa}×10{str(exponent).translate(_SUPERSCRIPTS)}")
 
 
+def percent(share: float) -> str:
+    """Return a relative error in per cent with two digits."""
+    return f"{significant(100 * share, 2)} %" if math.isfinite(share) else UNDETERMINED
+
+
 def plain(value: float) -> str:
     """Format a chosen number, such as a nominal value: 20, 3.5, 0.015."""
     mantissa = f"{value:.6g}"

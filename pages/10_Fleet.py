@@ -3,10 +3,8 @@
 import streamlit as st
 
 from jointid.fleet.table import to_parquet
-from jointid.ui.fleet.drift import show_drift
+from jointid.ui.fleet import panels
 from jointid.ui.fleet.files import open_fleet, show_samples_button
-from jointid.ui.fleet.panels import choose, show_headline, show_outstanding, show_spread, spreads_of
-from jointid.ui.fleet.studies import show_failed, show_studies
 from jointid.ui.shared.charts import download, is_dark
 from jointid.ui.shared.page import start
 
@@ -23,15 +21,15 @@ if not rows:
     show_samples_button()
     st.stop()
 
-show_headline(rows)
+panels.show_headline(rows)
 if any(row.is_good for row in rows):
-    joint, within_robot = choose(rows)
-    spreads = spreads_of(rows, joint, within_robot=within_robot)
-    show_spread(spreads, dark=is_dark())
-    show_outstanding(spreads, within_robot=within_robot)
-    show_drift(spreads, joint, dark=is_dark())
-show_failed(rows)
-show_studies(fleet, rows)
+    joint, within_robot = panels.choose(rows)
+    spreads = panels.spreads_of(rows, joint, within_robot=within_robot)
+    panels.show_spread(spreads, dark=is_dark())
+    panels.show_outstanding(spreads, within_robot=within_robot)
+    panels.show_drift(spreads, joint, dark=is_dark())
+panels.show_failed(rows)
+panels.show_studies(fleet, rows)
 download(
     "Save these results (.parquet)",
     lambda: to_parquet(rows),

@@ -2,7 +2,7 @@
 
 import streamlit as st
 
-from jointid.ui.shared.introduction import glossary
+from jointid.ui.shared.charts import glossary
 from jointid.ui.shared.page import start
 
 start("Glossary")

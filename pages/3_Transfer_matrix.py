@@ -2,10 +2,10 @@
 
 import streamlit as st
 
-from jointid.ui.shared.introduction import introduce
+from jointid.ui.shared.charts import introduce
 from jointid.ui.shared.messages import show_warning
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.matrix_elements import (
+from jointid.ui.study.data_quality import (
     choose_element,
     choose_pose,
     show_element,

@@ -4,16 +4,15 @@ import streamlit as st
 
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.elasticity_figures import figures, show_arm_side
-from jointid.ui.study.estimates import show_estimates, show_fitted_model, show_matrix
-from jointid.ui.study.model_check import show_model_holds, show_poses, show_prediction
-from jointid.ui.study.overview import show_bands, show_headline, show_tiles
-from jointid.ui.study.uncertainty_panels import (
-    show_checks,
-    show_ellipses,
-    show_errors,
-    show_inertias,
+from jointid.ui.study import uncertainty_panels
+from jointid.ui.study.elasticity_figures import (
+    figures,
+    show_arm_side,
+    show_model_holds,
+    show_poses,
+    show_prediction,
 )
+from jointid.ui.study.overview import show_bands, show_headline, show_tiles
 
 page = open_page(
     "Elasticity",
@@ -30,17 +29,16 @@ show_tabs("figure", figures(page, analysis))
 
 st.header("Details", anchor=False)
 details = {
-    "Error bars": lambda: show_errors(analysis),
-    "Inertias": lambda: show_inertias(analysis),
-    "Fitted model": lambda: show_fitted_model(analysis.fit),
-    "Estimators": lambda: show_estimates(analysis),
-    "Ellipses": lambda: show_ellipses(page, analysis),
+    "Error bars": lambda: uncertainty_panels.show_errors(analysis),
+    "Inertias": lambda: uncertainty_panels.show_inertias(analysis),
+    "Fitted model": lambda: uncertainty_panels.show_fitted_model(analysis.fit),
+    "Estimators": lambda: uncertainty_panels.show_estimates(analysis),
 }
 if not page.study.motion_records:  # these look at every sine by itself
     details |= {
         "Model check": lambda: show_model_holds(page, analysis),
-        "Bootstrap": lambda: show_checks(page, analysis),
-        "Matrix A": lambda: show_matrix(analysis.fit),
+        "Bootstrap": lambda: uncertainty_panels.show_checks(page, analysis),
+        "Matrix A": lambda: uncertainty_panels.show_matrix(analysis.fit),
     }
     if len({record.pose for record in page.study.records}) > 1:
         details["Poses"] = lambda: show_poses(page, analysis)

@@ -4,28 +4,17 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.cut.robot import NOMINAL_NAMES, cut_robot
-from jointid.ui.cut import cached_cuts
-from jointid.ui.cut.animation import show_animation
-from jointid.ui.cut.panels import (
-    headline,
-    show_assumptions,
-    show_gears,
-    show_meaning,
-    show_own_path,
-    show_rule,
-)
-from jointid.ui.cut.pictures import show_figure_7
+from jointid.ui.cut import cached_cuts, panels
+from jointid.ui.cut.details import show_time_series, show_tolerance, show_tool_stiffness
+from jointid.ui.cut.pictures import show_animation, show_figure_7
 from jointid.ui.cut.settings import ask
-from jointid.ui.cut.time_series import show_time_series
-from jointid.ui.cut.tolerance import show_tolerance
-from jointid.ui.cut.tool_stiffness import show_tool_stiffness
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 
 page = open_page("Cut")
 analysis = page.analysis()
-show_own_path(page, analysis)
+panels.show_own_path(page, analysis)
 stage = st.container()  # the drawing, above the controls
 try:
     robot = cut_robot(analysis)
@@ -36,11 +25,11 @@ except JointIdError as error:
     st.stop()
 name = NOMINAL_NAMES[settings.assumption]
 with stage:
-    st.header(headline(outcome), anchor=False)
+    st.header(panels.headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)
-    show_gears(page, settings, outcome.robot)
-show_rule(outcome.robot)
-show_meaning(outcome, settings)
+    panels.show_gears(page, settings, outcome.robot)
+panels.show_rule(outcome.robot)
+panels.show_meaning(outcome, settings)
 
 show_tabs(
     "cut_details",
@@ -49,6 +38,6 @@ show_tabs(
         "Over time": lambda: show_time_series(page, settings, outcome),
         "Tool stiffness": lambda: show_tool_stiffness(page, analysis, robot),
         "Accuracy of K": lambda: show_tolerance(page, settings, outcome),
-        "Assumptions": show_assumptions,
+        "Assumptions": panels.show_assumptions,
     },
 )

@@ -7,23 +7,13 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import worst_error
-from jointid.ui.shared.charts import csv_of, download, table
-from jointid.ui.shared.introduction import introduce
-from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.charts import csv_of, download, introduce
+from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.motion_plan_form import show_motion_plan
-from jointid.ui.study.plan_form import (
-    ask,
-    content,
-    percent,
-    show_own_plan,
-    suggested_columns,
-    suggested_table,
-    suggestion,
-)
-from jointid.ui.study.setpoints_form import show_set_points
+from jointid.ui.study import plan_form
+from jointid.ui.study.motion_plan_form import show_motion_plan, show_set_points
 from jointid.uncertainty.validation import second_amplitude
-from jointid.wording import counted
+from jointid.wording import counted, percent
 
 page = open_page("Plan")
 analysis = page.analysis()
@@ -38,27 +28,27 @@ introduce(
     "most, then the next one. Any controller can produce them: only the motion counts."
 )
 try:
-    settings = ask(analysis, page.digest)
+    settings = plan_form.ask(analysis, page.digest)
 except JointIdError as error:
     show_error(error)
     st.stop()
-found = suggestion(page, settings, analysis)
+found = plan_form.suggestion(page, settings, analysis)
 if found is None:
     st.stop()
 count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
 st.header(f"{counted(count, 'additional record')}: worst error {before} → {after}", anchor=False)
-table(suggested_table(found))
+show_text_table(plan_form.suggested_table(found))
 for advice in filter(None, (analysis.limit_of_records(found.worst), second_amplitude(analysis.fit))):
     st.info(advice)
 st.caption(
-    "Torques: amplitude ∠ phase relative to the first driven joint, for inertias and springs"
-    + ("; friction of the motors is extra." if analysis.fit.friction is not None else ".")
+    "Torques: amplitude ∠ phase relative to the first driven joint"
+    + (", without the friction of the motors." if analysis.fit.friction is not None else ".")
     + " The errors include noise, inertias and torque scale, as in the study."
 )
 download(
     "Save these records (.csv)",
-    lambda: csv_of(suggested_columns(found)),
+    lambda: csv_of(plan_form.suggested_columns(found)),
     "next_records.csv",
     hint="With the motor angles, for a controller that follows positions.",
 )
@@ -69,10 +59,12 @@ tabs = ["Your own plan", "Set points", "Motions in place of sines"]
 own, set_points, motions = st.tabs(tabs, key="plan_view", bind="query-params")
 try:
     with own:
-        plan = show_own_plan(page, found, analysis, settings.pose)
-    with set_points:
-        show_set_points(page, plan, content(plan), analysis, settings.pose)
+        plan = plan_form.show_own_plan(page, found, analysis, settings.pose)
+    if set_points.open:
+        with set_points:
+            show_set_points(page, plan, plan_form.content(plan), analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
-with motions:
-    show_motion_plan(page, analysis)
+if motions.open:
+    with motions:
+        show_motion_plan(page, analysis)

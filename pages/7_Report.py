@@ -7,7 +7,7 @@ from jointid.analysis import NOT_USABLE
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import downloads
-from jointid.ui.study.report_panel import show_report
+from jointid.ui.study.downloads import show_report
 from jointid.wording import file_stem
 
 page = open_page(

@@ -61,7 +61,8 @@ def paper() -> Study:
         name="Waterjet cell, axes 1 and 2",
         origin="simulated",
         description="The paper's case: K = 43.0 and 7.5 N·m/rad, D = 0.10 and 0.015 N·m·s/rad, with "
-        "light friction, an encoder of 65,536 counts and torque noise. The inertias are our own choice.",
+        "light friction, an encoder of 65,536 counts per turn and torque noise. The inertias are our "
+        "own choice.",
         records=_compact(records),
         inertia=CUTTING_POSE,
         nominal=Elasticity(K=[20.0, 3.5], D=[0.10, 0.015]),

@@ -38,15 +38,13 @@ from jointid.figures import response_curves
 from jointid.figures.phasor_plane import phasor_plane
 from jointid.figures.response import torque_condition
 from jointid.figures.uncertainty import (
-    confidence_outlines,
     harmonic_bars,
-    influence_strip,
     left_out_prediction,
     normalised_residuals,
     worst_error,
 )
 from jointid.figures.waveforms import spectra, waveforms
-from jointid.fleet.row import checked, row_of
+from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.joints import diagonal_zeros, locked_resonances, motor_impedance, resonances
 from jointid.phasors.sine_fit import fit_sines
 from jointid.reporting.html import to_html
@@ -54,13 +52,12 @@ from jointid.reporting.pdf import to_pdf
 from jointid.reporting.report import make_report
 from jointid.ui.study.data_quality import phasor_table as phasors_shown
 from jointid.ui.study.data_quality import quality_table
-from jointid.ui.study.estimates import estimates_table
-from jointid.ui.study.uncertainty_panels import errors_table
+from jointid.ui.study.uncertainty_panels import errors_table, estimates_table
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.resampling import bootstrap, jackknife
-from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
+from jointid.uncertainty.sensitivity import prior_influence
 from jointid.uncertainty.validation import (
     amplitude_dependence,
     compensated_phasors,
@@ -415,7 +412,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
     yield "further", lambda: [quantity.shown for quantity in further_quantities(fit)]
     yield "error parts", lambda: error_table(fit)
     yield "priors", lambda: [row.cells for row in analysis.priors]
-    yield "row", lambda: checked(row_of(analysis, study="study"))
+    yield "row", lambda: from_plain(to_plain(row_of(analysis, study="study")))
     yield "json", lambda: from_json(to_json(identification(analysis)))
     yield "toml", lambda: to_toml(identification(analysis))
     yield "mat", lambda: to_mat(analysis)
@@ -441,14 +438,13 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
     yield from _pictures(analysis)
     yield "inertias", lambda: _inertias(analysis)
     yield "bootstrap", lambda: bootstrap(*given, draws=3).interval()
-    yield "jackknife", lambda: influence_strip(jackknife(*given), [str(k) for k in range(2 * n)])
+    yield "jackknife", partial(jackknife, *given)
     yield "poses", lambda: _poses(analysis)
     yield "prediction", lambda: left_out_prediction(predict_left_out(phasors, study.inertias[0], fit))
     yield "residuals", lambda: _residuals(analysis)
     yield "harmonics", lambda: harmonic_bars(harmonic_content(phasors), n, phasors.labels)
     yield "amplitudes", lambda: amplitude_dependence(fit)
     yield "freed", lambda: compensated_phasors(phasors, fit)
-    yield "ellipse", lambda: confidence_outlines([confidence_ellipse(fit, "K1", "D1", level=0.95)])
     yield "plan", lambda: _plan(analysis)
     yield "cut robot", lambda: (reason_unusable(analysis), cut_robot(analysis))
     yield "report", lambda: to_html(make_report(analysis, cut=False))

@@ -7,7 +7,8 @@ import gc
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,8 +101,9 @@ def _name(item: pytest.Item) -> tuple[str, str, str]:
 
 
 def pytest_collection_finish() -> None:
-    """Exclude the objects made so far from every later garbage collection."""
+    """Exclude the objects made so far from every later garbage collection; seldom collect."""
     gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
     gc.enable()
 
 
@@ -126,15 +128,17 @@ def quick_files() -> Iterator[None]:
 def quick_app_tests() -> Iterator[None]:
     """Do once a session what AppTest does in every run, and start no processes for its computations.
 
-    It looks for components in every installed package, compiles every page, and asks a thousand times a
-    second whether the page is complete. Each of its runs counts as another person on the same server.
+    It looks for components in every installed package, compiles every page, asks a thousand times a
+    second whether the page is complete, and copies the whole state of the session for every widget. Each
+    of its runs counts as another person on the same server.
     """
     from streamlit.components.v2 import manifest_scanner
     from streamlit.runtime.scriptrunner.script_cache import ScriptCache
+    from streamlit.runtime.state.session_state import SessionState
     from streamlit.testing.v1 import local_script_runner
 
     from jointid.background.pool import Pool
-    from jointid.ui.shared import background
+    from jointid.ui.shared import results
 
     compiled = functools.cache(functools.partial(ScriptCache.get_bytecode, ScriptCache()))
     ask = local_script_runner.require_widgets_deltas
@@ -143,12 +147,49 @@ def quick_app_tests() -> Iterator[None]:
         runner._script_thread.join(timeout)
         ask(runner, 0.0 if runner._script_thread.is_alive() else 1.0)
 
+    class State(Mapping[str, Any]):
+        """The entries of a session, looked up one by one."""
+
+        def __init__(self, state: SessionState) -> None:
+            self.state = state
+
+        def __getitem__(self, key: str) -> Any:
+            return self.state[key]
+
+        def __iter__(self) -> Iterator[str]:
+            return iter(copied(self.state))
+
+        def __len__(self) -> int:
+            return len(copied(self.state))
+
+    copied = SessionState.filtered_state.fget
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SessionState, "filtered_state", property(State))
         scan = manifest_scanner.scan_component_manifests
         patch.setattr(manifest_scanner, "scan_component_manifests", functools.cache(scan))
-        patch.setattr(background, "_pool", functools.partial(Pool, 0))
+        patch.setattr(results, "_pool", functools.partial(Pool, 0))
         patch.setattr(ScriptCache, "get_bytecode", lambda _, path: compiled(path))
         patch.setattr(local_script_runner, "require_widgets_deltas", wait)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kept_analyses() -> Iterator[None]:
+    """Analyse a study once a session: pages, commands and tests ask for the same ones."""
+    from jointid import analysis
+    from jointid.files.digest import study_digest
+
+    analyse = analysis._analyse
+    kept: dict[tuple[str, str], Analysis] = {}
+
+    def once(study: Study, method: str) -> Analysis:
+        key = study_digest(study), method
+        if key not in kept:
+            kept[key] = analyse(study, method)
+        return replace(kept[key], study=study)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(analysis, "_analyse", once)
         yield
 
 

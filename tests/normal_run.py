@@ -29,6 +29,11 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     "test_arm_side.py": {
         "test_jitter_of_the_clock_is_resampled": (),
     },
+    "test_benchmarks.py": {
+        "test_long_parts_are_reached": ("friction",),
+        "test_simulation": (),
+        "test_transfer_matrix": (),
+    },
     "test_cli.py": {
         "test_ctrl_c_while_modules_load_ends_it_quietly": (),
         "test_cut_of_six_axes_bends_its_own_robot": (),
@@ -43,17 +48,22 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_every_table_of_k_keeps_the_unit_of_the_answer": ("*Compare*", "*Error bars"),
     },
     "test_corrections.py": {
-        "test_a_fault_of_all_records_is_taken_out_again": ("joint 1*", "torque 1 reversed"),
+        "test_a_fault_of_all_records_is_taken_out_again": ("joint 1*",),
     },
     "test_cut_page.py": {
+        "test_friction_and_its_compensation_count": (),
         "test_of_another_robot_custom_values_are_its_own": (),
         "test_of_other_than_two_joints_is_a_demonstration": ("three joints",),
-        "test_the_map_is_made_on_demand_kept_and_covers_the_range_that_was_chosen": (),
+        "test_the_drive_may_be_another_and_that_is_said": (),
+    },
+    "test_elasticity.py": {
+        "test_errors_are_as_stated": ("2-2-7-1.0",),
     },
     "test_examples.py": {
         "test_runs": ("from_arrays", "six_axis_tool"),
     },
     "test_figures.py": {
+        "test_an_estimate_that_is_no_spring_still_shows_the_measurement": (),
         "test_every_figure_names_its_axes_with_units_and_its_meanings_once": ("True-2", "True-1"),
     },
     "test_fleet.py": {
@@ -63,13 +73,10 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_gears.py": {
         "test_play_is_not_taken_for_slopes": ("2",),
-        "test_simulated_records_obey_their_law": ("hysteresis", "backlash"),
-        "test_the_cut_agrees_with_an_independent_integration": (
-            "parallelogram-hardening", "parallelogram-hysteresis",
-        ),
+        "test_simulated_records_obey_their_law": ("backlash",),
+        "test_the_cut_agrees_with_an_independent_integration": ("parallelogram-hysteresis",),
     },
     "test_hostile_pages.py": {
-        "test_every_tab_about_a_hostile_study": ("Ellipses*",),
     },
     "test_import_inertia.py": {
         "test_the_page_asks_how_well_inertias_and_torque_scale_are_known": ("chosen2*",),
@@ -85,7 +92,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     "test_import_multisine.py": {
         "test_elasticity_of_a_noisy_multisine": (),
         "test_harmonics_of_one_sine_are_no_lines": ("harmonics2",),
-        "test_lines_over_a_decade_with_short_rests": ("lines0", "lines1"),
+        "test_lines_over_a_decade_with_short_rests": ("lines0",),
     },
     "test_import_page.py": {
         "test_what_is_no_inertia_is_said_and_stays": ("0.001, 0.002*",),
@@ -102,11 +109,14 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_import_untaken.py": {
         "test_frequencies_that_change_without_a_pause_are_runs_of_their_own": ("0.04",),
+        "test_noise_does_not_hide_a_sweep": ("1",),
         "test_no_piece_of_a_sweep_is_a_sine": ("4-*",),
         "test_sweep_gives_no_runs_and_is_told": ("logarithmic*",),
     },
     "test_independent_robot.py": {
+        "test_energy_is_kept_without_damping": ("3000.0",),
         "test_lags_and_filters_turn_the_phasors": (),
+        "test_the_ideal_robot_has_the_models_response": ("paper",),
     },
     "test_inertia_prior.py": {
         "test_linear_estimators_carry_the_prior_in_their_errors": ("weighted",),
@@ -115,24 +125,33 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_a_linear_estimate_that_heavy_friction_throws_off_is_no_end": ("(40, -1*",),
         "test_a_long_lag_alone_is_no_friction": (),
         "test_another_beginning_is_found_also_where_the_model_does_not_fit_well": (),
-        "test_any_law_of_friction_leaves_the_answer": ("Coulomb", "Stribeck*"),
+        "test_any_law_of_friction_leaves_the_answer": ("Stribeck*",),
+        "test_friction_and_delay_together": (),
         "test_parts_that_are_demanded_are_fitted_also_where_there_are_none": (
             "False-*-maximum-likelihood", "True-True-True-auto",
         ),
         "test_the_gradient_is_that_of_the_cost": ("*-0.1",),
     },
+    "test_long_records.py": {
+        "test_a_long_study_is_analysed_like_another": (),
+    },
     "test_motion.py": {
         "test_an_initial_state_does_not_change_the_answer": (),
+        "test_errors_hold_rounding_that_repeats": (),
+        "test_friction_is_chosen_by_itself": (),
         "test_inertias_need_not_be_known": (),
-        "test_motions_of_two_joints": ("*-moves", "None-sweep", "inf-random"),
+        "test_motions_of_two_joints": ("None-moves", "None-sweep", "inf-random"),
         "test_without_noise_k_and_d_are_exact": ("1000.0*",),
     },
     "test_motion_records.py": {
-        "test_a_log_of_any_motion_becomes_a_motion_record_with_its_band": ("moves", "sweep"),
+        "test_a_log_of_any_motion_becomes_a_motion_record_with_its_band": ("moves",),
         "test_everything_is_made_of_a_study_with_motions": ("both",),
         "test_friction_acts_in_a_simulated_motion": (),
         "test_sweeps_do_not_become_steady_sines": ("12.0",),
         "test_torques_of_another_robot_are_no_usable_answer": (),
+    },
+    "test_motion_response.py": {
+        "test_error_is_the_covariance": ("1-0.0001", "2-1e-06"),
     },
     "test_outcome.py": {
         "test_a_stiffness_error_costs_its_share_of_the_rigid_servos_error": ("0.5", "2.0"),
@@ -154,6 +173,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_report.py": {
         "test_a_figure_gives_way_before_it_leaves_a_page_empty": ("0", "20"),
+        "test_a_study_that_is_no_spring_is_reported_as_such": (),
         "test_another_process_gives_the_same_bytes": (),
         "test_no_page_but_the_last_is_mostly_empty": ("2",),
         "test_other_numbers_of_joints_have_no_cut": ("1",),
@@ -161,14 +181,18 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     "test_report_page.py": {
         "test_the_report_is_made_on_demand_and_kept": ("2",),
     },
+    "test_samples.py": {
+        "test_the_failed_study_names_its_cause_and_the_remedy_mends_it": (),
+    },
     "test_sensor_steps.py": {
         "test_rounding_of_slow_and_sticking_motion_is_claimed": ("67.0-*",),
     },
     "test_setpoints.py": {
-        "test_no_file_of_a_random_plan_exceeds_a_limit": ("?",),
+        "test_a_planned_motion_is_played_and_gives_k_and_d_back": ("moves", "sweep"),
+        "test_no_file_of_a_random_plan_exceeds_a_limit": ("[0-4]",),
         "test_no_scale_helps_where_rest_exceeds_the_limit": (),
         "test_over_a_limit_nothing_is_written": ("acceleration*",),
-        "test_the_played_motion_gives_k_and_d_back": ("multisine",),
+        "test_the_played_motion_gives_k_and_d_back": (),
         "test_the_set_points_of_a_file_give_k_and_d_back": ("sines-rsi",),
     },
     "test_sine_fit.py": {
@@ -177,11 +201,14 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "test_six_axes.py": {
-        "test_heavy_friction_does_not_hide_the_springs": ("10-*",),
+        "test_heavy_friction_does_not_hide_the_springs": ("7-*",),
     },
     "test_tolerance.py": {
         "test_and_with_every_option_of_the_servo": ("serial",),
         "test_the_map_is_made_of_single_cuts": ("0.01-*",),
+    },
+    "test_tool_stiffness.py": {
+        "test_a_slow_tool_bends_by_gravity_alone": (),
     },
     "test_tracking.py": {
         "test_identified_parameters_cut_within_hundredths_of_a_millimetre": ("0.01*",),
@@ -191,10 +218,11 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_covariance_is_the_scatter_of_the_elements": ("*-1",),
     },
     "test_trust_pages.py": {
+        "test_planned_motions_can_be_saved_too": (),
         "test_the_bootstrap_agrees_with_the_stated_errors": (),
     },
     "test_uncertainty.py": {
-        "test_bootstrap_agrees_with_the_stated_errors": ("weighted", "least-squares"),
+        "test_bootstrap_agrees_with_the_stated_errors": ("least-squares",),
         "test_bootstrap_draws_the_given_inertias_as_well": ("weighted*",),
         "test_bootstrap_sees_the_bias_of_least_squares": (),
         "test_bootstrap_with_friction": (),
@@ -206,18 +234,22 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_verdict.py": {
         "test_exchanged_joints_and_units_that_inertias_absorb": ("sound*", "<lambda>-inertia4*"),
-        "test_factor_of_one_record_is_named": ("1-87.0*", "-1-1-*-six"),
-        "test_one_record_in_degrees_is_named_and_no_inertia_blamed": ("0-auto",),
-        "test_what_is_wrong_in_every_record_accuses_none": ("sound-0.97",),
-        "test_wrong_scale_comes_first_and_hides_what_follows_from_it": ("57*",),
+        "test_friction_does_not_hide_exchanged_or_reversed_axes": ("given0*0.0", "given[123]*0.05"),
+        "test_factor_of_one_record_is_named": ("1-87.0*",),
+        "test_one_record_in_degrees_is_named_and_no_inertia_blamed": (),
+        "test_what_is_wrong_in_every_record_accuses_none": ("six-0.8",),
+        "test_wrong_scale_comes_first_and_hides_what_follows_from_it": ("*-weighted",),
     },
     "test_wheel.py": {
+        "test_it_holds_the_package_the_app_and_the_samples_and_nothing_else": (),
         "test_the_sdist_makes_the_same_wheel": (),
+        "test_what_is_installed_finds_its_own_app_and_samples": (),
     },
     "test_whole_error.py": {
         "test_links_far_above_the_band_widen_the_errors": (),
         "test_play_and_hysteresis_are_found_together": ("0.02-*",),
         "test_tables_have_their_columns": (),
+        "test_wrong_inertias_cost_little": ("paper*", "Manutec*"),
     },
     "test_workspace.py": {
         "test_another_session_at_the_address_continues": ("1",),

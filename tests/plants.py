@@ -137,14 +137,14 @@ def steady_records(
 
 @cache
 def rubbing(
-    coulomb: tuple[float, float] = (0.1, 0.02), pattern: str = "orthogonal"
+    coulomb: tuple[float, float] = (0.1, 0.02), pattern: str = "orthogonal", step_s: float = 5e-4
 ) -> tuple[SineRecord, ...]:
     """A short campaign in closed loop with Coulomb friction."""
     return simulate_records(
         PARALLELOGRAM,
         PAPER,
         BAND_HZ,
-        friction=MotorFriction(coulomb=list(coulomb)),
+        friction=MotorFriction(coulomb=list(coulomb), step_s=step_s),
         controller=Controller(sample_rate_hz=2000),
         excitation=Excitation(duration_s=2.0, pattern=pattern),
         measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),

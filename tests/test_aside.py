@@ -21,9 +21,8 @@ import pytest
 from jointid import JointIdError, Study, analyse, load_study
 from jointid.background.child_process import Child
 from jointid.background.pool import NoWorkerError, Pool
-from jointid.ui.shared import background
-from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.results import ResultCache
+from jointid.ui.shared import results
+from jointid.ui.shared.results import ResultCache, run_in_background
 from jointid.uncertainty.resampling import jackknife
 
 SAMPLE = Path(__file__).parents[1] / "sample_data" / "single_joint"
@@ -68,8 +67,8 @@ def ready() -> Iterator[Pool]:
 def pool(monkeypatch: pytest.MonkeyPatch) -> Iterator[Pool]:
     """The pages' pool, without processes, and nobody's turn."""
     mine = Pool(1)
-    monkeypatch.setattr(background, "_pool", lambda: mine)
-    monkeypatch.setattr(background, "_at_work", "")
+    monkeypatch.setattr(results, "_pool", lambda: mine)
+    monkeypatch.setattr(results, "_at_work", "")
     yield mine
     mine.stop()
 
@@ -197,15 +196,15 @@ def held() -> Iterator[tuple[Callable[[], str], Event, Event]]:
 def test_the_second_session_has_processes_begin(
     pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(background, "_LONGEST_TURN_S", 0.01)
+    monkeypatch.setattr(results, "_LONGEST_TURN_S", 0.01)
     long, began, end = held
     with ThreadPoolExecutor(1) as threads:
-        monkeypatch.setattr(background, "_session", lambda: "one")
+        monkeypatch.setattr(results, "_session", lambda: "one")
         first = threads.submit(run_in_background, long)
         assert began.wait(PATIENCE_S)
         assert run_in_background(os.getpid) == os.getpid(), "a long turn holds nobody up for good"
         assert not pool._started, "one alone needs none"
-        monkeypatch.setattr(background, "_session", lambda: "other")
+        monkeypatch.setattr(results, "_session", lambda: "other")
         assert run_in_background(os.getpid) == os.getpid()
         assert answers(pool) == run_in_background(os.getpid) != os.getpid()
         assert not first.done()
@@ -220,8 +219,8 @@ def test_the_turn_is_free_again_after_an_error(pool: Pool) -> None:
     for _ in range(3):
         with pytest.raises(ValueError, match="no"):
             run_in_background(fails)
-    assert background._turn.acquire(blocking=False)
-    background._turn.release()
+    assert results._turn.acquire(blocking=False)
+    results._turn.release()
 
 
 def test_equal_computations_are_one_and_failed_ones_are_none(pool: Pool) -> None:
@@ -267,18 +266,18 @@ def test_a_queue_is_said_when_all_processors_are_busy(
         end.set()
         return nullcontext()
 
-    monkeypatch.setattr(background.st, "spinner", spinner)
+    monkeypatch.setattr(results.st, "spinner", spinner)
     long, began, end = held
-    waiting = [object() for _ in range(background._PROCESSES + 2)]
-    background._asked.update(waiting)
+    waiting = [object() for _ in range(results._PROCESSES + 2)]
+    results._asked.update(waiting)
     try:
-        begun = background.submit(long)
+        begun = results.submit(long)
         assert began.wait(PATIENCE_S)
-        background.awaited("Computing", begun)
+        results.awaited("Computing", begun)
     finally:
-        background._asked.difference_update(waiting)
+        results._asked.difference_update(waiting)
     assert begun.result() == "long"
     assert said == ["Computing. The server is busy: 3 computations in the queue."]
-    background.awaited("Computing", begun)
+    results.awaited("Computing", begun)
     assert len(said) == 1, "a finished computation shows nothing"
-    assert background.queue_text() == ""
+    assert results.queue_text() == ""

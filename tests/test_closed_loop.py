@@ -149,7 +149,12 @@ def test_logged_torque_is_the_documented_control_law():
         SERIAL,
         PAPER,
         [4.0],
-        excitation=Excitation(pattern=[[1.0, 0.5j]], position_rad=0.2, duration_s=0.5),
+        excitation=Excitation(
+            pattern=[[1.0, 0.5j]],
+            velocity_rad_s=0.2 * 2 * np.pi * 4.0,
+            acceleration_rad_s2=1e9,
+            duration_s=0.5,
+        ),
         controller=controller,
         friction=MotorFriction([0.1, 0.05]),
         measurement=Measurement(encoder_counts=8192),
@@ -462,17 +467,6 @@ def test_amplitude_keeps_both_limits():
     np.testing.assert_allclose(A[2], 300 / omega[2] ** 2)
 
 
-def test_position_amplitude_per_frequency_and_joint():
-    omega = np.array([20.0, 40.0, 60.0])
-    np.testing.assert_array_equal(
-        Excitation(position_rad=0.1).amplitudes(omega, 2), np.full((3, 2), 0.1)
-    )
-    per_frequency = Excitation(position_rad=[0.3, 0.2, 0.1]).amplitudes(omega, 2)
-    np.testing.assert_array_equal(per_frequency, [[0.3, 0.3], [0.2, 0.2], [0.1, 0.1]])
-    table = [[0.3, 0.1], [0.2, 0.1], [0.1, 0.05]]
-    np.testing.assert_array_equal(Excitation(position_rad=table).amplitudes(omega, 2), table)
-
-
 # --- Figure 3 -------------------------------------------------------------------------------------
 
 
@@ -579,9 +573,6 @@ def test_bad_settings_are_refused(make, message):
         ({"elasticity": SINGLE[1]}, "2 joint.*1: they must agree"),
         ({"excitation": Excitation(pattern=[[1.0]])}, r"pattern has shape \(1, 1\)"),
         ({"excitation": Excitation(pattern=[[1, 1]], records_per_frequency=2)}, "expected 2 rows"),
-        ({"excitation": Excitation(position_rad=[0.1, 0.2])}, "each of the 1 frequencies"),
-        ({"excitation": Excitation(position_rad=-0.1)}, "positive values"),
-        ({"excitation": Excitation(position_rad=[[[0.1]]])}, "position_rad"),
         ({"excitation": Excitation(velocity_rad_s=[1, 2, 3])}, "velocity_rad_s has 3 values"),
         ({"excitation": Excitation(duration_s=0.1)}, r"less than one period of 5 Hz \(0.2 s\)"),
         ({"excitation": Excitation(periods=0.5)}, "at least one period"),

@@ -200,9 +200,9 @@ def changed(result: Identification, **values: Any) -> str:
     ("values", "complaint"),
     [
         ({"K": [1.0]}, "K has shape"),
-        ({"K": ["43", 7.5]}, "K must be a number"),
+        ({"K": ["43", 7.5]}, "K: expected real numbers"),
         ({"kind": "something"}, "expected kind"),
-        ({"format": 2}, "reads format 1"),
+        ({"format": 2}, "expected format = 1"),
         ({"side": "arm"}, "expected side"),
         ({"covariance": [[1.0]]}, "covariance has shape"),
         ({"stiffnes": 1}, 'unknown key "stiffnes"'),
@@ -357,7 +357,6 @@ def test_python_control_gets_the_same_model_and_the_measured_H(analyses: dict[in
     measured = control_frd(matrix)
     for k, omega in enumerate(matrix.omega):
         np.testing.assert_array_equal(measured(1j * omega), matrix.H[k])  # H12 is not H21: no transpose
-    assert control_frd(matrix, smooth=True)(1j * 2 * np.pi * 12.0).shape == (2, 2)
 
 
 def test_without_python_control_the_message_says_what_to_install(

@@ -326,14 +326,11 @@ def test_a_joint_at_rest_breaks_no_figure(
         assert figure.data
 
 
-def test_a_cell_without_a_number_leaves_a_gap_and_its_row_is_marked() -> None:
+def test_a_cell_without_a_number_leaves_a_gap() -> None:
     columns = {"time_s": np.array([0.0, 0.1, np.nan, 0.3]), "tau": np.array([1.0, np.nan, 3.0, 4.0])}
-    figure = raw_columns(columns, marked=2)
+    figure = raw_columns(columns)
     assert np.isnan(figure.data[0].y[1])
     np.testing.assert_allclose(figure.data[0].x, [0.0, 0.1, 0.2, 0.3])
-    (mark,) = figure.layout.shapes
-    assert mark.x0 == mark.x1 == pytest.approx(0.2)
-    assert not raw_columns(columns).layout.shapes
 
 
 def test_a_text_from_a_file_is_shown_unchanged() -> None:

@@ -30,7 +30,7 @@ from typer.testing import CliRunner
 
 from jointid import JointIdError, load_study
 from jointid.cli import app
-from jointid.files.study_files import peek_study
+from jointid.files.study_files import lines_around
 from jointid.importing import read_log, read_logs
 from jointid.ui.shared import workspace
 
@@ -818,10 +818,7 @@ def test_a_study_shows_no_file_of_the_server(
     change(folder, server)
     with pytest.raises(JointIdError, match=part) as caught:
         load_study(folder)
-    peeked = peek_study(folder)
-    assert_nothing_disclosed(str(caught.value))
-    for table in peeked:
-        assert_nothing_disclosed(f"{table.error}\n{table.frame.to_csv()}")
+    assert_nothing_disclosed(str(caught.value) + lines_around(folder, caught.value))
     result = CliRunner().invoke(app, ["identify", str(folder)])
     assert result.exit_code == 1
     assert_nothing_disclosed(result.output)
@@ -837,9 +834,7 @@ def test_a_parquet_record_shows_no_file_of_the_server(
     (folder / "records/made.parquet").write_bytes(build(server))
     with pytest.raises(JointIdError, match="time_s") as caught:
         load_study(folder)
-    assert_nothing_disclosed(str(caught.value))
-    for table in peek_study(folder):
-        assert_nothing_disclosed(f"{table.error}\n{table.frame.to_csv()}")
+    assert_nothing_disclosed(str(caught.value) + lines_around(folder, caught.value))
 
 
 @pytest.mark.parametrize("name", ["absolute", "way up", "address", "link"])

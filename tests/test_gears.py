@@ -27,7 +27,7 @@ from jointid import (
     track,
 )
 from jointid.cut.arm import Drive
-from jointid.figures.torsion import torsion_curve
+from jointid.figures.springs import torsion_curve
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, sine_stiffness
 from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import phasors_of, samples_of
@@ -185,7 +185,7 @@ def test_the_noise_of_a_law_is_that_of_many_draws(gear: Gear) -> None:
     own, further = noise(torque), noise(deflection)
     with_noise = WoundGears.solve(
         laws, np.repeat(kappa, draws, 0), f + own, moved + further, np.repeat(low, draws, 0),
-        np.zeros((draws, 1, 0)), np.repeat(found.delta, draws, 0),
+        np.zeros((draws, 1, 0)),
     )  # fmt: skip
     left = with_noise.law - found.law - by_torque * own - by_moved * further
     size = (np.abs(by_torque) ** 2 * torque + np.abs(by_moved) ** 2 * deflection + rest).max()

@@ -266,9 +266,10 @@ def test_links_give_the_inertia_of_the_pose(page: AppTest, taken: list[Inertia])
         "rotor": "0.0025, 0.0010",
         "pose": "-30, 75",
     }.items():
-        assert not taken
         at.text_input(key=f"import {key}").set_value(text)
-        at = shown(at.run())
+        if key in ("rotor", "pose"):
+            assert not taken
+            at = shown(at.run())
     expected = PlanarArm.example("serial").inertia(np.radians([-30.0, 75.0]))
     assert pytest.approx(expected.M2) == taken[-1].M2
     assert pytest.approx(expected.M) == taken[-1].M

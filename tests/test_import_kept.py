@@ -52,14 +52,35 @@ def corrected(at: AppTest) -> AppTest:
     return shown(at.run())
 
 
-def test_nothing_is_kept_before_a_log_is_dropped(kept: Store) -> None:
+def test_a_log_is_written_once_and_entries_as_json_until_it_is_closed(kept: Store) -> None:
     at = begun()
     assert "w" not in at.query_params
     assert not kept.folder.exists()
+    at = drop(at, ("one.csv", long_log()))
+    large = max(kept.folder.rglob("*.data"), key=lambda file: file.stat().st_size)
+    at.text_input(key="import M2").set_value("0.003")
+    at = shown(shown(at.run()).run())
+    before = {file: file.stat().st_mtime_ns for file in kept.folder.rglob("*.*")}
+    at = shown(at.run())
+    assert {file: file.stat().st_mtime_ns for file in kept.folder.rglob("*.*")} == before
+    assert large in before
+    assert len(list(kept.folder.rglob("*.data"))) == 2
+    place = part_of(place_of(at), "import")
+    (entry,) = [e for e in kept.entries(place) if e.digest == "entries"]
+    values = json.loads(kept.read(place, entry.id))
+    assert values["entries"]["import M2"] == "0.003"
+    assert [name for name, _ in values["files"]] == ["one.csv"]
+    again = begun(place_of(at))
+    widget(again, "button", "Close these logs").click()
+    again = shown(again.run())
+    assert not list(kept.folder.rglob("*.data"))
+    assert not again.selectbox(key="study").disabled
+    assert not [b for b in begun(place_of(at)).selectbox if b.label.startswith("Position")]
 
 
 def test_logs_and_entries_are_there_in_another_session(kept: Store) -> None:
-    at = drop(begun(), ("one.csv", long_log()), ("two.csv", long_log(ratio=2.0)))
+    first = drop(begun(), ("one.csv", long_log()))
+    at = drop(begun(place_of(first)), ("two.csv", long_log(ratio=2.0)))
     widget(at, "text_input", "Gear ratios").set_value("-93.5")
     widget(at, "selectbox", "Unit of position 1").set_value("deg")
     widget(at, "selectbox", "Torque between").set_value("held until the next sample")
@@ -90,37 +111,6 @@ def test_an_entry_that_is_no_mapping_is_kept_as_well() -> None:
     assert "both position of joint 1 and torque" in at.error[0].value
     again = begun(place_of(at))
     assert widget(again, "selectbox", "Torque of joint 1").value == "joint position"
-
-
-def test_an_unchanged_page_writes_nothing(kept: Store) -> None:
-    at = shown(drop(begun(), ("one.csv", long_log())).run())
-    before = {file: file.stat().st_mtime_ns for file in kept.folder.rglob("*.*")}
-    for _ in range(3):
-        at = shown(at.run())
-    assert {file: file.stat().st_mtime_ns for file in kept.folder.rglob("*.*")} == before
-
-
-def test_a_log_is_written_once(kept: Store) -> None:
-    at = drop(begun(), ("one.csv", long_log()))
-    large = max(kept.folder.rglob("*.data"), key=lambda file: file.stat().st_size)
-    at.text_input(key="import M").set_value("0.001")
-    shown(at.run())
-    assert large.exists()
-    assert len(list(kept.folder.rglob("*.data"))) == 2
-
-
-def test_closing_takes_it_out_of_the_store(kept: Store) -> None:
-    at = drop(begun(), ("one.csv", long_log()))
-    again = begun(place_of(at))
-    widget(again, "button", "Close these logs").click()
-    again = shown(again.run())
-    assert not list(kept.folder.rglob("*.data"))
-    assert not again.selectbox(key="study").disabled
-    assert not widget_labels(begun(place_of(at)))
-
-
-def widget_labels(at: AppTest) -> list[str]:
-    return [box.label for box in at.selectbox if box.label.startswith("Position")]
 
 
 def test_opening_takes_it_out_of_the_store_and_the_mapping_is_known_from_then_on(kept: Store) -> None:
@@ -160,13 +150,6 @@ def test_what_is_said_to_be_kept_is_kept(kept: Store) -> None:
     assert not any(said(at))
     widget(at, "button", "Close these logs").click()
     assert not any(said(shown(at.run())))
-
-
-def test_more_logs_join_those_of_an_earlier_session() -> None:
-    at = begun(place_of(drop(begun(), ("one.csv", long_log()))))
-    at = drop(at, ("two.csv", long_log(ratio=2.0)))
-    third = begun(place_of(at))
-    assert any("Still open: one.csv, two.csv" in caption.value for caption in third.caption)
 
 
 def test_two_sessions_at_one_address_do_not_disturb_each_other(kept: Store) -> None:
@@ -220,8 +203,8 @@ def test_entries_of_another_kind_are_set_aside(kept: Store, text: str) -> None:
 def test_logs_beyond_their_share_of_the_store_stay_in_the_session(
     kept: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(workspace, "store", lambda: Store(kept.folder, 400_000))
-    monkeypatch.setattr("jointid.ui.importing.saved_import.store", lambda: Store(kept.folder, 400_000))
+    monkeypatch.setattr(workspace, "store", lambda: Store(kept.folder, 200_000))
+    monkeypatch.setattr("jointid.ui.importing.saved_import.store", lambda: Store(kept.folder, 200_000))
     at = shown(drop(begun(), ("one.csv", long_log())).run())
     assert any("open in this session only" in warning.value for warning in at.warning)
     assert not list(kept.folder.rglob("*.data"))
@@ -242,13 +225,3 @@ def test_parts_of_a_workspace_are_places_of_their_own() -> None:
     assert len({place, *parts}) == 1 + len(parts)
     assert all(len(part) == 32 for part in parts)
     assert parts == [part_of(place, part) for part in store_module.PARTS]
-
-
-def test_what_is_kept_is_json_of_inputs(kept: Store) -> None:
-    at = drop(begun(), ("one.csv", long_log()))
-    at.text_input(key="import M2").set_value("0.003")
-    place = part_of(place_of(shown(at.run())), "import")
-    (entry,) = [e for e in kept.entries(place) if e.digest == "entries"]
-    values = json.loads(kept.read(place, entry.id))
-    assert values["entries"]["import M2"] == "0.003"
-    assert [name for name, _ in values["files"]] == ["one.csv"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from jointid import JointIdError
-from jointid.ui.shared.parse_numbers import matrix_in, numbers_in
+from jointid.ui.shared.entries import matrix_in, numbers_in
 
 
 @pytest.mark.parametrize(

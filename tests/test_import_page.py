@@ -39,7 +39,7 @@ FREQUENCIES_HZ = (4.0, 6.5, 11.0)
 def runs(ratio: float = 1.0) -> tuple[Floats, Floats, Floats]:
     """Time (s), joint angle (rad) and motor torque (N·m): three sine runs with rests, one joint."""
     rng = np.random.default_rng(3)
-    time = np.arange(0, 9.0, 2e-3)
+    time = np.arange(0, 9.0, 4e-3)
     theta, tau = np.full(time.size, 0.2), np.zeros(time.size)
     for k, hertz in enumerate(FREQUENCIES_HZ):
         inside = (time >= 3 * k + 0.4) & (time < 3 * k + 2.6)

@@ -144,6 +144,29 @@ def test_line_with_other_cells_in_the_middle_is_refused_with_its_number() -> Non
         text("t,q,tau\n" + "\n".join(rows))
 
 
+def test_lines_above_the_header_are_named() -> None:
+    table = text("Trace;Cell 7\n-----\nt;q;tau\n" + "".join(f"{k};{k}.5;{k}.25\n" for k in range(20)))
+    assert table.names == ("t", "q", "tau")
+    assert table.notes == ("Lines above the table, not used: 'Trace;Cell 7'.",)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "names"), [("cp932", "時間 位置 トルク"), ("cp1251", "время угол момент")]
+)
+def test_other_scripts_have_encodings_of_their_own(encoding: str, names: str) -> None:
+    rows = "".join(f"{k},{k}.5,{k}.25\n" for k in range(20))
+    (table,) = read_log(f"{names.replace(' ', ',')}\n{rows}".encode(encoding), "log.csv")
+    assert table.names == tuple(names.split())
+
+
+@pytest.mark.parametrize("names", [("stamp.sec", "stamp.nanosec"), ("timeSec", "timeNanoSec")])
+def test_seconds_and_nanoseconds_are_one_clock(names: tuple[str, str]) -> None:
+    lines = [f"{1_700_000_000 + k // 500},{k % 500 * 2_000_000},{k}.5,{k}.25" for k in range(900)]
+    (table,) = read_log("\n".join([f"{','.join(names)},q,tau", *lines]).encode(), "log.csv")
+    assert table.names == ("time", "q", "tau")
+    np.testing.assert_allclose(table.column("time").values, 0.002 * np.arange(900), atol=1e-9)
+
+
 def test_dates_become_seconds() -> None:
     rows = "\n".join(f"2024-05-07 10:11:{k:02d}.{k}00;{k},5;{k}" for k in range(10))
     table = text(f"Zeitstempel;q;tau\n{rows}")
@@ -454,13 +477,13 @@ def test_dates_over_midnight(stamp: str, first: str) -> None:
     np.testing.assert_allclose(table.column("Zeit").values, 0.002 * np.arange(40), atol=1e-6)
 
 
-def test_an_order_that_was_found_is_said_and_one_that_is_open_is_refused() -> None:
-    table = text(clock_log("%m/%d/%Y %H:%M:%S.{ms}", first="2026-05-07T23:59:59.950"))
-    assert any("read as month.day.year" in note for note in table.notes)
+def test_a_pause_of_days_counts_as_one_day() -> None:
+    """The order of day and month need not be known: a pause is no part of a run."""
     first = clock_log("%d/%m/%Y %H:%M:%S.{ms}")
-    second = clock_log("%d/%m/%Y %H:%M:%S.{ms}", first="2026-05-09T17:00:00")
-    with pytest.raises(JointIdError, match="may have the day or the month first"):
-        text(first + second.partition("\n")[2])
+    second = clock_log("%d/%m/%Y %H:%M:%S.{ms}", first="2026-05-09T09:00:59.950")
+    time = text(first + second.partition("\n")[2]).column("Zeit").values
+    expected = 0.002 * np.arange(40)
+    np.testing.assert_allclose(time, np.concatenate([expected, 86400 + expected]), atol=1e-6)
 
 
 def test_cells_that_are_no_time_are_missing() -> None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import warnings
 from collections import Counter
+from collections.abc import Iterator
 from fnmatch import fnmatch
 from functools import cache
 from importlib import import_module
@@ -93,6 +94,14 @@ def name_of(file: Path) -> str:
     return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """The node and all statements in it, without their expressions."""
+    yield node
+    for name in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for child in getattr(node, name, ()):
+            yield from statements(child)
+
+
 @cache
 def offered(stub: Path) -> dict[str, str]:
     """Names in a stub by the module that each comes from; a stub imports from its own package only."""
@@ -110,7 +119,7 @@ def offered(stub: Path) -> dict[str, str]:
 def imported(file: Path) -> frozenset[str]:
     """Every module that a file imports, inside functions as well, and by the stub beside it."""
     found = set(offered(STUBS[file]).values()) if file in STUBS else set[str]()
-    for node in ast.walk(tree(file)):
+    for node in statements(tree(file)):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

@@ -151,7 +151,7 @@ def simulated(
         BAND_HZ,
         excitation=Excitation(periods=12.5, velocity_rad_s=8.0),
         controller=Controller(sample_rate_hz=2000.0, torque_delay_s=delay_s),
-        friction=MotorFriction(**friction),  # type: ignore[arg-type]
+        friction=MotorFriction(**{"step_s": 5e-4} | friction),  # type: ignore[arg-type]
         measurement=Measurement(encoder_counts=65536, torque_noise_Nm=0.01),
         declare_timing=told,
         seed=4,
@@ -205,7 +205,7 @@ def test_motor_that_never_reverses_has_no_coulomb_phasor() -> None:
         PAPER,
         [5.0, 12.0, 20.0],
         excitation=Excitation(periods=10.0, velocity_rad_s=5.0, constant_velocity_rad_s=20.0),
-        friction=MotorFriction(coulomb=COULOMB),
+        friction=MotorFriction(coulomb=COULOMB, step_s=5e-4),
         measurement=Measurement(torque_noise_Nm=0.005, position_noise_rad=2e-6),
         seed=6,
     )

@@ -86,9 +86,9 @@ def test_a_long_study_is_analysed_like_another(tmp_path: Path) -> None:
         INERTIA,
         TRUE,
         [8, 25],
-        excitation=Excitation(periods=50),
+        excitation=Excitation(periods=30),
         controller=Controller(bandwidth_hz=8),
-        friction=MotorFriction(coulomb=[0.05, 0.012]),
+        friction=MotorFriction(coulomb=[0.05, 0.012], step_s=5e-4),
     )
     study = Study(records, INERTIA, name="long", origin="simulated")
     save_study(study, tmp_path / "study", record_format="parquet")

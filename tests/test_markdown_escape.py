@@ -18,7 +18,7 @@ from jointid import load_study
 from jointid.files.digest import study_digest
 from jointid.files.store import Store, new_workspace, user_folder
 from jointid.files.study_files import pack_study
-from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.ui.shared.messages import markdown_escape
 
 ROOT = Path(__file__).parents[1]
 HOSTILE = (

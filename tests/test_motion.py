@@ -198,7 +198,7 @@ def test_rounding_that_repeats_in_every_period_counts_as_one_error(
 def test_many_short_reversals_leave_equations() -> None:
     """A multisine turns back more often than its segments have lines."""
     motion = Motion(
-        "multisine", records=1, duration_s=5.0, sample_rate_hz=2000.0, encoder_counts=2**17,
+        "multisine", records=1, duration_s=3.0, sample_rate_hz=2000.0, encoder_counts=2**17,
         velocity_rad_s=2.0, band_hz=(3.2, 46.0), seed=8,
     )  # fmt: skip
     rubbing = simulate([(replace(SINGLE, coulomb=[0.011], viscous=[3e-4]), motion)])[0]
@@ -267,7 +267,7 @@ def test_hysteresis_of_the_gear_in_random_motion() -> None:
     """A gear wound up by a band-limited torque; the loop adds higher frequencies to its deflection."""
     K, D, M, M2, level, presliding = 20.0, 0.04, 1e-3, 2e-3, 0.02, 1e-3
     step, each = 1e-4, 10
-    t, rng = np.arange(0, 8, step), np.random.default_rng(2)
+    t, rng = np.arange(0, 5, step), np.random.default_rng(2)
     hz = np.arange(3, 24, 0.05)
     phase = rng.uniform(0, 2 * np.pi, hz.size)
     wind_up = np.zeros(t.size)

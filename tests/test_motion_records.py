@@ -42,7 +42,7 @@ from jointid.exporting.matlab import to_mat
 from jointid.exporting.tables import phasor_table, transfer_matrix_table
 from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
-from jointid.fleet.row import checked, row_of
+from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.importing import find_runs, find_segments, measure_run, study_from_logs
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.motion.spectra import motion_phasors
@@ -338,7 +338,7 @@ def test_everything_is_made_of_a_study_with_motions(analyses: dict[str, Analysis
     report = make_report(analysis, cut=False)
     assert "16.0 s in all" in report.facts or "8.00 s in all" in report.facts
     assert b"%PDF" in to_pdf(report)[:8]
-    assert checked(row_of(analysis, study="x")).records == len(analysis.study.records)
+    assert from_plain(to_plain(row_of(analysis, study="x"))).records == len(analysis.study.records)
     assert study_outcome(analysis).after_m < study_outcome(analysis).before_m
     assert errors_table(analysis)
     assert prior_influence(analysis.fit).shift.shape[0] == 4

@@ -56,7 +56,7 @@ def test_parameters_are_recovered_under_friction() -> None:
         BAND,
         excitation=Excitation(duration_s=1.5),
         measurement=SENSORS,
-        friction=MotorFriction(coulomb=[0.05, 0.02], viscous=[0.002, 0.001]),
+        friction=MotorFriction(coulomb=[0.05, 0.02], viscous=[0.002, 0.001], step_s=5e-4),
         seed=5,
     )
     analysis = analyse(Study(records, PARALLELOGRAM))

@@ -89,6 +89,25 @@ def test_a_record_keeps_the_rounding_that_repeats_in_it() -> None:
     assert equations.noise.covariance[-1, 0, 0, 0].real > repeated
 
 
+def test_rounding_that_records_share_does_not_average() -> None:
+    """Sines of one amplitude and mean are rounded alike at every frequency; of others they are not."""
+    time = np.arange(4000) / 1000
+    claimed = []
+    for spread in (0.0, 2.0):
+        waves = [
+            (9.3 + spread * k) * np.sin(2 * np.pi * f * time + k) for k, f in enumerate((3.3, 4.7, 7.1))
+        ]
+        records = [
+            SineRecord(f, time, np.rint(wave[:, None] + 0.2), wave[:, None])
+            for f, wave in zip((3.3, 4.7, 7.1), waves, strict=True)
+        ]
+        phasors = extract_phasors(records)
+        repeated = phasors.harmonic_rounding[:, 0, 0]
+        claimed.append(phasors.harmonic_covariance[:, 0, 0, 0].real / repeated)
+    assert np.all(claimed[0] > 2.5)
+    assert np.all(claimed[1][1:] < 2.5)
+
+
 @pytest.mark.parametrize("rest", [0.0, 0.3])
 @pytest.mark.parametrize("amplitude", [1.5, 10.0, 300.0])
 @pytest.mark.parametrize("samples", [401.37, 67.0])

@@ -11,7 +11,6 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 from browsing import (
     Server,
-    answered,
     choose,
     drop_study,
     finished,
@@ -152,57 +151,6 @@ def test_who_lacks_the_address_sees_nothing(
         assert "mine.zip" not in said
     page = visit(mine.url.replace("/Import_a_log", "/Records"), "Records")
     chosen(page, "mine.zip")
-
-
-def test_recent_studies_are_renamed_and_deleted(
-    server: Server, studies: dict[int, Study], visit: Visit
-) -> None:
-    page = visit(f"{server.address}/Import_a_log", "Import a log")
-    open_file(page, "one.zip", pack_study(studies[1]))
-    open_file(page, "three.zip", pack_study(studies[3]))
-    page.get_by_text("Recent studies (2)").click()
-    with answered(page):
-        page.get_by_role("button", name="one.zip", exact=True).click()
-    chosen(page, "one.zip")
-    page.get_by_role("button", name="Edit").last.click()
-    with answered(page):
-        page.get_by_role("textbox", name="Name").fill("axis 1, worn *gear*")
-        page.keyboard.press("Enter")
-    chosen(page, "axis 1, worn *gear*")
-    page.keyboard.press("Escape")
-    page.get_by_role("button", name="Edit").first.click()
-    with answered(page):
-        page.get_by_role("button", name="Delete").click()
-    chosen(page, "axis 1, worn *gear*")
-    reload(page, "Import a log")
-    chosen(page, "axis 1, worn *gear*")
-    page.get_by_text("Recent studies (1)").click()
-    page.get_by_role("button", name="Edit").click()
-    with answered(page):
-        page.get_by_role("button", name="Delete").click()
-    chosen(page, "paper")
-    expect(page.get_by_text("Recent studies")).to_have_count(0)
-
-
-def test_a_damaged_study_is_told_and_the_app_goes_on(
-    server: Server, studies: dict[int, Study], visit: Visit
-) -> None:
-    before = set(server.data.rglob("*.data"))
-    page = visit(f"{server.address}/Import_a_log", "Import a log")  # it does not read the study
-    open_file(page, "mine.zip", pack_study(studies[1]))
-    (file,) = set(server.data.rglob("*.data")) - before
-    data = bytearray(file.read_bytes())
-    data[len(data) // 2] ^= 1
-    file.write_bytes(data)
-    follow(page, "Records", "Records")
-    expect(page.get_by_text('kept copy of "mine.zip" is damaged')).to_be_visible()
-    follow(page, "Simulate a robot", "Simulate a robot")
-    chosen(page, "paper")
-    expect(page.get_by_text("mine.zip was damaged")).to_be_visible()
-    with answered(page):
-        page.get_by_role("button", name="Dismiss").click()
-    expect(page.get_by_text("mine.zip was damaged")).to_have_count(0)
-    assert (server.data / "damaged" / file.name).read_bytes() == data
 
 
 def test_the_bare_address_offers_the_last_workspace(

@@ -63,7 +63,7 @@ def test_a_study_without_facts_is_written_as_before(paper: Study) -> None:
     ("facts", "said"),
     [
         ({"gear_ratio": (101.0,)}, "one per joint"),
-        ({"gear_ratio": (101.0, 0.0)}, "none 0"),
+        ({"gear_ratio": (101.0, 0.0)}, "not 0"),
         ({"gear_ratio": (101.0, np.nan)}, "gear_ratio"),
         ({"gear_temperature_C": np.inf}, "gear_temperature_C"),
         ({"note": 3}, "expected a text"),

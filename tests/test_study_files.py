@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import os
 import pickle
@@ -23,8 +22,7 @@ from hypothesis import strategies as st
 from jointid import Elasticity, Inertia, JointIdError, SineRecord, Study
 from jointid.files import container_limits as contained
 from jointid.files import record_tables
-from jointid.files.study_files import PEEK_ROWS, load_study, pack_study, peek_study, save_study
-from jointid.files.table_preview import plottable
+from jointid.files.study_files import lines_around, load_study, pack_study, save_study
 from jointid.parsing import checked_toml
 
 TOML = """\
@@ -837,83 +835,23 @@ def test_an_error_carries_its_place_and_remedy() -> None:
 # --- what stays visible -------------------------------------------------------------------------------
 
 
-def test_peek_shows_the_tables_of_a_broken_study() -> None:
-    content = files(toml="not TOML at all", second=None)
-    content["records/02.CSV"] = "Rob 1 / Messung\nZeit [ms];Achse [°]\n0;-11,25\n".encode("latin-1")
-    content["records/03.csv"] = b""
-    content["records/04.parquet"] = b"PAR1"
-    content["records/05.parquet"] = pd.read_csv(io.StringIO(csv_text())).to_parquet(None)
-    content["notes.txt"] = b"not a table"
-    content["wide.csv"] = (csv_text(rows=40_000)[: 2 << 20]).encode()
-    assert len(content["wide.csv"]) == 2 << 20
-    tables = {table.name: table for table in peek_study(zipped(content))}
-    assert set(tables) == {*content} - {"study.toml", "notes.txt"}
-    good = tables["records/01.csv"].frame
-    assert list(good.columns) == HEADER.split(",")
-    assert len(good) == PEEK_ROWS
-    assert good["theta_m1_rad"].iloc[50] == pytest.approx(0.1)
-    log = tables["records/02.CSV"].frame
-    assert log.iloc[-1].tolist() == ["0", "-11,25"]
-    assert "0 bytes" in tables["records/03.csv"].error
-    assert "Parquet" in tables["records/04.parquet"].error
-    assert len(tables["records/05.parquet"].frame) == PEEK_ROWS
-    assert len(tables["wide.csv"].frame) == PEEK_ROWS
-    for table in tables.values():
-        assert (table.error == "") == (table.frame.size > 0)
-        assert table.frame.columns.is_unique
-
-
-@pytest.mark.parametrize(
-    ("cells", "marked"), [("0.400,0,nan,0,0", 402), ("0.400,0,err,0,0", 402), ("0.1,0,0,0,0", 402)]
-)
+@pytest.mark.parametrize("cells", ["0.400,0,nan,0,0", "0.400,0,err,0,0", "0.1,0,0,0,0"])
 @pytest.mark.parametrize("comment", ["", "# exported\n# by hand\n"])
-def test_peek_goes_to_the_row_that_is_refused(cells: str, marked: int, comment: str) -> None:
+def test_the_lines_around_a_fault_are_shown(cells: str, comment: str) -> None:
     lines = csv_text(10.0, rows=3000).splitlines()
     lines[401] = cells
-    content = files(second=comment + "\n".join(lines) + "\n")
-    at = marked + comment.count("\n")
-    assert f"records/02.csv, line {at}" in failure(zipped(content))
-    first, second = peek_study(zipped(content))
-    assert (first.refused, first.refused_at) == (False, None)
-    assert (second.refused, second.refused_at) == (True, at)
-    assert second.frame.index.name == "Line"
-    assert second.frame.loc[at, "time_s"] == float(cells.split(",")[0])
-    assert second.frame.loc[at + 1, "time_s"] == pytest.approx(0.401)
-    assert len(second.frame) == PEEK_ROWS
-    column = plottable(second.frame)["theta_m2_rad"]
-    assert np.isnan(column).sum() == ("0.400" in cells)
+    content = zipped(files(second=comment + "\n".join(lines) + "\n"))
+    with pytest.raises(JointIdError) as caught:
+        load_study(content)
+    shown = lines_around(content, caught.value).splitlines()
+    assert [line for line in shown if "▶" in line] == [f"▶    {402 + comment.count(chr(10))}  {cells}"]
+    assert shown[5].endswith(lines[400])
 
 
-def test_peek_goes_to_the_row_of_a_parquet_file() -> None:
-    frame = pd.read_csv(io.StringIO(csv_text(rows=2000)))
-    frame.loc[1500, "tau_m1_Nm"] = np.inf
-    (table, *_) = peek_study(parquet_study(frame))
-    assert table.refused
-    assert table.refused_at == 1501
-    assert np.isinf(table.frame.loc[1501, "tau_m1_Nm"])
-    assert table.frame.index.name == "Row"
-
-
-@pytest.mark.parametrize("separator", [";", "\t", "|"])
-def test_peek_reads_decimal_commas(separator: str) -> None:
-    text = csv_text().replace(",", separator).replace(".", ",")
-    table = next(t for t in peek_study(zipped(files(first=text))) if t.name == "records/01.csv")
-    assert table.refused
-    assert list(table.frame.columns) == HEADER.split(",")
-    assert table.frame["theta_m1_rad"].iloc[50] == pytest.approx(0.1)
-
-
-def test_a_file_that_is_only_listed_is_not_the_one_refused() -> None:
-    content = files(toml=edited("records/02.csv", "records/07.csv"))
-    assert not any(table.refused for table in peek_study(zipped(content)))
-
-
-def test_peek_of_no_container(tmp_path: Path) -> None:
-    with pytest.raises(JointIdError):
-        peek_study(b"no zip")
-    with pytest.raises(JointIdError):
-        peek_study(tmp_path / "none")
-    assert peek_study(written(tmp_path / "cell", files()))[0].name == "records/01.csv"
+def test_no_lines_are_shown_without_a_place_in_a_text() -> None:
+    assert lines_around(b"no zip", JointIdError("damaged", file="a.csv", line=3)) == ""
+    assert lines_around(zipped(files()), JointIdError("no line", file="records/01.csv")) == ""
+    assert lines_around(zipped(files()), JointIdError("x", file="r/1.parquet", line=1)) == ""
 
 
 # --- mutations: nothing but JointIdError escapes -------------------------------------------------------
@@ -938,9 +876,10 @@ def mutations(draw: st.DrawFn, data: bytes) -> bytes:
 
 
 def survives(archive: bytes) -> None:
-    for read in (load_study, peek_study):
-        with contextlib.suppress(JointIdError):
-            read(archive)
+    try:
+        load_study(archive)
+    except JointIdError as refusal:
+        lines_around(archive, refusal)
 
 
 UNCERTAIN = edited("[inertia]\n", "[inertia]\nstd = 0.03\n")

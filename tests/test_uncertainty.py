@@ -31,7 +31,7 @@ from jointid import (
 )
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.uncertainty.resampling import bootstrap, jackknife
-from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
+from jointid.uncertainty.sensitivity import prior_influence
 
 METHODS = ["least-squares", "explicit", "weighted", "maximum-likelihood"]
 
@@ -180,8 +180,6 @@ def test_undetermined_parameters_stay_undetermined() -> None:
     fit = fitted(one, inertia, "maximum-likelihood", inertia_std=np.inf)
     assert np.all(np.isinf(fit.standard_error))
     assert np.all(np.isinf(bootstrap(one, inertia, fit, draws=10).standard_error))
-    with pytest.raises(JointIdError, match="not determine K1"):
-        confidence_ellipse(fit, "K1", "D1")
 
 
 def test_bootstrap_sees_the_bias_of_least_squares() -> None:
@@ -273,32 +271,3 @@ def test_jackknife_finds_the_frequency_that_is_off() -> None:
 
 
 # -------------------------------------------------------------------------------------------- ellipses
-
-
-def test_ellipse_holds_its_share_of_draws() -> None:
-    fit = fitted(measured(), SERIAL, "weighted")
-    index = [0, 2]
-    rng = np.random.default_rng(2)
-    draws = rng.multivariate_normal(
-        np.r_[fit.K, fit.D][index], fit.covariance[np.ix_(index, index)], size=20_000
-    )
-    inverse = np.linalg.inv(fit.covariance[np.ix_(index, index)])
-    for level in (0.5, 0.95):
-        ellipse = confidence_ellipse(fit, "K1", "D1", level=level)
-        apart = ellipse.outline - ellipse.centre
-        radius = np.einsum("pi,ij,pj->p", apart, inverse, apart)
-        assert np.allclose(radius, radius[0])
-        off = draws - ellipse.centre
-        inside = np.einsum("pi,ij,pj->p", off, inverse, off) < radius[0]
-        assert inside.mean() == pytest.approx(level, abs=0.015)
-        assert ellipse.semi_axes[0] >= ellipse.semi_axes[1] > 0
-
-
-def test_ellipse_refuses_what_it_does_not_know() -> None:
-    fit = fitted(measured(), SERIAL, "weighted")
-    with pytest.raises(JointIdError, match="K1, K2, D1, D2"):
-        confidence_ellipse(fit, "K1", "K3")
-    with pytest.raises(JointIdError, match="two different"):
-        confidence_ellipse(fit, "K1", "K1")
-    with pytest.raises(JointIdError, match="between 0 and 1"):
-        confidence_ellipse(fit, "K1", "K2", level=95)

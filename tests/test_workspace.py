@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from app_pages import APP, opened_app, shown, upload
+from app_pages import opened_app, shown, upload
 from streamlit.testing.v1 import AppTest
 
 from jointid import Study
@@ -48,15 +48,6 @@ def test_another_session_at_the_address_continues(studies: dict[int, Study], joi
     assert again.selectbox(key="study").value == "mine.zip"
     assert again.title[0].value == studies[joints].name
     assert [m.value for m in again.metric] == [m.value for m in at.metric]
-
-
-def test_every_page_sets_the_address_again(studies: dict[int, Study]) -> None:
-    at = upload(begun(), studies[1])
-    address = address_of(at)
-    for page in sorted((APP.parent / "pages").glob("*.py")):
-        at.query_params.clear()
-        at = shown(at.switch_page(f"pages/{page.name}").run())
-        assert address_of(at) == address, page.name
 
 
 def test_a_simulated_study_is_kept() -> None:

@@ -8,14 +8,11 @@ try:
     from jointid.cli.batch import batch
     from jointid.cli.convert import convert
     from jointid.cli.cut import cut
-    from jointid.cli.export import export
+    from jointid.cli.export import export, report
     from jointid.cli.identify import arm_side, identify
-    from jointid.cli.plan import plan
-    from jointid.cli.program import Command, app
-    from jointid.cli.report import report
-    from jointid.cli.setpoints import setpoints
+    from jointid.cli.plan import plan, setpoints
+    from jointid.cli.program import Command, app, start_app
     from jointid.cli.simulate import simulate
-    from jointid.cli.start_app import start_app
 except KeyboardInterrupt:  # during the imports
     raise SystemExit(130) from None
 

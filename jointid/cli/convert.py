@@ -8,19 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+import jointid.cli.options as options
 from jointid.cli.files import require_free, robot_from
-from jointid.cli.options import (
-    INERTIA_STD,
-    JSON,
-    NOMINAL_D,
-    NOMINAL_K,
-    OVERWRITE,
-    TORQUE_STD,
-    given,
-    named,
-    nominal,
-    require_ending,
-)
 from jointid.cli.output import made, print_json, print_table, progress
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
@@ -37,10 +26,12 @@ _NOT_STATED = (
 @reported
 def convert(
     logs: Annotated[
-        list[Path], typer.Argument(parser=named, help="Logs with the same columns.", show_default=False)
+        list[Path],
+        typer.Argument(parser=options.named, help="Logs with the same columns.", show_default=False),
     ],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", parser=named, help="New study: a folder or a .zip.")
+        Path | None,
+        typer.Option("--output", "-o", parser=options.named, help="New study: a folder or a .zip."),
     ] = None,
     mapping: Annotated[
         Path | None, typer.Option(help="JSON with the role of each column, as written by --guess.")
@@ -51,7 +42,7 @@ def convert(
     inertia: Annotated[
         Path | None,
         typer.Option(
-            parser=named,
+            parser=options.named,
             help="TOML with M, M2 (motor side, kg·m²), std and poses; or a study.",
         ),
     ] = None,
@@ -65,10 +56,10 @@ def convert(
             "--separate", help="Treat each log as runs of one joint; do not join simultaneous logs."
         ),
     ] = False,
-    inertia_std: Annotated[float | None, INERTIA_STD] = None,
-    torque_std: Annotated[float | None, TORQUE_STD] = None,
-    nominal_K: Annotated[str, NOMINAL_K] = "",
-    nominal_D: Annotated[str, NOMINAL_D] = "",
+    inertia_std: Annotated[float | None, options.INERTIA_STD] = None,
+    torque_std: Annotated[float | None, options.TORQUE_STD] = None,
+    nominal_K: Annotated[str, options.NOMINAL_K] = "",
+    nominal_D: Annotated[str, options.NOMINAL_D] = "",
     name: Annotated[
         str, typer.Option(help="Name of the study; default: from the inertia file, else from the logs.")
     ] = "",
@@ -77,8 +68,8 @@ def convert(
     ] = "",
     date: Annotated[str, typer.Option(help="Date of the measurement, such as 2026-11-20.")] = "",
     note: Annotated[str, typer.Option(help="Remark shown with the answer.")] = "",
-    overwrite: Annotated[bool, OVERWRITE] = False,
-    as_json: Annotated[bool, JSON] = False,
+    overwrite: Annotated[bool, options.OVERWRITE] = False,
+    as_json: Annotated[bool, options.JSON] = False,
 ) -> None:
     """Convert logs of any controller, with sines or other motions, into a study.
 
@@ -90,7 +81,7 @@ def convert(
             "Give --guess FILE first, check the mapping in this file, then convert with --mapping FILE."
         )
     if guess is not None:
-        require_ending("--guess", guess, ".json")
+        options.require_ending("--guess", guess, ".json")
         require_free(guess, overwrite, [*logs, inertia])
     elif output is not None:
         require_free(output, overwrite, [*logs, mapping, inertia])
@@ -120,8 +111,8 @@ def convert(
         return
     if chosen is None or output is None or inertia is None:
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
-    assumed, called = nominal(nominal_K, nominal_D), name or None
-    changes = given(nominal=assumed, name=called, inertia_std=inertia_std, torque_std=torque_std)
+    assumed, called = options.nominal(nominal_K, nominal_D), name or None
+    changes = options.given(nominal=assumed, name=called, inertia_std=inertia_std, torque_std=torque_std)
     robot = replace(robot_from(inertia), **changes)
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):

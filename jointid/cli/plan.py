@@ -1,8 +1,9 @@
-"""jointid plan."""
+"""jointid plan and jointid setpoints."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,12 +12,14 @@ import typer
 
 from jointid.analysis import Analysis, analyse
 from jointid.arrays import per_joint
-from jointid.cli.files import loaded
-from jointid.cli.options import JSON, METHOD, STUDY, numbers
+from jointid.cli.files import loaded, require_free
+from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers
 from jointid.cli.output import print_json, print_table, progress, warn_if_unusable
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
+from jointid.files.atomic_write import write_file
 from jointid.simulation.motion import Motion
+from jointid.wording import percent
 
 if TYPE_CHECKING:
     from jointid.uncertainty.motion_plan import PlannedMotion
@@ -70,10 +73,10 @@ def plan(
     from jointid.uncertainty.planned_records import phasor_text
 
     names = document["parameters"]
-    rows = [["today", "", "", *map(_percent, document["relative_error_today"])]]
+    rows = [["today", "", "", *map(percent, document["relative_error_today"])]]
     for k, record in enumerate(document["records"], start=1):
         torques = ", ".join(map(phasor_text, found.records.relative[0][k - 1].tolist()))
-        errors = map(_percent, record["relative_error_after"])
+        errors = map(percent, record["relative_error_after"])
         rows.append([f"record {k}", f"{record['frequency_hz']:.3g}", torques, *errors])
     print("Suggested records, and the relative standard errors after each\n")
     print_table(["", "Hz", "torques (N·m)", *names], rows, right=(1, *range(3, 3 + len(names))))
@@ -153,7 +156,7 @@ def _print_motion(analysis: Analysis, found: PlannedMotion, as_json: bool) -> No
     count, seconds = len(found.records), found.duration_s
     print(f"{found.motion.kind}, {count} records, {seconds:.4g} s in all: relative standard errors\n")
     today = fit.standard_error / np.abs(fit.estimate)
-    columns = ([_percent(float(x)) for x in each] for each in (today, found.alone, found.together))
+    columns = ([percent(float(x)) for x in each] for each in (today, found.alone, found.together))
     rows = [list(row) for row in zip(found.names, *columns, strict=True)]
     print_table(["", "today", "motion alone", "together"], rows, right=(1, 2, 3))
 
@@ -182,7 +185,85 @@ def _document(suggestion: Suggestion) -> dict[str, Any]:
     }
 
 
-def _percent(error: float) -> str:
-    from jointid.wording import UNDETERMINED, significant
+@reported
+def setpoints(
+    study: Annotated[Path, STUDY],
+    limits: Annotated[
+        Path, typer.Option(parser=named, help="TOML with limits, gear ratios and start pose.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", parser=named, help="File of set points.")],
+    file_format: Annotated[
+        str, typer.Option("--format", help="csv, ros2 (JointTrajectory), ur, egm or rsi.")
+    ] = "csv",
+    kind: Annotated[
+        str, typer.Option(help="Form of the planned sines: sines, multisine or sweep.")
+    ] = "sines",
+    interval_ms: Annotated[
+        float | None, typer.Option(help="Time between set points; default: the format's.")
+    ] = None,
+    scale: Annotated[float, typer.Option(help="Factor on all amplitudes.")] = 1.0,
+    repeats: Annotated[int, typer.Option(help="Number of passes through all records.")] = 1,
+    ramp_s: Annotated[float, typer.Option(help="Length of the ramps, s.")] = 0.5,
+    rest_s: Annotated[float, typer.Option(help="Rest between records, s.")] = 1.0,
+    superposed: Annotated[
+        str,
+        typer.Option(
+            help="Superposed velocities of the joints, °/s; each record then runs forward and back."
+        ),
+    ] = "0",
+    count: Annotated[int, COUNT] = 3,
+    duration_s: Annotated[float, DURATION] = 4.0,
+    torque_limit: Annotated[str, TORQUE_LIMIT] = "",
+    velocity_limit: Annotated[str, VELOCITY_LIMIT] = "",
+    motion: Annotated[str, MOTION] = "",
+    position_limit: Annotated[str, POSITION_LIMIT] = "",
+    from_hz: Annotated[float, FROM_HZ] = 2.0,
+    to_hz: Annotated[float, TO_HZ] = 40.0,
+    method: Annotated[str, METHOD] = "auto",
+    overwrite: Annotated[bool, OVERWRITE] = False,
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Write the suggested records as set points, after a check on the simulated robot."""
+    from jointid.setpoints.files import set_points
+    from jointid.setpoints.from_plan import planned_experiment
+    from jointid.setpoints.limit_check import check_table
+    from jointid.setpoints.played import play
+    from jointid.setpoints.robot_limits import limits_from_toml
 
-    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED
+    require_free(output, overwrite, [study, limits])
+    with limits.open("rb") as file:
+        robot = limits_from_toml(file.read(1 << 21), limits.name)
+    texts = position_limit, velocity_limit, torque_limit
+    shape = (motion, from_hz, to_hz) if motion else None
+    analysis, found = planned(study, method, count, duration_s, texts, shape, quiet=as_json)
+    analysis.require_usable()
+    fit = analysis.fit
+    with progress("Running on the simulated robot", quiet=as_json):
+        experiment = planned_experiment(
+            found if motion else found.records,
+            fit.inertias[0],
+            fit.elasticity,
+            kind=kind,
+            repeats=repeats,
+            ramp_s=ramp_s,
+            rest_s=rest_s,
+            velocity_rad_s=robot.motor_velocity(numbers(superposed)),
+            scale=scale,
+        )
+        points = set_points(
+            play(experiment, fit.inertias[0], fit.elasticity, friction=fit.friction),
+            robot,
+            file_format,
+            interval_ms=interval_ms,
+            study=analysis.study.name,
+        )
+    write_file(output, points.text().encode())
+    if as_json:
+        check = [{**asdict(row), "margin": row.margin} for row in points.rows]
+        print_json({"written": [str(output)], "duration_s": experiment.duration_s, "check": check})
+        return
+    columns = check_table(points.rows)
+    print_table(
+        list(columns), [list(row) for row in zip(*columns.values(), strict=True)], right=(2, 3, 4)
+    )
+    print(f"{output}: {output.stat().st_size} bytes. Not run on hardware: read its header first.")

@@ -6,35 +6,25 @@ from typing import Annotated, Any
 import typer
 
 import jointid
+import jointid.cli.options as options
 from jointid.cli.files import require_free, robot_from
-from jointid.cli.options import (
-    GEAR_FIELDS,
-    INERTIA_STD,
-    JSON,
-    NOMINAL_D,
-    NOMINAL_K,
-    OVERWRITE,
-    TORQUE_STD,
-    gears,
-    given,
-    named,
-    nominal,
-    numbers,
-)
 from jointid.cli.output import made, progress
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
+
+_LAWS = ", ".join(options.GEAR_FIELDS)
 
 
 @reported
 def simulate(
     output: Annotated[
-        Path, typer.Argument(parser=named, help="New study: a folder or a .zip.", show_default=False)
+        Path,
+        typer.Argument(parser=options.named, help="New study: a folder or a .zip.", show_default=False),
     ],
     inertia: Annotated[
         Path | None,
         typer.Option(
-            parser=named,
+            parser=options.named,
             help="TOML with M and M2 (motor side, kg·m²), or a study; by default the example arm.",
         ),
     ] = None,
@@ -43,8 +33,8 @@ def simulate(
     ),
     stiffness: Annotated[str, typer.Option("--K", help="True stiffness, N·m/rad.")] = "43,7.5",
     damping: Annotated[str, typer.Option("--D", help="True damping, N·m·s/rad.")] = "0.10,0.015",
-    nominal_K: Annotated[str, NOMINAL_K] = "",
-    nominal_D: Annotated[str, NOMINAL_D] = "",
+    nominal_K: Annotated[str, options.NOMINAL_K] = "",
+    nominal_D: Annotated[str, options.NOMINAL_D] = "",
     from_hz: Annotated[float, typer.Option(help="Lowest frequency, Hz.")] = 3.0,
     to_hz: Annotated[float, typer.Option(help="Highest frequency, Hz.")] = 30.0,
     count: Annotated[
@@ -71,7 +61,7 @@ def simulate(
         list[str] | None,
         typer.Option(
             help='Gear laws in addition to K, motor side, for one joint or all: "1: cubic=9000", '
-            f'"backlash=0.004, hysteresis=0.08, presliding=0.002". Laws: {", ".join(GEAR_FIELDS)}.'
+            f'"backlash=0.004, hysteresis=0.08, presliding=0.002". Laws: {_LAWS}.'
         ),
     ] = None,
     encoder_counts: Annotated[int, typer.Option(help="Counts per motor turn; 0 is ideal.")] = 65536,
@@ -90,12 +80,12 @@ def simulate(
             "separated by semicolons."
         ),
     ] = "",
-    inertia_std: Annotated[float | None, INERTIA_STD] = None,
-    torque_std: Annotated[float | None, TORQUE_STD] = None,
+    inertia_std: Annotated[float | None, options.INERTIA_STD] = None,
+    torque_std: Annotated[float | None, options.TORQUE_STD] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     name: Annotated[str, typer.Option(help="Name of the study.")] = "Simulated robot",
-    overwrite: Annotated[bool, OVERWRITE] = False,
-    as_json: Annotated[bool, JSON] = False,
+    overwrite: Annotated[bool, options.OVERWRITE] = False,
+    as_json: Annotated[bool, options.JSON] = False,
 ) -> None:
     """Simulate closed-loop experiments, sines or another motion, and save them as a study.
 
@@ -106,10 +96,10 @@ def simulate(
     from jointid.importing.robot_inertia import KnownRobot
     from jointid.simulation.campaign import simulate_campaign
 
-    true = jointid.Elasticity(K=numbers(stiffness), D=numbers(damping))
-    friction = jointid.MotorFriction(coulomb=numbers(coulomb), viscous=numbers(viscous))
-    noise = numbers(torque_noise)
-    assumed = nominal(nominal_K, nominal_D)
+    true = jointid.Elasticity(K=options.numbers(stiffness), D=options.numbers(damping))
+    friction = jointid.MotorFriction(coulomb=options.numbers(coulomb), viscous=options.numbers(viscous))
+    noise = options.numbers(torque_noise)
+    assumed = options.nominal(nominal_K, nominal_D)
     if inertia is None:
         arm = jointid.PlanarArm.example(drive)  # type: ignore[arg-type]  # checked there
         robot = KnownRobot(arm.inertia(arm.inverse((1.15, 0.0))))
@@ -137,14 +127,14 @@ def simulate(
             **settings,
             controller=jointid.Controller(sample_rate_hz=sample_rate_hz, torque_delay_s=1e-3 * delay_ms),
             friction=friction,
-            gears=gears(gear, robot.inertia.n) if gear else None,
+            gears=options.gears(gear, robot.inertia.n) if gear else None,
             measurement=jointid.Measurement(
                 encoder_counts=encoder_counts or None,
                 torque_noise_Nm=noise,
-                torque_gain=numbers(torque_gain),
+                torque_gain=options.numbers(torque_gain),
             ),
             inertia_error=inertia_error,
-            added=[numbers(row) for row in added.split(";")] if added.strip() else None,
+            added=[options.numbers(row) for row in added.split(";")] if added.strip() else None,
             seed=seed,
             progress=tell,
         )
@@ -153,8 +143,8 @@ def simulate(
         nominal=assumed,
         name=name,
         origin="simulated",
-        **given(inertia_std=robot.inertia_std, torque_std=robot.torque_std)
-        | given(inertia_std=inertia_std, torque_std=torque_std),
+        **options.given(inertia_std=robot.inertia_std, torque_std=robot.torque_std)
+        | options.given(inertia_std=inertia_std, torque_std=torque_std),
     )
     jointid.save_study(study, output, overwrite=overwrite)
     made(study, output, as_json)

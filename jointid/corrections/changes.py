@@ -27,17 +27,9 @@ _Record = SineRecord | MotionRecord
 def corrected(study: Study, change: Change) -> Study:
     """Return the study with a change made, and a sentence on it at the end of ``changes``.
 
-    Parameters
-    ----------
-    study : Study
-        The study of the finding that proposes the change.
-    change : Change
-
-    Raises
-    ------
-    JointIdError
-        When the change is not possible, such as a later start of a record that never becomes steady, or
-        a record that is read in parts.
+    ``study`` is that of the finding that proposes the change. Raises JointIdError when the change is not
+    possible, such as a later start of a record that never becomes steady, or a record that is read in
+    parts.
     """
     made, sentence = _CHANGES[change.kind](study, change)
     return replace(made, changes=(*study.changes, sentence))
@@ -49,12 +41,9 @@ def label(study: Study, change: Change) -> str:
 
 
 def _start(study: Study, change: Change) -> tuple[Study, str]:
-    starts: dict[int, float] = {}
-    for k in _concerned(study, change):
-        record = study.records[k]
-        start = steady_from(record) if isinstance(record, SineRecord) else None
-        if start is not None:
-            starts[k] = start
+    records = {k: study.records[k] for k in _concerned(study, change)}
+    sines = {k: record for k, record in records.items() if isinstance(record, SineRecord)}
+    starts = {k: at for k, record in sines.items() if (at := steady_from(record)) is not None}
     if not starts:
         raise JointIdError("No part of these records is steady: measure again, and wait longer.")
     begin = {k: f"{_name(study, k)} at {start:.6g} s" for k, start in starts.items()}
@@ -107,7 +96,9 @@ def _scale(study: Study, change: Change) -> tuple[Study, str]:
     made = _each(
         study,
         dict.fromkeys(concerned),
-        lambda record, _: replace(record, **_channels(record.theta_rad / angle, record.tau_Nm / torque)),
+        lambda record, _: replace(
+            record, theta_rad=record.theta_rad / angle, tau_Nm=record.tau_Nm / torque
+        ),
     )
     names = listed([_name(study, k) for k in concerned])
     where = f" in {names}" if change.records else ""
@@ -119,7 +110,7 @@ def _order(study: Study, change: Change) -> tuple[Study, str]:
 
     def reordered(record: Any, _: object) -> Any:
         both = np.concatenate([record.theta_rad, record.tau_Nm], axis=1)[:, column]
-        return replace(record, **_channels(both[:, :n], both[:, n:]))
+        return replace(record, theta_rad=both[:, :n], tau_Nm=both[:, n:])
 
     made = _each(study, dict.fromkeys(_concerned(study, change)), reordered)
     return made, f"{capitalised(_exchange(change.values))}."
@@ -185,10 +176,6 @@ def _each(study: Study, values: Mapping[int, Any], make: Callable[[Any, Any], _R
             )
         records[k] = make(records[k], value)
     return replace(study, records=tuple(records))
-
-
-def _channels(theta_rad: Floats, tau_Nm: Floats) -> dict[str, Floats]:
-    return {"theta_rad": theta_rad, "tau_Nm": tau_Nm}
 
 
 def _name(study: Study, k: int) -> str:

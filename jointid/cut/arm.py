@@ -128,7 +128,7 @@ class PlanarArm:
 
     @property
     def rotor_inertia_arm_kgm2(self) -> Floats:
-        """Rotor inertias reflected to the joint side, n² J_m, shape (2,), kg·m²."""
+        """Rotor inertias reflected to the joint side, N² J_m, shape (2,), kg·m²."""
         return self.gear_ratio**2 * self.rotor_inertia_kgm2
 
     def link_angles(self, joint_angle_rad: ArrayLike) -> Floats:

@@ -21,7 +21,7 @@ from jointid.joints import Elasticity
 from jointid.robot_models.model import RobotModel
 
 MEANING = (
-    "The paper's rectangle, horizontal, about the tool of this study's own robot in its pose{pose}. "
+    "The paper's rectangle, horizontal, centred at the tool of this study's robot in its pose{pose}. "
     "Deflection of the gears by gravity and inertia, without vibration and process forces. "
     "The sag at the start of the path is taught with the path and does not count."
 )

@@ -31,11 +31,11 @@ _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
-_FEW = 16
-"""Segments of motions that show the first noise."""
+_FEW, _SEARCHED = 16, 6
+"""Segments of motions that show the first noise, and the first model, from which all start."""
 _MANY, _NOISES = 10_000, 4
-"""Equations of many joints from which these segments show the model, too, and how often they show the
-noise."""
+"""Equations of many joints from which the first ones show the model as well, and how often they show
+the noise."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
@@ -123,15 +123,18 @@ def _identified(
     prior = given.of_rows(source)
     whole = phasors, prior
     if _are_many(phasors):
-        phasors, prior = _few(phasors, prior)
+        phasors, prior = _few(phasors, prior, _FEW)
     phasors, start, first = _with_first_noise(phasors, prior, motion_start(*whole))
     search = partial(choose_model, friction=friction, delay=delay, gear=gear)
-    choice = search(phasors, prior, start, noise=_noise(phasors, prior), first=first)
+    few, own = (phasors, prior) if first else _few(phasors, prior, _SEARCHED)
+    choice = search(few, own, start, noise=_noise(few, own), first=first)
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
-    if _differ(again, phasors) and isinstance(choice.estimate, LikelihoodEstimate):
-        phasors = again
-        found, near = choice.model, choice.estimate.named
-        choice = search(phasors, prior, near, noise=_noise(phasors, prior), first=found)
+    if few is not phasors or _differ(again, phasors):
+        phasors, found = again, choice.estimate
+        if isinstance(found, LikelihoodEstimate):
+            search = partial(search, first=choice.model)
+            start = found.named
+        choice = search(phasors, prior, start, noise=_noise(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
     estimate = choice.estimate
@@ -164,7 +167,7 @@ def _with_first_noise(
     if not phasors.motion.any():
         return phasors, start, None
     fits: list[tuple[Model, LikelihoodEstimate]] = []
-    few, own = _few(phasors, prior)
+    few, own = _few(phasors, prior, _FEW)
     noise = _noise(few, own)
     for reversal in (None, 0.0, 0.03, 0.1)["coulomb" in start.layout :]:
         model = Model(reversal, delay=False)
@@ -195,12 +198,12 @@ def _are_many(phasors: Phasors) -> bool:
     return phasors.n > 2 and equations > _MANY
 
 
-def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
+def _few(phasors: Phasors, prior: InertiaPrior, most: int) -> tuple[Phasors, InertiaPrior]:
     """Evenly spread segments of long motions around one pose, and all sines."""
     moves = np.flatnonzero(phasors.motion)
-    if moves.size <= _FEW or len(prior.M2) > 1:
+    if moves.size <= most or len(prior.M2) > 1:
         return phasors, prior
-    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // _FEW)]))
+    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // most)]))
     return phasors.select(rows), prior.of_rows(rows)
 
 
@@ -223,20 +226,19 @@ def _with_noise(
     share = np.where(residual.at.problem.used, left_of_noise / rows, 0)
     clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
     share = np.where(clear, share, np.nan)
-    motions = [segment for segment in phasors.segments if segment is not None]
-    angles = np.mean([segment.angle_variance for segment in motions], axis=0)
-    most = np.mean([segment.most_torque_variance for segment in motions], axis=0)
-    least = np.mean([segment.least_torque_variance for segment in motions], axis=0)
-    torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E, angles)
-    torques = np.clip(torques, least, np.maximum(most, least))
+    torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E)
+    usual = np.mean([*torques.values()], axis=0)
+    shown = [segment.unknown_Nm for segment in phasors.segments if segment is not None]
     braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
-    stated = np.max([segment.unknown_Nm * np.ones(phasors.n) for segment in motions], axis=0)
-    unknown = stated * size if np.any(stated) else braked
+    unknown = shown[0] * size if np.any(shown[0]) else braked
     phasors, prior = of or (phasors, prior)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
-            variance = np.concatenate([segment.angle_variance, torques])
+            least, most = segment.least_torque_variance, segment.most_torque_variance
+            torque = torques[segment.record] if segment.record in torques else usual
+            torque = np.clip(torque, least, np.maximum(most, least))
+            variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=unknown, known={})
@@ -246,10 +248,8 @@ def _with_noise(
 def _differ(one: Phasors, other: Phasors) -> bool:
     """Whether the noise of motions differs noticeably."""
     rows = one.motion
-    variances = [
-        np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real.mean(axis=0) for each in (one, other)
-    ]
-    return bool(np.any(np.abs(variances[0] - variances[1]) > _SAME * variances[1]))
+    before, after = (np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real for each in (one, other))
+    return bool(np.any(np.sqrt(np.mean((before / after - 1) ** 2, axis=0)) > _SAME))
 
 
 def _lines(

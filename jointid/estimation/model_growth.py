@@ -28,6 +28,8 @@ _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
 NEARLY_ALL = 0.9
 """Score over the cost from which a part is fitted in place of a law, or before others that are."""
+_CLIMB = 0.7
+"""Ratio of misfits of motions below which further laws wait for the scores beside the leading model."""
 _TRIED_LAWS = 2
 """The most nonlinear laws that are fitted for each part added."""
 _MANY_ROWS = 15_000
@@ -39,7 +41,7 @@ def grown(search: Search, best: Model) -> Model:
     """The best of a model and those with one more part, pruned."""
     fits, extensions = search.fits, _extensions(search, best)
     found = [best, *(each for each in extensions if not search.is_open(each))]  # fitted before
-    for wider in sorted(filter(search.is_open, extensions), key=lambda model: model.is_slow):
+    for wider in sorted(filter(search.is_open, extensions), key=lambda each: _order(search, each, best)):
         leading = fits.least(found)
         if search.is_spent:
             break
@@ -47,6 +49,12 @@ def grown(search: Search, best: Model) -> Model:
             _fit_wider(search, wider, best, leading)
             found.append(search.pruned(wider) if _is_kept(search, wider, best) else wider)
     return fits.least(found)
+
+
+def _order(search: Search, wider: Model, best: Model) -> tuple[bool, bool]:
+    """Quick fits first; of motions, then those that keep the laws of the best model."""
+    laws = set(GEAR_LAWS).intersection(best.effects)
+    return wider.is_slow, search.has_motions and not laws.issubset(wider.effects)
 
 
 def _is_passed_over(search: Search, wider: Model, best: Model, leading: Model) -> bool:
@@ -59,6 +67,8 @@ def _is_passed_over(search: Search, wider: Model, best: Model, leading: Model) -
         return True
     if fits.is_explained(leading) and (wider.is_slow or wider.parts == leading.parts):
         return True  # the score of a slow part decides again
+    if search.has_motions and wider.is_slow and fits.misfit(leading) < _CLIMB * fits.misfit(best):
+        return True
     # Richer friction first: other parts absorb some of it.
     return leading.reversal != best.reversal and wider.reversal == best.reversal
 

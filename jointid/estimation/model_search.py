@@ -10,7 +10,7 @@ from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import EFFECTS, Parameters
+from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.model_fits import filters_before_friction, fit_model, model_waveforms
 from jointid.estimation.start_values import other_laws, with_delay, without_inertias
@@ -49,13 +49,16 @@ class Search:
     starts: dict[Model, int] = field(default_factory=dict)
     """Number of start values from which each model was fitted."""
     slow_fits: int = 0
+    laws: list[list[str]] = field(default_factory=list)
+    """Laws of the gears in these fits; of motions, other parts beside the same laws do not count."""
     _waveforms: dict[tuple[float | None, ...], FrictionWaveforms | None] = field(default_factory=dict)
     _scores: dict[Model, tuple[LikelihoodEstimate, dict[str, Score]]] = field(default_factory=dict)
     """Scores with the estimate at which they were evaluated."""
 
     def again(self, start: Parameters) -> Search:
         """The same search from another start."""
-        return replace(self, start=start, fits=replace(self.fits, tried={}), starts={}, slow_fits=0)
+        fits = replace(self.fits, tried={})
+        return replace(self, start=start, fits=fits, starts={}, slow_fits=0, laws=[])
 
     @property
     def has_motions(self) -> bool:
@@ -101,11 +104,13 @@ class Search:
         """Fit a model; of two fits from different starts the better one stays."""
         tried, earlier = self.fits.tried, self.fits.estimate(model)
         self.starts[model] = self.starts.get(model, 0) + 1
-        if model.is_slow:
+        laws = [law for law in GEAR_LAWS if law in model.effects]
+        if model.is_slow and not (self.has_motions and laws in self.laws):
             if self.slow_fits == (_MOST_SLOW_FITS_OF_MOTIONS if self.has_motions else _MOST_SLOW_FITS):
                 tried.setdefault(model, JointIdError("Not fitted: the limit of fitted laws is reached."))
                 return
             self.slow_fits += 1
+            self.laws.append(laws)
         try:
             waveforms = self.waveforms(model, start)
             estimate = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)

@@ -28,7 +28,7 @@ from jointid.estimation.model_average import spread, spread_of_unseen
 from jointid.estimation.model_fits import stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
 from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, Search
-from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_play
+from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
 from jointid.joints import Inertia
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
@@ -38,9 +38,9 @@ _ALIKE = 1.2
 """Ratio of misfits up to which another width of the reversals explains motions as well."""
 _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
 """The next narrower and wider reversals of each one."""
-_LOOPS = 1.0
-"""Variance that a hysteresis in motions adds, over that of the noise: its computed loop deviates from
-the real one. The errors of some 40 simulated studies had 1.4 times their standard deviation."""
+_LAWS_BEYOND = 1.0
+"""Variance that a law of the gears in motions adds, over that of the noise: its computed waveform
+deviates from the real one. The errors of some 40 simulated studies had 1.4 times their deviation."""
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit is lost."""
 _CLIMB = 0.7
@@ -171,9 +171,9 @@ def _fit_first(search: Search) -> None:
     needs_friction = NEEDED * fits.least_misfit < plain < np.inf
     laws = []
     if not needs_friction and not search.has_motions:
-        laws += [(base, law, with_play if law == "backlash" else by_motion) for law in _FAR_LAWS]
+        laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
     if search.may_rub:
-        laws += [(rubbing, "backlash", begin) for begin in (with_play, by_motion)]
+        laws += [(rubbing, "backlash", begin) for begin in (with_backlash, by_motion)]
     for model, law, begin in laws:
         if search.is_lost and law in fits.optional:
             search.fit(model.with_part(law), begin(search.phasors, search.prior))
@@ -226,8 +226,8 @@ def _choice(search: Search, best: Model) -> Choice:
     if search.has_motions:
         scored = {name: score for name, score in scored.items() if name != "link"}
         whole = whole + _spread_of_reversals(search, best, found)
-        if "hysteresis" in best.effects:
-            whole = whole + _LOOPS * found.elasticity_covariance
+        if best.is_slow:
+            whole = whole + _LAWS_BEYOND * found.elasticity_covariance
     return Choice(best, found, candidates, whole + spread_of_unseen(found, scored, search.prior))
 
 

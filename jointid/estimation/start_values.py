@@ -32,7 +32,7 @@ _WIDE, _NARROW, _SHARP = 0.3, 0.03, 2e-3
 _KNEES = (0.5, 0.3), (0.2, 0.3)
 """Deflections at changes of slope over the largest: other starts of a gear with three slopes."""
 _POINTS, _LOADED, _LEAST = 128, 0.2, 1e-30
-"""Samples over a period for the start of a play, torque over its largest from which they count, and
+"""Samples over a period for the start of backlash, torque over its largest from which they count, and
 the least number above zero."""
 _UNEXPLAINED = 0.1
 """Relative residual of the linear estimate from which friction is looked for."""
@@ -121,8 +121,8 @@ def with_delay(p: Parameters) -> Parameters:
     return delayed.named(np.append(p.vector, p["lag"].mean()))
 
 
-def with_play(phasors: Phasors, prior: InertiaPrior) -> Parameters:
-    """K, D, play and Coulomb friction by regression of the deflection on torque, its sign and speed.
+def with_backlash(phasors: Phasors, prior: InertiaPrior) -> Parameters:
+    """K, D, backlash and Coulomb friction by regression of the deflection on torque, its sign and speed.
 
     Friction of the motor changes the torque and, by the arm's compliance, the deflection that follows
     from it. A record counts by the inverse of what errors of the given inertias make of its deflection.

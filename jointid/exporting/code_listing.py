@@ -1,6 +1,5 @@
 """K and D as a few lines of code, to paste into a controller or a script."""
 
-from collections.abc import Sequence
 from textwrap import wrap
 
 import numpy as np
@@ -57,21 +56,18 @@ def code_listing(found: Identification, language: str) -> str:
     ]
     width = _WIDTH - len(comment)
     lines = [comment + part for fact in facts for part in wrap(fact, width, break_long_words=False)]
-    lines += [unusable + opening for opening in frame[:1]]
+    lines += [unusable + first for first in frame[:1]]
     rows = {"K": found.K, "K_std": error[:n], "D": found.D, "D_std": error[n:]}
     for name, values in rows.items():
         code = unusable + line if name in names else f"{comment}{{name}}: {{values}}"
         if np.isfinite(values).all():
-            shown = _list(values.tolist(), *brackets)
+            opening, closing, separator = brackets
+            shown = opening + separator.join(map(_real, values.tolist())) + closing
             lines.append(code.format(name=names.get(name, name), n=n, values=shown))
         else:
             lines.append(f"{comment}{name}: not determined by the records")
-    lines += [unusable + closing for closing in frame[1:]]
+    lines += [unusable + last for last in frame[1:]]
     return "\n".join(lines) + "\n"
-
-
-def _list(values: Sequence[float], opening: str, closing: str, separator: str) -> str:
-    return opening + separator.join(map(_real, values)) + closing
 
 
 def _real(value: float) -> str:

@@ -19,9 +19,8 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.joints import Elasticity, Inertia
+from jointid.joints import Elasticity, Inertia, require_same_joints
 from jointid.transfer_matrix import TransferMatrix
-from jointid.wording import counted
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
@@ -68,11 +67,7 @@ def state_space(
     """
     if output not in get_args(Output):
         raise JointIdError(f'output = "{output}": expected one of {", ".join(get_args(Output))}.')
-    if inertia.n != elasticity.n:
-        raise JointIdError(
-            f"The inertia has {counted(inertia.n, 'joint')}, the elasticity {elasticity.n}: "
-            "they must agree."
-        )
+    require_same_joints(inertia, elasticity)
     n = inertia.n
     eye, none = np.eye(n), np.zeros((n, n))
     motor = np.diag(1 / inertia.M)
@@ -123,23 +118,17 @@ def control_state_space(
     return control.ss(model.A, model.B, model.C, model.D, name=name, **signals)
 
 
-def control_frd(matrix: TransferMatrix, *, smooth: bool = False, name: str = "measured") -> Any:
+def control_frd(matrix: TransferMatrix, *, name: str = "measured") -> Any:
     """Return the measured H as ``control.FrequencyResponseData`` of python-control.
 
-    ``matrix`` is motor acceleration over motor torque, equations (16)-(18), 1/(kg·m²). ``smooth``
-    interpolates between the measured frequencies and needs four or more of them. Raises JointIdError
-    when there are fewer, or python-control is not installed.
+    ``matrix`` is motor acceleration over motor torque, equations (16)-(18), 1/(kg·m²). Raises
+    JointIdError when python-control is not installed.
     """
     control = _python_control()
     n = matrix.H.shape[1]
-    if smooth and matrix.omega.size < 4:
-        raise JointIdError(
-            f"smooth = True needs 4 frequencies or more; H was measured at {matrix.omega.size}."
-        )
     return control.frd(
         np.moveaxis(matrix.H, 0, -1),
         matrix.omega,
-        smooth=smooth,
         name=name,
         inputs=[f"tau_m{j + 1}" for j in range(n)],
         outputs=[f"ddtheta_m{j + 1}" for j in range(n)],

@@ -82,21 +82,16 @@ def torsion_table(analysis: Analysis) -> str:
     header = ["joint", "record", "pose", "frequency_hz", "deflection_rad", "torque_Nm"]
     header += ["deflection_std_rad", "torque_std_Nm", "law_Nm"]
     rows: list[list[object]] = []
-    for j, (curve, gear) in enumerate(
-        zip(analysis.fit.torsion_curves, analysis.fit.gears, strict=True), start=1
-    ):
+    records = analysis.study.records
+    for j, (curve, gear) in enumerate(zip(analysis.fit.torsion_curves, analysis.fit.gears, strict=True)):
         law = gear.torque(curve.deflection_rad)
-        records = analysis.study.records
-        rows_are_records = len(records) == len(curve.frequency_hz)
         for r, frequency in enumerate(curve.frequency_hz.tolist()):
             name, pose = f"segment {r + 1}", ""
-            if rows_are_records:
+            if len(records) == len(curve.frequency_hz):
                 name, pose = analysis.phasors.labels[r], records[r].pose or ""
-            first = [j, name, pose, frequency]
-            noise = [float(curve.deflection_noise_rad[r]), float(curve.torque_noise_Nm[r])]
-            points = np.stack([curve.deflection_rad[r], curve.torque_Nm[r]], axis=1)[::_EVERY].tolist()
-            fitted = law[r, ::_EVERY].tolist()
-            rows += [[*first, *xy, *noise, f] for xy, f in zip(points, fitted, strict=True)]
+            noise = float(curve.deflection_noise_rad[r]), float(curve.torque_noise_Nm[r])
+            points = np.stack([curve.deflection_rad[r], curve.torque_Nm[r], law[r]], axis=1)[::_EVERY]
+            rows += [[j + 1, name, pose, frequency, x, y, *noise, f] for x, y, f in points.tolist()]
     return csv_text(header, rows)
 
 

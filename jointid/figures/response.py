@@ -1,6 +1,5 @@
 """The transfer matrix of the motors: Figures 3, 4 and 5 of the paper, for n joints."""
 
-from dataclasses import replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -85,10 +84,7 @@ def model_over_measurement(
         *model_curves(analysis, pose, joint, joint),
         Curve(name, "measured", measured(matrix, joint, joint), "circle"),
     ]
-    traces = [_magnitude(curve, element_name(joint, joint), dark) for curve in curves]
-    x = frequency_axis(measured_frequencies(curves))
-    size = _size_axis(joint, magnitude_limits(analysis, pose, joint))
-    return figure(traces, x, size, height=300, dark=dark)
+    return _magnitudes(curves, joint, [magnitude_limits(analysis, pose, joint)], 300, dark)
 
 
 def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure:
@@ -129,21 +125,28 @@ def compared_models(
     joint : int
         From 0.
     """
-    traces, limits, frequencies = [], [], []
+    curves, limits = [], []
     sources: tuple[Source, Source] = ("identified", "other")
-    for analysis, name, source in zip(analyses, names, sources, strict=True):
+    for analysis, name, source in zip(analyses, map(plain_text, names), sources, strict=True):
         pose = next(iter(analysis.transfer_matrices))
         matrix, _ = freed_or_measured(analysis, pose)
-        points_of = Curve(f"{name}, measured", source, measured(matrix, joint, joint), "circle-open")
-        model = identified(analysis, pose, joint, joint)
-        curves = [] if model is None else [Curve(f"{name}, model", source, model)]
-        for curve in [*curves, points_of]:
-            label = plain_text(curve.name)
-            traces.append(_magnitude(replace(curve, name=label), label, dark))
+        if (model := identified(analysis, pose, joint, joint)) is not None:
+            curves.append(Curve(f"{name}, model", source, model))
+        found = measured(matrix, joint, joint)
+        curves.append(Curve(f"{name}, measured", source, found, "circle-open"))
         limits.append(magnitude_limits(analysis, pose, joint))
-        frequencies.append(points_of.response.frequency_hz)
-    size = _size_axis(joint, (min(low for low, _ in limits), max(high for _, high in limits)))
-    return figure(traces, frequency_axis(np.concatenate(frequencies)), size, height=340, dark=dark)
+    return _magnitudes(curves, joint, limits, 340, dark)
+
+
+def _magnitudes(
+    curves: list[Curve], joint: int, limits: list[tuple[float, float]], height: int, dark: bool
+) -> go.Figure:
+    """|H_jj| of several curves, to the largest of the limits."""
+    traces = [_magnitude(curve, dark) for curve in curves]
+    low, high = zip(*limits, strict=True)
+    title = f"|{element_name(joint, joint)}| ({_UNIT})"
+    size = log_axis(title, range=_log_range((min(low), max(high))))
+    return figure(traces, frequency_axis(measured_frequencies(curves)), size, height=height, dark=dark)
 
 
 def _drawn(
@@ -155,7 +158,7 @@ def _drawn(
     phases = phases_deg(curves)
     traces: list[Trace] = []
     for curve, phase in zip(curves, phases, strict=True):
-        traces += [_magnitude(curve, curve.name, dark, decibels=decibels), _phase(curve, phase, dark)]
+        traces += [_magnitude(curve, dark, decibels=decibels), _phase(curve, phase, dark)]
     y: Axis = {"share": 1.6}
     if magnitudes is not None:
         y["range"] = [20 * limit if decibels else limit for limit in _log_range(magnitudes)]
@@ -186,7 +189,7 @@ def _nyquist(curves: list[Curve], dark: bool) -> go.Figure:
     return figure(traces, *axes, height=520, dark=dark, margin=_TWO_LINES)
 
 
-def _magnitude(curve: Curve, label: str, dark: bool, *, decibels: bool = False) -> Trace:
+def _magnitude(curve: Curve, dark: bool, *, decibels: bool = False) -> Trace:
     size, error = np.abs(curve.response.H), curve.response.error
     scale, unit = (_decibels, "dB") if decibels else (np.asarray, _UNIT)
     more: dict[str, Any] = {}
@@ -197,7 +200,7 @@ def _magnitude(curve: Curve, label: str, dark: bool, *, decibels: bool = False) 
         bars = {"array": above, "arrayminus": below, "symmetric": False}
         more = {"customdata": above, "error": bars}
     plus = f" ± %{{customdata:.2g}} {unit}" if more else f" {unit}"
-    hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}}{plus}<extra>{label}</extra>"
+    hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}}{plus}<extra>{curve.name}</extra>"
     return _trace(curve, scale(size), dark, hovertemplate=hover, **more)
 
 
@@ -223,10 +226,6 @@ def _trace(curve: Curve, y: Floats, dark: bool, **more: Any) -> Trace:
         return points(x, y, curve.name, colour, marker={"symbol": curve.symbol}, **more)
     dash = "dash" if curve.source == "nominal" else "solid"
     return line(x, y, curve.name, colour, line={"dash": dash}, **more)
-
-
-def _size_axis(joint: int, limits: tuple[float, float]) -> Axis:
-    return log_axis(f"|{element_name(joint, joint)}| ({_UNIT})", range=_log_range(limits))
 
 
 def _log_range(limits: tuple[float, float]) -> list[float]:

@@ -1,12 +1,17 @@
-"""The springs: dynamic stiffness of every record, and the residual of the model."""
+"""The springs: torsion curves, stiffness over frequency and amplitude, residual of the model."""
+
+from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
 
 from jointid.answer import AT_MOTOR, StiffnessUnit
+from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import (
     Axis,
+    Trace,
     colours,
     figure,
     frequency_axis,
@@ -14,8 +19,10 @@ from jointid.figures.style import (
     line,
     linear_axis,
     log_axis,
+    plain_text,
     points,
 )
+from jointid.gears.harmonic_balance import sine_stiffness
 from jointid.joints import Elasticity
 
 
@@ -105,3 +112,123 @@ def unexplained_torque(fit: ElasticityFit, joint: int, *, dark: bool = False) ->
         more["range"] = [float(np.log10(sizes.min() / 1.5)), float(np.log10(sizes.max() * 1.5))]
     axis = log_axis("Motor torque (N·m)", **more)
     return figure(traces, frequency_axis(f), axis, height=320, dark=dark)
+
+
+_MOST_RECORDS = 10
+"""Records drawn; more would hide each other."""
+_MOST_TURNS = 12
+"""Changes of sign of the deflection in a record that is drawn as a line."""
+_SCALE = ("#7D5BA6", "#5B7DB1", "#2A9D8F", "#6DAF3F", "#B89A00")
+"""Colours of rising frequency or amplitude, visible on black and on white."""
+ColourBy = Literal["frequency", "amplitude"]
+
+
+def torsion_curve(
+    fit: ElasticityFit,
+    joint: int,
+    *,
+    colour_by: ColourBy = "frequency",
+    unit: StiffnessUnit = AT_MOTOR,
+    dark: bool = False,
+) -> go.Figure:
+    """Torque of one gear over its deflection, a period of every record, and the fitted elastic law.
+
+    Parameters
+    ----------
+    fit : ElasticityFit
+    joint : int
+        From 0.
+    colour_by : {"frequency", "amplitude"}
+        Quantity behind the colours of the records.
+    unit : StiffnessUnit, optional
+        Its side and its angle.
+    """
+    ink, curve, gear = colours(dark), fit.torsion_curves[joint], fit.gears[joint]
+    scale = unit.of_gear(joint)
+    wind_up, torque = scale.wind_up * curve.deflection_rad, scale.torque * curve.torque_Nm
+    traces: list[Trace] = []
+    size, unit_of_size = curve.frequency_hz, "Hz"
+    if colour_by == "amplitude":
+        size, unit_of_size = scale.torque * curve.amplitude_Nm, "N·m"
+    height = np.log(np.maximum(size, np.finfo(float).tiny))
+    ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: height[r])
+    span = max(float(np.ptp(height[ends])), 1e-9) if ends else 1.0
+    named = {*ends[:1], *ends[-1:]}
+    for r in ends:
+        share = (height[r] - height[ends[0]]) / span * (len(_SCALE) - 1)
+        x, y = (np.append(v[r], v[r, 0]) for v in (wind_up, torque))
+        name, colour = f"{size[r]:.3g} {unit_of_size}", _SCALE[round(float(share))]
+        half = 2 * scale.torque * curve.torque_noise_Nm[r]
+        record = f"{curve.frequency_hz[r]:.3g} Hz, {scale.torque * curve.amplitude_Nm[r]:.3g} N·m"
+        hover = f"%{{x:.4g}} {scale.angle}<br>%{{y:.4g}} ± {half:.2g} N·m<extra>{record}</extra>"
+        style = {"hovertemplate": hover, "showlegend": r in named}
+        if np.count_nonzero(np.diff(np.signbit(x))) > _MOST_TURNS:  # a motion: its lines would hide it
+            dots = {"marker": {"size": 4, "opacity": 0.5}}
+            traces.append(points(x, y, name, colour, **dots, **style))
+            continue
+        band = {"line": {"width": 0}, "hoverinfo": "skip", "showlegend": False, "opacity": 0.25}
+        edge = np.concatenate([y + half, (y - half)[::-1]])
+        both = np.concatenate([x, x[::-1]])
+        traces.append(line(both, edge, name, colour, fill="toself", fillcolor=colour, **band))
+        traces.append(line(x, y, name, colour, line={"width": 1.2}, **style))
+    tried = np.linspace(-gear.tried_rad, gear.tried_rad, 401)
+    shown = scale.wind_up * tried
+    hover = f"%{{x:.4g}} {scale.angle}<br>%{{y:.4g}} N·m<extra>fitted law</extra>"
+    law = {"line": {"width": 3}, "hovertemplate": hover}
+    traces.append(line(shown, scale.torque * gear.torque(tried), "fitted law", ink.identified, **law))
+    if gear.kind != "linear":
+        flat = {"line": {"dash": "dot", "width": 1.5}, "hoverinfo": "skip"}
+        traces.append(line(shown, scale.torque * gear.K * tried, "slope K", ink.quiet, **flat))
+    across = linear_axis(f"Deflection ({scale.angle}, {scale.side})")
+    upwards = linear_axis(f"Torque (N·m, {scale.side})")
+    return figure(traces, across, upwards, height=420, dark=dark)
+
+
+def drawn_records(amplitude: Floats) -> list[int]:
+    """Some records, spread over their torque amplitudes, the largest included, ascending."""
+    order = np.argsort(amplitude)
+    chosen = np.linspace(0, order.size - 1, min(_MOST_RECORDS, order.size)).round().astype(int)
+    return [int(order[k]) for k in chosen]
+
+
+def stiffness_over_amplitude(
+    fit: ElasticityFit,
+    joint: int,
+    poses: Sequence[str] = (),
+    *,
+    unit: StiffnessUnit = AT_MOTOR,
+    dark: bool = False,
+) -> go.Figure:
+    """Torque over deflection of every record's fundamental against its torque amplitude, by pose.
+
+    Parameters
+    ----------
+    fit : ElasticityFit
+    joint : int
+        From 0.
+    poses : sequence of str
+        Pose of each record; by default all the same.
+    unit : StiffnessUnit, optional
+    """
+    ink, curve, gear = colours(dark), fit.torsion_curves[joint], fit.gears[joint]
+    scale = unit.of_gear(joint)
+    K, error, amplitude = curve.stiffness
+    K, error, amplitude = scale.stiffness * K, scale.stiffness * error, scale.torque * amplitude
+    names = np.array(poses if len(poses) == K.size else [""] * K.size)
+    traces: list[Trace] = []
+    for k, pose in enumerate(dict.fromkeys(names.tolist())):
+        own = names == pose
+        name = plain_text(pose) or ("each record" if np.all(own) else "no pose stated")
+        hover = f"%{{x:.3g}} N·m<br>%{{y:.4g}} ± %{{customdata:.2g}} {scale.unit}<extra></extra>"
+        shared = {"customdata": error[own], "error": {"array": error[own]}, "hovertemplate": hover}
+        symbol = {"symbol": joint_symbol(k), "size": 6}
+        colour = ink.measured if k == 0 else _SCALE[(2 * k) % len(_SCALE)]
+        traces.append(points(amplitude[own], K[own], name, colour, marker=symbol, **shared))
+    size = np.geomspace(0.01, 1, 80) * gear.tried_rad
+    secant = np.zeros(size.size) if gear.tried_rad == 0 else sine_stiffness(gear, size)
+    torque, secant = scale.torque * size * secant, scale.stiffness * secant
+    law = {"hovertemplate": f"%{{x:.3g}} N·m<br>%{{y:.4g}} {scale.unit}<extra>fitted law</extra>"}
+    inside = torque >= amplitude.min(initial=np.inf)
+    traces.insert(0, line(torque[inside], secant[inside], "fitted law", ink.identified, **law))
+    across = linear_axis(f"Torque amplitude (N·m, {scale.side})", rangemode="tozero")
+    return figure(traces, across, linear_axis(f"K{joint + 1} ({scale.unit})"), height=260, dark=dark)

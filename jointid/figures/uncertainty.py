@@ -1,11 +1,10 @@
-"""Uncertainty: ellipses, influence, prediction, residuals, harmonics, planned records."""
+"""Uncertainty: prediction, residuals, harmonics, planned records."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.answer import UNITS
 from jointid.figures.style import (
     Trace,
     bars,
@@ -21,67 +20,9 @@ from jointid.figures.style import (
     points,
 )
 from jointid.uncertainty.plan import Suggestion
-from jointid.uncertainty.resampling import Jackknife
-from jointid.uncertainty.sensitivity import ConfidenceEllipse
 from jointid.uncertainty.validation import HarmonicContent, Prediction, RecordResiduals
 
 _SIGNIFICANT = 4.0
-
-
-def confidence_outlines(
-    ellipses: Sequence[ConfidenceEllipse], units: Mapping[str, str] | None = None, *, dark: bool = False
-) -> go.Figure:
-    """Ellipses of the same two parameters at several levels, around the estimate.
-
-    Parameters
-    ----------
-    ellipses : sequence of ConfidenceEllipse
-    units : mapping of str to str, optional
-        Unit of each parameter by its name; by default those of the motor side.
-    """
-    ink = colours(dark)
-    first, second = ellipses[0].names
-    traces: list[Trace] = []
-    for number, ellipse in enumerate(ellipses):
-        name = f"{100 * ellipse.level:.0f} %"
-        style = {"line": {"dash": ("solid", "dash", "dot")[number % 3]}}
-        hover = f"{first} %{{x:.6g}}<br>{second} %{{y:.6g}}<extra>{name}</extra>"
-        x, y = ellipse.outline.T
-        traces.append(line(x, y, name, ink.identified, hovertemplate=hover, **style))
-    x, y = ellipses[0].centre[:1], ellipses[0].centre[1:]
-    hover = f"{first} %{{x:.6g}}<br>{second} %{{y:.6g}}<extra>estimate</extra>"
-    traces.append(points(x, y, "estimate", ink.identified, hovertemplate=hover))
-    corners = np.concatenate([ellipse.outline for ellipse in ellipses])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    margin = np.maximum(0.06 * (high - low), 1e-9 * np.abs(high))  # without noise it is a point
-    axes = [
-        linear_axis(f"{name} ({(units or UNITS).get(name, UNITS[name[0]])})", nticks=5, range=[a, b])
-        for name, a, b in zip((first, second), low - margin, high + margin, strict=True)
-    ]
-    return figure(traces, *axes, height=380, dark=dark)
-
-
-def influence_strip(jackknife: Jackknife, names: Sequence[str], *, dark: bool = False) -> go.Figure:
-    """Change by leaving out each frequency, in standard errors: one strip per parameter."""
-    ink = colours(dark)
-    change = jackknife.influence.T[::-1]
-    trace: Trace = {
-        "type": "heatmap",
-        "x": [f"{f:.3g}" for f in jackknife.frequency_hz],
-        "y": list(names)[::-1],
-        "z": np.abs(change),
-        "customdata": change,
-        "zmin": 0.0,
-        "zmax": max(1.0, float(np.abs(change).max())),
-        "colorscale": [[0.0, "rgba(150, 150, 150, 0.12)"], [1.0, ink.identified]],
-        "xgap": 1,
-        "ygap": 2,
-        "colorbar": {"thickness": 12, "tickfont": {"size": 12}},
-        "hovertemplate": "%{y} without %{x} Hz<br>%{customdata:+.2f} standard errors<extra></extra>",
-    }
-    across = linear_axis("Frequency left out (Hz)", type="category", nticks=12, showgrid=False)
-    upwards = linear_axis("", type="category", showgrid=False)
-    return figure([trace], across, upwards, height=110 + 32 * len(names), dark=dark)
 
 
 def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Figure:

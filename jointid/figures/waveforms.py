@@ -222,17 +222,13 @@ def _band_shapes(record: JointRecord, colour: str) -> list[Any]:
     return [span(max(band[0], 1e-3), band[1], colour, 0.15, label=label)]
 
 
-def raw_columns(
-    columns: Mapping[str, Floats], *, marked: int | None = None, dark: bool = False
-) -> go.Figure:
+def raw_columns(columns: Mapping[str, Floats], *, dark: bool = False) -> go.Figure:
     """Every column against the first, or against the row when there is only one; whatever is in it.
 
     Parameters
     ----------
     columns : mapping of str to ndarray, shape (N,)
         NaN leaves a gap.
-    marked : int, optional
-        Index of a row to mark.
 
     Raises
     ------
@@ -255,14 +251,10 @@ def raw_columns(
         style: Trace = {"yaxis": f"y{row}", "line": {"width": 1.2}, "showlegend": False}
         traces.append(line(x, y, plain_text(name), ink.measured, **style))
     axes = [linear_axis(plain_text(name, most=_LONGEST_TITLE), nticks=4) for name in shown]
-    shapes = []
-    if marked is not None and 0 <= marked < time.size:
-        label = {"text": "refused here", "textposition": "start", "textangle": 0}
-        shapes = [upright(float(time[marked]), ink.identified, dash="dash", label=label)]
     across = linear_axis(plain_text(names[0]) if len(names) > 1 else "Row")
     # A title runs upwards along its panel: 7.5 px for each letter, and the gap between panels.
     panel = max(110, 20 + round(7.5 * min(_LONGEST_TITLE, max(map(len, shown)))))
-    return figure(traces, across, *axes, height=60 + panel * len(shown), dark=dark, shapes=shapes)
+    return figure(traces, across, *axes, height=60 + panel * len(shown), dark=dark)
 
 
 def thinned(x: Floats, y: Floats, *, peaks_only: bool = False) -> tuple[Floats, Floats]:

@@ -18,7 +18,7 @@ from jointid.wording import counted
 
 MAX_LINE = 1 << 16
 """Longest line of a CSV file, bytes."""
-DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
+_DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 """Other separators of columns, with their names."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 COMMENT = b"#"
@@ -65,7 +65,7 @@ def read_header(file: str, data: bytes) -> tuple[list[str], int]:
         begin = body
     if _SOMETHING.search(data, body) is None:
         raise JointIdError(f"{file} has a header but no rows: export the record again.")
-    for delimiter, what in DELIMITERS.items():
+    for delimiter, what in _DELIMITERS.items():
         if "time_s" not in names and text.count(delimiter) > text.count(","):
             raise JointIdError(
                 f"{file} has {what} between its columns: expected commas. Save it with commas between "
@@ -148,7 +148,7 @@ def _require_closed_quotes(file: str, data: bytes, body: int, rows: int) -> None
     lines = re.split(rb"\r\n|\r|\n", data[body:])
     if rows == sum(bool(line.strip()) for line in lines):
         return
-    above = lines_above(data, body)
+    above = _lines_above(data, body)
     number = next(
         (k for k, line in enumerate(lines, start=above + 1) if line.count(b'"') % 2), above + 1
     )
@@ -159,21 +159,21 @@ def _require_closed_quotes(file: str, data: bytes, body: int, rows: int) -> None
     )
 
 
-def text_lines(file: str, data: bytes, *, errors: str, begin: int) -> Iterator[str]:
+def _text_lines(file: str, data: bytes, begin: int) -> Iterator[str]:
     """Yield lines from an offset, with only one line in memory."""
     stream = io.BytesIO(data)
     stream.seek(begin)
-    text = io.TextIOWrapper(stream, encoding="utf-8-sig", errors=errors, newline="")
+    text = io.TextIOWrapper(stream, encoding="utf-8-sig", errors="backslashreplace", newline="")
     for number, line in enumerate(iter(partial(text.readline, MAX_LINE), ""), start=1):
         if len(line) == MAX_LINE:
             raise row_error(
-                (file, "line", lines_above(data, begin) + number),
+                (file, "line", _lines_above(data, begin) + number),
                 f"longer than {MAX_LINE} characters: not a CSV table.",
             )
         yield line
 
 
-def lines_above(data: bytes, offset: int) -> int:
+def _lines_above(data: bytes, offset: int) -> int:
     """Count the line ends before an offset."""
     return len(re.findall(rb"\r\n|\r|\n", data[:offset]))
 
@@ -221,8 +221,8 @@ def _explain_fault(
     file: str, data: bytes, header: Sequence[str], body: int, positions: Sequence[int]
 ) -> None:
     """Raise for the first row that a record cannot hold, in the order of the file."""
-    above = lines_above(data, body)
-    rows = csv.reader(text_lines(file, data, errors="backslashreplace", begin=body))
+    above = _lines_above(data, body)
+    rows = csv.reader(_text_lines(file, data, body))
     previous, previous_line = -np.inf, 0
     try:
         for row in filter(None, rows):

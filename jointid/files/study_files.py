@@ -19,11 +19,11 @@ band_hz = [2.5, 38]            # optional: frequencies to use
 
 """
 
+import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
@@ -52,31 +52,11 @@ from jointid.robot_models.model import MAX_FILE_BYTES
 from jointid.study import Study
 from jointid.wording import listed, nearest, shown
 
-if TYPE_CHECKING:
-    import pandas as pd
+__all__ = ["lines_around", "load_study", "pack_study", "save_study"]
 
-__all__ = ["PEEK_ROWS", "PeekedTable", "load_study", "pack_study", "peek_study", "save_study"]
-
-PEEK_ROWS = 500
-"""Rows of a table in a preview."""
-_PEEK_BYTES = 1 << 20  # beginning of a CSV file that a preview reads, bytes
-
-
-@dataclass(frozen=True, eq=False)
-class PeekedTable:
-    """Preview of one table of a study."""
-
-    name: str
-    """File name inside the study."""
-    frame: "pd.DataFrame"
-    """The first rows, or those around the refused one; the index is the line in the file, or the row.
-    Empty when nothing could be read."""
-    error: str = ""
-    """Reason for a failure to read; empty otherwise."""
-    refused: bool = False
-    """Whether the study is refused because of this file."""
-    refused_at: int | None = None
-    """Line or row of the fault, when it is a single one."""
+_ABOVE, _BELOW = 6, 6
+"""Lines shown around a refused one."""
+_WIDEST = 200  # characters of such a line
 
 
 def load_study(path_or_file: Source) -> Study:
@@ -120,37 +100,21 @@ def load_study(path_or_file: Source) -> Study:
         return Study(records=tuple(records), pose_angles_rad=angles, **known)
 
 
-def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
-    """Return the beginning of every table in a study, also of one that ``load_study`` refuses.
+def lines_around(path_or_file: Source, refusal: JointIdError) -> str:
+    """Return the numbered lines around the place in a text that an error of ``load_study`` names.
 
-    There is one for each .csv or .parquet file, by name, with at most PEEK_ROWS rows; study.toml may be
-    missing or wrong. Raises JointIdError when the folder or archive itself cannot be read.
+    Empty where it names no line, or the file cannot be read.
     """
-    # Only a refused study is previewed: others do not wait for pandas, a third of a second.
-    import pandas as pd
-
-    from jointid.files.table_preview import peek_table
-
-    tables, culprit, line = [], None, None
-    try:
-        load_study(path_or_file)
-    except JointIdError as refusal:
-        culprit, line = refusal.file, refusal.line
-    with open_container(path_or_file, marker=STUDY_FILE) as container:
-        for name in container.names():
-            at = line if name == culprit else None
-            is_csv = name.lower().endswith(".csv")
-            if not (is_csv or name.lower().endswith(".parquet")):
-                continue
-            try:
-                data = container.read(name, at_most=_PEEK_BYTES if is_csv and at is None else None)
-                if is_csv and len(data) == _PEEK_BYTES:
-                    data = data[: data.rfind(b"\n") + 1] or data  # the last line may be cut
-                frame, error = peek_table(name, data, PEEK_ROWS, around=at or 0), ""
-            except JointIdError as fault:
-                frame, error = pd.DataFrame(), str(fault)
-            tables.append(PeekedTable(name, frame, error, name == culprit, at))
-    return tuple(tables)
+    if refusal.file is None or refusal.line is None or refusal.file.lower().endswith(".parquet"):
+        return ""
+    with suppress(JointIdError), open_container(path_or_file, marker=STUDY_FILE) as container:
+        text = container.read(refusal.file).decode(errors="replace")
+        lines = list(enumerate(re.split(r"\r\n|\r|\n", text), start=1))
+        return "\n".join(
+            f"{'▶' if number == refusal.line else ' '} {number:>6}  {line[:_WIDEST]}"
+            for number, line in lines[max(refusal.line - _ABOVE - 1, 0) : refusal.line + _BELOW]
+        )
+    return ""
 
 
 def _require_format_1(top: CheckedTable) -> None:

@@ -25,9 +25,8 @@ def content_digest(source: Path | bytes) -> str:
     if isinstance(source, bytes):
         state.update(source)
     elif source.is_dir():
-        for name, file in _files(source):
+        for name, file, size in _files(source):
             fault = str(file) if isinstance(file, Exception) else ""
-            size = 0 if isinstance(file, Exception) else os.fstat(file.fileno()).st_size
             state.update(f"{name}\0{size}\0{fault}\0".encode("utf-8", "surrogateescape"))
             if not isinstance(file, Exception):
                 for chunk in chunks(file, size):
@@ -50,13 +49,12 @@ def packed(path: Path) -> bytes:
         return path.read_bytes()
     buffer, left = io.BytesIO(), MAX_TOTAL_BYTES
     with zipfile.ZipFile(buffer, "w") as archive:
-        for name, file in _files(path):
+        for name, file, size in _files(path):
             if isinstance(file, JointIdError):  # a link to nowhere: missing there too
                 continue
             try:
                 if isinstance(file, OSError):
                     raise file
-                size = os.fstat(file.fileno()).st_size
                 left -= size
                 if left < 0 or is_long(name, Path(file.name)):
                     raise JointIdError(
@@ -73,8 +71,8 @@ def packed(path: Path) -> bytes:
     return buffer.getvalue()
 
 
-def _files(path: Path) -> Iterator[tuple[str, BinaryIO | JointIdError | OSError]]:
-    """Name of every file of a study, and the open file or the error instead."""
+def _files(path: Path) -> Iterator[tuple[str, BinaryIO | JointIdError | OSError, int]]:
+    """Name of every file of a study, the open file or the error instead, and its size in bytes."""
     folder = Folder(path)
     for name in folder.names():
         if not name.lower().endswith(STUDY_PARTS):
@@ -82,7 +80,7 @@ def _files(path: Path) -> Iterator[tuple[str, BinaryIO | JointIdError | OSError]
         try:
             file = folder.path(name).open("rb")
         except (JointIdError, OSError) as error:
-            yield name, error
+            yield name, error, 0
             continue
         with file:
-            yield name, file
+            yield name, file, os.fstat(file.fileno()).st_size

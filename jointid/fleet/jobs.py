@@ -1,11 +1,11 @@
-"""A study to analyse, its result, and the interface of what analyses it, here by child processes."""
+"""A study to analyse, its result, and its analysis by child processes."""
 
 import queue
-import threading
 from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from jointid.background.child_process import Child, Ended, Limits
 from jointid.errors import JointIdError
@@ -39,24 +39,13 @@ class Done:
     """None when its files are unchanged."""
 
 
-class Executor(Protocol):
-    """Analyses jobs, in any order; every job is returned exactly once."""
-
-    def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
-        """Yield finished jobs; closing the generator cancels the others.
-
-        Raises JointIdError when no further job of any study is possible.
-        """
-
-
 def do_job(child: Child, job: Job) -> Done:
     """Analyse a study in a child process, on this computer or on a cluster.
 
     Raises JointIdError when no process can be started.
     """
-    by_path = isinstance(job.source, Path)
-    request = {"do": "analyse", "path": str(job.source) if by_path else "", "content": job.content}
-    answer, _ = ask_child(child, job, request, b"" if isinstance(job.source, Path) else job.source)
+    path, body = (str(job.source), b"") if isinstance(job.source, Path) else ("", job.source)
+    answer, _ = ask_child(child, job, {"do": "analyse", "path": path, "content": job.content}, body)
     return Done(job, from_plain(answer["row"]) if "row" in answer else None)
 
 
@@ -84,7 +73,7 @@ class Local:
     """
 
     def __init__(
-        self, workers: int, limits: Limits, *, waiting: Callable[[], None] | None = None
+        self, workers: int, limits: Limits, *, waiting: Callable[[], None] = lambda: None
     ) -> None:
         if workers < 1:
             raise JointIdError(f"workers = {workers}: at least one is needed.")
@@ -93,41 +82,39 @@ class Local:
         self._waiting = waiting
 
     def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
-        """Yield finished jobs; closing the generator ends the processes."""
-        todo, done = iter([*jobs]), queue.SimpleQueue[Done | Exception]()  # next of a list's is atomic
-        stopped = threading.Event()
+        """Yield finished jobs in any order, each once; closing the generator ends the processes.
+
+        Raises JointIdError when no further job of any study is possible.
+        """
         children = [Child(WORKER, self._limits) for _ in range(min(self._workers, len(jobs)))]
+        free, done = queue.SimpleQueue[Child](), queue.SimpleQueue[Future[Done]]()
+        for child in children:
+            free.put(child)
 
-        def work(child: Child) -> None:
+        def work(job: Job) -> Done:
+            child = free.get()
             try:
-                while not stopped.is_set() and (job := next(todo, None)) is not None:
-                    done.put(do_job(child, job))
-            except Exception as error:  # without it the generator would wait forever
-                done.put(error)
+                return do_job(child, job)
             finally:
-                child.stop()
+                free.put(child)
 
-        threads = [threading.Thread(target=work, args=(child,), daemon=True) for child in children]
-        for thread in threads:
-            thread.start()
+        pool = ThreadPoolExecutor(max(1, len(children)))
         try:
+            for job in jobs:
+                pool.submit(work, job).add_done_callback(done.put)
             for _ in jobs:
-                yield self._next(done)
+                yield self._next(done).result()
         finally:
-            stopped.set()
+            pool.shutdown(wait=False, cancel_futures=True)
             for child in children:
                 child.kill()
-            for thread in threads:
-                thread.join()
+            pool.shutdown()
+            for child in children:
+                child.stop()
 
-    def _next(self, done: queue.SimpleQueue[Done | Exception]) -> Done:
+    def _next(self, done: queue.SimpleQueue[Future[Done]]) -> Future[Done]:
         while True:
             try:
-                result = done.get(timeout=None if self._waiting is None else _POLL_S)
+                return done.get(timeout=_POLL_S)
             except queue.Empty:
-                assert self._waiting is not None
                 self._waiting()
-                continue
-            if isinstance(result, Exception):
-                raise result
-            return result

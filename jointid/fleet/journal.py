@@ -14,7 +14,7 @@ from typing import BinaryIO
 
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import locked, write_error
-from jointid.fleet.row import Row, checked, from_plain, to_plain
+from jointid.fleet.row import Row, from_plain, to_plain
 
 _HEAD = b'{"jointid fleet journal": 1}\n'
 
@@ -106,5 +106,5 @@ class Journal:
             os.fsync(self._file.fileno())
         for line in data[len(_HEAD) : whole].splitlines():
             # The study of a damaged line is analysed again. Deep nesting raises a RecursionError.
-            with suppress(ValueError, TypeError, RecursionError):
-                yield checked(from_plain(json.loads(line.decode("utf-8", "surrogatepass"))))
+            with suppress(ValueError, RecursionError):
+                yield from_plain(json.loads(line.decode("utf-8", "surrogatepass")))

@@ -1,11 +1,9 @@
 """The row of a study in a fleet's table: its analysis in one line."""
 
-from __future__ import annotations
-
 import datetime
 import math
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -13,6 +11,7 @@ from jointid.analysis import Analysis, answer_state
 from jointid.answer import model_name
 from jointid.files.application import __version__
 from jointid.files.digest import study_digest
+from jointid.parsing.typed_fields import typed
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
 """Reasons for a missing answer: unusable files; time limit; memory limit; its process ended; its workers
@@ -22,7 +21,7 @@ VERDICTS = ("", "good", "warning", "problem")
 MAX_JOINTS = 64
 """Most joints of a row read from a file; larger numbers are damage."""
 
-Numbers = tuple[float, ...]
+Numbers: TypeAlias = tuple[float, ...]
 """A value for each joint."""
 
 
@@ -160,29 +159,18 @@ def to_plain(row: Row) -> dict[str, Any]:
 def from_plain(document: Any) -> Row:
     """Return a row from the values of ``to_plain``.
 
-    Raises TypeError when it is not an object, or a field is unknown or missing.
+    Raises ValueError when a field is unknown, missing or of another type, or its value is impossible.
     """
-    if not isinstance(document, dict):
-        raise TypeError(f"{document!r:.60} is no row")
-    plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in document.items()}
-    return Row(**plain)
-
-
-def checked(row: Row) -> Row:
-    """Return the row if its values are valid.
-
-    Raises ValueError when a field has the wrong type or an impossible value.
-    """
-    for f in fields(Row):
-        value = getattr(row, f.name)
-        if not _is_of_kind(str(f.type), value):
-            raise ValueError(f"{f.name} = {value!r:.60}")
-        if f.type == "Numbers" and len(value) not in (0, row.joints):
-            raise ValueError(f"{f.name} = {value!r:.60} for {row.joints} joints")
-        if f.type == "Numbers" and f.name.endswith("_error") and any(x < 0 for x in value):
-            raise ValueError(f"{f.name} = {value!r:.60}")
+    row = typed(Row, document)
     if not 0 <= row.joints <= MAX_JOINTS:
         raise ValueError(f"joints = {row.joints}")
+    for name, value in vars(row).items():
+        if isinstance(value, str):
+            value.encode("utf-8", "surrogateescape")  # other surrogates have no UTF-8
+        if isinstance(value, tuple) and name != "findings":
+            negative = name.endswith("_error") and any(x < 0 for x in value)
+            if len(value) not in (0, row.joints) or negative:
+                raise ValueError(f"{name} = {value!r:.60} for {row.joints} joints")
     if row.verdict not in VERDICTS or row.failure not in FAILURES:
         raise ValueError("an unknown verdict or failure")
     if row.date:
@@ -190,19 +178,6 @@ def checked(row: Row) -> Row:
     if not math.isfinite(row.time_s):
         raise ValueError(f"time_s = {row.time_s}")
     return row
-
-
-def _is_of_kind(kind: str, value: object) -> bool:
-    """Whether a value has the type of the field's annotation."""
-    if kind.startswith("tuple") or kind == "Numbers":
-        inner = "float" if kind == "Numbers" else "str"
-        return isinstance(value, tuple) and all(_is_of_kind(inner, item) for item in value)
-    if kind == "str" and isinstance(value, str):
-        value.encode("utf-8", "surrogateescape")  # other surrogates have no UTF-8
-        return True
-    if kind == "float | None":
-        return value is None or isinstance(value, float)
-    return type(value) is int if kind == "int" else kind == "float" and isinstance(value, float)
 
 
 def _numbers(values: Any) -> Numbers:

@@ -6,17 +6,21 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from jointid.background.child_process import Limits as Limits
 from jointid.errors import JointIdError
 from jointid.estimation.identify_elasticity import require_method
 from jointid.files.application import __version__
-from jointid.fleet.jobs import Executor, Job, Local
+from jointid.fleet.jobs import Job, Local
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import Row
 from jointid.fleet.studies import find_studies, path_text
 from jointid.fleet.table import read_fleet, write_rows
 from jointid.wording import counted
+
+if TYPE_CHECKING:
+    from jointid.fleet.cluster import Cluster
 
 
 @dataclass(frozen=True)
@@ -132,7 +136,12 @@ def analyse_fleet(
         raise JointIdError(f"{target.parent} is not a folder: make it first, or choose another path.")
     with closing(Journal(journal_path(target))) as journal:
         before = _rows_before(target, journal, fresh)
-        jobs = [_job(path, method, before.get(path_text(path))) for path in found]
+        same = {
+            row.study: row.content
+            for row in before.values()
+            if row.is_final and (row.method, row.version) == (method, __version__)
+        }
+        jobs = [Job(key := path_text(path), path, method, same.get(key, "")) for path in found]
         rows: dict[str, Row] = {}
         state = Progress(len(jobs), 0, 0, 0, 0.0)
 
@@ -150,15 +159,11 @@ def analyse_fleet(
                 progress(state)
 
         report(None)
-        executor = _executor(workers, scheduler, limits or Limits())
-        with closing(executor.run(jobs)) as finished:
+        with closing(_executor(workers, scheduler, limits or Limits()).run(jobs)) as finished:
             for done in finished:
-                row = done.row
-                if row is None:
-                    row = before[done.job.study]
-                else:
-                    journal.add(row)
-                rows[done.job.study] = row
+                if done.row is not None:
+                    journal.add(done.row)
+                row = rows[done.job.study] = done.row or before[done.job.study]
                 report(row, skipped=done.row is None)
         here = [rows[job.study] for job in jobs]
         others = [row for study, row in before.items() if study not in rows]
@@ -177,7 +182,7 @@ def analyse_fleet(
     )
 
 
-def _executor(workers: int | None, scheduler: str | None, limits: Limits) -> Executor:
+def _executor(workers: int | None, scheduler: str | None, limits: Limits) -> "Local | Cluster":
     if scheduler is not None:
         from jointid.fleet.cluster import Cluster
 
@@ -202,8 +207,3 @@ def _rows_before(target: Path, journal: Journal, fresh: bool) -> dict[str, Row]:
         journal.clear()
         return {}
     return {row.study: row for row in (*in_table, *journal.rows)}
-
-
-def _job(path: Path, method: str, row: Row | None) -> Job:
-    same = row is not None and row.is_final and (row.method, row.version) == (method, __version__)
-    return Job(path_text(path), path, method, row.content if row is not None and same else "")

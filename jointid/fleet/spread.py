@@ -72,16 +72,9 @@ def fleet_spread(
     expected = np.hypot(scale, error)
     with np.errstate(divide="ignore", invalid="ignore"):
         z = np.where(value == centre, 0.0 * scale, (value - centre) / expected)
-    return Spread(
-        name=f"{quantity}{joint}",
-        rows=having,
-        value=value,
-        error=error,
-        median=float(np.median(value)) if value.size else float("nan"),
-        spread=robust_spread(value),
-        centre=centre,
-        z=z,
-    )
+    median = float(np.median(value)) if value.size else float("nan")
+    spread = robust_spread(value)
+    return Spread(f"{quantity}{joint}", having, value, error, median, spread, centre, z)
 
 
 def _has(row: Row, quantity: str, joint: int) -> bool:
@@ -158,18 +151,9 @@ def robot_drift(rows: Sequence[Row], quantity: str, joint: int, robot: str) -> D
     having = sorted(of_robot, key=lambda row: (seconds(row.date), row.study))
     time = np.array([seconds(row.date) for row in having])
     value = _of_joint(having, quantity, joint)
-    slope, slope_error, level = _theil_sen(time, value)
-    return Drift(
-        name=f"{quantity}{joint}",
-        robot=robot,
-        time_s=time,
-        value=value,
-        error=_of_joint(having, f"{quantity}_error", joint),
-        rows=tuple(having),
-        slope_per_s=slope,
-        slope_error_per_s=slope_error,
-        level=level,
-    )
+    error = _of_joint(having, f"{quantity}_error", joint)
+    line = _theil_sen(time, value)
+    return Drift(f"{quantity}{joint}", robot, time, value, error, tuple(having), *line)
 
 
 def seconds(date: str) -> float:

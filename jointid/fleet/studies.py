@@ -39,38 +39,29 @@ def path_text(path: Path) -> str:
     return _ESCAPE.sub(rb"\\x5c", os.fsencode(path)).decode("utf-8", "backslashreplace")
 
 
-def _expanded(text: str) -> Iterator[Path]:
+def _expanded(text: str) -> list[Path]:
     path = Path(text).absolute()  # resolving ".." here would be wrong after a link
     if not _MAGIC.search(text) or os.path.lexists(text):
-        if path.name == STUDY_FILE:
-            yield path.parent
-        elif not path.is_dir() or _is_study(path):
-            yield path
-        else:
-            yield from _required(_below(path, set()), f"{path} holds no study")
-        return
-    matches = (Path(match).absolute() for match in glob.glob(text, recursive=True))
-    yield from _required(_matching(sorted(matches, key=_natural)), f"{text} matches no study")
-
-
-def _required(studies: Iterable[Path], otherwise: str) -> list[Path]:
-    found = list(studies)
+        found, fault = [*_at(path)], f"{path} holds no study"
+        if not path.is_dir():
+            found = found or [path]
+    else:
+        matches = (Path(match).absolute() for match in glob.glob(text, recursive=True))
+        found = [study for match in sorted(matches, key=_natural) for study in _at(match, outside=True)]
+        fault = f"{text} matches no study"
     if not found:
-        raise JointIdError(
-            f"{otherwise}: a study is a folder with {STUDY_FILE}, or that folder as .zip."
-        )
+        raise JointIdError(f"{fault}: a study is a folder with {STUDY_FILE}, or that folder as .zip.")
     return found
 
 
-def _matching(paths: Iterable[Path]) -> Iterator[Path]:
-    """Studies among the matches of a pattern and below matched folders."""
-    for path in paths:
-        if path.name == STUDY_FILE:
-            yield path.parent
-        elif _is_study(path):
-            yield path
-        elif path.is_dir() and not any(_is_study(parent) for parent in path.parents):
-            yield from _below(path, set())
+def _at(path: Path, *, outside: bool = False) -> Iterator[Path]:
+    """The study of a path, or those below a folder, which with ``outside`` is itself in no study."""
+    if path.name == STUDY_FILE:
+        yield path.parent
+    elif _is_study(path):
+        yield path
+    elif path.is_dir() and not (outside and any(_is_study(parent) for parent in path.parents)):
+        yield from _below(path, set())
 
 
 def _below(folder: Path, seen: set[str]) -> Iterator[Path]:

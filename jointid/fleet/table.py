@@ -1,11 +1,10 @@
 """A fleet's rows as one Parquet table, and back to the last bit."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Sequence
 from dataclasses import fields
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from jointid.background.child_process import Child, Ended, Limits
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
 from jointid.fleet.jobs import WORKER
-from jointid.fleet.row import MAX_JOINTS, Row, checked, from_plain
+from jointid.fleet.row import MAX_JOINTS, Row, from_plain
 
 MAX_ROWS = 1_000_000
 """Most rows of a table that is read; larger ones must be split."""
@@ -30,14 +29,14 @@ _TAIL = (
     "delay_s", "delay_error_s", "model", "misfit", "verdict", "findings", "error", "failure", "time_s",
     "method", "version", "digest", "content",
 )  # fmt: skip
-_ARROW_TYPES = {
-    "str": pa.string(),
-    "int": pa.int32(),
-    "float": pa.float64(),
-    "float | None": pa.float64(),
-    "tuple[str, ...]": pa.list_(pa.string()),
+_ARROW_TYPES: dict[object, Any] = {
+    str: pa.string(),
+    int: pa.int32(),
+    float: pa.float64(),
+    float | None: pa.float64(),
+    tuple[str, ...]: pa.list_(pa.string()),
 }
-_TYPES = {f.name: _ARROW_TYPES[str(f.type)] for f in fields(Row) if f.name not in _JOINTWISE}
+_TYPES = {f.name: _ARROW_TYPES[f.type] for f in fields(Row) if f.name not in _JOINTWISE}
 _UNITS = {"K": b"N.m/rad", "D": b"N.m.s/rad", "c": b"N.m", "v": b"N.m.s/rad"}
 
 
@@ -97,38 +96,40 @@ def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
             raise JointIdError(
                 f"{name} has {file.metadata.num_rows} rows, more than the limit of {MAX_ROWS}: split it."
             )
-        wanted = {*_HEAD, *_TAIL}
-        wanted |= {c.format(j + 1) for c in _JOINTWISE.values() for j in range(MAX_JOINTS)}
-        present = [column for column in file.schema_arrow.names if column in wanted]
-        columns = file.read(columns=present, use_threads=False).to_pydict()
+        own, there = (*_HEAD, *_TAIL), file.schema_arrow.names
+        if missing := [column for column in own if column not in there]:
+            raise JointIdError(
+                f"{name} has no column {missing[0]}: it was changed. Run the batch again."
+            )
+        of_joints = {
+            quantity: [c for j in range(MAX_JOINTS) if (c := column.format(j + 1)) in there]
+            for quantity, column in _JOINTWISE.items()
+        }
+        present = [*own, *chain.from_iterable(of_joints.values())]
+        rows: list[Row] = []
+        for batch in file.iter_batches(columns=present, use_threads=False):
+            rows += [_row(values, of_joints, name) for values in batch.to_pylist()]
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
         if isinstance(error, JointIdError):
             raise
         raise JointIdError(
             f"{name} cannot be read as Parquet ({error!s:.200}). Run the batch again."
         ) from error
-    missing = [column for column in (*_HEAD, *_TAIL) if column not in columns]
-    if missing:
-        raise JointIdError(f"{name} has no column {missing[0]}: it was changed. Run the batch again.")
+    return tuple(rows)
+
+
+def _row(values: dict[str, Any], of_joints: dict[str, list[str]], name: str) -> Row:
+    """The row of a table's line; ``of_joints`` are the columns of the quantities of joints."""
+    plain = {column: values[column] for column in (*_HEAD, *_TAIL)}
+    plain["findings"] = tuple(values["findings"] or ())
+    for quantity, columns in of_joints.items():
+        plain[quantity] = tuple(values[c] for c in columns if values[c] is not None)
     try:
-        return tuple(_row(columns, k) for k in range(len(columns["study"])))
+        return from_plain(plain)
     except (TypeError, ValueError) as error:
-        raise JointIdError(f"{name} was changed: {error!s:.200}. Run the batch again.") from error
-
-
-def _row(columns: dict[str, list[Any]], k: int) -> Row:
-    plain = {name: columns[name][k] for name in (*_HEAD, *_TAIL)}
-    joints = plain["joints"]
-    if not isinstance(joints, int) or not 0 <= joints <= MAX_JOINTS:
-        raise ValueError(f"row {k + 1} has joints = {joints!r:.60}")
-    plain["findings"] = tuple(str(text) for text in plain["findings"] or ())
-    for name, column in _JOINTWISE.items():
-        values = [columns.get(column.format(j + 1), [None] * (k + 1))[k] for j in range(joints)]
-        plain[name] = tuple(value for value in values if value is not None)
-    try:
-        return checked(Row(**plain))
-    except ValueError as error:
-        raise ValueError(f"row {k + 1} has {error!s:.160}") from error
+        raise JointIdError(
+            f"{name} was changed: {values['study']!s:.60} has {error!s:.160}. Run the batch again."
+        ) from error
 
 
 def _text(value: Any) -> Any:

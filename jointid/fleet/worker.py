@@ -30,27 +30,23 @@ def study_row(
         analysis = analyse(load_study(source), method=method)
         took = time.perf_counter() - begin
         return row_of(analysis, study=study, content=content, method=method, time_s=took)
-    except (Exception, MemoryError) as error:
-        failure, text = _failure(error)
-        took = time.perf_counter() - begin
-        return failed_row(study, method, failure, text, content=content, time_s=took)
+    except Exception as error:
+        return _failed(study, method, error, content, time.perf_counter() - begin)
 
 
-def _failure(error: BaseException) -> tuple[str, str]:
-    """Kind and message of a failure."""
-    if isinstance(error, JointIdError):
-        return REFUSED, str(error)
+def _failed(study: str, method: str, error: Exception, content: str = "", time_s: float = 0.0) -> Row:
+    """Row of a study with the kind and the message of its failure."""
+    failure, text = REFUSED, str(error)
     if isinstance(error, MemoryError):
-        return (
-            MEMORY,
-            "The study needs more memory than the limit: shorten its records, or raise --memory.",
-        )
-    if isinstance(error, OSError):
-        return REFUSED, (
-            f"{error.filename or 'The study'}: {error.strerror or error}. Give a study's folder, or "
-            "that folder as .zip."
-        )
-    return FAULT, f"Internal error, {type(error).__name__}: {error!s:.300} This is a fault of jointid."
+        failure = MEMORY
+        text = "The study needs more memory than the limit: shorten its records, or raise --memory."
+    elif isinstance(error, OSError):
+        place = error.filename or "The study"
+        text = f"{place}: {error.strerror or error}. Give a study's folder, or that folder as .zip."
+    elif not isinstance(error, JointIdError):
+        kind, failure = type(error).__name__, FAULT
+        text = f"Internal error, {kind}: {error!s:.300} This is a fault of jointid."
+    return failed_row(study, method, failure, text, content=content, time_s=time_s)
 
 
 def answer(request: dict[str, Any], body: bytes, _: Progress) -> tuple[dict[str, Any], bytes]:
@@ -74,9 +70,8 @@ def answer(request: dict[str, Any], body: bytes, _: Progress) -> tuple[dict[str,
             if content == known:
                 return {"unchanged": True}, b""
             return {"content": content}, packed(Path(request["path"]))
-        except (Exception, MemoryError) as error:
-            failure, text = _failure(error)
-            return {"row": to_plain(failed_row(study, method, failure, text))}, b""
+        except Exception as error:
+            return {"row": to_plain(_failed(study, method, error))}, b""
     row = study_row(
         Path(request["path"]) if request["path"] else body, study, method, known, request["content"]
     )

@@ -124,7 +124,7 @@ class Gear:
 
 
 def _bend(gear: Gear, e: ArrayLike) -> Floats:
-    """Torque of the changes of slope at deflections without play."""
+    """Torque of the changes of slope at deflections without backlash."""
     (first, second), (step1, step2) = knees(gear)
     size = np.abs(e)
     bend = step1 * np.maximum(size - first, 0) + step2 * np.maximum(size - second, 0)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import lu_factor, lu_solve
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.gear import Gear
@@ -15,6 +16,8 @@ from jointid.phasors.periods import phasors_of, samples_of
 
 _POINTS = 8
 """Samples over a period for each harmonic."""
+_FURTHER_POINTS = 4
+"""The same where the highest harmonics are small ones that are measured."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
 _SINE_POINTS = 512
@@ -24,10 +27,12 @@ _NEWTON, _CONVERGED = 36, 1e-6
 _NEWTON_OF_LOOPS = 6
 """Most steps where further deflection is measured, as of loops in motions: a right law takes fewer, a
 wrong one minutes with 36."""
-_SLOW = 0.2
+_MANY = 32
+"""Harmonics from which slopes are not inverted at every solution."""
+_SLOW, _SLOW_OF_MANY = 0.2, 0.5
 """Ratio of torque residuals of a step with earlier slopes from which they are evaluated again."""
 _CENTRED = 1e-9
-"""Stiffness, over K, that holds a gear in the middle of a play that it never leaves."""
+"""Stiffness, over K, that holds a gear in the middle of backlash that it never leaves."""
 _RESOLVED = 1e-9
 """Least move between samples, over the largest deflection."""
 
@@ -36,10 +41,10 @@ _RESOLVED = 1e-9
 class WoundGears:
     """Solution of κ δ + g(δ) = f for gears with linear dynamic stiffness κ and the torque g beyond.
 
-    A deflection is smooth, the torque through a play is not: where the arm moves less than the gear
+    A deflection is smooth, the torque through backlash is not: where the arm moves less than the gear
     winds up by the same torque, below its resonance with the motor locked, the harmonics of δ follow
     from those of the torque; above, from the motions of motor and arm. The mean of δ is that of a gear
-    without mean torque: a large play has periodic motions that lean to one side.
+    without mean torque: wide backlash has periodic motions that lean to one side.
     """
 
     laws: GearLaws
@@ -65,8 +70,7 @@ class WoundGears:
         moved: Complexes,
         low: np.ndarray,
         free: Complexes,
-        start: Complexes | None = None,
-        earlier: Floats | None = None,
+        start: WoundGears | None = None,
         *,
         given: Complexes | None = None,
     ) -> WoundGears:
@@ -85,17 +89,16 @@ class WoundGears:
             Harmonics whose deflection follows from the torque.
         free : ndarray, shape (r, n, T)
             Deflection over g at the harmonics H + 1 to H + T, which nothing but the gear drives.
-        start : ndarray, shape (r, n, 1 + H + T), optional
-            The deflection at similar parameters.
-        earlier : ndarray, shape (r, n, 1 + 2m, 1 + 2m), optional
-            The latest inverse there.
+        start : WoundGears, optional
+            The solution at similar parameters.
         given : ndarray, shape (r, n, T), optional
             Further deflection at the harmonics H + 1 to H + T, as measured.
         """
         H, m = f.shape[2], low.shape[2]
         measured = 0.0 if given is None or not given.size else given
-        points = _POINTS * max(H + free.shape[2] * (given is measured), _LEAST_HARMONICS)
-        first = _started(laws, f, stiffness, points) if start is None else start
+        further = free.shape[2] * (given is measured)
+        points = max(_POINTS * max(H, _LEAST_HARMONICS), _FURTHER_POINTS * (H + further))
+        first = _started(laws, f, stiffness, points) if start is None else start.delta
         mean = np.zeros_like(f[..., :1])
         solved = np.concatenate([np.ones((*low.shape[:2], 1), bool), low], axis=2)
         delta = np.concatenate([first[..., :1], moved, first[..., 1 + H :]], axis=2)
@@ -107,10 +110,15 @@ class WoundGears:
         size = np.abs(f).max(axis=2) + np.finfo(float).tiny
         before, least = delta.copy(), np.full(size.shape, np.inf)
         step = np.zeros((*size.shape, 1 + m), complex)
-        old = np.full(size.shape, earlier is None)  # whose slopes are of no use
+        old = np.full(size.shape, start is None)  # whose slopes are of no use
         fresh = np.zeros(size.shape, bool)  # whose last step is with slopes where it began
-        inverse = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m)) if earlier is None else earlier.copy()
-        most = _NEWTON_OF_LOOPS if given is measured else _NEWTON
+        if start is None:  # a linear gear
+            none = np.zeros((*size.shape, 1 + 2 * m, 1 + 2 * m))
+            inverse = _inward(np.asarray(1 / kappa, complex), none, solved)
+        else:
+            inverse = start.latest_inverse.copy()
+        most = _NEWTON_OF_LOOPS if given is measured and laws.hysteretic else _NEWTON
+        slow = _SLOW if m < _MANY else _SLOW_OF_MANY
         for turn in range(most):
             beyond, slope, samples = beyond_linear(laws, delta, points)
             delta[..., 1 + H :] = measured + free * beyond[..., 1 + H :]
@@ -121,7 +129,7 @@ class WoundGears:
             if turn == most - 1 or not np.any(is_open):
                 break
             better = size_left < least
-            due = better & is_open & (old | (size_left > _SLOW * least))
+            due = better & is_open & (old | (size_left > slow * least))
             if np.any(due):
                 inverse[due] = _inverse(laws, slope, samples, H, kappa, solved, due)
             old = ~better & ~fresh  # to where that step began
@@ -153,11 +161,29 @@ class WoundGears:
     @cached_property
     def inverse(self) -> Floats:
         """Parts of δ by those of the torque, shape (r, n, 1 + 2m, 1 + 2m)."""
+        return np.asarray(np.linalg.inv(self._inward))
+
+    @cached_property
+    def _inward(self) -> Floats:
         m, H = self.low.shape[2], self.stiffness.shape[2]
         solved = np.concatenate([np.ones((*self.low.shape[:2], 1), bool), self.low], axis=2)
         mean = np.broadcast_to((1 + _CENTRED) * self.laws.K, (*self.low.shape[:2], 1))
         kappa = np.concatenate([mean, self.stiffness], axis=2)
-        return _inverted(kappa, self.spread[..., inner(m, H)], solved)
+        return _inward(kappa, self.spread[..., inner(m, H)], solved)
+
+    def _wound(self, left: Floats) -> Floats:
+        """Parts of δ by those of the torque, shape (r, n, 1 + 2m, 1)."""
+        if self.low.shape[2] < _MANY:
+            return np.asarray(self.inverse @ left)
+        parts = zip(self._factors, left.reshape(-1, *left.shape[2:]), strict=True)
+        found = [lu_solve(factors, each, check_finite=False) for factors, each in parts]
+        return np.asarray(found).reshape(left.shape)
+
+    @cached_property
+    def _factors(self) -> list[tuple[Floats, np.ndarray]]:
+        """Of the slopes of each gear in each record: an inverse of many harmonics takes far longer."""
+        each = self._inward.reshape(-1, *self._inward.shape[2:])
+        return [lu_factor(slopes, check_finite=False) for slopes in each]
 
     @property
     def law(self) -> Complexes:
@@ -178,7 +204,7 @@ class WoundGears:
         linear = stiffness * self.delta[..., : 1 + H] if np.any(stiffness) else 0.0
         left = np.broadcast_to(f - beyond - linear, self.beyond.shape)[..., : 1 + m].copy()
         left[..., 1:] = np.where(self.low, left[..., 1:], 0)
-        wound = self.inverse @ _parts(left)[..., None]
+        wound = self._wound(_parts(left)[..., None])
         through = _complex((wound.swapaxes(2, 3) @ self.spread).swapaxes(2, 3))[..., 0]
         whole = (beyond + through)[..., 1:]
         if np.any(stiffness):
@@ -236,14 +262,16 @@ def _inverse(
     """``WoundGears.inverse`` of some gears in some records, due (r, n), at samples of the deflection."""
     m = solved.shape[2] - 1
     if laws.hysteretic:
-        return np.asarray(
-            _inverted(kappa, whole_spread(laws, slope, _thinned(samples, H), m, m), solved)[due]
-        )
-    return _inverted(kappa[due], smooth_spread(slope[due], m, m), solved[due])
+        whole = whole_spread(laws, slope, _thinned(samples, H), m, m)[due]
+    else:
+        whole = smooth_spread(slope[due], m, m)
+    inward = _inward(kappa[due], whole, solved[due])
+    precision = np.float64 if m < _MANY else np.float32
+    return np.asarray(np.linalg.inv(inward.astype(precision)), np.float64)
 
 
-def _inverted(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
-    """Inverse of κ (..., 1 + H) and a spread (..., 1 + 2m, 1 + 2m) where solved (..., 1 + m)."""
+def _inward(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
+    """Matrix of κ (..., 1 + H) and a spread (..., 1 + 2m, 1 + 2m) where solved (..., 1 + m)."""
     m = solved.shape[-1] - 1
     inward = np.array(spread.swapaxes(-2, -1))
     j, k = np.arange(1, 1 + m), kappa[..., 1 : 1 + m]
@@ -253,14 +281,14 @@ def _inverted(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
     inward[..., j, m + j] -= k.imag
     inward[..., m + j, j] += k.imag
     unknown = np.concatenate([solved, solved[..., 1:]], axis=-1)
-    return np.asarray(np.linalg.inv(np.where(unknown[..., None], inward, np.eye(1 + 2 * m))))
+    return np.where(unknown[..., None], inward, np.eye(1 + 2 * m))
 
 
 def _started(laws: GearLaws, f: Complexes, stiffness: Complexes, points: int) -> Complexes:
-    """Mean and phasors of the linear deflection, with half the play in the direction of the torque."""
+    """Mean and phasors of the linear deflection, and half the backlash in the torque's direction."""
     delta = f / stiffness
-    if laws.plays:
-        delta = delta + laws.half_play * phasors_of(np.sign(samples_of(f, points)), f.shape[2])
+    if laws.has_backlash:
+        delta = delta + laws.half_backlash * phasors_of(np.sign(samples_of(f, points)), f.shape[2])
     return np.concatenate([np.zeros_like(f[..., :1]), delta], axis=2)
 
 
@@ -282,7 +310,7 @@ def beyond_linear(laws: GearLaws, delta: Complexes, points: int) -> tuple[Comple
         found[..., 0], found[..., 1:] = torque.mean(axis=-1), phasors_of(torque, H)
         slope = laws.smooth_slope(plain)
     chords = mean.real + samples_of(delta * (np.sinc(turn) / np.cos(np.pi * turn)), points)
-    if not (laws.plays or laws.bent or laws.hysteretic):
+    if not (laws.has_backlash or laws.bent or laws.hysteretic):
         return found, slope, chords
     move = chords - np.roll(chords, 1, axis=-1)
     least = _RESOLVED * np.abs(chords).max(axis=-1, keepdims=True) + np.finfo(float).tiny

@@ -17,7 +17,7 @@ class GearLaws:
 
     K: Floats
     cubic: Floats
-    half_play: Floats
+    half_backlash: Floats
     level: Floats
     sharpness: Floats
     """Inverse of the presliding deflection; 0 without hysteresis."""
@@ -28,14 +28,14 @@ class GearLaws:
 
     def __post_init__(self) -> None:
         present = {
-            "hardens": self.cubic, "plays": self.half_play, "hysteretic": self.level,
+            "hardens": self.cubic, "has_backlash": self.half_backlash, "hysteretic": self.level,
             "bent": np.abs(self.bends[0]).max() + np.abs(self.bends[1]).max(),
         }  # fmt: skip
         for name, values in present.items():
             object.__setattr__(self, name, bool(np.any(values)))
 
     hardens: bool = False
-    plays: bool = False
+    has_backlash: bool = False
     hysteretic: bool = False
     bent: bool = False
 
@@ -44,19 +44,19 @@ class GearLaws:
         """Laws of n gears, each array of shape (n, 1), seen from behind gear ratios of shape (n,)."""
         n = np.abs(np.broadcast_to(np.asarray(ratio, float), (len(gears),)))
         names = ("K", "cubic", "backlash_rad", "hysteresis_Nm", "presliding_rad")
-        K, cubic, play, level, presliding = np.array([[getattr(g, x) for g in gears] for x in names])
+        K, cubic, backlash, level, presliding = np.array([[getattr(g, x) for g in gears] for x in names])
         at, bends = np.moveaxis(np.array([knees(gear) for gear in gears]), 0, -1)
-        arm = (n**2 * K, n**4 * cubic, play / n, n * level, presliding / n)
-        K, cubic, play, level, presliding = (v[:, None] for v in arm)
+        arm = (n**2 * K, n**4 * cubic, backlash / n, n * level, presliding / n)
+        K, cubic, backlash, level, presliding = (v[:, None] for v in arm)
         at, bends = (at / n)[..., None], (n**2 * bends)[..., None]
-        return cls.made(K, cubic, play, level, presliding, (at[0], at[1]), (bends[0], bends[1]))
+        return cls.made(K, cubic, backlash, level, presliding, (at[0], at[1]), (bends[0], bends[1]))
 
     @classmethod
     def made(
         cls,
         K: Floats,
         cubic: Floats,
-        play: Floats,
+        backlash: Floats,
         level: Floats,
         presliding: Floats,
         at: Sequence[Floats],
@@ -64,32 +64,32 @@ class GearLaws:
     ) -> GearLaws:
         """Laws from their parameters, arrays of one shape."""
         sharpness = np.where(level != 0, 1 / np.where(presliding > 0, presliding, 1.0), 0.0)
-        return cls(K, cubic, 0.5 * play, level, sharpness, (at[0], at[1]), (bends[0], bends[1]))
+        return cls(K, cubic, 0.5 * backlash, level, sharpness, (at[0], at[1]), (bends[0], bends[1]))
 
     def smooth(self, delta: Floats) -> Floats:
         """Torque of the cubic stiffness."""
-        e = self._beyond_play(delta)
+        e = self._beyond_backlash(delta)
         return np.asarray(self.cubic * (e * e * e))  # far faster than a power
 
     def smooth_slope(self, delta: Floats) -> Floats:
         """Slope of ``smooth``."""
-        return np.asarray(3 * self.cubic * self._beyond_play(delta) ** 2)
+        return np.asarray(3 * self.cubic * self._beyond_backlash(delta) ** 2)
 
     def kinked(self, delta: Floats) -> Floats:
-        """Torque beyond K δ of play and changes of slope."""
-        torque = -self.K * self._within_play(delta)
+        """Torque beyond K δ of backlash and changes of slope."""
+        torque = -self.K * self._within_backlash(delta)
         if self.bent:
-            e = self._beyond_play(delta)
+            e = self._beyond_backlash(delta)
             for at, bend in zip(self.knees, self.bends, strict=True):
                 torque = torque + bend * _beyond(e, at)
         return np.asarray(torque)
 
     def kinked_energy(self, delta: Floats) -> Floats:
         """Integral of ``kinked`` over the deflection."""
-        part = self._within_play(delta)
+        part = self._within_backlash(delta)
         energy = -self.K * part * (delta - 0.5 * np.abs(part) * np.sign(delta))
         if self.bent:
-            e = self._beyond_play(delta)
+            e = self._beyond_backlash(delta)
             for at, bend in zip(self.knees, self.bends, strict=True):
                 energy = energy + 0.5 * bend * _beyond(e, at) ** 2
         return np.asarray(energy)
@@ -101,8 +101,8 @@ class GearLaws:
     def wound(self, delta: Floats, loop: Floats, move: Floats) -> tuple[Floats, Floats]:
         """Torque without damping after a move to a deflection, and its slope."""
         after = self.loop(loop, move) if self.hysteretic else loop
-        e = self._beyond_play(delta)
-        slope = np.where(e == 0, 0.0, self.K) if self.plays else self.K
+        e = self._beyond_backlash(delta)
+        slope = np.where(e == 0, 0.0, self.K) if self.has_backlash else self.K
         for at, bend in zip(self.knees, self.bends, strict=True):
             slope = slope + bend * (np.abs(e) > at)
         sign = np.sign(move)
@@ -114,15 +114,15 @@ class GearLaws:
         sign = np.sign(move)
         return np.asarray(sign + (before - sign) * np.exp(-np.abs(move) * self.sharpness))
 
-    def _within_play(self, delta: Floats) -> Floats:
-        """Deflection within the play; of a negative one, as a fit may try, with the other sign."""
-        if not self.plays:
+    def _within_backlash(self, delta: Floats) -> Floats:
+        """Deflection within the backlash; of a negative one, as a fit may try, with the other sign."""
+        if not self.has_backlash:
             return np.zeros_like(delta)
-        edge = np.abs(self.half_play)
-        return np.asarray(np.sign(self.half_play) * np.minimum(np.maximum(delta, -edge), edge))
+        edge = np.abs(self.half_backlash)
+        return np.asarray(np.sign(self.half_backlash) * np.minimum(np.maximum(delta, -edge), edge))
 
-    def _beyond_play(self, delta: Floats) -> Floats:
-        return delta - self._within_play(delta) if self.plays else delta
+    def _beyond_backlash(self, delta: Floats) -> Floats:
+        return delta - self._within_backlash(delta) if self.has_backlash else delta
 
 
 def _beyond(x: Floats, edge: Floats) -> Floats:

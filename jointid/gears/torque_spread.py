@@ -8,9 +8,6 @@ from jointid.arrays import Floats
 from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import pairs
 
-_MANY = 48
-"""Harmonics from which the fast Fourier transform pays; the bins of motions are more."""
-
 
 def dahl(delta: Floats, sharpness: Floats) -> Floats:
     """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
@@ -66,13 +63,33 @@ def _waves(H: int, points: int) -> tuple[Floats, Floats]:
 
 
 def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
-    """As ``smooth_spread``, for the torque of the hysteresis, which depends on all moves before."""
-    waves, _ = _waves(H, delta.shape[-1])
-    move, z = _moves(delta), np.moveaxis(dahl(delta, laws.sharpness), -1, 0)
-    decay = np.exp(-np.abs(move) * laws.sharpness[..., 0])
-    gain = laws.sharpness[..., 0] * decay * (1 - np.sign(move) * z)
-    changes = _periodic(decay[..., None], gain[..., None] * _moves(waves[inner(m, H)])[:, None, None])
-    return np.asarray(laws.level[..., None] * _coefficients(np.moveaxis(changes, 0, -1), H))
+    """As ``smooth_spread``, for the torque of the hysteresis, which depends on all moves before.
+
+    While δ moves in one direction s from a reversal, 1 − sz decays with it: with z' at the reversal and
+    g = dz/dδ = sharpness (1 − sz), z' = g δ' + decay · y, and y = z' − g δ' just after the reversal
+    lasts until the next one.
+    """
+    waves, weights = _waves(H, delta.shape[-1])
+    z, s = dahl(delta, laws.sharpness), np.sign(delta - np.roll(delta, 1, axis=-1))
+    s[s == 0] = 1.0
+    slope = laws.sharpness * (1 - s * z)
+    found = smooth_spread(laws.level * slope, m, H)
+    shape = delta.shape[:-1]
+    level, sharpness = (np.broadcast_to(x[..., 0], shape) for x in (laws.level, laws.sharpness))
+    for place in np.ndindex(shape):
+        turns = np.flatnonzero(s[place] != np.roll(s[place], 1))
+        if level[place] and turns.size:
+            order = np.roll(np.arange(delta.shape[-1]), -turns[0])
+            length = np.diff(turns, append=turns[0] + order.size)
+            moved = delta[place][order] - np.repeat(delta[place][turns - 1], length)
+            decay = np.exp(-np.abs(moved) * sharpness[place])
+            starts = turns - turns[0]
+            parts = np.add.reduceat(decay[:, None] * weights[order], starts)
+            jump = 2 * (sharpness[place] * s[place][turns] * z[place][turns - 1])[:, None]
+            drive = jump * waves[inner(m, H)][:, turns - 1].T
+            y = _periodic(decay[starts + length - 1, None], np.roll(drive, -1, axis=0))
+            found[place] += level[place] * (y.T @ parts)
+    return found
 
 
 def smooth_spread(slope: Floats, m: int, H: int) -> Floats:
@@ -102,11 +119,3 @@ def whole_spread(laws: GearLaws, slope: Floats, samples: Floats, m: int, H: int)
     """As ``smooth_spread``, with that of the hysteresis."""
     spread = smooth_spread(slope, m, H)
     return spread + _loop_spread(laws, samples, m, H) if laws.hysteretic else spread
-
-
-def _coefficients(samples: Floats, H: int) -> Floats:
-    """Mean and H coefficients each of sines and cosines of samples (..., t)."""
-    if H < _MANY:
-        return np.asarray(samples @ _waves(H, samples.shape[-1])[1])
-    found = np.fft.rfft(samples, axis=-1)[..., : H + 1] * (2 / samples.shape[-1])
-    return np.concatenate([0.5 * found[..., :1].real, -found[..., 1:].imag, found[..., 1:].real], -1)

@@ -74,7 +74,7 @@ def motor_side(joint_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:
 
 
 def rotor_at_motor(reflected_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:
-    """Return the rotor inertia J_m (n,) from its value on the joint side, n² J_m, kg·m².
+    """Return the rotor inertia J_m (n,) from its value on the joint side, N² J_m, kg·m².
 
     Raises JointIdError when shapes disagree, or a ratio of motor turns over joint turns is 0.
     """

@@ -6,12 +6,12 @@ import datetime
 import math
 import re
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, TypeVar
 
 from jointid.errors import JointIdError
-from jointid.wording import listed, nearest, shown
+from jointid.wording import nearest, shown
 
 T = TypeVar("T")
 
@@ -74,10 +74,8 @@ class CheckedTable:
         """Return a finite number."""
         return self._number(key, self._get(key, default))
 
-    def deviation(self, key: str, *, words: Collection[object] = ()) -> float:
-        """Return a relative standard deviation: zero, positive or infinite (``words``)."""
-        if key in self and self._values[key] in words:
-            return math.inf
+    def deviation(self, key: str) -> float:
+        """Return a relative standard deviation: zero, positive or infinite."""
         value = self._get(key)
         if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
             expected = "a relative standard deviation: 0.05 for 5 %, 0 for exact, inf for unknown values"
@@ -92,30 +90,25 @@ class CheckedTable:
             raise self._wrong_type(key, found, "a date without quotes")
         return value
 
-    def numbers(self, key: str, *, words: Collection[object] = ()) -> list[float]:
-        """Return a list of finite numbers; a single number counts as a list of one.
-
-        ``words`` are values in place of an infinite number.
-        """
+    def numbers(self, key: str) -> list[float]:
+        """Return a list of finite numbers; a single number counts as a list of one."""
         value = self._get(key)
-        items = value if isinstance(value, list) else [value]
-        return [math.inf if item in words else self._number(key, item) for item in items]
+        return [self._number(key, item) for item in (value if isinstance(value, list) else [value])]
 
     def texts(self, key: str) -> list[str]:
         """Return a list of strings."""
-        return self._list(key, str, "a list of texts")
+        value = self._typed(key, list, expected := "a list of texts")
+        if not all(isinstance(item, str) for item in value):
+            raise self._wrong_type(key, value, expected)
+        return value
 
-    def flags(self, key: str) -> list[bool]:
-        """Return a list of true or false."""
-        return self._list(key, bool, "a list of true or false")
-
-    def matrix(self, key: str, *, words: Collection[object] = ()) -> list[list[float]]:
+    def matrix(self, key: str) -> list[list[float]]:
         """Return rows of numbers as in ``numbers``, equally long; a single number is one row of one."""
         value = self._get(key)
         rows = value if isinstance(value, list) else [[value]]
         if not all(isinstance(row, list) and len(row) == len(rows[0]) for row in rows):
             raise self._wrong_type(key, value, "a list of equally long rows")
-        return [[math.inf if item in words else self._number(key, item) for item in row] for row in rows]
+        return [[self._number(key, item) for item in row] for row in rows]
 
     def table(self, key: str, examples: Mapping[str, str]) -> CheckedTable:
         """Return the table under ``key``."""
@@ -140,12 +133,6 @@ class CheckedTable:
     def _typed(self, key: str, kind: type[T], expected: str, default: object = None) -> T:
         value = self._get(key, default)
         if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-            raise self._wrong_type(key, value, expected)
-        return value
-
-    def _list(self, key: str, kind: type[T], expected: str) -> list[T]:
-        value = self._typed(key, list, expected)
-        if not all(isinstance(item, kind) for item in value):
             raise self._wrong_type(key, value, expected)
         return value
 
@@ -191,6 +178,11 @@ def parse_toml(file: str, data: bytes, examples: Mapping[str, str]) -> CheckedTa
 
     Raises JointIdError when it is not UTF-8 or not TOML, too large, or has an unknown key.
     """
+    return CheckedTable(file, toml_values(file, data), examples)
+
+
+def toml_values(file: str, data: bytes) -> dict[str, Any]:
+    """Return the values of a TOML file; errors as in ``parse_toml``, without unknown keys."""
     if len(data) > MAX_TOML_BYTES:
         raise JointIdError(
             f"{file} has {len(data)} bytes, more than the limit of {MAX_TOML_BYTES}: "
@@ -210,14 +202,13 @@ def parse_toml(file: str, data: bytes, examples: Mapping[str, str]) -> CheckedTa
     if match := _LONG_DOTTED_KEY.search(text):
         line = text.count("\n", 0, match.start()) + 1
         raise JointIdError(
-            f"{file}, line {line}: a key of more than 32 dotted parts. {listed(examples)} are known.",
+            f"{file}, line {line}: a key of more than 32 dotted parts.",
             file=file,
             line=line,
         )
     try:
-        values = tomllib.loads(text)
+        return tomllib.loads(text)
     except RecursionError:
         raise JointIdError(f"{file}: brackets are nested too deeply.", file=file) from None
     except ValueError as error:
         raise JointIdError(f"{file} is not valid TOML: {error!s:.200}.", file=file) from error
-    return CheckedTable(file, values, examples)

@@ -37,6 +37,8 @@ mean square of the error's sum over them, relative to a constant error: 1/72 in 
 _TURNS = 1.2020569 / np.pi**4
 """Variance of a harmonic of a rounded sine of any offset, times its amplitude, in steps: ζ(3)/π⁴, from
 the Fourier series of rounding, a sine's Bessel functions and their mean squares for large arguments."""
+_ALIKE = 0.15
+"""Difference of two sines' amplitudes and means, in steps, below which both are rounded alike."""
 _LEAST_STEP = 1e-150
 """Smallest step whose square does not underflow."""
 
@@ -83,6 +85,27 @@ def step_variance(record: SineRecord, fit: SineFit) -> Floats:
                 left = 2 * np.cos(2 * np.pi * place) ** 2 * turns - variance[0, :, channel]
                 variance[1, :, channel] = np.maximum(left, 0.0)
     return variance
+
+
+def sharing(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> Floats:
+    """Count the records that share the rounding error of each signal, shape (r, 2n).
+
+    Sines of equal amplitude about an equal mean, in steps, are rounded alike at every frequency: the
+    errors of such records do not average.
+    """
+    shared = np.ones((len(records), fits[0].offset.size))
+    for channel in range(shared.shape[1]):
+        signals = (np.column_stack([r.theta_rad, r.tau_Nm])[r.start :][:_EXAMINED] for r in records)
+        steps = np.array([quantum(signal[:, channel]) for signal in signals])
+        moved = np.array([abs(fit.harmonics[0, channel]) for fit in fits])
+        stepped = np.flatnonzero((steps > _LEAST_STEP) & (moved > steps))
+        size = moved[stepped] / steps[stepped]
+        mean = np.array([fit.offset[channel] for fit in fits])[stepped] / steps[stepped]
+        apart = np.subtract.outer(mean, mean)
+        alike = np.abs(np.subtract.outer(size, size)) < _ALIKE
+        alike &= np.abs(apart - np.round(apart)) < _ALIKE
+        shared[stepped, channel] = alike.sum(axis=1)
+    return shared
 
 
 def hidden_variance(records: Sequence[SineRecord]) -> Floats:

@@ -24,8 +24,8 @@ from jointid.figures.response_curves import (
     phases_deg,
     single_record_curves,
 )
+from jointid.figures.springs import drawn_records
 from jointid.figures.style import LIGHT
-from jointid.figures.torsion import drawn_records
 from jointid.reporting.drawing import Drawing, Line, Marks, Symbol, Text
 from jointid.wording import minus
 
@@ -231,30 +231,25 @@ def _plot(
     """Points with error bars from y + ``below`` to y + ``above``, or lines, within the axes."""
     inside = np.isfinite(y) & (y >= frame.y[0]) & (y <= frame.y[1])
     inside &= (x >= frame.x[0]) & (x <= frame.x[1])
-    colour = getattr(LIGHT, curve.source)
     if not curve.symbol:
-        return [
-            Line(frame.place(x[a:b], y[a:b]), colour, 1.2, _dash(curve))
-            for a, b in true_runs(inside)
-            if b - a > 1
-        ]
+        runs = (slice(a, b) for a, b in true_runs(inside) if b - a > 1)
+        return [_drawn(curve, frame.place(x[run], y[run])) for run in runs]
     shapes: list[Line | Marks | Text] = []
     if below is not None and above is not None:
         for k in np.flatnonzero(inside):
             ends = np.clip([y[k] + below[k], y[k] + above[k]], *frame.y)
             at = frame.place(np.full(2, x[k]), ends)
             if abs(at[1, 1] - at[0, 1]) > 2.6:  # the mark hides shorter ones
-                shapes.append(Line(at, colour, 0.7))
-    return [*shapes, _marks(frame.place(x[inside], y[inside]), curve)]
+                shapes.append(Line(at, getattr(LIGHT, curve.source), 0.7))
+    return [*shapes, _drawn(curve, frame.place(x[inside], y[inside]))]
 
 
-def _marks(points: Floats, curve: Curve) -> Marks:
-    symbol, size = _MARKS.get(curve.symbol, _MARKS["circle"])
-    return Marks(points, getattr(LIGHT, curve.source), symbol, size)
-
-
-def _dash(curve: Curve) -> tuple[float, ...]:
-    return (4, 2) if curve.source == "nominal" else ()
+def _drawn(curve: Curve, points: Floats, width: float = 1.2) -> Marks | Line:
+    """A curve's points by its symbol, or its line."""
+    colour = getattr(LIGHT, curve.source)
+    if not curve.symbol:
+        return Line(points, colour, width, (4, 2) if curve.source == "nominal" else ())
+    return Marks(points, colour, *_MARKS.get(curve.symbol, _MARKS["circle"]))
 
 
 def _legend(
@@ -267,11 +262,8 @@ def _legend(
         needed = 16 + 3.5 * len(curve.name)
         if at > left and at + needed > right:
             at, down = left, down + 10
-        if curve.symbol:
-            shapes.append(_marks(np.array([[at + 8, down]]), curve))
-        else:
-            key = np.array([[at, down], [at + 13, down]])
-            shapes.append(Line(key, getattr(LIGHT, curve.source), 1.4, _dash(curve)))
+        key = [[at + 8, down]] if curve.symbol else [[at, down], [at + 13, down]]
+        shapes.append(_drawn(curve, np.array(key), 1.4))
         shapes.append(Text(at + 16, down + 2.4, curve.name, 7))
         at += needed + 7
     return shapes, down + 9

@@ -41,32 +41,21 @@ def _block(block: Block) -> str:
 
 
 def _table(table: Table) -> str:
-    if table.kind == "facts":
-        rows = "".join(
-            f'<tr><th scope="row" class="l">{_clean(name)}</th><td>{_clean(value)}</td></tr>\n'
-            for name, value in table.rows
-        )
-        return _captioned(f'<table class="names"><tbody>\n{rows}</tbody></table>', table)
-    css = [' class="l"' if side == "l" else "" for side in table.sides]
-    answer = table.kind == "answer"
-    head = "".join(
-        f'<th scope="col"{c}>{_clean(h)}</th>' for h, c in zip(table.header, css, strict=True)
-    )
-    body = []
-    for row in table.rows:
-        first = f'<th scope="row" class="l">{_clean(row[0])}</th>'
-        labels = [f' data-label="{_clean(h)}"' if answer else "" for h in table.header[1:]]
-        cells = zip(row[1:], css[1:], labels, strict=True)
-        rest = (f"<td{c}{label}>{_clean(v)}</td>" for v, c, label in cells)
-        body.append(f"<tr>{first}{''.join(rest)}</tr>\n")
-    kind = ' class="answer"' if answer else ""
-    return _captioned(
-        f"<table{kind}><thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(body)}</tbody></table>", table
-    )
-
-
-def _captioned(markup: str, table: Table) -> str:
     """A table that scrolls horizontally where it is too wide, with a fixed caption."""
+    css = [' class="l"' if side == "l" else "" for side in table.sides]
+    columns = zip(table.header, css, strict=bool(table.header))
+    head = "".join(f'<th scope="col"{c}>{_clean(h)}</th>' for h, c in columns)
+    labels = [""] * len(css)
+    if table.kind == "answer":
+        labels = [f' data-label="{_clean(h)}"' for h in table.header]
+    body = ""
+    for row in table.rows:
+        cells = zip(row[1:], css[1:], labels[1:], strict=True)
+        rest = "".join(f"<td{c}{label}>{_clean(v)}</td>" for v, c, label in cells)
+        body += f'<tr><th scope="row" class="l">{_clean(row[0])}</th>{rest}</tr>\n'
+    head = f"<thead><tr>{head}</tr></thead>\n" if head else ""
+    kind = {"answer": ' class="answer"', "facts": ' class="names"'}.get(table.kind, "")
+    markup = f"<table{kind}>{head}<tbody>\n{body}</tbody></table>"
     name = _clean((table.caption or " ".join(table.header) or "Facts").partition(". ")[0])
     caption = f"<figcaption>{_clean(table.caption)}</figcaption>" if table.caption else ""
     return (

@@ -1,21 +1,27 @@
 """A report as PDF on A4 with embedded typeface; equal reports give equal bytes."""
 
 from collections.abc import Callable
+from functools import cache
+from html import escape
+from importlib.resources import files
 from io import BytesIO
 from typing import Any
 
 from reportlab.lib.pagesizes import A4
-from reportlab.pdfbase.pdfmetrics import stringWidth
-from reportlab.platypus import CondPageBreak, KeepTogether, SimpleDocTemplate
+from reportlab.lib.styles import ParagraphStyle
+from reportlab.pdfbase.pdfmetrics import registerFont, registerFontFamily, stringWidth
+from reportlab.pdfbase.ttfonts import TTFont
+from reportlab.platypus import CondPageBreak, Flowable, KeepTogether, SimpleDocTemplate
 from reportlab.platypus import Paragraph as Set
 from reportlab.platypus import Table as Grid
 
-from jointid.reporting.blocks import Figure, Paragraph, Report, Table, Verdict
+from jointid.reporting.blocks import Block, Figure, Paragraph, Report, Table, Verdict
+from jointid.reporting.drawing import Drawing, Line, Marks
 from jointid.reporting.html import LEVELS
-from jointid.reporting.pdf_figure import Piece
-from jointid.reporting.pdf_type import BOLD, QUIET, REGULAR, RULE, clean, page_styles, printable
 from jointid.verdict.findings import Finding
 
+REGULAR, BOLD = "jointid", "jointid-bold"
+QUIET, RULE = "#565B63", "#C9CDD2"
 _MARGIN = 56.7
 """20 mm in points."""
 _HEADING_NEEDS = 140.0
@@ -23,6 +29,8 @@ _HEADING_NEEDS = 140.0
 _TOGETHER = 4
 """Fewest rows of a table on either side of a page break."""
 _LEVEL_COLOURS = {"problem": "#B3261E", "warning": "#B26A00", "good": "#1B7F4D", "note": "#767676"}
+_GAP = 5.0
+"""Between drawings and caption, points."""
 
 
 def to_pdf(report: Report, *, progress: Callable[[float], object] | None = None) -> bytes:
@@ -35,7 +43,7 @@ def to_pdf(report: Report, *, progress: Callable[[float], object] | None = None)
         canvas.saveState()
         canvas.setFont(REGULAR, 7.5)
         canvas.setFillColor(QUIET)
-        canvas.drawString(_MARGIN, 32, printable(report.footer))
+        canvas.drawString(_MARGIN, 32, _printable(report.footer))
         canvas.drawRightString(A4[0] - _MARGIN, 32, f"page {document.page}")
         canvas.restoreState()
 
@@ -47,7 +55,7 @@ def to_pdf(report: Report, *, progress: Callable[[float], object] | None = None)
         rightMargin=_MARGIN - 6,
         topMargin=50,
         bottomMargin=50,
-        title=printable(report.title),
+        title=_printable(report.title),
         author="",
         subject="Identification of joint elasticity",
         creator="jointid",
@@ -67,24 +75,21 @@ def to_pdf(report: Report, *, progress: Callable[[float], object] | None = None)
 
 def _story(report: Report, width: float) -> list[Any]:
     """The flowables of the report, in order."""
-    styles = page_styles()
+    styles = _page_styles()
     story = [_set(report.title, styles["title"]), _set(report.facts, styles["facts"])]
     for section in report.sections:
         heading = [CondPageBreak(_HEADING_NEEDS), _set(section.title, styles["heading"])]
         for block in section.blocks:
-            if isinstance(block, Figure):
-                pieces, together = [Piece(block, styles["caption"])], False
-            else:
-                pieces, together = _block(block, styles, width)
+            pieces, together = _block(block, styles, width)
             story += [KeepTogether([*heading, *pieces])] if together else [*heading, *pieces]
             heading = []
     return story
 
 
-def _block(
-    block: Paragraph | Table | Verdict, styles: dict[str, Any], width: float
-) -> tuple[list[Any], bool]:
+def _block(block: Block, styles: dict[str, Any], width: float) -> tuple[list[Any], bool]:
     """Flowables of a block, and whether they stay on one page."""
+    if isinstance(block, Figure):
+        return [_Piece(block, styles["caption"])], False
     if isinstance(block, Paragraph):
         return [_set(block.text, styles[block.kind])], False
     if isinstance(block, Table):
@@ -95,19 +100,15 @@ def _block(
 
 def _table(table: Table, styles: dict[str, Any], width: float) -> Any:
     """A table with the caption as its last row, which keeps it with the others over a page break."""
-
     answer = table.kind == "answer"
     size = "answer" if answer else "cell"
     sides = ["left" if side == "l" else "right" for side in table.sides]
     rows = []
-    if table.header:
-        bold = [styles[f"{size}-{side}-bold"] for side in sides]
-        rows.append([_set(text, style) for text, style in zip(table.header, bold, strict=True)])
-    usual = [
-        styles[f"{size}-{side}" + ("-bold" if answer and k == 1 else "")] for k, side in enumerate(sides)
-    ]
-    for row in table.rows:
-        rows.append([_set(text, style) for text, style in zip(row, usual, strict=True)])
+    for number, row in enumerate((table.header, *table.rows)):
+        bold = [number == 0 or (answer and column == 1) for column in range(len(row))]
+        cells = zip(row, sides[: len(row)], bold, strict=True)
+        rows += [[_set(text, styles[f"{size}-{side}" + "-bold" * b]) for text, side, b in cells]]
+    rows = rows if table.header else rows[1:]
     if table.caption:
         rows.append([_set(table.caption, styles["caption"]), *[""] * (len(sides) - 1)])
     grid = Grid(
@@ -140,12 +141,11 @@ def _table(table: Table, styles: dict[str, Any], width: float) -> Any:
 
 def _columns(table: Table, width: float, size: float) -> list[float]:
     """Column widths: the longest text each; the first column fills the page."""
-
     if table.kind == "facts":
         return [110.0, width - 110.0]
     rows = [*([table.header] if table.header else []), *table.rows]
     columns = range(len(rows[0]))
-    widths = [max(stringWidth(printable(row[k]), BOLD, size) for row in rows) + 14 for k in columns]
+    widths = [max(stringWidth(_printable(row[k]), BOLD, size) for row in rows) + 14 for k in columns]
     first = width - sum(widths[1:])
     if first < min(widths[0], 0.3 * width):
         return _shared(width, widths)
@@ -165,12 +165,11 @@ def _shared(width: float, wanted: list[float]) -> list[float]:
 
 def _set(text: str, style: Any) -> Any:
     """A paragraph or cell of plain text."""
-    return Set(clean(text), style)
+    return Set(_clean(text), style)
 
 
 def _finding(finding: Finding, styles: dict[str, Any], width: float) -> Any:
-
-    text = f"<b>{LEVELS[finding.level]}: {clean(finding.title)}.</b> {clean(finding.detail)}"
+    text = f"<b>{LEVELS[finding.level]}: {_clean(finding.title)}.</b> {_clean(finding.detail)}"
     parts = [Set(text, styles["plain"])]
     if finding.remedy:
         parts.append(_set(finding.remedy, styles["quiet"]))
@@ -185,3 +184,120 @@ def _finding(finding: Finding, styles: dict[str, Any], width: float) -> Any:
         ]
     )
     return box
+
+
+class _Piece(Flowable):  # type: ignore[misc]
+    """Drawings side by side above their caption.
+
+    They shrink to fit the rest of a page, down to their smallest legible height; below it they move to
+    the next page.
+    """
+
+    def __init__(self, figure: Figure, style: Any) -> None:
+        super().__init__()
+        self.spaceBefore, self.spaceAfter = 6, 10
+        self._caption = _set(figure.caption, style)
+        self._full = self._drawings = figure.drawings
+
+    def wrap(self, width: float, height: float) -> tuple[float, float]:
+        """Choose the height of the drawings for the room that is left; return the size."""
+        _, below = self._caption.wrap(width, height)
+        room = (height - below - _GAP) / max(drawing.height for drawing in self._full)
+        least = max(drawing.least for drawing in self._full)
+        given = min(1.0, room) if room >= least else 1.0
+        self._drawings = tuple(drawing.lowered(given) for drawing in self._full)
+        self.width = width
+        self.height = max(drawing.height for drawing in self._drawings) + _GAP + below
+        return self.width, self.height
+
+    def draw(self) -> None:
+        """Paint drawings and caption."""
+        used = sum(drawing.width for drawing in self._drawings)
+        gap = (self.width - used) / max(1, len(self._drawings) - 1)
+        at = 0.0
+        for drawing in self._drawings:
+            self.canv.saveState()
+            self.canv.translate(at, self.height - drawing.height)
+            _paint(drawing, self.canv)
+            self.canv.restoreState()
+            at += drawing.width + gap
+        self._caption.drawOn(self.canv, 0, 0)
+
+
+def _paint(drawing: Drawing, canvas: Any) -> None:
+    """Paint a drawing, whose y points downwards, on a page, where it points upwards."""
+    top = drawing.height
+    for shape in drawing.shapes:
+        canvas.saveState()
+        if isinstance(shape, Line):
+            canvas.setStrokeColor(shape.colour, alpha=shape.opacity)
+            canvas.setLineWidth(shape.width)
+            canvas.setLineJoin(1)
+            canvas.setDash(*([list(shape.dash)] if shape.dash else []))
+            path = canvas.beginPath()
+            for k, (x, y) in enumerate(shape.points.tolist()):
+                (path.lineTo if k else path.moveTo)(round(x, 2), round(top - y, 2))
+            canvas.drawPath(path)
+        elif isinstance(shape, Marks):
+            canvas.setStrokeColor(shape.colour)
+            canvas.setFillColor(shape.colour)
+            canvas.setLineWidth(0.8)
+            r, filled = shape.size / 2, shape.symbol == "circle"
+            for x, y in shape.points.tolist():
+                if shape.symbol == "square":
+                    canvas.rect(x - r, top - y - r, 2 * r, 2 * r)
+                else:
+                    canvas.circle(x, top - y, r, stroke=not filled, fill=filled)
+        else:
+            canvas.setFillColor(shape.colour)
+            canvas.setFont(BOLD if shape.bold else REGULAR, shape.size)
+            canvas.translate(shape.x, top - shape.y)
+            if shape.turned:
+                canvas.rotate(90)
+            place = {"start": canvas.drawString, "middle": canvas.drawCentredString}
+            place.get(shape.anchor, canvas.drawRightString)(0, 0, _printable(shape.text))
+        canvas.restoreState()
+
+
+@cache
+def _register_fonts() -> None:
+    """Register the typeface with reportlab."""
+    for name, file in ((REGULAR, "Roboto-Regular.ttf"), (BOLD, "Roboto-Bold.ttf")):
+        data = files("font_roboto").joinpath("files", file).read_bytes()
+        registerFont(TTFont(name, BytesIO(data)))
+    registerFontFamily(REGULAR, normal=REGULAR, bold=BOLD, italic=REGULAR, boldItalic=BOLD)
+
+
+def _page_styles() -> dict[str, Any]:
+    """Return the styles of paragraphs and cells by name."""
+    _register_fonts()
+
+    def style(name: str, size: float, **more: Any) -> Any:
+        values = {"fontName": REGULAR, "fontSize": size, "leading": 1.38 * size, "textColor": "#1F2329"}
+        return ParagraphStyle(name, **values | more)
+
+    made = {
+        "title": style("title", 21, fontName=BOLD, leading=25),
+        "facts": style("facts", 9.5, textColor=QUIET, spaceAfter=4),
+        "heading": style("heading", 13, fontName=BOLD, spaceBefore=12, spaceAfter=4),
+        "plain": style("plain", 9.5, spaceAfter=5),
+        "lead": style("lead", 14, leading=18.5, spaceAfter=6),
+        "quiet": style("quiet", 8.5, textColor=QUIET, spaceAfter=5),
+        "caption": style("caption", 8, textColor=QUIET),
+    }
+    for size, points in (("cell", 8.0), ("answer", 9.5)):
+        for side, alignment in (("left", 0), ("right", 2)):
+            for weight, font in (("", REGULAR), ("-bold", BOLD)):
+                name = f"{size}-{side}{weight}"
+                made[name] = style(name, points, alignment=alignment, fontName=font)
+    return made
+
+
+def _clean(text: str) -> str:
+    """Return text for a reportlab paragraph, its markup escaped."""
+    return escape(_printable(text), quote=False)
+
+
+def _printable(text: str) -> str:
+    """Return text with a blank for each unprintable character."""
+    return "".join(c if c.isprintable() else " " for c in text)

@@ -27,22 +27,16 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     delays = sorted({record.torque_delay_s for record in study.records})
     hold = "held to the next sample" if True in holds else "momentary"
     hold = hold if len(holds) == 1 else "differs by record"
+    harmonics = [("Harmonics fitted", str(analysis.phasors.harmonics.shape[1]))]
     facts = [
         ("Software", f"jointid {__version__}"),
         ("Paper", "Identification of Joint Elasticity of Industrial Robots"),
         ("Study digest", f"{study_digest(study)}, a checksum of data and settings"),
         ("Estimator", f"{fit.method}: {METHODS[fit.method]}"),
         ("Fitted", _model(analysis)),
-        (
-            "Residual / noise",
-            f"{significant(float(np.sqrt(fit.misfit)), 3)}; 1 is ideal",
-        ),
+        ("Residual / noise", f"{significant(float(np.sqrt(fit.misfit)), 3)}; 1 is ideal"),
         ("Torque samples", f"{hold}, stated delay {', '.join(plain(1e3 * d) for d in delays)} ms"),
-        *(
-            [("Harmonics fitted", str(analysis.phasors.harmonics.shape[1]))]
-            if study.sine_records
-            else []
-        ),
+        *(harmonics if study.sine_records else []),
     ]
     yield Table((), tuple(facts), kind="facts")
     if len(fit.candidates) > 1:
@@ -104,12 +98,13 @@ def record_rows(study: Study) -> Table:
             plain(round(1 / record.interval_s, 2)),
         )
         alike.setdefault(row, []).append(record.label or f"record {number}")
-    columns = [0, *([] if all(r.pose is None for r in study.records) else [1]), 2, 3, 4, 5]
     header = ("records", "pose", "frequency (Hz)", "periods", "used (s)", "samples per s")
     table = [header, *(("; ".join(labels), *row) for row, labels in alike.items())]
-    shown = [tuple(row[k] for k in columns) for row in table[: _MAX_ROWS + 1]]
-    more = len(table) - len(shown)
-    return Table(shown[0], tuple(shown[1:]), f"And {more} more rows, see the study." if more else "")
+    if all(record.pose is None for record in study.records):
+        table = [(row[0], *row[2:]) for row in table]
+    more = len(table) - 1 - _MAX_ROWS
+    rows = tuple(table[1 : _MAX_ROWS + 1])
+    return Table(table[0], rows, f"And {more} more rows, see the study." if more > 0 else "")
 
 
 def _excitation(record: SineRecord | MotionRecord) -> tuple[str, str]:

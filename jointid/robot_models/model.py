@@ -75,8 +75,8 @@ class RobotModel(RobotDescription):
         except (OSError, ValueError, TypeError) as error:
             fault = getattr(error, "strerror", None) or error
             raise JointIdError(
-                f"{path!s:.200} cannot be read: {fault!s:.200}. Give a robot's file: .urdf, .xml (MJCF) or "
-                ".toml (Denavit-Hartenberg)."
+                f"{path!s:.200} cannot be read: {fault!s:.200}. Give a robot's file: .urdf, .xml "
+                "(MJCF) or .toml (Denavit-Hartenberg)."
             ) from error
         return cls.parse(file.name, data, gear_ratio=gear_ratio, rotor_inertia=rotor_inertia)
 

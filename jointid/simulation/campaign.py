@@ -39,28 +39,15 @@ def simulate_campaign(
 ) -> Campaign:
     """Simulate the records of a study, with the errors that given inertias have.
 
-    Parameters
-    ----------
-    inertia, elasticity
-        The robot.
-    experiment : array_like, shape (f,), or Motion
-        Frequencies of the sines, Hz, or another motion.
-    inertia_error : float
-        Share by which the given inertias differ from the robot's, see ``wrongly_given``.
-    added : array_like, shape (n, n), optional
-        Addition to M2 by a payload, kg·m²: all experiments are made a second time with it, as records of
-        the pose "loaded", and it is given exactly.
-    seed : int
-        Seed of the noise and of the signs of ``inertia_error``.
-    progress : callable, optional
-        Called with the fraction done, up to 1.0.
-    **settings
-        Further settings of ``simulate_records`` or ``simulate_motion``.
+    ``experiment`` holds the frequencies of the sines, shape (f,), Hz, or is another motion;
+    ``inertia_error`` is the share by which the given inertias differ from the robot's, see
+    ``wrongly_given``. With ``added``, the addition of a payload to M2, shape (n, n), kg·m², all
+    experiments are made a second time with it, as records of the pose "loaded", and it is given exactly.
+    ``seed`` is that of the noise and of the signs of ``inertia_error``; ``progress`` is called with the
+    fraction done, up to 1.0; ``settings`` are further ones of ``simulate_records`` or
+    ``simulate_motion``.
 
-    Raises
-    ------
-    JointIdError
-        When the settings do not fit the robot.
+    Raises JointIdError when the settings do not fit the robot.
     """
     seed = whole_number("seed", seed, 0)
     given = wrongly_given(inertia, inertia_error, seed)
@@ -72,11 +59,10 @@ def simulate_campaign(
             if progress is not None:
                 progress((before + done) / len(robots))
 
-        settings |= {"pose": pose, "seed": seed if pose is None else _other(seed), "progress": report}
-        if isinstance(experiment, Motion):
-            records += simulate_motion(robot, elasticity, experiment, **settings)
-        else:
-            records += simulate_records(robot, elasticity, experiment, **settings)
+        own = seed if pose is None else int(np.random.SeedSequence(seed).generate_state(1)[0])
+        settings |= {"pose": pose, "seed": own, "progress": report}
+        simulate: Any = simulate_motion if isinstance(experiment, Motion) else simulate_records
+        records += simulate(robot, elasticity, experiment, **settings)
     poses = {} if added is None else {LOADED: given.with_added(added)}
     return Campaign(tuple(records), given, poses)
 
@@ -85,12 +71,8 @@ def wrongly_given(inertia: Inertia, error: float, seed: int = 0) -> Inertia:
     """Return the inertia with every rotor and arm inertia off by a share, up or down at random.
 
     A coupling inertia is off by the geometric mean of the factors of its two joints, so that M2 stays
-    positive definite; ``inertia.added`` stays exact.
-
-    Raises
-    ------
-    JointIdError
-        When the share is not in 0 to 1.
+    positive definite; ``inertia.added`` stays exact. Raises JointIdError when the share is not in 0 to
+    below 1.
     """
     if not 0 <= error < 1:
         raise JointIdError(f"inertia_error = {error!r:.40}: expected a share from 0 to below 1.")
@@ -98,8 +80,3 @@ def wrongly_given(inertia: Inertia, error: float, seed: int = 0) -> Inertia:
     factor = 1 + error * signs
     rest = (inertia.M2 - inertia.added) * np.sqrt(np.outer(factor[1], factor[1]))
     return replace(inertia, M=inertia.M * factor[0], M2=rest + inertia.added)
-
-
-def _other(seed: int) -> int:
-    """Seed of the second set of records."""
-    return int(np.random.SeedSequence(seed).generate_state(1)[0])

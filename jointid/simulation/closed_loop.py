@@ -5,6 +5,7 @@ the linear dynamics advance exactly, by a matrix exponential. All records advanc
 """
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,9 +82,8 @@ def simulate_records(
     friction, measurement = friction or MotorFriction(), measurement or Measurement()
     frequencies = _frequencies(frequencies_hz, controller.sample_rate_hz)
     seed = whole_number("seed", seed, 0)
-    laws = None
-    if gears is not None and any(gear.laws != ("linear",) for gear in gears_with(elasticity.K, gears)):
-        laws = GearLaws.of(gears_with(elasticity.K, gears))
+    curved = () if gears is None else gears_with(elasticity.K, gears)
+    laws = GearLaws.of(curved) if any(gear.laws != ("linear",) for gear in curved) else None
     robot = Robot(inertia, elasticity, controller, friction, laws)
     weights = excitation.weights(robot.n)
     A = excitation.amplitudes(2 * np.pi * frequencies, robot.n)[:, None, :] * weights
@@ -107,10 +107,8 @@ def simulate_records(
             time_s=time[:length],
             theta_rad=theta[before : before + length, :, r],
             tau_Nm=tau[before : before + length, :, r],
-            torque_hold=declare_timing,
-            torque_delay_s=controller.torque_delay_s if declare_timing else 0.0,
-            pose=pose,
             label=f"{reference.omega[r] / (2 * np.pi):.2f} Hz, record {r % len(weights) + 1}",
+            **_stated(controller, pose, declare_timing),
         )
         for r, length in enumerate(samples)
     )
@@ -169,13 +167,17 @@ def simulate_motion(
             time_s=time,
             theta_rad=theta[before:, :, r],
             tau_Nm=tau[before:, :, r],
-            torque_hold=declare_timing,
-            torque_delay_s=controller.torque_delay_s if declare_timing else 0.0,
-            pose=pose,
             label=f"{motion.kind} {r + 1}",
+            **_stated(controller, pose, declare_timing),
         )
         for r in range(records)
     )
+
+
+def _stated(controller: Controller, pose: str | None, declare_timing: bool) -> dict[str, Any]:
+    """Pose and timing that a record states."""
+    delay = controller.torque_delay_s if declare_timing else 0.0
+    return {"torque_hold": declare_timing, "torque_delay_s": delay, "pose": pose}
 
 
 def _frequencies(values: ArrayLike, sample_rate_hz: float) -> Floats:

@@ -22,6 +22,7 @@ class Controller:
     With the reference r, the encoder position y and the control interval T, sample k commands
     τ = kp (r − y) + kv (Δr − Δy)/T + (M + M2) r̈, where Δ is the difference to the last sample.
     The defaults kp = J ω², kv = 2ζ J ω are those of the rigid joint, J = J_m + J_a and ω = 2π bandwidth.
+    Raises JointIdError when a value is out of range.
 
     Parameters
     ----------
@@ -38,11 +39,6 @@ class Controller:
     torque_delay_s : float
         Delay from a sample to the action of the torque computed from it, s. Need not be a whole number
         of samples.
-
-    Raises
-    ------
-    JointIdError
-        When a value is out of range.
     """
 
     bandwidth_hz: PerJoint = 10.0
@@ -73,6 +69,7 @@ class Excitation:
 
     The reference of joint j in record r is Im(A_fj W_rj e^{iωt}) + v_j t, with t = 0 at the first
     logged sample. The amplitude A = min(velocity/ω, acceleration/ω²) bounds speed and rigid-body torque.
+    Raises JointIdError when a value is out of range, or the pattern is unknown.
 
     Parameters
     ----------
@@ -83,8 +80,6 @@ class Excitation:
         R; by default n, or the rows of ``pattern``.
     velocity_rad_s, acceleration_rad_s2 : float or (n,)
         Largest velocity and acceleration amplitude of the reference, motor side.
-    position_rad : float, (f,) or (f, n), optional
-        Position amplitude at each frequency, in place of the two limits, rad.
     constant_velocity_rad_s : float or (n,)
         Superposed constant velocity v, rad/s. A joint with a constant velocity must not reverse.
     duration_s : float
@@ -95,18 +90,12 @@ class Excitation:
         Time before the log begins, s. The run starts in the steady state of the robot without Coulomb
         friction. By default long enough for the slowest mode of the closed loop to decay to 1e-5, and
         zero without Coulomb friction.
-
-    Raises
-    ------
-    JointIdError
-        When a value is out of range, or the pattern is unknown.
     """
 
     pattern: str | ArrayLike = "orthogonal"
     records_per_frequency: int | None = None
     velocity_rad_s: PerJoint = 10.0
     acceleration_rad_s2: PerJoint = 300.0
-    position_rad: ArrayLike | None = None
     constant_velocity_rad_s: PerJoint = 0.0
     duration_s: float = 4.0
     periods: float | None = None
@@ -147,31 +136,17 @@ class Excitation:
 
     def amplitudes(self, omega: Floats, n: int) -> Floats:
         """Position amplitudes A of the joints' sines, shape (f, n), rad."""
-        if self.position_rad is None:
-            velocity = per_joint("velocity_rad_s", self.velocity_rad_s, n)
-            acceleration = per_joint("acceleration_rad_s2", self.acceleration_rad_s2, n)
-            return np.minimum(velocity / omega[:, None], acceleration / omega[:, None] ** 2)
-        name = "position_rad (amplitude, rad)"
-        try:
-            given = np.atleast_1d(np.asarray(self.position_rad, dtype=np.float64))
-        except (TypeError, ValueError) as error:
-            raise JointIdError(f"{name}: expected numbers, got {self.position_rad!r:.80}.") from error
-        given = finite_array(name, given, ndim=min(given.ndim, 2))
-        table = given[:, None] if given.ndim == 1 else given
-        if table.shape[0] not in (1, omega.size) or table.shape[1] not in (1, n) or np.any(table <= 0):
-            raise JointIdError(
-                f"{name}: expected positive values, one for each of the {omega.size} frequencies, or "
-                f"one row per frequency and one column per joint ({n}); "
-                f"got shape {given.shape} and smallest value {table.min(initial=np.inf):g} rad."
-            )
-        return np.array(np.broadcast_to(table, (omega.size, n)))
+        velocity = per_joint("velocity_rad_s", self.velocity_rad_s, n)
+        acceleration = per_joint("acceleration_rad_s2", self.acceleration_rad_s2, n)
+        return np.minimum(velocity / omega[:, None], acceleration / omega[:, None] ** 2)
 
 
 @dataclass(frozen=True, eq=False)
 class MotorFriction:
     """Friction at each motor, τ_friction = F_c sign(θ̇) + F_v θ̇.
 
-    A motor at rest stays there until the other torques on it exceed F_c.
+    A motor at rest stays there until the other torques on it exceed F_c. Raises JointIdError when a
+    value is negative or the step is not positive.
 
     Parameters
     ----------
@@ -182,11 +157,6 @@ class MotorFriction:
     step_s : float
         Longest step with Coulomb friction, s. A reversal is located within its step, so that the error
         is of second order: about 1e-4 of the friction phasor up to 30 Hz with the default.
-
-    Raises
-    ------
-    JointIdError
-        When a value is negative or the step is not positive.
     """
 
     coulomb: PerJoint = 0.0
@@ -203,10 +173,12 @@ class MotorFriction:
 class Measurement:
     """Sensors of position and torque; the controller uses the logged position.
 
+    Raises JointIdError when a value is out of range.
+
     Parameters
     ----------
     encoder_counts : int, optional
-        Encoder counts per motor revolution; None is an ideal encoder.
+        Encoder counts per motor turn; None is an ideal encoder.
     position_noise_rad : float or (n,)
         Standard deviation of white noise on the position, ahead of the encoder's rounding, rad.
     torque_noise_Nm : float or (n,)
@@ -214,11 +186,6 @@ class Measurement:
     torque_gain : float or (n,)
         Logged torque over the motor's: 1.05 when the controller's torque constant is 5 % too large.
         The noise is added afterwards.
-
-    Raises
-    ------
-    JointIdError
-        When a value is out of range.
     """
 
     encoder_counts: int | None = None
@@ -227,7 +194,7 @@ class Measurement:
     torque_gain: PerJoint = 1.0
 
     def __post_init__(self) -> None:
-        checked_setting(self, "encoder_counts", "per revolution", positive=True, single=True)
+        checked_setting(self, "encoder_counts", "per turn", positive=True, single=True)
         checked_setting(self, "position_noise_rad", "rad")
         checked_setting(self, "torque_noise_Nm", "N·m")
         checked_setting(self, "torque_gain", "", positive=True)
@@ -262,12 +229,12 @@ def checked_setting(
 def _weights_table(value: ArrayLike) -> Complexes:
     try:
         table = np.array(value, dtype=np.complex128)
-    except (TypeError, ValueError) as error:
-        raise JointIdError(f"pattern: expected complex weights, got {value!r:.80}.") from error
+    except (TypeError, ValueError):
+        table = np.empty(0, dtype=np.complex128)
     if table.ndim != 2 or table.size == 0 or not np.isfinite(table).all():
         raise JointIdError(
             "pattern: expected finite complex weights, one row per record and one column per joint; "
-            f"got shape {table.shape}."
+            f"got {value!r:.80}."
         )
     if not table.any(axis=1).all():
         row = int(np.argmin(table.any(axis=1))) + 1

@@ -30,6 +30,8 @@ _PEAK_VELOCITY, _PEAK_ACCELERATION = 1.875, 10 / np.sqrt(3)
 class Motion:
     """Reference motion of the joints within limits of position, velocity and acceleration.
 
+    Raises JointIdError when a value is out of range or the kind is unknown.
+
     Parameters
     ----------
     kind : {"sweep", "multisine", "random", "moves"}
@@ -45,11 +47,6 @@ class Motion:
     odd : bool
         Multisine: excite odd multiples of the line spacing only, three of every four. Lines without
         excitation then show nonlinear distortion, even and odd.
-
-    Raises
-    ------
-    JointIdError
-        When a value is out of range or the kind is unknown.
     """
 
     kind: str = "sweep"
@@ -83,6 +80,11 @@ class Motion:
         position, velocity, acceleration = (per_joint(k, getattr(self, k), n) for k in _LIMITS)
         return position, velocity, acceleration
 
+    def amplitude(self, omega: Floats, n: int) -> Floats:
+        """Largest position amplitude of n joints at frequencies, rad/s, within the limits, (n, k)."""
+        position, velocity, acceleration = (limit[:, None] for limit in self.limits(n))
+        return np.minimum(np.minimum(position, velocity / omega), acceleration / omega**2)
+
 
 _LIMITS = {"position_rad": "rad", "velocity_rad_s": "rad/s", "acceleration_rad_s2": "rad/s²"}
 
@@ -107,12 +109,7 @@ def sampled(
     """Return the references of n joints in R different records.
 
     The joints start from rest ``before`` samples ahead of the log; a sweep, multisine or random motion
-    is in full swing when the log begins.
-
-    Raises
-    ------
-    JointIdError
-        When the band reaches half the sample rate.
+    is in full swing when the log begins. Raises JointIdError when the band reaches half the sample rate.
     """
     if motion.to_hz * interval_s >= 0.5:
         raise JointIdError(
@@ -137,15 +134,12 @@ def _sweep(motion: Motion, n: int, record: int, time: Floats, source: np.random.
     ratio = np.log(motion.to_hz / motion.from_hz)
     span = time[-1] - time[0]  # from before the log, so that nothing jumps where it begins
     share = (time - time[0]) / span
-    position, velocity, acceleration = motion.limits(n)
     table = np.empty((time.size, n))
     for j in range(n):
         up = (record + j) % 2 == 0
         start, rate = (motion.from_hz, ratio) if up else (motion.to_hz, -ratio)
-        frequency = start * np.exp(rate * share)
         cycles = start * span / rate * np.expm1(rate * share)
-        omega = 2 * np.pi * frequency
-        amplitude = np.minimum(np.minimum(position[j], velocity[j] / omega), acceleration[j] / omega**2)
+        amplitude = motion.amplitude(2 * np.pi * (start * np.exp(rate * share)), n)[j]
         table[:, j] = amplitude * np.sin(2 * np.pi * (cycles + source.uniform()))
     return table
 
@@ -163,9 +157,7 @@ def _lines(motion: Motion, n: int, record: int, time: Floats, source: np.random.
     size = 1 << int(np.ceil(np.log2(max(4 * order[-1], period / (time[1] - time[0])))))
     grid = np.arange(size + 1) * period / size
     table = np.empty((time.size, n))
-    position, velocity, acceleration = motion.limits(n)
-    for j in range(n):
-        amplitude = np.minimum(np.minimum(position[j], velocity[j] / omega), acceleration[j] / omega**2)
+    for j, amplitude in enumerate(motion.amplitude(omega, n)):
         phase = np.exp(2j * np.pi * source.uniform(size=order.size))
         if not repeats:
             phase = source.standard_normal((order.size, 2)) @ np.array([1.0, 1.0j])
@@ -185,12 +177,8 @@ def _moves(motion: Motion, n: int, time: Floats, source: np.random.Generator) ->
     while now < time[-1]:
         there = position * source.uniform(-1, 1, n)
         distance = np.abs(there - here)
-        lasts = np.max(
-            np.maximum(
-                _PEAK_VELOCITY * distance / velocity,
-                np.sqrt(_PEAK_ACCELERATION * distance / acceleration),
-            )
-        )
+        slowest = np.sqrt(_PEAK_ACCELERATION * distance / acceleration)
+        lasts = np.maximum(_PEAK_VELOCITY * distance / velocity, slowest).max()
         part = slice(int(np.searchsorted(time, now)), None)
         table[part] = here + _step((time[part, None] - now) / lasts) * (there - here)
         here, now = there, now + lasts + source.uniform(0.1, 0.4)

@@ -51,14 +51,8 @@ def step_with_friction(Z: Floats, step: Step, coulomb: Floats) -> None:
 
     The friction torque of the step is its time average: its full value against the motion of a sliding
     motor; the holding torque of a sticking one, up to the full value; for a motor that reverses, the
-    full value in one direction up to the instant of rest and in the other after it.
-
-    Parameters
-    ----------
-    Z : ndarray, shape (5n, R) or (6n, R)
-    step : Step
-    coulomb : ndarray, shape (n, 1)
-        F_c, N·m.
+    full value in one direction up to the instant of rest and in the other after it. Z has shape (5n, R),
+    or (6n, R) with gears; ``coulomb`` is F_c, shape (n, 1), N·m.
     """
     n = len(coulomb)
     EG, resistance = step.EG, step.resistance

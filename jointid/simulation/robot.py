@@ -13,7 +13,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats, per_joint
 from jointid.errors import JointIdError
 from jointid.gears.laws import GearLaws
-from jointid.joints import Elasticity, Inertia
+from jointid.joints import Elasticity, Inertia, require_same_joints
 from jointid.simulation.experiment import Controller, Measurement, MotorFriction
 from jointid.simulation.motion import SampledReference
 from jointid.simulation.motor_dynamics import (
@@ -23,7 +23,6 @@ from jointid.simulation.motor_dynamics import (
     plant,
     step_with_friction,
 )
-from jointid.wording import counted
 
 _CHUNKS = 64
 """Calls of a progress function per run."""
@@ -55,11 +54,7 @@ class Robot:
         friction: MotorFriction,
         gears: GearLaws | None = None,
     ) -> None:
-        if inertia.n != elasticity.n:
-            raise JointIdError(
-                f"The inertia has {counted(inertia.n, 'joint')}, the elasticity {elasticity.n}: "
-                "they must agree."
-            )
+        require_same_joints(inertia, elasticity)
         n = self.n = inertia.n
         self.T = 1 / controller.sample_rate_hz
         self.inertia, self.elasticity = inertia, elasticity
@@ -199,7 +194,15 @@ class Robot:
         w -= omega**2 * (self.feedforward @ A)
         loop = z[:, None, None] * np.eye(len(self.closed)) - self.closed
         S = np.linalg.solve(loop, (self.drive @ w).T[:, :, None])[:, :, 0].T
-        _require_one_direction(velocity, np.abs(omega * S[:n]))
+        amplitude = np.abs(omega * S[:n]).max(axis=1)
+        reverses = (velocity != 0) & (np.abs(velocity) <= amplitude)
+        if reverses.any():
+            j = int(np.argmax(reverses))
+            raise JointIdError(
+                f"constant_velocity_rad_s of joint {j + 1} is {velocity[j]:g} rad/s, but its sine "
+                f"reaches {amplitude[j]:.3g} rad/s: the joint would reverse. Superpose more, or move "
+                "less."
+            )
         if velocity.any() and self.inertia.gravity.any():
             raise JointIdError(
                 "constant_velocity_rad_s is not 0 and gravity acts: the pose changes. Leave one out."
@@ -232,13 +235,3 @@ def _gains(controller: Controller, inertia: Inertia) -> tuple[Floats, Floats]:
 def _noise(source: np.random.Generator, std: Floats, shape: tuple[int, ...]) -> Floats:
     """White noise of each joint's standard deviation, (N, n, R)."""
     return std[:, None] * source.standard_normal(shape) if std.any() else np.zeros(shape)
-
-
-def _require_one_direction(velocity: Floats, amplitude: Floats) -> None:
-    reverses = (velocity != 0) & (np.abs(velocity) <= amplitude.max(axis=1))
-    if reverses.any():
-        j = int(np.argmax(reverses))
-        raise JointIdError(
-            f"constant_velocity_rad_s of joint {j + 1} is {velocity[j]:g} rad/s, but its sine reaches "
-            f"{amplitude[j].max():.3g} rad/s: the joint would reverse. Superpose more, or move less."
-        )

@@ -192,7 +192,7 @@ class HarmonicContent:
 
 
 def harmonic_content(phasors: Phasors) -> HarmonicContent:
-    """Distortion of angle and torque of every joint; odd for friction, even for asymmetric load or play.
+    """Distortion of angle and torque; odd for friction, even for asymmetric load or backlash.
 
     Raises
     ------
@@ -236,7 +236,7 @@ def amplitude_dependence(fit: ElasticityFit) -> AmplitudeDependence:
     equations, n = fit.equations, fit.n
     K = equations.stiffness.real
     deflection = np.abs(equations.deflection)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
         variance = 0.5 * (fit.residual_noise / deflection) ** 2
     ends = np.full((n, 2), np.nan)
     change, error = np.zeros(n), np.full(n, np.inf)
@@ -244,7 +244,7 @@ def amplitude_dependence(fit: ElasticityFit) -> AmplitudeDependence:
     for j in range(n):
         numerator, information, squares, degrees_of_freedom, used = 0.0, 0.0, 0.0, -1, []
         for group in groups:
-            rows = group[deflection[group, j] > 0]
+            rows = group[np.isfinite(variance[group, j])]
             if rows.size < 2 or np.ptp(np.log(deflection[rows, j])) < np.log(_DEFLECTION_RATIO):
                 continue
             x, w = np.log(deflection[rows, j]), 1 / np.maximum(variance[rows, j], 1e-300)

@@ -19,7 +19,7 @@ from jointid.verdict.causes import (
     Cause,
     known_cause,
 )
-from jointid.verdict.evidence import Action, Change, Finding, number, problem
+from jointid.verdict.evidence import Action, Change, Finding, number, problem, times_noise
 from jointid.verdict.scorer import Hypothesis
 from jointid.wording import capitalised, enumerated, listed
 
@@ -186,11 +186,8 @@ def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
 
 def _proof(before: float, after: float) -> str:
     """Effect of the correction on the residual, and a hint at a second fault."""
-    left = f"{number(np.sqrt(after), 2)} × noise"
-    logged = "no fit with positive stiffness"
-    if np.isfinite(before):
-        logged = f"{number(np.sqrt(before), 2)} × noise"
-    proof = f"Residual as logged: {logged}; corrected: {left} (1 is ideal)."
+    logged = times_noise(before) if np.isfinite(before) else "no fit with positive stiffness"
+    proof = f"Residual as logged: {logged}; corrected: {times_noise(after)} (1 is ideal)."
     if after <= GOOD:
         return proof
     return (

@@ -18,7 +18,13 @@ Action = Literal["", "edit columns", "edit mapping", "edit runs", "edit inertias
 """Part of the import that a remedy edits; the app maps it to a page."""
 
 
+Code = Literal["", "model limits"]
+"""Identity of a finding that other parts ask for."""
 ChangeKind = Literal["start", "frequency", "leave out", "delay", "hold", "scale", "order", "inertias"]
+
+
+_MOST_TIMES = 1000.0
+"""Multiple of the noise beyond which the number says nothing: the records hardly have noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +47,8 @@ class Finding:
     """One statement of the verdict on the data or the answer, with its figures and a remedy."""
 
     level: str
-    """"problem" (the answer is unusable), "warning" (the error bars are too small), "good" (no action
-    needed; states what limits the accuracy) or "note" (the answer accounts for it)."""
+    """"problem" (the answer is unusable), "warning" (a doubt that the error bars may not include),
+    "good" (no action needed; states what limits the accuracy) or "note" (the answer accounts for it)."""
     title: str
     """The finding as a short sentence."""
     detail: str
@@ -56,6 +62,7 @@ class Finding:
     """Part of the import that the remedy edits; empty if it edits the study's files only, or nothing."""
     changes: tuple[Change, ...] = field(default=(), compare=False)
     """Changes of the study that may remedy it, the most likely first."""
+    code: Code = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +125,12 @@ def note(
 def good(title: str, detail: str) -> Finding:
     """Return the finding that no action is needed."""
     return Finding("good", title, detail, "", 5.0)
+
+
+def times_noise(misfit: float) -> str:
+    """Format a misfit, a ratio of variances, as a multiple of the noise."""
+    ratio = np.sqrt(misfit)
+    return f"over {_MOST_TIMES:.0f} × noise" if ratio > _MOST_TIMES else f"{number(ratio, 2)} × noise"
 
 
 def percent(share: float) -> str:

@@ -12,7 +12,7 @@ from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.uncertainty.prior_rows import disagreements
 from jointid.verdict.causes import GOOD
-from jointid.verdict.evidence import Evidence, Finding, good, number, percent, relative
+from jointid.verdict.evidence import Evidence, Finding, good, percent, relative, times_noise
 from jointid.verdict.rules_causes import (
     against_the_paper,
     depends_on_amplitude,
@@ -156,6 +156,6 @@ def all_well(fit: ElasticityFit) -> Finding:
     parts = " with " + enumerated(beyond) if beyond else ""
     return good(
         "The model explains the data",
-        f"Residual of the model{parts}: {number(np.sqrt(fit.misfit), 2)} × noise. "
+        f"Residual of the model{parts}: {times_noise(fit.misfit)}. "
         f"One standard error from noise, inertias and choice of the model: {errors}.",
     )

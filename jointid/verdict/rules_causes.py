@@ -21,7 +21,7 @@ from jointid.verdict.evidence import (
     relative,
     warning,
 )
-from jointid.wording import significant, with_error
+from jointid.wording import enumerated, significant, with_error
 
 CLEAR = 4.0
 """Standard errors that are not by chance."""
@@ -45,7 +45,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     worst = int(np.argmax(np.where(clear, share, 0.0)))
     high = "high" if other[worst] > p[worst] else "low"
     if fit.friction is not None:
-        coulomb = ", ".join(number(c, 2) for c in fit.friction.coulomb)
+        coulomb = enumerated([number(c, 2) for c in fit.friction.coulomb])
         title, cause = "Friction matters", f"Coulomb friction is {coulomb} N·m; the fit includes it. "
         if (lag := lag_size(evidence)) is not None:
             verb = "lags" if fit.delay is not None and fit.delay > 0 else "leads"
@@ -221,8 +221,9 @@ def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
         more = found.change[j] > 0
         yield warning(
             f"The stiffness of joint {j + 1} {'rises' if more else 'falls'} with the deflection",
-            f"By {percent(found.change[j])} ± {percent(found.standard_error[j])} from {number(low, 2)} "
-            f"to {number(high, 2)} rad of deflection, seen at frequencies with several amplitudes.",
+            f"It changes by {percent(found.change[j])} ± {percent(found.standard_error[j])} from a "
+            f"deflection of {number(low, 2)} rad to {number(high, 2)} rad, at frequencies with several "
+            "amplitudes.",
             "The gear hardens, or friction is not fully modelled. Measure at the amplitude of the "
             "application.",
             float(abs(found.change[j])),

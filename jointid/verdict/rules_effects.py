@@ -42,11 +42,11 @@ _REMEDIES = {
     "gravity": ("Gravity acts as a {restoring|destabilising} spring on the arm", ""),
     "cubic": (
         "A gear {hardens|softens}",
-        "K holds for small deflections. Measure at the amplitude that the work needs.",
+        "K holds for small deflections. Measure at the amplitude of the application.",
     ),
     "piecewise": (
         "A gear has three slopes",
-        "K holds for small deflections. Measure at the amplitude that the work needs.",
+        "K holds for small deflections. Measure at the amplitude of the application.",
     ),
     "backlash": ("A gear has backlash", "K holds outside the backlash. Check the gear's preload."),
     "hysteresis": ("A gear has hysteresis", "K excludes the hysteresis."),

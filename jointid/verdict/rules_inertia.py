@@ -1,8 +1,9 @@
-"""Rules of the verdict on the given inertias: wrong, or of other joints."""
+"""Rules of the verdict on the given inertias and torque scales: wrong, or of other joints."""
 
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.special import chdtrc
 
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
@@ -23,12 +24,13 @@ from jointid.verdict.evidence import (
     problem,
     relative,
     some,
+    times_noise,
     warning,
 )
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.wrong_data import axis_hypotheses, low_frequency_inertia
-from jointid.wording import plain, significant, with_error
+from jointid.wording import capitalised, plain, significant, with_error
 
 _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
@@ -37,6 +39,8 @@ _ABSURD = 10.0
 _LOWER, _NEARER = 0.7, 0.5
 """Misfit of a linear fit, and difference from the given inertias in standard deviations, over those as
 logged, from which axes look exchanged or reversed."""
+_OFF, _TOGETHER = 3.5, 5e-4
+"""Difference from a given value, in standard deviations, that is not by chance, and its probability."""
 _LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 
@@ -69,7 +73,7 @@ def axes_exchanged(evidence: Evidence) -> Iterator[Finding]:
     if np.any(other.estimate <= 0) or other.misfit > _EXPLAINED or after > most:
         return
     texts = [
-        f"{number(np.sqrt(each.misfit), 2)} × noise"
+        times_noise(each.misfit)
         + f" and inertias up to {number(off, 2)} standard deviations from the given ones" * (before > 0)
         for each, off in ((fit, before), (other, after))
     ]
@@ -78,14 +82,21 @@ def axes_exchanged(evidence: Evidence) -> Iterator[Finding]:
 
 
 def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
-    """Difference of the inertias of a fit that explains the data from the given ones."""
+    """Difference of the inertias and torque scales of a fit that explains the data from the given ones.
+
+    One may be far off, or several together: inertias and torques share a wrong scale.
+    """
     fit = evidence.fit
     exact = own is not fit
-    rows = [(_significance(row, exact), row) for row in prior_rows(own, evidence.poses) if row.unit]
-    off = sorted((pair for pair in rows if pair[0] > CLEAR), key=lambda pair: -pair[0])
+    uncertain = [row for row in prior_rows(own, evidence.poses) if row.unit or not exact]
+    rows = sorted(((_significance(row, exact), row) for row in uncertain), key=lambda pair: -pair[0])
+    sizes = np.array([size for size, _ in rows if size > 0])
+    together = not exact and chdtrc(sizes.size, sizes @ sizes) < _TOGETHER
+    off = [pair for k, pair in enumerate(rows) if pair[0] > _OFF or (together and k == 0)]
     if not off:
         return
     row = off[0][1]
+    unit = f" {row.unit}".rstrip()
     given = plain(row.given) + ("" if exact else f" ± {significant(row.given_std, 2)}")
     others = f" Also wrong: {some([other.name for _, other in off[1:]])}." if off[1:] else ""
     change = relative(own.estimate - fit.estimate, fit.estimate)
@@ -93,8 +104,8 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     accounts = "K and D come from the fitted inertias."
     if exact:
         accounts = (
-            f"Refitting the inertias cuts the residual from {number(np.sqrt(fit.misfit), 2)} to "
-            f"{number(np.sqrt(own.misfit), 2)} × noise, and "
+            f"Refitting the inertias cuts the residual from {times_noise(fit.misfit)} to "
+            f"{times_noise(own.misfit)}, and "
             f"{elasticity_labels(fit.n)[k]} changes by {percent(change[k])}."
         )
     absurd = not exact and off[0][0] > _ABSURD
@@ -104,23 +115,23 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
             " So large an error indicates a wrong unit, a wrong torque constant or another robot."
         )
     yield (problem if absurd else warning)(
-        "The inertias look wrong",
-        f"{row.name} was entered as {given} kg·m²; the records indicate "
-        f"{with_error(row.fitted, row.fitted_std)} kg·m².{others} {accounts}",
+        "The inertias look wrong" if row.unit else "The torque scales or inertias look wrong",
+        f"{capitalised(row.name)} was entered as {given}{unit}; the records indicate "
+        f"{with_error(row.fitted, row.fitted_std)}{unit}.{others} {accounts}",
         "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
         "of the torque constant scales all inertias alike.",
         float(change.max()) if exact else 0.05,
         "edit inertias",
-        *([] if absurd else [Change("inertias", (), (_LOOSE,) * exact, own_inertias)]),
+        *([] if absurd or not row.unit else [Change("inertias", (), (_LOOSE,) * exact, own_inertias)]),
     )
 
 
 def judged(evidence: Evidence) -> ElasticityFit | None:
-    """The fit with inertias of its own, if it explains the data; exact ones that do stay as given."""
+    """The fit with inertias or torque scales of its own, if it explains the data; exact ones stay."""
     own, inertias = evidence.fit, list(evidence.inertias)
     if "M2" not in own.parameters.layout:
         if own.misfit <= _EXPLAINED:
-            return None
+            return own if "torque_scale" in own.parameters.layout else None
         try:
             if evidence.phasors.motion.any():
                 own = identify_motion(evidence.records, inertias, inertia_std=_LOOSE)
@@ -160,7 +171,7 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
             yield problem(
                 f"A spring or gravity acts on joint {falling[0] + 1} at low frequency{where}",
                 "At the lowest frequencies its torque opposes the acceleration, unlike that of an "
-                f"inertia. The residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
+                f"inertia. The residual is {times_noise(fit.misfit)}.",
                 "Check the sign of the torque. If it is right, measure at higher frequencies, or in a "
                 "pose without gravity torque and without the pull of springs and hoses.",
                 1.0,
@@ -172,7 +183,7 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
                 f"The inertias look wrong{where}",
                 "At low frequency, where the springs have no effect, torque over acceleration gives "
                 f"about {element} = {number((measured[i, j] + measured[j, i]) / 2, 2)} kg·m² (entered: "
-                f"{number(given[i, j])}). The residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
+                f"{number(given[i, j])}). The residual is {times_noise(fit.misfit)}.",
                 "Check M and M2 for another pose or drive, a missing payload or wrong gear ratios.",
                 float(off[i, j]),
                 "edit inertias",

@@ -1,15 +1,17 @@
 """Rules of the verdict on the answer: whether it is physical, precise, and limited by noise."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import fdtrc
 
+from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.joints import locked_resonances, resonances
 from jointid.verdict.evidence import (
-    Action,
+    Change,
     Evidence,
     Finding,
     note,
@@ -18,6 +20,7 @@ from jointid.verdict.evidence import (
     problem,
     relative,
     some,
+    times_noise,
     warning,
 )
 from jointid.verdict.rules_causes import distortion, half_a_sample, hold_change
@@ -28,6 +31,12 @@ EXPLAINED = 3.0
 MODEL_LIMITS = "The model, not the noise, limits the answer"
 _CHANCE = 3e-4
 """Probability that noise alone leaves as much at the fundamentals."""
+_MUCH, _CONTRADICTED = 0.02, 20.0
+"""Residual over the torque, and this times the misfit, from which an answer is not usable."""
+_NEGLIGIBLE_K, _NEGLIGIBLE_D = 1e-4, 1e-3
+"""Relative changes of K and D that no use of them notices."""
+_ODD = 5.0
+"""Misfit of one record over that of every other from which it is named."""
 _LOWEST = 0.1
 """Lowest suggested frequency over the lowest of the records."""
 _GAP = 1.4
@@ -94,38 +103,89 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     beyond = freedom > 0 and fdtrc(freedom, noise_freedom, misfit) < _CHANCE
     if fit.misfit <= EXPLAINED and not beyond:
         return
-    action: Action = ""
-    remedy = "Check the usual causes: friction, a torque delay, torque constants, inertias."
-    if fit.method in LINEAR or fit.friction is None:
-        odd = distortion(evidence)
-        if odd > 1e-3:
-            remedy = f"The torque has odd harmonics of {percent(odd)}, a sign of friction. " + (
-                "Use the estimator auto (automatic)."
-                if fit.method in LINEAR
-                else "Check the inertias too."
-            )
+    share_left, is_negligible = _left_of_torque(fit)
+    left = f"The residual is {times_noise(fit.misfit)}"
+    if freedom > 0:
+        left += f", at the frequencies of the motion {times_noise(max(misfit, 1.0))},"
+    left += f" and {percent(share_left)} of the torque"
+    if is_negligible:
+        yield note(
+            "The residual is above the noise, but negligible",
+            f"{left}: too little to move K or D noticeably.",
+            "",
+            share_left,
+        )
+        return
+    if fit.inflation > 1:
+        widened = times_noise(fit.inflation).removesuffix(" × noise")
+        left += f". The noise part of the error bars is widened by a factor of {widened}"
+    odd_record, changes = _odd_record(evidence)
+    contradicts = share_left > _MUCH and max(fit.misfit, misfit) * share_left > _CONTRADICTED
+    make = problem if contradicts and fit.method not in LINEAR else warning
+    finding = make(
+        "The model does not explain the data" if make is problem else MODEL_LIMITS,
+        f"{left}.{odd_record}",
+        _usual_cause(evidence, odd_record),
+        float(relative(fit.standard_error, fit.estimate).max()),
+        "edit mapping" if half_a_sample(evidence) else "edit runs" if changes else "",
+        *hold_change(evidence),
+        *changes,
+    )
+    yield replace(finding, code="model limits")
+
+
+def _usual_cause(evidence: Evidence, odd_record: str) -> str:
+    """Remedy for a residual above the noise."""
+    fit = evidence.fit
     if mended := half_a_sample(evidence):
-        remedy, action = mended, "edit mapping"
-    elif fit.friction is not None:
-        remedy = (
+        return mended
+    if odd_record:
+        return (
+            "Check the columns, the load and the sample rate of this record, or leave it out. Without "
+            "an anti-alias filter, a slow record holds an aliased torque."
+        )
+    if fit.friction is not None:
+        return (
             "The fit already includes friction. Check the inertias, the torque constants and external "
             "disturbances."
         )
-    share = relative(fit.standard_error, fit.estimate).max()
-    left = f"The residual is {number(np.sqrt(fit.misfit), 2)} × noise"
-    if freedom > 0:
-        left += f", at the frequencies of the motion {number(np.sqrt(max(misfit, 1.0)), 2)} × noise"
-    widened = number(np.sqrt(fit.inflation), 2)
-    if fit.inflation > 1:
-        left += f". The noise part of the error bars is widened by a factor of {widened}"
-    yield warning(
-        MODEL_LIMITS,
-        f"{left}.",
-        remedy,
-        float(share),
-        action,
-        *hold_change(evidence),
+    odd = distortion(evidence)
+    if odd > 1e-3:
+        return f"The torque has odd harmonics of {percent(odd)}, a sign of friction. " + (
+            "Use the estimator auto." if fit.method in LINEAR else "Check the inertias too."
+        )
+    return "Check the usual causes: friction, a torque delay, torque constants, inertias."
+
+
+def _left_of_torque(fit: ElasticityFit) -> tuple[float, bool]:
+    """Residual over the torque of the worst joint, and whether it is too small to move K or D.
+
+    It moves K by about its share, and D by its share over the loss angle D ω/K.
+    """
+    torque = np.linalg.norm(fit.equations.spring_torque, axis=0)
+    share = relative(np.linalg.norm(fit.residual, axis=0), torque)
+    loss = np.abs(fit.D / fit.K) * fit.equations.omega.max()
+    known = relative(fit.noise_error, fit.estimate).max() < _FINE
+    bound = np.minimum(_NEGLIGIBLE_K, _NEGLIGIBLE_D * loss)
+    return float(share.max()), bool(known and np.all(share < bound))
+
+
+def _odd_record(evidence: Evidence) -> tuple[str, list[Change]]:
+    """Sentence on the record with most of the residual, if the others have little; its removal."""
+    fit = evidence.fit
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = np.nan_to_num(np.abs(fit.residual / fit.residual_noise) ** 2, posinf=0.0).mean(axis=1)
+    labels, of_row = np.unique(fit.phasors.labels, return_inverse=True)
+    each = np.bincount(of_row, squares) / np.bincount(of_row)
+    *others, worst = np.argsort(each).tolist()
+    if not others or each[worst] < _ODD * max(1.0, each[others[-1]]) or each[others[-1]] > EXPLAINED:
+        return "", []
+    text = (
+        f" Most of it is in {labels[worst]}: {times_noise(each[worst])}; in the others "
+        f"up to {times_noise(each[others[-1]])}."
     )
+    has_motions = len(evidence.sines) < len(evidence.records)
+    return text, [] if has_motions else [Change("leave out", (int(np.argmax(of_row == worst)),))]
 
 
 def hardly_tested(evidence: Evidence) -> Iterator[Finding]:

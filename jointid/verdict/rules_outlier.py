@@ -15,7 +15,7 @@ from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
 from jointid.phasors.extract import Phasors
 from jointid.verdict.causes import DEGREES, GOOD
-from jointid.verdict.evidence import Change, Evidence, Finding, number, problem
+from jointid.verdict.evidence import Change, Evidence, Finding, number, problem, times_noise
 from jointid.verdict.scorer import Scorer
 
 _LEFT = 0.02
@@ -67,11 +67,11 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
     before = (
         "the fit has no positive stiffness"
         if np.isinf(found.misfit_with)
-        else f"the residual is {number(np.sqrt(found.misfit_with), 2)} × noise"
+        else f"the residual is {times_noise(found.misfit_with)}"
     )
     detail = (
         f"With it, {before}; without it, the residual of the other {evidence.phasors.omega.size - 1} is "
-        f"{number(np.sqrt(found.misfit_without), 2)} × noise. Alone, it gives "
+        f"{times_noise(found.misfit_without)}. Alone, it gives "
         f"{number(float(found.stiffness[k]), 2)} times the dynamic stiffness of joint {k + 1} from the "
         "others. "
     )
@@ -163,8 +163,8 @@ def _factor(
     predicted = Z @ q
     if np.linalg.norm(predicted) > 0:
         whole = np.vdot(predicted, tau) / np.vdot(predicted, predicted)
-        rest = np.linalg.norm(tau - whole * predicted) / np.linalg.norm(tau)
-        if rest < _TOLERANCE and _is_real(np.array([whole])):
+        rest = np.linalg.norm(tau - whole * predicted)
+        if rest < _TOLERANCE * np.linalg.norm(tau) and _is_real(np.array([whole])):
             value = _snapped(float(whole.real))
             return np.full(q.size, value), _usual_on_angle(value)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -189,7 +189,8 @@ def _refined(hypothesis: Hypothesis, scorer: Scorer) -> Hypothesis:
     def cost(x: Floats) -> float:
         if np.any(np.abs(x) > _FARTHEST):
             return 1e3
-        return float(np.clip(np.log(scorer.scores([scaled(x)]).cost[0]), -700, 1e3))
+        least, most = 1e-300, 1e300
+        return float(np.log(np.clip(scorer.scores([scaled(x)]).cost[0], least, most)))
 
     # Beside the valley of the right ratios lie others, where springs are negative.
     axis = np.linspace(-_GRID, _GRID, _GRID_POINTS) if free.size < 3 else np.zeros(1)

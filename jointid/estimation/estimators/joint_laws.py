@@ -42,7 +42,7 @@ _STEP = 1e-3
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
 _WIDER = 2.0
-"""Frequency over the resonance, up to which hysteresis in motions follows from the torque."""
+"""Frequency over the resonance, up to which deflection in motions follows from the torque."""
 _SIGNIFICANT = 3.5
 """Standard errors from which a joint has a law that is fitted to all joints."""
 _GEAR_FIELDS = {
@@ -156,29 +156,28 @@ class JointLaws:
     def wound(
         self, torque: Complexes, moved: Complexes, stiffness: Complexes, p: Parameters
     ) -> WoundGears | None:
-        """Deflection of nonlinear gears; None of linear ones.
+        """Deflection of nonlinear gears, None of linear ones, from signals of shape (r, H, n).
 
-        Parameters
-        ----------
-        torque, moved, stiffness : ndarray, shape (r, H, n)
-            Torque through the gears, their deflection by the motions of motor and arm, and their linear
-            dynamic stiffness.
+        ``moved`` is the deflection by the motions of motor and arm, ``stiffness`` linear and dynamic.
         """
         if not any(name in p.layout for name in GEAR_LAWS):
             return None
         kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
+        given = self.further.swapaxes(1, 2)
+        free = 0 * given if given.size else self._beyond_measured(p)
+        laws = _laws(_values(p))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
-            start = (self.latest[-1].delta, self.latest[-1].latest_inverse) if self.latest else ()
-            given = self.further.swapaxes(1, 2)[..., : None if "hysteresis" in p.layout else 0]
-            free = 0 * given if given.size else self._beyond_measured(p)
-            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, *start, given=given)
-        self.latest[:] = [found] if np.isfinite(found.delta).all() else []
+            for start in (*self.latest, None):  # the start of other parameters may lead nowhere
+                found = WoundGears.solve(laws, kappa, f, d, self.low, free, start, given=given)
+                if np.isfinite(found.delta).all():
+                    self.latest[:] = [found]
+                    break
         return found
 
     def _beyond_measured(self, p: Parameters) -> Complexes:
         """Deflection over torque beyond K δ at as many harmonics again, shape (r, n, T).
 
-        The edges of a play reach further than the harmonics of the records. There the controller does
+        The edges of backlash reach further than the harmonics of the records. There the controller does
         nothing, and the gear moves motor and arm apart. Of motions it is measured, or T = 0.
         """
         H = self.s.shape[1]
@@ -340,8 +339,8 @@ def _values(p: Parameters) -> Floats:
 
 
 def _laws(values: Floats) -> GearLaws:
-    K, cubic, play, level, presliding, bend, knee, second, further = values[..., None]
-    return GearLaws.made(K, cubic, play, level, presliding, (knee, knee + further), (bend, second))
+    K, cubic, backlash, level, presliding, bend, knee, second, further = values[..., None]
+    return GearLaws.made(K, cubic, backlash, level, presliding, (knee, knee + further), (bend, second))
 
 
 def _sign(x: Floats) -> Floats:

@@ -246,7 +246,9 @@ def _prior_part(problem: Problem, p: Floats, covariance: Floats) -> Floats:
     """
     finite = np.isfinite(np.diag(covariance))
     C = np.where(np.outer(finite, finite), covariance, 0.0)
-    return np.asarray(C @ problem.pull(p)[1] @ C)
+    part = C @ problem.pull(p)[1] @ C
+    np.fill_diagonal(part, np.maximum(np.diag(part), 0.0))  # rounding
+    return np.asarray(part)
 
 
 def _require_separable(problem: Problem, normal: Floats) -> None:

@@ -25,6 +25,8 @@ _MOST_PRIOR, _LEAST_PRIOR = 1e3, 0.5
 """Range of the prior degrees of freedom; below it the records share no common noise."""
 _REWEIGHTED = 8
 """Iterations of the relative weights of the sensor variances."""
+_DIFFERS = 20.0
+"""Twice the logarithm of the likelihood ratio from which a record has a torque noise of its own."""
 _NEGLIGIBLE = 1e-40
 """Variance, over the largest, of a record without motion."""
 
@@ -106,12 +108,14 @@ def floored(covariance: Complexes, z: Complexes) -> Complexes:
     return np.asarray(covariance + np.diag((_FLOOR * largest) ** 2))
 
 
-def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes, angles: Floats) -> Floats:
-    """Variance of each sample of the torques of motions, shape (n,).
+def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes) -> dict[int, Floats]:
+    """Variance of each sample of the torques (n,) in every motion record, by its number.
 
     In a few neighbouring lines, a part of the residual that is linear in the angles, with smooth
     coefficients, is no noise but an error of the model; a smooth part is that of the ends. Noise is the
-    rest (local polynomial method; Pintelon and Schoukens, 2012, section 7.2).
+    rest (local polynomial method; Pintelon and Schoukens, 2012, section 7.2). All records share it,
+    unless the likelihood ratio shows that of a record to be its own: a slow one may hold an aliased
+    torque.
 
     Parameters
     ----------
@@ -119,21 +123,20 @@ def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes, angles: Floats
         Residual of a fitted model; NaN where free friction hides the noise.
     E : ndarray, shape (r, H, n, 2n)
         Its derivative by the signals.
-    angles : ndarray, shape (n,)
-        Variance of each sample of the angles, from beyond the band.
     """
     n = phasors.n
-    columns, gains, powers = 2 * n + 2, [], []
-    width = 3 * columns
-    for row in np.flatnonzero(phasors.motion).tolist():
-        segment = phasors.segments[row]
-        assert segment is not None
+    columns = 2 * n + 2
+    width, joints = 3 * columns, range(n)
+    powers, gains, others, records = [], [], [], []
+    for row, segment in enumerate(phasors.segments):
+        if segment is None:
+            continue
         first = segment.lowest - 1
         count = (segment.highest - first) // width
-        if count == 0:
-            continue
         used = slice(first, first + count * width)
         shape = count, width, -1
+        if count == 0:
+            continue
         q = phasors.harmonics[row, used, :n].reshape(shape)
         place = np.linspace(-1, 1, width)[:, None]
         smooth = np.concatenate([np.ones((width, 1)), place], axis=1)
@@ -143,17 +146,28 @@ def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes, angles: Floats
         r = left[row, used].reshape(shape)
         r = r - basis @ (basis.conj().swapaxes(1, 2) @ r)
         powers.append((np.abs(r) ** 2).sum(axis=1) / (width - columns) * segment.samples / 4)
-        gains.append((np.abs(E[row, used]) ** 2).reshape(count, width, n, 2 * n).mean(axis=1))
-    if not powers:
-        return np.zeros(n)
-    power, gain = np.concatenate(powers), np.concatenate(gains)
-    return np.array([_further_variance(power[:, j], gain[:, j], n + j, angles) for j in range(n)])
+        gain = (np.abs(E[row, used]) ** 2).reshape(count, width, n, 2 * n).mean(axis=1)
+        gains.append(gain[:, joints, range(n, 2 * n)])
+        others.append(gain[..., :n] @ segment.angle_variance)
+        records += [segment.record] * count
+    numbers = {segment.record for segment in phasors.segments if segment is not None}
+    found = {number: np.zeros(n) for number in numbers}
+    for j in joints if powers else ():
+        of_joint = np.stack([np.concatenate(each)[:, j] for each in (powers, gains, others)])
+        seen = np.isfinite(of_joint[0])
+        common = _further_variance(*of_joint[:, seen])
+        for number in numbers:
+            power, own, known = each = of_joint[:, seen & (np.array(records) == number)]
+            alone = _further_variance(*each)
+            share, better = (power / (known + variance * own) for variance in (common, alone))
+            gain = (share - better - np.log(share / better)).sum() if power.size else 0.0
+            differs = 2 * (width - columns) * gain > _DIFFERS
+            found[number][j] = alone if differs else common
+    return found
 
 
-def _further_variance(power: Floats, gain: Floats, channel: int, known: Floats) -> float:
-    """Variance of one channel where the others' are known, by maximum likelihood, from power (m,)."""
-    seen = np.isfinite(power)
-    power, own, others = power[seen], gain[seen, channel], gain[seen, : known.size] @ known
+def _further_variance(power: Floats, own: Floats, others: Floats) -> float:
+    """Variance with the gain ``own`` beside ``others``, by maximum likelihood, from power; each (m,)."""
     if not power.size:
         return 0.0
     low = 1e-6 * float(np.median(power / own))

@@ -15,6 +15,7 @@ from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import (
     ARM_EFFECTS,
     FILTERS,
+    GEAR_LAWS,
     LAWS,
     ParameterLayout,
     Parameters,
@@ -33,7 +34,7 @@ deflection or angle."""
 _SHARPEST, _SLOWEST = 1e-4, 2.0
 """Their range: beyond it a sharper hysteresis, or one that is a spring, looks the same."""
 _LARGEST = 4.0
-"""Upper bound on play and hysteresis over the largest linear deflection and torque."""
+"""Upper bound on backlash and hysteresis over the largest linear deflection and torque."""
 _FLATTEST = 0.1
 """Least slope of a piecewise linear gear, over K."""
 LOWEST_LINK = 4.0
@@ -239,10 +240,10 @@ def make_problem(
             angle = np.where(moves, motion[1] / (s * s)[..., None], angle)
             main = np.where(moves[..., 0], np.any(motion[1] != 0, axis=2), main)
         arm = inverse(prior.M2)[prior.pose]
-        turns = "hysteresis" in layout  # which small moves turn back
+        bends = any(name in layout for name in GEAR_LAWS)
         laws = JointLaws.of(
             s, angle, z[..., n:] - torque, variance, arm, prior.M[prior.rotor], main,
-            deflection_beyond(phasors, arm, stiffness) if turns else np.zeros((len(s), 0, n), complex),
+            deflection_beyond(phasors, arm, stiffness) if bends else np.zeros((len(s), 0, n), complex),
         )  # fmt: skip
     repeated = np.zeros((len(s), n))
     for row, segment in enumerate(phasors.segments):

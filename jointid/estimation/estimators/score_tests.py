@@ -59,6 +59,8 @@ def scores(
 ) -> dict[str, Score]:
     """Score of each further part, "friction", "delay" or a key of ``EFFECTS``, by one evaluation.
 
+    Of an estimate so far off that its derivatives overflow, there are none.
+
     Beside a delay or lags, filters act by the square of their time constant: their slope at zero is that
     of the delay. It is evaluated where the time constant is not zero, and the square extrapolates.
     """
@@ -70,7 +72,10 @@ def scores(
     p = problem.start(estimate.named, _FILTER)
     if any(name in fitted for name in GEAR_LAWS):
         problem = with_law_noise(problem, p)
-    _, gradient, normal = quadratic(problem, p, np.ones(problem.s.shape[1]))
+    with np.errstate(all="ignore"):
+        _, gradient, normal = quadratic(problem, p, np.ones(problem.s.shape[1]))
+    if not np.isfinite(normal).all():
+        return {}
     size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     normal, gradient = normal / np.outer(size, size), gradient / size
     base = np.concatenate([np.arange(layout.size)[layout[block.name]] for block in fitted.blocks])

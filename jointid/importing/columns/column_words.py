@@ -3,46 +3,44 @@
 import re
 import unicodedata
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 from jointid.importing.columns.log_table import LogColumn
 from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
 
-_LINES = {  # English, German, French, Italian, Spanish; without accents
-    "time": "time t zeit zeitstempel timestamp timestamps stamp clock temps tempo tiempo uhrzeit "
+_LINES = {  # English, German, French, Italian, Spanish and others; without accents
+    "time": "time t zeit zeitstempel timestamp timestamps stamp clock temps tempo tiempo tijd uhrzeit "
     "zeitpunkt abtastzeit sec secs nsec elapsed messzeit duration",
     "sample": "sample samples index idx nr no takt cycle zyklus step schritt ipoc counter zaehler",
     "position": "position positions pos angle angles ang theta th q phi winkel lage lagen ist istwert "
-    "istposition istwinkel istlage lageistwert motorwinkel gelenkwinkel achswinkel drehwinkel "
-    "encoder enc inc ink inkr inkremente increments drehgeber geber resolver axis achse joint "
-    "gelenk posizione angolo posicion angulo angulaire actpos poscurr axispos measured actual "
-    "act fbk fb feedback pulse pulses xist",
-    "torque": "torque torques trq tau tq mom mmt moment momente eff gelenkmoment lastmoment drehmoment "
-    "motormoment istmoment effort efforts couple coppia par moteur load last current curr cur strom "
-    "motorstrom iq isq i amp courant corrente corriente torcurr axistorque acttorque",
+    "lageistwert drehwinkel encoder enc inc ink inkr inkremente increments drehgeber geber resolver "
+    "axis achs achse joint gelenk posizione angolo posicion angulo angulaire hoek poscurr "
+    "measured actual act fbk fb feedback pulse pulses xist",
+    "torque": "torque torques trq tau tq mom mmt moment momente eff drehmoment "
+    "effort efforts couple coppia par koppel load last current curr cur strom stroom "
+    "iq isq i amp courant corrente corriente intensite torcurr",
     "velocity": "velocity velocities vel speed speeds dq qd qdot omega w drehzahl geschwindigkeit "
-    "geschw vitesse velocita velocidad rate rpm dot acceleration acc accel beschleunigung qdd ddq jerk "
-    "dtau dtheta",
-    "command": "command cmd commanded demand input set "
-    "soll sollwert sollposition sollmoment sollwinkel reference ref "
+    "geschw vitesse velocita velocidad velocidade snelheid rate rpm dot acceleration acc accel "
+    "beschleunigung qdd ddq jerk dtau dtheta",
+    "command": "command cmd commanded demand input set soll sollwert reference ref "
     "desired des target ziel setpoint setp consigne stell vorgabe planned nominal feedforward ff "
     "vorsteuerung d",
-    "no": "disturbance stoermoment droop "
+    "no": "disturbance stoermoment stormoment droop "
     "error err fehler deviation abweichung schleppfehler deflection limit limits min max offset "
     "temperature temp temperatur pressure druck status flag success id phase model",
-    "other": "voltage spannung volt power leistung state mode digital output force kraft "
+    "other": "voltage spannung tension volt power leistung state mode digital output force kraft "
     "busvoltage pwm ext external hat filtered estimate estimated",
-    "motor": "motor motorside mot mtr rotor antrieb antriebsseitig motorseitig motormoment motorwinkel "
-    "moteur motore drive",
+    "motor": "motor motorside mot mtr rotor antrieb antriebsseitig motorseitig moteur motore drive",
     "joint": "joint j link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
     "lastseitig",
     "behind": "joint link linkside jointside arm armside loadside output abtrieb abtriebsseitig gelenk "
-    "gelenkmoment gelenkwinkel lastseitig",
+    "lastseitig",
     "link": "link linkside arm armside load loadside lastseitig abtrieb abtriebsseitig secondary",
-    "any": "joint axis achse gelenk ist istwert act actual measured fbk fb feedback load last th",
+    "any": "joint axis achs achse gelenk ist istwert act actual measured fbk fb feedback load last th",
     "path": "axes drives value values main plc prg gvl robot channel state "
     "controller control encoder foc ictrl pctrl",
-    "current": "current curr cur strom motorstrom iq isq i amp courant corrente corriente",
+    "current": "current curr cur strom stroom iq isq i amp courant corrente corriente intensite",
 }
 WORDS = {kind: set(line.split()) for kind, line in _LINES.items()}
 _ALL_WORDS = set().union(*WORDS.values())
@@ -75,6 +73,27 @@ _PARAMETER = re.compile(
 """Numbers of parameters and signals, not of joints: "r61:", "S-0-0051", "1718 Motor position"."""
 _ALIASES = {"aipos": "axis actual pos", "aspos": "axis target pos", "macur": "motor current"}
 """Signals of KUKA's sensor interface."""
+
+
+_LETTERS = {"θ": "theta", "τ": "tau", "φ": "phi", "ϑ": "theta", "ß": "ss"}
+_SCRIPTS = {  # Japanese, Chinese, Korean, Russian
+    word: f" {meaning} "
+    for meaning, line in {
+        "time": "時間 時刻 时间 시간 время",
+        "angle": "角度 位置 각도 위치 угол положение",
+        "velocity": "速度 속도 скорость",
+        "torque": "トルク 力矩 扭矩 转矩 토크 момент",
+        "current": "電流 电流 전류 ток",
+        "command": "指令 目標 目标 设定 지령 задани",
+        "error": "偏差 誤差 误差 오차 ошибка",
+        "temperature": "温度 온도 температура",
+        "voltage": "電圧 电压 전압 напряжение",
+        "joint": "関節 关节 軸 轴 관절 ось",
+        "motor": "モータ 电机 모터 двигател",
+        "load": "負荷 负载 부하",
+    }.items()
+    for word in line.split()
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,11 +176,29 @@ def words_of(name: str) -> tuple[str, ...]:
     name = _PARAMETER.sub(" ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name))
     if drive_object(name):
         name = _OBJECT.sub(_object_words, name.lower())
-    plain = unicodedata.normalize("NFKD", re.sub(r"\b[iI]_?[qQ](?![a-z])", "iq", name))
-    plain = "".join(c for c in plain if not unicodedata.combining(c)).lower()
-    for letter, word in (("θ", "theta"), ("τ", "tau"), ("φ", "phi"), ("ϑ", "theta"), ("ß", "ss")):
-        plain = plain.replace(letter, word)
-    return tuple(word for token in _TOKEN.findall(plain) for word in _ALIASES.get(token, token).split())
+    plain = re.sub(r"\b[iI]_?[qQ](?![a-z])", "iq", name).lower()
+    for sign, word in (_LETTERS | _SCRIPTS).items():
+        plain = plain.replace(sign, word)
+    plain = "".join(c for c in unicodedata.normalize("NFKD", plain) if not unicodedata.combining(c))
+    return tuple(
+        word
+        for token in _TOKEN.findall(plain)
+        for part in _ALIASES.get(token, token).split()
+        for word in _parts(part)
+    )
+
+
+@cache
+def _parts(word: str) -> tuple[str, ...]:
+    """The two known words of a compound: motor, strom of "motorstrom"; else the word."""
+    cuts = range(3, len(word) - 2) if word not in _ALL_WORDS else ()
+    both = ((word[:k], word[k:]) for k in cuts)
+    return next((pair for pair in both if _ALL_WORDS.issuperset(pair)), (word,))
+
+
+def in_other_script(text: str) -> bool:
+    """Whether a text holds a word for a quantity in Japanese, Chinese, Korean or Russian."""
+    return any(word in text for word in _SCRIPTS if len(word) > 1)
 
 
 def _object_words(found: re.Match[str]) -> str:

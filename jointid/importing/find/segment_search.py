@@ -12,19 +12,15 @@ from jointid.importing.find.multisines import excited_lines, multisines
 from jointid.importing.find.segment import (
     FEWEST_PERIODS,
     HARMONICS,
-    MIN_SNR,
     Segment,
-    line_sizes,
     measured,
 )
 from jointid.importing.find.sine_candidates import SHARE, Candidate, sine_candidates
 from jointid.importing.find.steady_state import (
     Frames,
     frames_of,
-    grown,
     settled_part,
     steady_runs,
-    weighted,
 )
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.phasors.fitted_sine import sine_basis
@@ -36,12 +32,10 @@ _MAX_OTHERS = 0.05  # power of other lines over that of a single sine
 _OTHERS_BAND = 2.5  # times the frequency of a sine, below which other lines count
 _MIN_TRAVEL = 0.05  # travel of a joint over the largest, below which its lines are ignored
 _ROUGH_PHASE_RAD = 1e-3  # phase error over the run, small enough to see where it has settled
-_MERGE_CYCLES = 0.1  # phase difference of two parts of one run
-_MERGE_CHANGE = 0.06  # relative change of the phasors within both
-_MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the shorter part
 _HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
 _BEATS = 2.0  # of the closest lines of a multisine, beside which they may look like a sine
+_EDGE_FREQUENCY = 0.02  # relative error of the frequency of a part of a ramp
 _MULTISINE_WORK = 0.2  # share of the work, for the progress
 _CANDIDATE_WORK = 0.3
 
@@ -65,70 +59,33 @@ class SegmentSearch:
         """Find single sines, and multisines where no clear sine is; ``progress`` gets the share done."""
         progress(0.0)
         candidates = sine_candidates(self._even, lambda share: progress(_CANDIDATE_WORK * share))
-        blocked, clear = np.zeros((2, self._time.size), bool)
+        clear = np.zeros(self._time.size, bool)
         work = 1 - _CANDIDATE_WORK - _MULTISINE_WORK
-        singles = [
-            *self._singles(
-                candidates, blocked, clear, lambda share: progress(_CANDIDATE_WORK + work * share)
-            )
-        ]
+        singles = self._singles(
+            candidates, clear, lambda share: progress(_CANDIDATE_WORK + work * share)
+        )
         multisine_runs, several = [], np.zeros(self._time.size, bool)
         for begin, end, lines in multisines(
             self._grid, self._even, ~clear, lambda share: progress(1 - _MULTISINE_WORK * (1 - share))
         ):
             several[begin:end] = True
             multisine_runs.append(self._settled(begin, end, lines))
-        found: list[Segment] = []
-        if multisine_runs:  # parts of a multisine have looked like sines
-            blocked = several.copy()
-            for candidate, runs in singles:
-                kept = [run for run in runs if not several[self._rows(run)].any()]
-                for rows in [candidate] if kept == runs else map(self._rows, kept):
-                    blocked[rows] = True
-                found += kept
-            singles = [*self._singles(candidates, blocked, clear, lambda share: None)]
-        found += [run for _, runs in singles for run in runs]
+        # Parts of a multisine have looked like sines.
+        found = [run for run in singles if not several[self._rows(run)].any()]
         found = [r for r in found if not any(_is_beat_of(r, m) for m in multisine_runs)]
-        return self._merged(sorted(found + multisine_runs, key=lambda s: s.start_s))
-
-    def _merged(self, found: list[Segment]) -> list[Segment]:
-        """Merge neighbours that are parts of one run: a single sine continues through both."""
-        merged: list[Segment] = []
-        for segment in found:
-            if merged and (both := self._as_one(merged[-1], segment)):
-                merged[-1] = both
-            else:
-                merged.append(segment)
-        return merged
-
-    def _as_one(self, one: Segment, two: Segment) -> Segment | None:
-        gap, shorter = two.start_s - one.stop_s, min(s.stop_s - s.start_s for s in (one, two))
-        cycles = abs(one.frequency_hz - two.frequency_hz) * (gap + shorter)
-        several = one.is_multisine or two.is_multisine
-        if (
-            several
-            or cycles > _MERGE_CYCLES
-            or gap > max(shorter, _MERGE_GAP_PERIODS / one.frequency_hz)
-        ):
-            return None
-        longer = max(one, two, key=lambda s: s.stop_s - s.start_s)
-        begin, end = self._rows(one).start, self._rows(two).stop
-        y, noise = weighted(self._frames(begin, end, [longer.frequency_hz]).z)
-        whole = grown(y, noise, change=_MERGE_CHANGE) == (0, len(y))
-        return self._settled(begin, end, [longer.frequency_hz]) if whole else None
+        found = [r for r in found if not any(_is_edge_of(r, other) for other in found)]
+        return found + multisine_runs
 
     def _singles(
-        self,
-        candidates: list[Candidate],
-        blocked: np.ndarray,
-        clear: np.ndarray,
-        progress: Callable[[float], None],
-    ) -> Iterator[tuple[slice, list[Segment]]]:
-        """Yield the free parts of candidates that hold sines, the best first, and these sines.
+        self, candidates: list[Candidate], clear: np.ndarray, progress: Callable[[float], None]
+    ) -> list[Segment]:
+        """Return the sines in the free parts of candidates, the best first.
 
-        Parts are added to ``blocked``, sines without any other line to ``clear``; both have shape (N,).
+        Those without any other line are marked in ``clear`` (N,).
         """
+        found: list[Segment] = []
         failed: list[Candidate] = []
+        blocked = np.zeros(self._time.size, bool)
         for number, candidate in enumerate(candidates):
             progress(number / len(candidates))
             begin, end = candidate.begin, min(candidate.end, self._time.size)
@@ -137,20 +94,20 @@ class SegmentSearch:
                 too_short = (last - first) * part.frequency < FEWEST_PERIODS
                 if too_short or any(_repeats(part, tried) for tried in failed):
                     continue
-                runs = []
+                before = len(found)
                 for low, high, near in self._steady(part):
                     if not blocked[low:high].any() and (run := self._single(low, high, near)):
                         rows = self._rows(run)
-                        runs.append(run)
+                        found.append(run)
                         blocked[rows] = True
                         one = len(excited_lines(self._grid[rows], self._even[rows])) == 1
                         clear[low:high] |= part == candidate and one
-                if runs:
+                if len(found) > before:
                     # The edges of a run that was found look like sines of other frequencies.
                     blocked[part.begin : part.end] = True
-                    yield slice(part.begin, part.end), runs
                 else:
                     failed.append(part)
+        return found
 
     def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int, float]]:
         """Runs of one excitation pattern within a candidate, transients included, and their Hz."""
@@ -176,7 +133,7 @@ class SegmentSearch:
         chance = min(shares) < _CHANCE_SHARE / (part.stop - part.start)
         if change > _SAME_FREQUENCY or max(shares) < SHARE or chance:
             return None
-        if segment.periods < FEWEST_PERIODS - 0.5 or not self._moves_at(part, segment.frequency_hz):
+        if segment.periods < FEWEST_PERIODS - 0.5:
             return None
         return segment if self._others(part, segment.frequency_hz) < _MAX_OTHERS else None
 
@@ -219,13 +176,6 @@ class SegmentSearch:
     def _frames(self, begin: int, end: int, lines: Sequence[float]) -> Frames:
         return frames_of(self._even[begin:end], np.asarray(lines) * self._interval)
 
-    def _moves_at(self, part: slice, frequency_hz: float) -> bool:
-        """Whether the position of any joint has a line clear of the noise floor."""
-        theta = self._even[part, : self._theta.shape[1]]
-        size, floor, moved = line_sizes(self._grid[part], theta, np.array([frequency_hz]))
-        # Half of the motion is a line by itself: short runs have no spectrum beside it.
-        return bool(((moved > 0) & (size[0] > np.minimum(MIN_SNR * floor[0], 1.5 * moved))).any())
-
     def _others(self, part: slice, frequency_hz: float) -> float:
         """Power near a sine that the sine and its harmonics do not explain, over that of the sine.
 
@@ -257,3 +207,11 @@ def _is_beat_of(run: Segment, multisine: Segment) -> bool:
     beside = multisine.start_s - reach < run.stop_s and run.start_s < multisine.stop_s + reach
     near = np.abs(lines - run.frequency_hz).min() < apart
     return bool(beside and near and run.stop_s - run.start_s < reach)
+
+
+def _is_edge_of(run: Segment, other: Segment) -> bool:
+    """Whether a short run is part of the ramp at the beginning or end of a long one."""
+    reach = (other.stop_s - other.start_s) / 2
+    beside = other.start_s - reach < run.stop_s and run.start_s < other.stop_s + reach
+    near = abs(run.frequency_hz / other.frequency_hz - 1) < _EDGE_FREQUENCY
+    return bool(beside and near and run.stop_s - run.start_s < reach / 2)

@@ -1,13 +1,12 @@
 """Spans in which a log moves without a segment, and why: sweeps, short runs, coarse encoders."""
 
 from collections.abc import Iterable, Sequence
-from itertools import compress, takewhile
+from itertools import compress
 
 import numpy as np
 from scipy.signal import detrend
 
-from jointid.arrays import Floats, true_runs
-from jointid.importing.find.lines import fit_lines
+from jointid.arrays import true_runs
 from jointid.importing.find.segment import Segment
 from jointid.importing.find.steady_state import frames_of, phase_bend
 from jointid.importing.map.mapped_log import MappedLog
@@ -15,8 +14,6 @@ from jointid.wording import listed, significant
 
 _MIN_BEND_RAD = 0.015  # of the phase of a run, above which its frequency drifts: 0.4 % in 5 periods
 _BEND_SIGMAS = 5.0  # standard errors of the bend
-_LEAST_SHARE = 0.8  # of the signal beside a run that the sine explains where it goes on
-_DRIFT_PHASE_RAD = 1e-3  # accuracy over half a run to which its frequency is fitted
 _MIN_STEADY = 0.2  # of a span of motion with a sweep, below which its steady runs are chance
 _SWEEP_GAP = 1.5  # times the longer piece: longest pause within a sweep
 _BLOCK_S = 0.1  # length of the blocks whose motion is compared
@@ -41,10 +38,7 @@ def without_sweeps(
     """
     bends = [_bend(log, s) for s in segments]
     limits = [max(_MIN_BEND_RAD, _BEND_SIGMAS * error) for _, error in bends]
-    drifts = [
-        abs(bend[0]) > limit or _drifts_on(log, segment)
-        for segment, bend, limit in zip(segments, bends, limits, strict=True)
-    ]
+    drifts = [abs(bend) > limit for (bend, _), limit in zip(bends, limits, strict=True)]
     spans = _merged(compress(segments, drifts))
     for k, segment in enumerate(segments):
         reach = _SWEEP_GAP * (segment.stop_s - segment.start_s)
@@ -84,36 +78,6 @@ def _bend(log: MappedLog, segment: Segment) -> tuple[float, float]:
     interval = (segment.stop_s - segment.start_s) / (len(signals) - 1)
     lines = interval * np.array(segment.lines_hz)
     return phase_bend(frames_of(signals, lines, hop_periods=0.5).z)
-
-
-def _drifts_on(log: MappedLog, segment: Segment) -> bool:
-    """Whether the sine goes on beyond the run, with a steadily changing frequency.
-
-    The phase of a slow sweep bends less than the noise in a short run, but the sweep does not end.
-    """
-    half = (segment.stop_s - segment.start_s) / 2
-
-    def line_fit(k: int) -> tuple[Floats, Floats] | None:
-        """Frequencies and their errors in the k-th half from the start, if the sine explains it."""
-        part = log.rows(segment.start_s + k * half, segment.start_s + (k + 1) * half)
-        time = log.time_s[part]
-        if len(time) < 8 or time[-1] - time[0] < 0.8 * half:
-            return None
-        signals = np.column_stack([log.theta_rad[part], log.tau_Nm[part]])
-        fit = fit_lines(time, signals, segment.lines_hz, within=_DRIFT_PHASE_RAD)
-        return (fit.frequency_hz, fit.error_hz) if fit.share.max() >= _LEAST_SHARE else None
-
-    before, after = ([*takewhile(bool, map(line_fit, side))] for side in ((-1, -2), (2, 3)))
-    if len(before) + len(after) < 2:
-        return False
-    found = [*before[::-1], *filter(None, map(line_fit, (0, 1))), *after]
-    hertz, error = np.array(found).transpose(1, 0, 2)
-    steps = np.diff(hertz, axis=0)
-    mean = steps.mean(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        even = np.all((steps / mean > 0.3) & (steps / mean < 2.5), axis=0)
-    clear = np.abs(hertz[-1] - hertz[0]) > _BEND_SIGMAS * np.hypot(error[0], error[-1])
-    return bool(np.any(even & clear))
 
 
 def _merged(pieces: Iterable[Segment]) -> list[tuple[float, float]]:

@@ -8,6 +8,7 @@ from jointid.importing.columns.log_table import LogColumn, LogTable
 from jointid.importing.columns.units import SAMPLES, TIME_UNITS, unit_of
 from jointid.importing.map.mapping import TimeColumn
 from jointid.importing.map.reasons import Reason
+from jointid.importing.map.sample_times import MAX_REPEATED
 from jointid.wording import counted
 
 _MAX_LATE = 0.02  # share of steps back in a column named as time: a buffer written twice, an overflow
@@ -24,7 +25,7 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
         if np.abs(values).max(initial=0.0) > _LARGEST:
             continue
         late = _late_rows(values[:100_000], named=_says_time(column))
-        if late is None:
+        if late is None or _is_coarse(table, column):
             continue
         words = words_of(column.name)
         score = 3.0 * bool(WORDS["time"] & set(words)) + 2.0 * (_time_unit(column) in TIME_UNITS)
@@ -34,7 +35,11 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
             best = (score, column, late)
     if best is None:
         said = [column.name for column in table.columns if _says_time(column)]
-        why = f'"{said[0]}" is named as time but does not increase' if said else "No column increases"
+        why = (
+            f'"{said[0]}" is named as time but does not increase from row to row'
+            if said
+            else "No column increases"
+        )
         text = f"{why}: the rows are numbered. Give the sample rate; 1000 Hz is assumed."
         reasons.append(Reason("time", text))
         return TimeColumn("", SAMPLES, 1000.0)
@@ -65,11 +70,17 @@ def _late_rows(values: Floats, *, named: bool) -> int | None:
     if values.size < 2:
         return None
     steps = np.diff(values)
-    late = int(np.sum(steps < 0))
+    late, rises = int(np.sum(steps < 0)), int(np.sum(steps > 0))
     if late == 0:
-        return 0 if values[-1] > values[0] else None
-    rises = int(np.sum(steps > 0))
+        return 0 if rises else None
     return late if named and late <= _MAX_LATE * rises and 2 * rises >= steps.size else None
+
+
+def _is_coarse(table: LogTable, column: LogColumn) -> bool:
+    """Whether rows that differ share a time, so that a clock does not order them."""
+    again = np.flatnonzero(np.diff(column.values) == 0)
+    many = again.size > MAX_REPEATED * table.rows
+    return many and any(np.diff(np.nan_to_num(c.values))[again].any() for c in table.columns)
 
 
 def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:

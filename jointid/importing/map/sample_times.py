@@ -19,7 +19,8 @@ from jointid.wording import counted, listed
 Bools = NDArray[np.bool_]
 GAP = 10.5
 """Pause in sample intervals above which a log is split."""
-_MAX_REPEATED = 0.01  # share of rows that may repeat a time with other values
+MAX_REPEATED = 0.01
+"""Share of rows that may repeat a time with other values."""
 _CLOCKS_S = (86400.0, 3600.0, 60.0)  # at which clocks begin anew
 
 
@@ -84,7 +85,7 @@ class _LoggedTimes:
                 ),
             )
         again = np.concatenate([[False], np.diff(time) == 0])
-        if np.all(copies | again | ~late) and np.mean(late & ~copies) <= _MAX_REPEATED:
+        if np.all(copies | again | ~late) and np.mean(late & ~copies) <= MAX_REPEATED:
             said = f'that repeat the time of the row before (column "{column}")'
             return ~late, time, self._dropped(late, said)
         raise self._error(int(np.flatnonzero(late & ~copies)[0]))

@@ -21,10 +21,6 @@ _LINES = {
 }
 _WORDS = {kind: frozenset(line.split()) for kind, line in _LINES.items()}
 _SAME_TIME = 0.05  # share of the sample interval within which two times are equal
-_JITTER_LENGTHS = 20
-"""Distinct step lengths, to a thousandth, above which a clock jitters; rounding makes few."""
-_JITTER_DIFFERENCE = 0.1
-"""Difference of two clocks over the scatter of their steps, below which they jitter alike."""
 _REPEATED = 0.1  # difference of two signals over their size, below which they are repetitions of one run
 _MIN_OVERLAP = 0.5  # least share of the shorter log that both cover
 _MIN_POWER = 1e-3  # least power of a common line over the largest
@@ -57,7 +53,7 @@ def simultaneous_groups(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ..
 
     The logs of a group have the same columns, one joint each, and the same times within a twentieth of
     the sample interval; absolute clocks need only overlap. Besides, one of these holds: their names
-    count joints ("axis1", "axis2"); their clocks are absolute or jitter alike; or they are all logs with
+    count joints ("axis1", "axis2"); their clocks are absolute; or they are all logs with
     these columns, hold the same sines at the same times without being repetitions of one program, and
     their names do not count runs. No two hold the same values. Even times from 0 alone are no evidence:
     every single run has them.
@@ -134,14 +130,6 @@ def _is_absolute(part: JointLog) -> bool:
     return bool(part.time_column) and float(part.time[0]) > _ABSOLUTE_START * float(np.ptp(part.time))
 
 
-def _jitter_alike(a: JointLog, b: JointLog) -> bool:
-    """Whether both clocks jitter the same way: a second recording does not repeat that."""
-    steps = np.diff(a.time)
-    difference = np.abs(a.time - b.time).max() if a.time.size == b.time.size else np.inf
-    lengths = np.unique(np.round(steps / a.interval, 3))
-    return bool(lengths.size > _JITTER_LENGTHS and difference < _JITTER_DIFFERENCE * np.std(steps))
-
-
 def _groups(cluster: Sequence[JointLog], is_all: bool) -> list[tuple[int, ...]]:
     """Groups of joints among logs with the same times."""
     if len(cluster) < 2 or _has_copies(cluster):
@@ -157,7 +145,7 @@ def _groups(cluster: Sequence[JointLog], is_all: bool) -> list[tuple[int, ...]]:
     if len(cluster) > MAX_JOINTS:
         return []
     first = cluster[0]
-    sure = all(_is_absolute(part) or _jitter_alike(first, part) for part in cluster)
+    sure = all(map(_is_absolute, cluster))
     runs = {_run_in(part.rest) for part in cluster}
     likely = is_all and len(runs) == 1 and all(_same_sines(first, part) for part in cluster[1:])
     if any(_is_repeated(first, part) for part in cluster[1:]):

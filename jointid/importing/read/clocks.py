@@ -1,7 +1,9 @@
 """Signals with times of their own, put into tables."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,6 +22,10 @@ from jointid.importing.columns.log_table import (
 from jointid.wording import counted
 
 _SAME_S = 1e-9  # times that differ by less are equal
+
+_SECOND = re.compile(r"[._ ]?s(?:ec(?:ond)?s?)?$", re.IGNORECASE)
+_FRACTION = re.compile(rf"(.*?)[._ ]?(n|nano|u|micro)_?{_SECOND.pattern[5:]}", re.IGNORECASE)
+"""Names of the whole and the fraction of a time: "stamp.sec" and "stamp.nanosec"."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +83,22 @@ def tables_of_signals(
         together.append(replace(signal, time_s=times * _SAME_S, values=column))
     note = f"Its signals have {counted(len(groups), 'clock')}: each keeps its own times."
     return _table(file, together, (*notes, note), time), *most_first(file, tables)
+
+
+def with_whole_clock(table: LogTable) -> LogTable:
+    """Join two columns of one clock, seconds and the fraction of a second: stamp.sec, stamp.nanosec."""
+    for whole, part in pairwise(table.columns):
+        found = _FRACTION.fullmatch(part.name)
+        if found is None or _SECOND.sub("", whole.name) != found[1]:
+            continue
+        ticks = part.values * (1e-6 if found[2].lower() in ("u", "micro") else 1e-9)
+        time_s = whole.values - whole.values[0] + ticks
+        if np.all(ticks >= 0) and np.all(ticks < 1) and np.all(np.diff(time_s) >= 0):
+            clock = named_column("time", time_s, "s")
+            columns = (clock, *(c for c in table.columns if c not in (whole, part)))
+            note = f'"{whole.name}" and "{part.name}" are one clock: joined as time.'
+            return replace(table, columns=columns, notes=(*table.notes, note))
+    return table
 
 
 def _ticks(signal: Signal) -> Floats:

@@ -18,8 +18,9 @@ from jointid.importing.columns.log_table import (
     require_few_values,
     require_small,
 )
+from jointid.importing.read.clocks import with_whole_clock
 from jointid.importing.read.reader_process import ReaderProcess
-from jointid.importing.read.readers import TEXT, is_zip, kind_of
+from jointid.importing.read.readers import is_zip
 from jointid.wording import counted, listed
 
 LogSource: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview
@@ -72,7 +73,7 @@ def read_logs(sources: Iterable[tuple[LogSource, str]]) -> Iterator[tuple[LogTab
     with closing(ReaderProcess()) as reader:
         for source, name in sources:
             try:
-                yield _read(source, name, reader)
+                yield tuple(map(with_whole_clock, _read(source, name, reader)))
             except JointIdError as error:
                 yield error
 
@@ -111,16 +112,7 @@ def _read_path(path: Path, name: str, reader: ReaderProcess) -> tuple[LogTable, 
     if not path.is_file():
         raise JointIdError(f"{path!s:.200}: there is no such file. Check the path.")
     require_small(name, path.stat().st_size)
-    with path.open("rb") as file:
-        head = file.read(4096)
-        if is_zip(head) and is_archive(name, path):
-            return read_archive(name, path, reader)
-        kind = kind_of(name, head)
-        is_bag = kind in ("db3", "mcap", "bag")
-        if kind != TEXT and (not is_bag or path.suffix == f".{kind}"):  # the reader of bags requires it
-            return reader.read(kind, name, path)
-        file.seek(0)
-        return _read_bytes(file.read(MAX_LOG_BYTES + 1), name, reader)
+    return _read_bytes(path.read_bytes(), name, reader)
 
 
 _BAG = "metadata.yaml"
@@ -134,7 +126,7 @@ _OTHER_ENDINGS = frozenset(
 """Endings of files that accompany logs."""
 
 
-def is_archive(name: str, source: bytes | Path) -> bool:
+def is_archive(name: str, source: bytes) -> bool:
     """Whether a zip file is an archive of logs and not a workbook; its ending decides in doubt."""
     with suppress(JointIdError), open_container(source, marker=_BAG) as container:
         names = container.names()
@@ -143,7 +135,7 @@ def is_archive(name: str, source: bytes | Path) -> bool:
     return name.lower().endswith(".zip")
 
 
-def read_archive(name: str, source: bytes | Path, reader: ReaderProcess) -> tuple[LogTable, ...]:
+def read_archive(name: str, source: bytes, reader: ReaderProcess) -> tuple[LogTable, ...]:
     """Read every log of a zip archive, file by file in the order of their names, which ``source`` gives.
 
     A note of the first table names unreadable files. Raises JointIdError when it holds no log, or

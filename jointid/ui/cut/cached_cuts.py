@@ -4,6 +4,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
+import numpy as np
+
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
 from jointid.cut.outcome import ZONES_M, Outcome, Prediction, gear_cuts, predicted_cut
@@ -12,11 +14,11 @@ from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
 from jointid.ui.cut.settings import CutSettings, usual
-from jointid.ui.shared.background import awaited
 from jointid.ui.shared.page import Page
+from jointid.ui.shared.results import awaited
 
 Found = TypeVar("Found")
-OFFSETS = (0.01, 0.03, 0.10)
+OFFSETS = (0.01, 0.03, 0.10, 0.30)
 """Relative errors of K̂ in the table of path errors."""
 
 
@@ -72,12 +74,18 @@ def gears(page: Page, settings: CutSettings, robot: CutRobot) -> tuple[TrackingR
     return found.result()
 
 
-def offset_costs(page: Page, settings: CutSettings, robot: CutRobot) -> Floats:
-    """Return the path errors with exact K̂, then with each of ``OFFSETS`` in both joints, both signs."""
-    ratios = [1.0, *(1 + sign * offset for offset in OFFSETS for sign in (-1, 1))]
-    found = _begin(page, "offsets", settings, errors_of_mismatch, robot.arm, robot.elasticity, ratios)
+def offset_costs(page: Page, settings: CutSettings, robot: CutRobot) -> tuple[float, Floats]:
+    """Path error with exact K̂, and with each of ``OFFSETS`` in both joints, in joint 1 and in joint 2.
+
+    The latter have shape (3, offsets), m, each with the worse sign.
+    """
+    signs = np.array([[1, 1], [1, 0], [0, 1]])[:, None, None] * np.array([-1, 1])[:, None]
+    ratios = 1 + signs * np.array(OFFSETS)[:, None, None]
+    pairs = np.concatenate([np.ones((1, 2)), ratios.reshape(-1, 2)]).T
+    found = _begin(page, "offsets", settings, errors_of_mismatch, robot.arm, robot.elasticity, pairs)
     awaited("Cutting", found)
-    return found.result()[0]
+    errors = found.result()[0]
+    return float(errors[0]), errors[1:].reshape(ratios.shape[:-1]).max(axis=-1)
 
 
 def _begin(
@@ -102,12 +110,7 @@ def _begin(
 def overview(page: Page, analysis: Analysis) -> Outcome | None:
     """Return the outcome on the paper's path; its cuts are shared with the page Cut.
 
-    None where no cut applies.
-
-    Raises
-    ------
-    JointIdError
-        As in :func:`jointid.cut.outcome.study_outcome`.
+    None where no cut applies. Raises JointIdError as in :func:`jointid.cut.outcome.study_outcome`.
     """
     robot = cut_robot(analysis)
     if robot.rule == "demonstration":
@@ -118,10 +121,7 @@ def overview(page: Page, analysis: Analysis) -> Outcome | None:
 def own_path(page: Page, analysis: Analysis) -> list[PathDeflection]:
     """Deflections of the study's own robot along the path, for each of ``ZONES_M``.
 
-    Raises
-    ------
-    JointIdError
-        As in :func:`jointid.cut.path_deflection.own_path_deflections`.
+    Raises JointIdError as in :func:`jointid.cut.path_deflection.own_path_deflections`.
     """
     doing = "Following the path with the robot's model"
     return page.computed("own path", doing, own_path_deflections, analysis, ZONES_M)

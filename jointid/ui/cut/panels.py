@@ -9,7 +9,8 @@ from jointid import Analysis, Elasticity, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, remainder
 from jointid.cut.path_deflection import COLUMNS_MEANING, PathDeflection, has_own_path, meaning, rows_of
-from jointid.cut.robot import CutRobot
+from jointid.cut.robot import CutFriction, CutRobot
+from jointid.cut.servo import Servo
 from jointid.figures.style import colours
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture, window
@@ -66,12 +67,12 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
     """Explain the two path errors."""
     if outcome.distribution is None:
         show_warning(f"The path error after the identification is not known. {outcome.problem}")
-    after = millimetres(outcome.after_m)
+    before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
     st.caption(
         "Path error: largest simulated distance of the tool from the reference path.\n"
-        f"- **Before, {millimetres(outcome.before_m)}**: {_robot(outcome.robot)} "
-        f"{_servo(outcome)}\n"
-        f"- **After, {after}**: {promise(outcome, settings)}\n"
+        f"- **Before, {before}**: {_robot(outcome.robot)} {_servo(outcome)}\n"
+        f"- **After, {after}**: the servo assumes the identified values. "
+        f"{promise(outcome, settings.servo, settings.friction)}\n"
         f"- **Both**: {_conditions(settings)}"
     )
     if outcome.before.torque_limit_hit or outcome.after.torque_limit_hit:
@@ -107,19 +108,16 @@ def _springs(elasticity: Elasticity) -> str:
     return f"K = {_three(elasticity.K)} N·m/rad, D = {_three(elasticity.D)} N·m·s/rad"
 
 
-def promise(outcome: Outcome, settings: CutSettings) -> str:
+def promise(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str:
     """Explain the path error after the identification."""
     if outcome.distribution is None:
-        return "a robot with exactly the identified springs; their error is not known."
+        return "The robot has exactly the identified springs; their error is not known."
     if not outcome.springs_matter:
-        return (
-            f"the servo assumes the identified values. "
-            f"{remainder(outcome, settings.servo, settings.friction)}"
-        )
+        return remainder(outcome, servo, friction)
     return (
-        "the servo assumes the identified values; those of the robot are drawn from their "
-        f"uncertainty. 95 % of these robots stay {_below(outcome.after_m)}, 50 % "
-        f"{_below(outcome.distribution.median_m)}. {outcome.not_better}"
+        "K and D of the robot differ from the identified ones within their error bars: the path error "
+        f"stays {_below(outcome.after_m)} with a probability of 95 %, "
+        f"{_below(outcome.distribution.median_m)} with 50 %. {outcome.not_better}"
     )
 
 
@@ -230,8 +228,6 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
         return
     ink = colours(page.dark)
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
-    drawn = outcome.distribution
-    median = f" <small>(median {escape(millimetres(drawn.median_m))})</small>" if drawn else ""
     servo = "nominal values" if outcome.assumed is not None else "rigid joints"
     cuts = [(outcome.before, ink.nominal), (outcome.after, ink.identified)]
     around = window([outcome.before, outcome.after])
@@ -243,28 +239,18 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             st.header(headline(outcome), anchor=False)
             st.html(
                 f"{key_line(ink.nominal)}{escape(servo)}, {escape(before)}: one simulation<br>"
-                f"{key_line(ink.identified)}identified values, {escape(after)}: {outcome.which}{median}"
+                f"{key_line(ink.identified)}identified values, {escape(after)}: {outcome.which}"
             )
-            relative = outcome.robot.rule == "relative"
-            arm = (
-                "the example arm, because this robot's geometry is not known. Its springs are scaled; "
-                "their ratios and uncertainties are those of this study"
-                if relative
-                else "a simulated arm with these inertias"
-            )
-            friction = (
-                " Both simulations include the identified friction." if outcome.robot.friction else ""
-            )
-            promised = "The identified values are too uncertain for a prediction."
-            if not outcome.springs_matter:
-                promised = remainder(outcome, EVERYDAY_SERVO, outcome.robot.friction)
-            elif outcome.distribution is not None:
-                promised = (
-                    "95 % of the robots within the uncertainty of the identified values stay "
-                    f"{_below(outcome.after_m)}. {outcome.not_better}"
+            arm, of = "a simulated arm with these inertias", outcome.robot
+            if of.rule == "relative":
+                arm = (
+                    "the example arm, because this robot's geometry is not known. Its springs are "
+                    "scaled; their ratios and uncertainties are those of this study"
                 )
             st.caption(
                 "A rectangle of 28 × 45 mm with corner zones of 10 mm, the largest, at 300 mm/s, cut by "
-                f"{arm}. {promised}{friction}"
+                f"{arm}. {promise(outcome, EVERYDAY_SERVO, of.friction)}"
+                + " Both simulations include the identified friction."
+                * bool(of.friction)
             )
             st.page_link(CUT_PAGE, label="Watch the cut")

@@ -16,8 +16,7 @@ from jointid.cut.robot import CUTTING_POINT_M, Assumption, CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.cut.toolpath import Toolpath
 from jointid.ui.shared.charts import choose_segment
-from jointid.ui.shared.entries import enter_number
-from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
+from jointid.ui.shared.entries import choose_from, enter_number, enter_text, numbers_in, numbers_out
 from jointid.wording import counted
 
 NOMINAL: dict[str, Assumption] = {
@@ -29,8 +28,6 @@ NOMINAL: dict[str, Assumption] = {
 }
 """Choices of the nominal controller by their label."""
 
-_BEGUN = "cut_custom_begun"
-"""Key of the study for which the custom controller's fields were filled."""
 _ZONE_MM, _SIDES_MM, _SPEED_MM_S = 10.0, (28.0, 45.0), 300.0
 """Figure 7's path at its largest zone; sides and speed are the paper's."""
 _NUMBERS: dict[str, dict[str, tuple[Any, ...]]] = {
@@ -69,23 +66,23 @@ _HINT = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CutSettings:
     """All settings of a cut besides the study; a key of the cache."""
 
     assumption: Assumption
-    custom_K: tuple[float, ...]
-    custom_D: tuple[float, ...]
-    zone_m: float
-    width_m: float
-    height_m: float
-    speed_m_s: float
-    rate_hz: float
-    delay_samples: int
-    encoder_bits: int
+    custom_K: tuple[float, ...] = ()
+    custom_D: tuple[float, ...] = ()
+    zone_m: float = 1e-3 * _ZONE_MM
+    width_m: float = 1e-3 * _SIDES_MM[0]
+    height_m: float = 1e-3 * _SIDES_MM[1]
+    speed_m_s: float = 1e-3 * _SPEED_MM_S
+    rate_hz: float = EVERYDAY_SERVO.sample_rate_hz
+    delay_samples: int = EVERYDAY_SERVO.delay_samples
+    encoder_bits: int = EVERYDAY_SERVO.encoder_bits or 0
     friction: CutFriction | None
     """Friction at the motors; None without."""
-    compensated: bool
+    compensated: bool = False
     drive: Drive
 
     @property
@@ -127,21 +124,8 @@ class CutSettings:
 
 def usual(robot: CutRobot) -> CutSettings:
     """Default settings: the paper's path and the default servo."""
-    return CutSettings(
-        assumption="study" if robot.nominal else "rigid",
-        custom_K=(),
-        custom_D=(),
-        zone_m=1e-3 * _ZONE_MM,
-        width_m=1e-3 * _SIDES_MM[0],
-        height_m=1e-3 * _SIDES_MM[1],
-        speed_m_s=1e-3 * _SPEED_MM_S,
-        rate_hz=EVERYDAY_SERVO.sample_rate_hz,
-        delay_samples=EVERYDAY_SERVO.delay_samples,
-        encoder_bits=EVERYDAY_SERVO.encoder_bits or 0,
-        friction=robot.friction,
-        compensated=False,
-        drive=robot.arm.drive,
-    )
+    assumption: Assumption = "study" if robot.nominal else "rigid"
+    return CutSettings(assumption=assumption, friction=robot.friction, drive=robot.arm.drive)
 
 
 def _restore_own(names: Sequence[str]) -> None:
@@ -154,19 +138,10 @@ def _restore_own(names: Sequence[str]) -> None:
 
 
 def ask(robot: CutRobot, digest: str) -> CutSettings:
-    """Draw the controls and return the choice.
+    """Draw the controls and return the choice. Raises JointIdError when an entry is not a number.
 
-    Parameters
-    ----------
-    robot : CutRobot
-        The robot of the study, with the drive that suits its inertias.
-    digest : str
-        Of the study: entries for one robot do not apply to another.
-
-    Raises
-    ------
-    JointIdError
-        When an entry is not a number.
+    The robot of the study has the drive that suits its inertias; the study's digest keeps entries for
+    one robot from applying to another.
     """
     left, right = st.columns([3, 2])
     with left:
@@ -186,7 +161,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
             help="Distance before a corner at which the tool begins to turn: it passes the rounded "
             "corner without stopping.",
         )
-    K, D = _ask_custom(robot, digest) if assumption == "custom" else ("", "")
+    K, D = _ask_custom(robot, digest) if assumption == "custom" else ((), ())
     with st.expander("Path, controller and drive"):
         places = st.columns(3)
         number: dict[str, float] = {}
@@ -195,25 +170,13 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
             number |= {key: enter_number(place, f"cut_{key}", *of) for key, of in entries.items()}
         with places[2]:
             st.markdown("**Robot**")
-            source = st.selectbox(
-                "Friction at the motors",
-                _FRICTION,
-                key="cut_friction",
-                bind="query-params",
-                help="Coulomb friction is constant, against the motion; a motor at rest sticks.",
-            )
+            place, hint = places[2], "Coulomb friction is constant, against the motion."
+            source = choose_from(place, "cut_friction", "Friction at the motors", _FRICTION, help_=hint)
             coulomb = "0.5, 0.25"
             if source == "Custom":
-                coulomb = st.text_input(
-                    "Coulomb friction (N·m)", coulomb, key="cut_coulomb", bind="query-params"
-                )
-            drive = st.selectbox(
-                "Drive",
-                list(_DRIVES),
-                key="cut_drive",
-                bind="query-params",
-                help="Parallelogram: both motors sit on the base. Serial: motor 2 sits on link 1.",
-            )
+                coulomb = enter_text(place, "cut_coulomb", "Coulomb friction (N·m)", coulomb)
+            hint = "Parallelogram: both motors sit on the base. Serial: motor 2 sits on link 1."
+            drive = choose_from(place, "cut_drive", "Drive", list(_DRIVES), help_=hint)
             compensated = st.checkbox(
                 "The servo compensates friction",
                 key="cut_compensated",
@@ -223,11 +186,10 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
     friction = {"As identified": robot.friction, "None": None}.get(source)
     if source == "Custom":
         friction = CutFriction(numbers_in("Coulomb friction", coulomb, count=2), (0.0, 0.0))
-    custom = assumption == "custom"
     return CutSettings(
         assumption=assumption,
-        custom_K=_one_per_joint("Nominal K", K) if custom else (),
-        custom_D=_one_per_joint("Nominal D", D) if custom else (),
+        custom_K=K,
+        custom_D=D,
         zone_m=1e-3 * zone,
         width_m=1e-3 * number["width"],
         height_m=1e-3 * number["height"],
@@ -241,31 +203,18 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
     )
 
 
-def _ask_custom(robot: CutRobot, digest: str) -> tuple[str, str]:
+def _ask_custom(robot: CutRobot, digest: str) -> list[tuple[float, ...]]:
     """Ask for nominal K and D in the study's units; defaults are its nominal or identified values."""
     start = robot.of_the_study(robot.nominal or robot.elasticity)
-    values = [numbers_out(float(f"{x:.5g}") for x in of) for of in (start.K, start.D)]
-    changed = st.session_state.get(_BEGUN, digest) != digest
-    st.session_state[_BEGUN] = digest
     whose = "the example arm" if robot.rule == "demonstration" else "this study's robot"
-    texts = []
-    for column, text, key, label in zip(
-        st.columns(2),
-        values,
-        ("cut_K", "cut_D"),
-        (f"Nominal K1, K2 of {whose} (N·m/rad)", f"Nominal D1, D2 of {whose} (N·m·s/rad)"),
-        strict=True,
-    ):
-        if changed:
-            st.session_state[key] = text
-        elif key not in st.session_state:
-            st.session_state[key] = st.query_params.get(key, text)
-        texts.append(column.text_input(label, key=key, bind="query-params"))
-    return texts[0], texts[1]
-
-
-def _one_per_joint(name: str, text: str) -> tuple[float, ...]:
-    values = numbers_in(name, text)
-    if len(values) != 2:
-        raise JointIdError(f"{name}: {counted(len(values), 'value')} for 2 joints. Give one per joint.")
-    return values
+    found = []
+    units = {"K": "N·m/rad", "D": "N·m·s/rad"}
+    for place, (name, unit) in zip(st.columns(2), units.items(), strict=True):
+        value = numbers_out(float(f"{x:.5g}") for x in getattr(start, name))
+        label = f"Nominal {name}1, {name}2 of {whose} ({unit})"
+        text = enter_text(place, f"cut_{name}_{digest[:12]}", label, value)  # of this study only
+        found.append(numbers_in(f"Nominal {name}", text))
+        if len(found[-1]) != 2:
+            count = counted(len(found[-1]), "value")
+            raise JointIdError(f"Nominal {name}: {count} for 2 joints. Give one per joint.")
+    return found

@@ -11,22 +11,13 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.background.child_process import Limits
-from jointid.files.store import PARTS, Store
 from jointid.fleet.content import content_digest, packed
 from jointid.fleet.jobs import Job, Local
 from jointid.fleet.row import Row
 from jointid.fleet.table import read_untrusted, to_parquet
+from jointid.ui.shared import workspace
 from jointid.ui.shared.messages import show_error, show_warning
 from jointid.ui.shared.results import steps_at
-from jointid.ui.shared.workspace import (
-    SAMPLES,
-    keep_part,
-    noting_problems,
-    place_for,
-    sample_paths,
-    store,
-    workspace,
-)
 from jointid.wording import counted
 
 _UPLOADER = "fleet_uploader"
@@ -89,10 +80,10 @@ def open_fleet() -> OpenFleet:
 def show_samples_button() -> None:
     """Offer a fleet of one kind of robot over five years, and the sample studies."""
     with st.container(horizontal=True):
-        if (file := SAMPLES / "fleet.parquet").exists():
-            show, given = "Show a sample fleet, 8 robots over 5 years", (file,)
-            st.button(show, key="sample_fleet", type="primary", on_click=_take_table, args=given)
-        if sample_paths():
+        if (file := workspace.SAMPLES / "fleet.parquet").exists():
+            show = "Show a sample fleet, 8 robots over 5 years"
+            st.button(show, key="sample_fleet", type="primary", on_click=_take_table, args=(file,))
+        if workspace.sample_paths():
             analyse = "Analyse the sample studies, of different robots"
             st.button(analyse, key="fleet_samples", on_click=_take_samples)
 
@@ -129,7 +120,7 @@ def _take_table(file: Path) -> None:
 def _take_samples() -> None:
     fleet = _current()
     fleet.stopped = False
-    for name, path in sample_paths().items():
+    for name, path in workspace.sample_paths().items():
         _add(fleet, name, packed(path))
 
 
@@ -152,13 +143,14 @@ def _analyse(fleet: OpenFleet) -> None:
     if fleet.stopped:
         left, right = st.columns([4, 1], vertical_alignment="center")
         left.info(f"{counted(len(fleet.todo), 'study')} not analysed yet.")
-        right.button("Resume", on_click=_resume, width="stretch")
+        right.button("Resume", on_click=setattr, args=(fleet, "stopped", False), width="stretch")
         return
     jobs = [Job(name, data, content=digest) for digest, (name, data) in fleet.todo.items()]
     total, count, failed = len(jobs), 0, 0
     bar, stop = st.progress(0.0), st.empty()
     show = steps_at(bar)
-    stop.button("Stop", key="fleet_stop", on_click=_stop, help="Finished rows are kept.")
+    hint, stopping = "Finished rows are kept.", (fleet, "stopped", True)
+    stop.button("Stop", key="fleet_stop", on_click=setattr, args=stopping, help=hint)
     workers = max(1, min(_MOST_WORKERS, os.cpu_count() or 1))
 
     def tell() -> None:
@@ -182,51 +174,30 @@ def _analyse(fleet: OpenFleet) -> None:
     stop.empty()
 
 
-def _stop() -> None:
-    _current().stopped = True
-
-
-def _resume() -> None:
-    _current().stopped = False
-
-
 def _close() -> None:
     st.session_state[_OPEN] = OpenFleet()
     st.session_state[_KEPT] = True
-    with noting_problems():
-        if (place := place_for(_PART)) is not None:
-            for entry in store().entries(place):
-                store().delete(place, entry.id)
+    with workspace.noting_problems():
+        workspace.empty_part(_PART)
 
 
 # --- kept at the address
 
 
-def _can_keep() -> bool:
-    return workspace() is not None or _PART in PARTS
-
-
 def _keep(fleet: OpenFleet) -> None:
     """Write the rows to the store when they have changed; studies are kept when they are opened."""
     rows = list(fleet.rows.values())
-    if not rows or fleet.todo or fleet.saved or fleet.unkept or not _can_keep():
+    if not rows or fleet.todo or fleet.saved or fleet.unkept:
         return
     data = to_parquet(rows)
     digest = blake2b(data, digest_size=16).hexdigest()
     try:
-        keep_part(_PART, lambda to, place: _write(to, place, digest, data))
+        workspace.keep_part(_PART, "results.parquet", digest, data, beside=())
     except JointIdError as error:
         fleet.unkept = True
         show_warning(f"These results are open in this session only. {error}")
     else:
         fleet.saved = digest
-
-
-def _write(to: Store, place: str, digest: str, data: bytes) -> None:
-    to.put(place, "results.parquet", digest, data)
-    for entry in to.entries(place):
-        if entry.digest != digest:
-            to.delete(place, entry.id)
 
 
 def _restore(fleet: OpenFleet) -> None:
@@ -235,11 +206,9 @@ def _restore(fleet: OpenFleet) -> None:
         return
     st.session_state[_KEPT] = True
     try:
-        if fleet.rows or (place := place_for(_PART)) is None:
-            return
-        for entry in store().entries(place)[:1]:
-            _add_rows(fleet, store().read(place, entry.id))
-            fleet.saved = entry.digest
+        for digest in [] if fleet.rows else [*workspace.part_entries(_PART)][-1:]:
+            _add_rows(fleet, workspace.read_part(_PART, digest) or b"")
+            fleet.saved = digest
     except JointIdError as error:
         fleet.problems.append(f"The fleet that was open at this address cannot be shown. {error}")
 

@@ -1,17 +1,31 @@
-"""Panels of the fleet page: headline, spread, outliers."""
+"""Panels of the fleet page: headline, spread, outliers, drift of each robot, single studies."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import streamlit as st
 
-from jointid.analysis import STATES
+from jointid import JointIdError
+from jointid.analysis import NOT_USABLE, STATES, USABLE, WITH_CARE
 from jointid.answer import UNITS
-from jointid.figures.fleet import distribution
+from jointid.figures.fleet import distribution, drift_over_time
+from jointid.files.study_files import load_study
 from jointid.fleet.row import Row
-from jointid.fleet.spread import MIN_VALUES, OUTLIER_Z, Spread, few_values, fleet_spread
-from jointid.ui.fleet.studies import SIGNS, label
+from jointid.fleet.spread import (
+    MIN_VALUES,
+    OUTLIER_Z,
+    Drift,
+    Spread,
+    few_values,
+    fleet_spread,
+    robot_drift,
+    seconds,
+)
+from jointid.ui.fleet.files import OpenFleet
 from jointid.ui.shared.charts import choose_segment, plot, side_by_side, table
+from jointid.ui.shared.messages import markdown_escape, show_error, show_note
+from jointid.ui.shared.method_steps import OVERVIEW
+from jointid.ui.shared.workspace import keep, recent
 from jointid.wording import counted, minus, significant, with_error
 
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
@@ -117,3 +131,186 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
 def spreads_of(rows: Sequence[Row], joint: int, *, within_robot: bool) -> list[Spread]:
     """Spread of K and D of one joint."""
     return [fleet_spread(rows, quantity, joint, within_robot=within_robot) for quantity in "KD"]
+
+
+_CLEAR = 3.0
+"""Standard errors beyond which a trend is said to be a drift."""
+
+
+def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
+    """Values over the dates that studies state, one robot at a time with its trend."""
+    dated = [row for row in spreads[0].rows if row.date]
+    st.header("Drift over time", anchor=False)
+    if not dated:
+        st.info(
+            "No study states its date. Give it on the page Import a log, under "
+            "Optional, or in study.toml: date = 2026-11-20; and to follow one robot, its name: robot = "
+            '"cell 7, robot A".'
+        )
+        return
+    drifts = _drifts(spreads, joint)
+    robots = list(drifts)
+    robot = st.selectbox(
+        "Robot",
+        robots,
+        format_func=_robot_name,
+        key="fleet_robot",
+        bind="query-params",
+        help="Those whose stiffness drifts most clearly come first.",
+    )
+    for k, (spread, place) in enumerate(zip(spreads, side_by_side(len(spreads)), strict=True)):
+        times = np.array([seconds(row.date) if row.date else np.nan for row in spread.rows])
+        drift = drifts[robots[0] if robot is None else robot][k]
+        with place:
+            st.markdown(f"**{spread.name}** {_drift_in_words(drift)}")
+            plot(
+                drift_over_time(spread, times, drift, dark=dark),
+                f"{spread.name} over time, all robots and the chosen one",
+                key=f"fleet_drift_{spread.name[0]}",
+            )
+    with st.expander("The drift of every robot"):
+        columns = {
+            "Robot": [_robot_name(name) for name in robots],
+            "Studies with a date": [str(drifts[name][0].value.size) for name in robots],
+        }
+        for k, spread in enumerate(spreads):
+            columns[f"{spread.name} a year (%)"] = [_per_year(drifts[name][k]) for name in robots]
+        table(columns, height=300)
+        st.caption(
+            "Median of the slopes between all pairs of studies (Theil and Sen) over the level, ± one "
+            "standard error from the scatter around the line. Of many robots, some seem to drift by "
+            f"chance: a drift below {_CLEAR:g} standard errors does not count."
+        )
+
+
+def _drifts(spreads: Sequence[Spread], joint: int) -> dict[str, list[Drift]]:
+    """Drift of K and D by robot, the clearest of K first."""
+    robots = {row.robot for row in spreads[0].rows if row.date}
+    found = {
+        robot: [robot_drift(spread.rows, spread.name[0], joint, robot) for spread in spreads]
+        for robot in robots
+    }
+
+    def clearness(robot: str) -> tuple[float, str]:
+        change, error = found[robot][0].per_year
+        return (-abs(change) / error if np.isfinite(change) and error > 0 else 0.0, robot)
+
+    return {robot: found[robot] for robot in sorted(robots, key=clearness)}
+
+
+def _drift_in_words(drift: Drift) -> str:
+    change, error = (100 * value for value in drift.per_year)
+    if not np.isfinite(change):
+        return f": at least {MIN_VALUES} dates are needed for a trend"
+    if abs(change) < _CLEAR * error:
+        return f"has no drift beyond its scatter, ± {significant(error, 2)} % a year"
+    return f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % a year"
+
+
+def _per_year(drift: Drift) -> str:
+    change, error = (100 * value for value in drift.per_year)
+    return with_error(change, error) if np.isfinite(change) else ""
+
+
+def _robot_name(name: str) -> str:
+    return name or "no robot stated"
+
+
+SIGNS = {USABLE: "✓ usable", WITH_CARE: "△ usable with care", NOT_USABLE: "✕ not usable", "": "— failed"}
+
+
+def show_failed(rows: Sequence[Row]) -> None:
+    """Studies without an answer, and why."""
+    failed = [row for row in rows if not row.is_good]
+    if not failed:
+        return
+    st.header(f"Failed: {counted(len(failed), 'study')}", anchor=False)
+    table({"Study": [label(row) for row in failed], "Why": [row.error for row in failed]}, height=300)
+
+
+def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
+    """Every study in a table; a chosen one can be opened."""
+    st.header("Every study", anchor=False)
+    if not fleet.columns:
+        fleet.columns = _columns(rows)
+    st.dataframe(
+        fleet.columns,
+        hide_index=True,
+        height=min(36 + 35 * len(rows), 400),
+        key="fleet_table",
+        on_select=_take_selection,
+        selection_mode="single-row",
+        column_config={"Study": st.column_config.Column(pinned=True)},
+    )
+    st.caption(
+        f"K in {UNITS['K']}, D in {UNITS['D']}, seen from the motor, ± one standard error. A table of "
+        "many joints scrolls sideways."
+    )
+    st.selectbox(
+        "Study to show",
+        range(len(rows)),
+        index=None,
+        format_func=lambda k: f"{k + 1}: {label(rows[k])}",
+        key="fleet_study",
+        placeholder="Choose here, or tick a row of the table",
+    )
+    chosen = st.session_state.get("fleet_study")
+    if chosen is not None and chosen < len(rows):
+        _show_study(fleet, rows[chosen])
+
+
+def _columns(rows: Sequence[Row]) -> dict[str, list[str]]:
+    columns = {
+        "Study": [label(row) for row in rows],
+        "Robot": [row.robot for row in rows],
+        "Date": [row.date for row in rows],
+        "State": [SIGNS[row.state] for row in rows],
+    }
+    for j in range(max(row.joints for row in rows)):
+        for quantity in "KD":
+            columns[f"{quantity}{j + 1}"] = [_value(row, quantity, j) for row in rows]
+    return columns
+
+
+def _take_selection() -> None:
+    selected = st.session_state["fleet_table"]["selection"]["rows"]
+    if selected:
+        st.session_state["fleet_study"] = selected[0]
+
+
+def _show_study(fleet: OpenFleet, row: Row) -> None:
+    with st.container(border=True):
+        st.markdown(f"**{markdown_escape(row.name or label(row))}** &nbsp;·&nbsp; {SIGNS[row.state]}")
+        if not row.is_good:
+            show_error(row.error)
+        for finding in row.findings[:3]:
+            show_note(finding)
+        entry = next((e for e in recent().values() if row.digest and e.digest == row.digest), None)
+        if entry is not None or (row.is_good and row.content in fleet.studies):
+            if not st.button("Open this study", key="fleet_open_study"):
+                return
+            try:
+                if entry is not None:
+                    st.session_state["chosen"] = entry.id
+                else:
+                    keep(load_study(fleet.studies[row.content]), label(row))
+                st.switch_page(OVERVIEW.path)
+            except JointIdError as error:
+                show_error(error)
+        elif row.is_good:
+            st.caption(
+                "This study is not in this workspace, and for security, paths "
+                "in a table are not opened. Open its .zip in the sidebar, or drop it above: then it "
+                "opens from here."
+            )
+
+
+def label(row: Row) -> str:
+    """A short name: the last two parts of the path."""
+    return "/".join(row.study.replace("\\", "/").rstrip("/").split("/")[-2:])
+
+
+def _value(row: Row, quantity: str, j: int) -> str:
+    if row.joints <= j:
+        return ""
+    return with_error(getattr(row, quantity)[j], getattr(row, f"{quantity}_error")[j])

@@ -10,25 +10,14 @@ import numpy as np
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
-from jointid import JointIdError
-from jointid.importing import (
-    Channel,
-    Guess,
-    JointMapping,
-    LogTable,
-    Mapping,
-    TimeColumn,
-    mapping_to_json,
-)
+from jointid import JointIdError, importing
 from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
 from jointid.importing.map.guess import guess_unit, propose_joint
 from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.reasons import Reason, unchanged, value_of
 from jointid.ui.importing.steps import go_on
-from jointid.ui.shared.entries import example_hint
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_error
-from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.shared.entries import example_hint, numbers_in
+from jointid.ui.shared.messages import markdown_escape, show_error
 from jointid.wording import capitalised, enumerated, plain
 
 _NO_COLUMN = "no column: number the rows"
@@ -36,20 +25,22 @@ _NO_SENSOR = "none"
 _HELD = {True: "held until the next sample", False: "not held: measured, or interpolated"}
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """First parts of the names of entries from the drive's data sheet, not the file."""
+_SIDE_HELP = "Robot controllers often log values of the joint; drives log those of their motor."
+_SIGN_HELP = "Mark one of both where a positive torque moves the logged position to smaller values."
 _SWITCHES = {
-    ("position", "side"): (JOINT, "Positions measured at the joint, behind the gear"),
-    ("torque", "side"): (JOINT, "Torques measured at the joint, behind the gear"),
-    ("position", "sign"): (-1, "Positions that count backwards"),
-    ("torque", "sign"): (-1, "Torques that count backwards"),
+    ("position", "side"): (JOINT, "Position is of the joint, behind the gear", _SIDE_HELP),
+    ("torque", "side"): (JOINT, "Torque is of the joint, behind the gear", _SIDE_HELP),
+    ("position", "sign"): (-1, "Position has the opposite sign", _SIGN_HELP),
+    ("torque", "sign"): (-1, "Torque has the opposite sign", _SIGN_HELP),
 }
-"""Value of a channel's field and its question, answered by the joints that have it."""
+"""Value of a channel's field, its question, answered by the joints that have it, and its help."""
 
 
 @dataclass(frozen=True)
 class Asked:
     """The answers of a step."""
 
-    mapping: Mapping
+    mapping: importing.Mapping
     missing: tuple[str, ...]
     """Entries without a value; the mapping has a placeholder there."""
     to_confirm: bool
@@ -61,7 +52,9 @@ class Asked:
 class Entries:
     """The widgets of one mapping; their keys carry the columns' signature."""
 
-    def __init__(self, table: LogTable, guess: Guess, base: Mapping, key: str) -> None:
+    def __init__(
+        self, table: importing.LogTable, guess: importing.Guess, base: importing.Mapping, key: str
+    ) -> None:
         self.table, self.guess, self.base, self.key = table, guess, base, key
         self._reasons = {reason.what: reason for reason in guess.reasons}
         self._follows: dict[str, str] = {}  # guessed units of columns that the user chose
@@ -71,7 +64,7 @@ class Entries:
         missing: list[str] = []
         time, n = self._time(missing)
         used = {time.column, *(c for c in self.base.columns if c != self.base.time.column)}
-        joints: list[JointMapping] = []
+        joints: list[importing.JointMapping] = []
         for j in range(n):
             if j < self.base.n:
                 first = self.base.joints[j]
@@ -82,15 +75,19 @@ class Entries:
             joints.append(self._columns_of(j, first, missing))
             used |= {channel.column for channel in joints[j].channels}
         joints = self._with_sensors(joints)
-        found = Mapping(time, tuple(joints), assumed=self._assumed(n))
+        found = importing.Mapping(time, tuple(joints), assumed=self._assumed(n))
         as_guessed = {*unchanged(found, self.guess.mapping)} - {*self._follows}
         as_guessed |= {w for w, unit in self._follows.items() if value_of(found, w).endswith(f" {unit}")}
         guesses = [w for w in found.assumed if w in as_guessed and not w.startswith(_OF_DRIVES)]
         return self._confirmed("columns", found, missing, [w for w in guesses if w not in missing])
 
-    def ask_drives(self, columns: Mapping) -> Asked:
+    def ask_drives(self, columns: importing.Mapping) -> Asked:
         """Ask for gear ratios, scales, directions and timing of the torque."""
         missing: list[str] = []
+        st.caption(
+            "Not in the log: see the data sheet and settings of the drive. Entries left empty or not "
+            "confirmed are marked as assumed in the study, its report and its files."
+        )
         left, right = st.columns(2)
         joints = list(columns.joints)
         of_base = [joint.gear_ratio for joint in self.base.joints]
@@ -118,23 +115,19 @@ class Entries:
                 missing.append(f"gear ratio of joint {j + 1}")
         missing += ["torque hold"] if hold is None else []
         assumed = tuple(what for what in self._assumed(len(joints)) if what.startswith(_OF_DRIVES))
-        found = Mapping(columns.time, tuple(joints), bool(hold), delay, assumed)
+        found = importing.Mapping(columns.time, tuple(joints), bool(hold), delay, assumed)
         given = ("gear ratio", "scale", "torque hold")
         guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(given)]
         asked = self._confirmed("drive data", found, missing, guesses)
-        st.caption(
-            "A log cannot confirm these entries. Unconfirmed ones are marked as assumed in the study, "
-            "its report and its files."
-        )
         of_joints = tuple(ratios.values())
         return replace(asked, gear_ratio=None if np.isnan(of_joints).any() else of_joints)
 
     def _confirmed(
-        self, step: str, found: Mapping, missing: Sequence[str], guesses: Sequence[str]
+        self, step: str, found: importing.Mapping, missing: Sequence[str], guesses: Sequence[str]
     ) -> Asked:
         """Show guesses with a button that confirms them; a changed entry needs another confirmation."""
         self._show_reasons(guesses)
-        text = mapping_to_json(replace(found, assumed=()))
+        text = importing.mapping_to_json(replace(found, assumed=()))
         digest = blake2b(text.encode(), digest_size=8).hexdigest()
         key = f"import confirmed {step} {self.key}"
         if st.session_state.get(f"go_on {step}"):  # clicked, with entries typed just before it
@@ -145,7 +138,7 @@ class Entries:
         assumed = tuple(dict.fromkeys((*missing, *open_)))
         return Asked(replace(found, assumed=assumed), tuple(missing), bool(open_))
 
-    def _time(self, missing: list[str]) -> tuple[TimeColumn, int]:
+    def _time(self, missing: list[str]) -> tuple[importing.TimeColumn, int]:
         one, two, three, four = st.columns([3, 2, 2, 2])
         base = self.base.time
         options = [*self.table.names, _NO_COLUMN]
@@ -158,9 +151,11 @@ class Entries:
             label, first_rate = "Samples per second (Hz)", base.rate_hz or 1000.0
             rate = three.number_input(label, 0.0, value=first_rate, format="%g", **self._kept("rate"))
         joints = four.number_input("Joints", 1, MAX_JOINTS, self.base.n, **self._kept("joints"))
-        return TimeColumn("" if column == _NO_COLUMN else column, unit, rate), int(joints)
+        return importing.TimeColumn("" if column == _NO_COLUMN else column, unit, rate), int(joints)
 
-    def _columns_of(self, j: int, first: JointMapping, missing: list[str]) -> JointMapping:
+    def _columns_of(
+        self, j: int, first: importing.JointMapping, missing: list[str]
+    ) -> importing.JointMapping:
         places = st.columns([3, 1.5, 3, 1.5])
         channels = []
         for k, (role, (units, scales)) in enumerate(QUANTITIES.items()):
@@ -180,10 +175,10 @@ class Entries:
                 missing.append(f"{'unit of ' * bool(column)}{role} of joint {j + 1}")
             unit = unit or next(iter(units))
             scale = (base.scale or 1.0) if unit in scales else None
-            channels.append(Channel(column, unit, scale, base.side, base.sign))
-        return JointMapping(channels[0], channels[1], first.gear_ratio)
+            channels.append(importing.Channel(column, unit, scale, base.side, base.sign))
+        return importing.JointMapping(channels[0], channels[1], first.gear_ratio)
 
-    def _with_sensors(self, joints: Sequence[JointMapping]) -> list[JointMapping]:
+    def _with_sensors(self, joints: Sequence[importing.JointMapping]) -> list[importing.JointMapping]:
         """Ask for the columns of second sensors, behind the gears."""
         given = [j < self.base.n and self.base.joints[j].arm for j in range(len(joints))]
         if len(self.table.columns) <= 2 * len(joints) + 1:
@@ -193,7 +188,7 @@ class Entries:
         with st.popover(f"Sensors behind the gears: {sum(map(bool, given)) or _NO_SENSOR}"):
             for j, joint in enumerate(joints):
                 left, right = st.columns([3, 1.5])
-                base = given[j] or Channel("", "rad", side=JOINT)
+                base = given[j] or importing.Channel("", "rad", side=JOINT)
                 options, label = [_NO_SENSOR, *self.table.names], f"{capitalised(ARM)} of joint {j + 1}"
                 name = self._select(left, label, options, base.column or _NO_SENSOR, f"arm {j}")
                 unit = self._select(right, f"Unit of {ARM} {j + 1}", units, base.unit, f"arm {j} unit")
@@ -202,7 +197,7 @@ class Entries:
         return found
 
     def _scales(
-        self, joints: Sequence[JointMapping], place: DeltaGenerator
+        self, joints: Sequence[importing.JointMapping], place: DeltaGenerator
     ) -> dict[tuple[str, int], float]:
         """Ask for scales, joints of one unit together; NaN for an empty entry."""
         found: dict[tuple[str, int], float] = {}
@@ -234,18 +229,19 @@ class Entries:
             **self._kept("held"),
         )
         delay = right.number_input(
-            "Torque acts after its sample by (ms)",
+            "Delay from a torque sample to its effect (ms)",
             value=1e3 * self.base.torque_delay_s,
             format="%g",
+            help="0 for a measured torque or current. Of a logged command, the delay of the drive.",
             **self._kept("delay"),
         )
         return (None if held is None else held == _HELD[True]), float(delay) / 1e3
 
     def _joints_with(
-        self, place: DeltaGenerator, role: str, field: str, joints: Sequence[JointMapping]
+        self, place: DeltaGenerator, role: str, field: str, joints: Sequence[importing.JointMapping]
     ) -> set[int]:
         """Ask which joints have the value of ``_SWITCHES``."""
-        value, question = _SWITCHES[role, field]
+        value, question, about = _SWITCHES[role, field]
         of = {str(j): getattr(joint, role) for j, joint in enumerate(joints, start=1)}
         chosen = place.pills(
             question,
@@ -253,6 +249,7 @@ class Entries:
             selection_mode="multi",
             default=[name for name, channel in of.items() if getattr(channel, field) == value],
             format_func=lambda name: f"joint {name}",
+            help=about,
             **self._kept(f"{role} {field} of {len(joints)}"),
         )
         return {int(name) - 1 for name in chosen}

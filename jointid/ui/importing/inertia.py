@@ -15,9 +15,8 @@ from jointid.importing.robot_inertia import (
     robot_from_toml,
     rotor_at_motor,
 )
-from jointid.ui.shared.entries import deviation_text, example_hint
+from jointid.ui.shared.entries import deviation_text, example_hint, matrix_in, numbers_in, numbers_out
 from jointid.ui.shared.messages import show_note
-from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 from jointid.wording import counted
 
 _MOTOR, _JOINT = "motor side", "joint side"

@@ -6,20 +6,7 @@ from typing import Any
 
 import streamlit as st
 
-from jointid import JointIdError
-from jointid.files.store import Store
-from jointid.importing import (
-    Channel,
-    Guess,
-    JointMapping,
-    LogTable,
-    Mapping,
-    Reason,
-    TimeColumn,
-    guess_mapping,
-    mapping_from_json,
-    mapping_to_json,
-)
+from jointid import JointIdError, importing
 from jointid.importing.columns.units import SAMPLES
 from jointid.importing.map.reasons import unchanged
 from jointid.ui.importing.entries import Entries
@@ -27,7 +14,7 @@ from jointid.ui.importing.files import once
 from jointid.ui.importing.inertia import inertias_given
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import show_error
-from jointid.ui.shared.workspace import keep_part, noting_problems, place_for, store
+from jointid.ui.shared.workspace import keep_part, noting_problems, part_entries, read_part
 
 _SAVED = "import_mappings"
 _BASE = "import_base"
@@ -38,32 +25,35 @@ _PART = "mappings"
 _MOST_KNOWN = 50
 
 
-def _guess(table: LogTable) -> Guess:
+def _guess(table: importing.LogTable) -> importing.Guess:
     """Guess a mapping; where nothing can be guessed, every entry is open."""
     try:
-        return guess_mapping(table)
+        return importing.guess_mapping(table)
     except JointIdError as error:
-        reasons = [Reason("position of joint 1", str(error))]
+        reasons = [importing.Reason("position of joint 1", str(error))]
         reasons += [
-            Reason(f"unit of {role} of joint 1", "Choose it.") for role in ("position", "torque")
+            importing.Reason(f"unit of {role} of joint 1", "Choose it.")
+            for role in ("position", "torque")
         ]
-        joint = JointMapping(Channel("", "rad"), Channel("", "N·m"))
-        time = TimeColumn(unit=SAMPLES, rate_hz=1000.0)
-        return Guess(Mapping(time, (joint,), assumed=("torque hold",)), tuple(reasons))
+        joint = importing.JointMapping(importing.Channel("", "rad"), importing.Channel("", "N·m"))
+        time = importing.TimeColumn(unit=SAMPLES, rate_hz=1000.0)
+        return importing.Guess(
+            importing.Mapping(time, (joint,), assumed=("torque hold",)), tuple(reasons)
+        )
 
 
-def guessed(key: str, table: LogTable) -> Guess:
+def guessed(key: str, table: importing.LogTable) -> importing.Guess:
     """Guess once per log."""
     return once(f"guess {key}", partial(_guess, table))
 
 
-def mapping_of(key: str, table: LogTable) -> Mapping:
+def mapping_of(key: str, table: importing.LogTable) -> importing.Mapping:
     """Return the mapping that the session has for these columns, or the guess."""
-    saved: dict[str, Mapping] = st.session_state.get(_SAVED, {})
+    saved: dict[str, importing.Mapping] = st.session_state.get(_SAVED, {})
     return saved.get(table.signature) or _known(table.signature) or guessed(key, table).mapping
 
 
-def proposed_columns(key: str, table: LogTable) -> tuple[str, ...]:
+def proposed_columns(key: str, table: importing.LogTable) -> tuple[str, ...]:
     """Return time, positions and torques as far as they are known, for the first picture."""
     mapping = mapping_of(key, table)
     pairs = [(joint.position.column, joint.torque.column) for joint in mapping.joints]
@@ -71,45 +61,39 @@ def proposed_columns(key: str, table: LogTable) -> tuple[str, ...]:
     return (*time, *(name for pair in pairs for name in pair)) if time else ()
 
 
-def remember(table: LogTable, mapping: Mapping) -> None:
+def remember(table: importing.LogTable, mapping: importing.Mapping) -> None:
     """Offer this mapping again for logs with the same columns."""
     st.session_state.setdefault(_SAVED, {})[table.signature] = mapping
 
 
-def keep_mapping(table: LogTable, mapping: Mapping) -> None:
+def keep_mapping(table: importing.LogTable, mapping: importing.Mapping) -> None:
     """Offer a mapping that a study was made with in later sessions of this workspace, too."""
     known = st.session_state.setdefault(_KNOWN, {})
     if known.get(table.signature) == mapping:
         return
     known[table.signature] = mapping
 
-    def write(to: Store, place: str) -> None:
-        data = mapping_to_json(mapping).encode()
-        to.put(place, f"The mapping of {table.name}", table.signature, data)
-        for entry in to.entries(place)[_MOST_KNOWN:]:
-            to.delete(place, entry.id)
-
     with noting_problems("The mapping is known in this session only. "):
-        keep_part(_PART, write)
+        stays = [*part_entries(_PART)][-_MOST_KNOWN:]
+        data = importing.mapping_to_json(mapping).encode()
+        keep_part(_PART, f"The mapping of {table.name}", table.signature, data, beside=stays)
 
 
-def _known(signature: str) -> Mapping | None:
+def _known(signature: str) -> importing.Mapping | None:
     """Return the mapping that this workspace had for these columns, read once per session."""
-    known: dict[str, Mapping | None] = st.session_state.setdefault(_KNOWN, {})
-    place = place_for(_PART)
-    if place is not None and signature not in known:
+    known: dict[str, importing.Mapping | None] = st.session_state.setdefault(_KNOWN, {})
+    if signature not in known:
         known[signature] = None
         with noting_problems("The earlier mapping is no longer known.  "):
-            found = [entry for entry in store().entries(place) if entry.digest == signature]
-            if found:
-                known[signature] = mapping_from_json(store().read(place, found[0].id))
+            if kept := read_part(_PART, signature):
+                known[signature] = importing.mapping_from_json(kept)
     return known.get(signature)
 
 
 def mappings_to_json() -> dict[str, Any]:
     """Return the mappings of this session as JSON values."""
     parts: dict[str, Any] = {
-        key: {k: mapping_to_json(m) for k, m in st.session_state.get(key, {}).items()}
+        key: {k: importing.mapping_to_json(m) for k, m in st.session_state.get(key, {}).items()}
         for key in (_SAVED, _BASE)
     }
     return parts | {_FIRST: dict(st.session_state.get(_FIRST, {}))}
@@ -121,14 +105,14 @@ def mappings_from_json(values: dict[str, Any]) -> None:
     Raises JointIdError, KeyError, TypeError or AttributeError when it is something else.
     """
     for key in (_SAVED, _BASE):
-        st.session_state[key] = {k: mapping_from_json(text) for k, text in values[key].items()}
+        st.session_state[key] = {k: importing.mapping_from_json(text) for k, text in values[key].items()}
     st.session_state[_FIRST] = dict(values[_FIRST])
 
 
-def entries_of(key: str, table: LogTable) -> tuple[Entries, bool]:
+def entries_of(key: str, table: importing.LogTable) -> tuple[Entries, bool]:
     """Return the entries of a log, and whether they begin as used before for such columns."""
     guess = guessed(key, table)
-    bases: dict[str, Mapping] = st.session_state.setdefault(_BASE, {})
+    bases: dict[str, importing.Mapping] = st.session_state.setdefault(_BASE, {})
     guessed_from: dict[str, str] = st.session_state.setdefault(_FIRST, {})
     if table.signature not in bases:
         known = _known(table.signature)
@@ -140,7 +124,7 @@ def entries_of(key: str, table: LogTable) -> tuple[Entries, bool]:
     return entries, guessed_from.setdefault(table.signature, key) != key
 
 
-def offer_fresh_guess(key: str, table: LogTable) -> None:
+def offer_fresh_guess(key: str, table: importing.LogTable) -> None:
     """Show that a mapping is used again, with the way back to the guess."""
     left, right = st.columns([4, 1], vertical_alignment="center")
     needed = "" if inertias_given() else " Inertias are not reused: enter those of this robot."
@@ -161,16 +145,16 @@ def offer_again() -> None:
     st.session_state[_FIRST] = dict.fromkeys(st.session_state.get(_FIRST, {}), "")
 
 
-def mapping_files(key: str, table: LogTable) -> None:
+def mapping_files(key: str, table: importing.LogTable) -> None:
     """Save the mapping as JSON, or take one from a file."""
     with st.popover("Save these entries, or load them from a file"):
-        text = mapping_to_json(mapping_of(key, table))
+        text = importing.mapping_to_json(mapping_of(key, table))
         download("Save the mapping (.json)", text, "mapping.json")
         version = st.session_state.get(_VERSION, 0)
         file = st.file_uploader("Mapping (.json)", ["json"], key=f"import_mapping_file {version}")
         if file is not None:
             try:
-                taken = mapping_from_json(file.getvalue())
+                taken = importing.mapping_from_json(file.getvalue())
                 for name in taken.columns:
                     table.column(name)
             except JointIdError as error:
@@ -181,7 +165,7 @@ def mapping_files(key: str, table: LogTable) -> None:
                 st.rerun()
 
 
-def _start_from(table: LogTable, mapping: Mapping) -> None:
+def _start_from(table: importing.LogTable, mapping: importing.Mapping) -> None:
     st.session_state.setdefault(_BASE, {})[table.signature] = mapping
     version = st.session_state.get(_VERSION, 0)
     for key in [k for k in st.session_state if str(k).endswith(f" {table.signature} {version}")]:

@@ -21,7 +21,7 @@ from jointid.importing.columns.units import QUANTITIES
 from jointid.importing.map.reasons import assumptions
 from jointid.importing.study import run_counts
 from jointid.ui.importing.entries import Asked
-from jointid.ui.importing.files import Log, drop_logs, once
+from jointid.ui.importing.files import Log, choose_log, drop_logs, once, show_raw
 from jointid.ui.importing.mapping import (
     entries_of,
     keep_mapping,
@@ -31,7 +31,6 @@ from jointid.ui.importing.mapping import (
     proposed_columns,
     remember,
 )
-from jointid.ui.importing.pictures import choose_log, show_raw
 from jointid.ui.importing.saved_import import (
     clear_entries,
     forget_import,

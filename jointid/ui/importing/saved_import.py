@@ -13,12 +13,11 @@ from typing import Any
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.files.store import Store
 from jointid.ui.importing.files import Dropped, dropped, hold
 from jointid.ui.importing.mapping import mappings_from_json, mappings_to_json, of_mapping, offer_again
 from jointid.ui.importing.segments import forget_rows, rows_from_json, rows_to_json
+from jointid.ui.shared import workspace
 from jointid.ui.shared.messages import show_warning
-from jointid.ui.shared.workspace import keep_part, noting_problems, place_for, store
 
 _PART = "import"
 _DRAFT = "entries"
@@ -54,9 +53,9 @@ def keep_import() -> None:
     st.session_state[_WRITTEN] = digest
     try:
         if not files:
-            _empty()
+            workspace.empty_part(_PART)
         else:
-            keep_part(_PART, lambda to, place: _write(to, place, files, text.encode()))
+            _write(files, text.encode())
     except JointIdError as error:
         st.session_state[_PROBLEM] = f"The logs are open in this session only. {error}"
     else:
@@ -69,7 +68,7 @@ def show_storage_state() -> None:
         show_warning(problem)
     for problem in st.session_state.get(_LOST, []):
         show_warning(problem)
-    place = place_for(_PART)
+    place = workspace.place_for(_PART)
     if place is None:
         return
     if dropped() and not st.session_state.get(_PROBLEM):
@@ -81,7 +80,7 @@ def show_storage_state() -> None:
             "study."
         )
     with suppress(JointIdError):
-        for note in store().notes(place):
+        for note in workspace.store().notes(place):
             left, right = st.columns([4, 1], vertical_alignment="center")
             show_warning(note.text, left)
             right.button("Dismiss", key=f"dismiss_{note.id}", on_click=_dismiss, args=(place, note.id))
@@ -89,15 +88,15 @@ def show_storage_state() -> None:
 
 def _dismiss(place: str, note: str) -> None:
     with suppress(JointIdError):
-        store().dismiss(place, note)
+        workspace.store().dismiss(place, note)
     st.session_state.pop(_LOST, None)
 
 
 def forget_import() -> None:
     """Remove the import from the store; it stays open in this session."""
     keep_import()
-    with noting_problems():
-        _empty()
+    with workspace.noting_problems():
+        workspace.empty_part(_PART)
         st.session_state[_MADE] = st.session_state[_WRITTEN]
 
 
@@ -110,29 +109,19 @@ def clear_entries() -> None:
     offer_again()
 
 
-def _write(to: Store, place: str, files: list[Dropped], text: bytes) -> None:
-    size = sum(len(file.data) for file in files)
-    if size * _SHARE > to.limit_bytes:
+def _write(files: list[Dropped], text: bytes) -> None:
+    size, limit = sum(len(file.data) for file in files), workspace.store().limit_bytes / _SHARE
+    if size > limit:
         raise JointIdError(
-            f"They take {size / 2**20:.4g} MiB, and the store keeps up to "
-            f"{to.limit_bytes / _SHARE / 2**20:.4g} MiB of logs: open them as a study, or in parts."
+            f"They take {size / 2**20:.4g} MiB, and the store keeps up to {limit / 2**20:.4g} MiB of "
+            "logs: open them as a study, or in parts."
         )
-    there = {entry.digest for entry in to.entries(place)}
+    there = workspace.part_entries(_PART)
     for file in files:
         if file.digest not in there:
-            to.put(place, file.name, file.digest, file.data)
-    to.put(place, "Entries of the import", _DRAFT, text)
-    wanted = {_DRAFT, *(file.digest for file in files)}
-    for entry in to.entries(place):
-        if entry.digest not in wanted:
-            to.delete(place, entry.id)
-
-
-def _empty() -> None:
-    place = place_for(_PART)
-    if place is not None:
-        for entry in store().entries(place):
-            store().delete(place, entry.id)
+            workspace.keep_part(_PART, file.name, file.digest, file.data)
+    digests = [file.digest for file in files]
+    workspace.keep_part(_PART, "Entries of the import", _DRAFT, text, beside=digests)
 
 
 def _snapshot(files: list[Dropped]) -> dict[str, Any]:
@@ -158,11 +147,11 @@ def _is_plain(value: object) -> bool:
 
 def _restore() -> None:
     """Fill the session from the store; show which files are lost."""
-    place = place_for(_PART)
+    place = workspace.place_for(_PART)
     if place is None or dropped():
         return
     try:
-        entries = {entry.digest: entry for entry in reversed(store().entries(place))}
+        entries = workspace.part_entries(_PART)
     except JointIdError as error:
         st.session_state["store_problem"] = str(error)
         return
@@ -170,7 +159,7 @@ def _restore() -> None:
     names: list[tuple[str, str]] = [(entry.name, entry.digest) for entry in entries.values()]
     if draft is not None:
         try:
-            values = json.loads(store().read(place, draft.id))
+            values = json.loads(workspace.store().read(place, draft.id))
             if values["format"] != 1:
                 raise ValueError(values["format"])
             names = [(str(name), str(digest)) for name, digest in values["files"]]
@@ -182,13 +171,13 @@ def _restore() -> None:
         except JointIdError as error:
             st.session_state["store_problem"] = str(error)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            store().set_aside(place, draft.id, "its format is unknown to this version")
+            workspace.store().set_aside(place, draft.id, "its format is unknown to this version")
     files, lost = [], []
     for name, digest in names:
         try:
             if digest not in entries:
                 raise JointIdError("It is no longer in the store.")
-            files.append(Dropped(name, store().read(place, entries[digest].id), digest))
+            files.append(Dropped(name, workspace.store().read(place, entries[digest].id), digest))
         except JointIdError as error:
             lost.append(f"{name} is no longer open: drop it again. {error}")
     hold(files)

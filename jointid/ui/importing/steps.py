@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import streamlit as st
 
-from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.ui.shared.messages import markdown_escape
 
 LOGS, COLUMNS, DRIVES, RUNS, INERTIAS = STEPS = (
     "Logs",

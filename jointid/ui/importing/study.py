@@ -13,10 +13,14 @@ from jointid.importing.study import parse_date, study_name
 from jointid.study import INERTIA_STD
 from jointid.ui.importing.inertia import ask_inertia, ask_nominal, show_inertia
 from jointid.ui.shared.charts import NO_POSE
-from jointid.ui.shared.entries import ask_inertia_std, ask_torque_std, deviation_text, example_hint
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_error
-from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.shared.entries import (
+    ask_inertia_std,
+    ask_torque_std,
+    deviation_text,
+    example_hint,
+    numbers_in,
+)
+from jointid.ui.shared.messages import markdown_escape, show_error
 from jointid.wording import counted
 
 T = TypeVar("T")

@@ -1,6 +1,8 @@
-"""Figures, tables, downloads and choices, as every page shows them."""
+"""Introductions, figures, tables, downloads and choices, as every page shows them."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from mimetypes import guess_type
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -9,7 +11,32 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid.exporting.tables import csv_text
+from jointid.files.application import application_folder
 from jointid.wording import file_stem
+
+_ENTRY = re.compile(r"^\*\*(.+?)\*\*: .*(?:\n.+)*", re.MULTILINE)
+_SYMBOL = re.compile(r" [A-ZησJ][\w, ]*$")
+
+
+@cache
+def glossary() -> str:
+    """Return the glossary of the documentation in Markdown, without its heading."""
+    page = application_folder() / "docs" / "reference" / "glossary.md"
+    return page.read_text("utf-8").partition("\n")[2]
+
+
+def introduce(text: str) -> None:
+    """Write a text; its hint explains the terms of the glossary that occur in it."""
+    entries = [entry[0] for entry in _ENTRY.finditer(glossary()) if _occurs(entry[1], text)]
+    more = "More terms: page Glossary."
+    st.markdown(text, help="\n\n".join([*entries, more]) if entries else None)
+
+
+def _occurs(term: str, text: str) -> bool:
+    """Whether one of the names of a term, without its symbols, occurs in a text."""
+    names = "|".join(map(re.escape, _SYMBOL.sub("", term).split(", ")))
+    return re.search(rf"\b({names})s?\b", text, re.IGNORECASE) is not None
+
 
 T = TypeVar("T")
 _WIDE = 8

@@ -1,16 +1,122 @@
-"""Entries of forms, kept in the address; questions for the uncertainty of given values."""
+"""Entries of forms, kept in the address, and how their text is read as numbers."""
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
-from jointid.ui.shared.parse_numbers import numbers_in
-from jointid.wording import plain
+from jointid.wording import counted, plain
+
+_SPACES = re.compile(r"[\s;]+")
+_COMMAS = re.compile(r"[\s;,]+")
+_INNER = re.compile(r"\d,\d")
+_DECIMAL = re.compile(r"[+-]?\d+,\d+(e[+-]?\d+)?", re.IGNORECASE)
+_SURELY = re.compile(r"[+-]?\d+,0\d+(e[+-]?\d+)?", re.IGNORECASE)
+
+
+def numbers_in(name: str, text: str, *, count: int | None = None) -> tuple[float, ...]:
+    """Read "43, 7.5", or "43 7,5" with decimal commas. A typographic minus counts.
+
+    Numbers with decimal points are separated by commas, blanks or semicolons; with decimal commas, by
+    blanks or semicolons only. ``name`` is that of the entry in messages. ``count`` numbers are expected;
+    a single one then counts for all. Raises JointIdError when something is not a number, their count is
+    wrong, or a comma can be read in two ways.
+    """
+    values = _unambiguous(name, _hyphens(text))
+    if count is not None and len(values) == 1:
+        values *= count
+    if count is not None and len(values) != count:
+        raise JointIdError(
+            f"{name}: {len(values)} values for {counted(count, 'joint')}. Give one per joint."
+        )
+    return values
+
+
+def matrix_in(name: str, text: str) -> list[tuple[float, ...]]:
+    """Read "a, b; c, d" as rows; of two readings of the commas the square one is right.
+
+    Raises JointIdError when something is not a number, a comma can be read in two ways, or the rows
+    differ in length.
+    """
+    parts = _hyphens(text).strip().strip(";").split(";")
+    for read in (_separated, _decimal):
+        try:
+            rows = [read(name, part) for part in parts]
+        except JointIdError:
+            continue
+        if all(len(row) == len(parts) for row in rows):
+            return rows
+    try:
+        rows = [_unambiguous(name, part) for part in parts]
+    except JointIdError as error:
+        raise JointIdError(f"{error} A semicolon separates the rows: 4.1, 0.4; 0.4, 1.9.") from None
+    if len({len(row) for row in rows}) > 1:
+        lengths = ", ".join(str(len(row)) for row in rows)
+        raise JointIdError(
+            f"{name}: its rows have {lengths} values. Give as many in every row as there are joints."
+        )
+    return rows
+
+
+def _hyphens(text: str) -> str:
+    """Return the text with typographic minus signs as ``float`` reads them."""
+    return text.replace("\N{MINUS SIGN}", "-")
+
+
+def _unambiguous(name: str, text: str) -> tuple[float, ...]:
+    """Read a list whose commas have one meaning only."""
+    pieces = _SPACES.split(text.strip())
+    inner = [piece.strip(",") for piece in pieces if _INNER.search(piece)]
+    decimal = [piece for piece in inner if _DECIMAL.fullmatch(piece)]
+    if not decimal:
+        return _separated(name, text)
+    parted = any(piece.startswith(",") or piece.endswith(",") for piece in pieces)
+    points = any("." in piece for piece in pieces)
+    alone = len(pieces) == 1 and not _SURELY.fullmatch(pieces[0])
+    if len(decimal) == len(inner) and not (parted or points or alone):
+        return _decimal(name, text)
+    readings = [_separated(name, text)]
+    if len(decimal) == len(inner):
+        readings.append(_decimal(name, text))
+    said = [f"{value:g}" for value in readings[-1]]
+    shown = " or ".join(
+        f"{', '.join(f'{value:g}' for value in r)} ({counted(len(r), 'number')})" for r in readings
+    )
+    raise JointIdError(
+        f'{name}: "{text.strip()[:60]}" can be read as {shown}. Write decimal points, '
+        f"{', '.join(said)}, or decimal commas with blanks only between the numbers, 43,5 7,5."
+    )
+
+
+def _separated(name: str, text: str) -> tuple[float, ...]:
+    """Read commas as separators."""
+    return tuple(_number(name, piece) for piece in _COMMAS.split(text.strip()))
+
+
+def _decimal(name: str, text: str) -> tuple[float, ...]:
+    """Read commas within a piece as decimal ones."""
+    pieces = (piece.strip(",") for piece in _SPACES.split(text.strip()))
+    return tuple(_number(name, piece.replace(",", ".", 1)) for piece in pieces)
+
+
+def _number(name: str, piece: str) -> float:
+    try:
+        return float(piece)
+    except ValueError:
+        raise JointIdError(
+            f'{name}: "{piece[:40]}" is not a number. Write decimal points, and commas between '
+            "the numbers: 43, 7.5."
+        ) from None
+
+
+def numbers_out(values: Iterable[float]) -> str:
+    """Write numbers as a list, "43, 7.5"."""
+    return ", ".join(plain(float(value)) for value in values)
+
 
 T = TypeVar("T")
 Number = TypeVar("Number", int, float)
@@ -38,6 +144,13 @@ def _kept(key: str, ask: Callable[..., T], default: T, label: str, *args: Any, *
         settings.pop("value", None)  # streamlit warns of two initial values
     kept[key] = value = ask(label, *args, key=key, bind="query-params", **settings)
     return value
+
+
+def fill_in(key: str, value: str) -> None:
+    """Set the value of an entry that is drawn later in this run."""
+    st.session_state.pop(key, None)
+    st.query_params.pop(key, None)
+    st.session_state.setdefault("kept entries", {})[key] = value
 
 
 def enter_text(
@@ -74,21 +187,17 @@ def choose_from(
     label: str,
     options: Sequence[str],
     format_func: Callable[[str], str] = str,
+    help_: str = "",
 ) -> str:
     """Ask for one of several options, at first the first."""
-    return _kept(key, place.selectbox, options[0], label, options, format_func=format_func)
+    ask, about = place.selectbox, help_ or None
+    return _kept(key, ask, options[0], label, options, format_func=format_func, help=about)
 
 
 def applied(label: str, key: str, settings: T, *, at_first: bool = False) -> T | None:
-    """Draw a button; return the settings as they were when it was last clicked.
+    """Draw a button; return the settings, entered now, as they were when it was last clicked.
 
-    Parameters
-    ----------
-    label, key : str
-    settings : T
-        As they are entered now.
-    at_first : bool
-        Whether the settings apply before the first click; otherwise None is returned until then.
+    ``at_first`` is whether they apply before the first click; otherwise None is returned until then.
     """
     kept = f"applied {key}"
     if st.button(label, type="primary", key=f"apply {key}") or (
@@ -100,20 +209,9 @@ def applied(label: str, key: str, settings: T, *, at_first: bool = False) -> T |
 
 
 def ask_inertia_std(place: DeltaGenerator, key: str, default: float) -> float:
-    """Ask how well the inertias are known.
+    """Ask how well the inertias are known, a relative standard deviation, at first ``default``.
 
-    Parameters
-    ----------
-    place : DeltaGenerator
-    key : str
-        Of the widget.
-    default : float
-        Relative standard deviation that is chosen first.
-
-    Raises
-    ------
-    JointIdError
-        When the entry is no percentage.
+    Raises JointIdError when the entry is no percentage.
     """
     label = "How well M and M2 are known"
     text = _ask(place, label, _INERTIAS, _INERTIAS.index(deviation_text(default)), key, _INERTIA_HELP)
@@ -123,10 +221,7 @@ def ask_inertia_std(place: DeltaGenerator, key: str, default: float) -> float:
 def ask_torque_std(place: DeltaGenerator, key: str) -> float | None:
     """Ask how well the torque constants are known; None when not stated.
 
-    Raises
-    ------
-    JointIdError
-        When the entry is no percentage.
+    Raises JointIdError when the entry is no percentage.
     """
     label = "How well the torque scale is known"
     text = _ask(place, label, _TORQUES, 0, key, _TORQUE_HELP)
@@ -136,10 +231,7 @@ def ask_torque_std(place: DeltaGenerator, key: str) -> float | None:
 def deviation_in(name: str, text: str) -> float:
     """Read "exact", "unknown" or a percentage such as "± 7 %" as a relative standard deviation.
 
-    Raises
-    ------
-    JointIdError
-        When it is none of these.
+    Raises JointIdError when it is none of these.
     """
     if text in _WORDS:
         return _WORDS[text]

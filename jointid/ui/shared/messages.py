@@ -1,16 +1,50 @@
-"""Text from files and people on a page: shown unchanged, never read as Markdown.
+"""Text from files and people on a page: shown unchanged, never read as Markdown."""
 
-Whatever a page shows that is not its own prose goes through here, or through ``markdown_escape`` where
-it is part of a sentence in Markdown.
-"""
-
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
-from jointid.ui.shared.markdown_escape import markdown_escape
+__all__ = ["markdown_escape"]
+
+_JOINER = "\N{WORD JOINER}"
+"""Invisible. Addresses, icons and arrows are sought in the finished text, where no backslash helps."""
+_ALWAYS = re.compile(r"[\\`*\[\]<$|~&]")
+_UNDERSCORES = re.compile(r"(?<![^\W_])_+|_+(?![^\W_])")
+_DIRECTIVE = re.compile(r":(?=[^\W\d_]|[:{])")
+_FIRST = re.compile(r"^([-+=#>]|\d+(?=[.)](?:\s|$)))")
+_SOUGHT = (
+    re.compile(r"(?i)(?<=https:)(?=//)|(?<=http:)(?=//)|(?<=www)(?=\.)"),
+    re.compile(r"(?<=@)(?=[-\w])"),
+    re.compile(r"(?<=:)(?=(?:material/)?[-+\w]+:)"),
+    re.compile(r"(?<=\s[-<>=~])(?=[->=]+(?:\s|$))|(?<=^[-<>=~])(?=[->=]+(?:\s|$))"),
+)
+
+
+def markdown_escape(text: object) -> str:
+    """Return Markdown that shows a text, what ``str`` makes of it, unchanged, line by line.
+
+    No emphasis, link, image, address to click, formula, icon, colour or HTML comes of it. What Markdown
+    would leave alone is left alone: names such as theta_m1_rad, numbers and units.
+    """
+    lines = (_line(line.strip()) for line in str(text).splitlines())
+    return "  \n".join(line for line in lines if line)
+
+
+def _line(text: str) -> str:
+    for pattern in _SOUGHT:
+        text = pattern.sub(_JOINER, text)
+    text = _ALWAYS.sub(r"\\\g<0>", text)
+    text = _UNDERSCORES.sub(lambda found: "\\_" * len(found[0]), text)
+    text = _DIRECTIVE.sub(r"\\:", text)
+    return _FIRST.sub(_first, text)
+
+
+def _first(found: re.Match[str]) -> str:
+    """Escape the start of a heading, a quotation or a list."""
+    return f"{found[0]}{_JOINER}" if found[0].isdigit() else f"\\{found[0]}"
 
 
 def _message(kind: str) -> Callable[..., None]:
@@ -29,7 +63,7 @@ def show_progress(share: float, text: object, place: DeltaGenerator) -> None:
     place.progress(min(max(share, 0.0), 1.0), markdown_escape(text))
 
 
-def show_text_table(columns: Mapping[str, Sequence[Any]], place: DeltaGenerator | None = None) -> None:
+def show_text_table(columns: Mapping[str, Sequence[Any]]) -> None:
     """Show a small table without a frame of its own; headings and cells are text.
 
     A column without a heading holds names of quantities.
@@ -38,4 +72,4 @@ def show_text_table(columns: Mapping[str, Sequence[Any]], place: DeltaGenerator 
         markdown_escape(name or "Quantity"): [*map(markdown_escape, cells)]
         for name, cells in columns.items()
     }
-    (place or st).table(escaped, hide_index=True)
+    st.table(escaped, hide_index=True)

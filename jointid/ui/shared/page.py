@@ -12,13 +12,11 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
 from jointid.figures.style import colours
-from jointid.ui.shared.background import awaited, note_session
-from jointid.ui.shared.charts import choose_segment, is_dark, plot, side_by_side
-from jointid.ui.shared.introduction import introduce
+from jointid.ui.shared.charts import choose_segment, introduce, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.refused_file import show_refused
-from jointid.ui.shared.results import result_cache
+from jointid.ui.shared.results import awaited, note_session, result_cache
 from jointid.ui.shared.sidebar import choose_study
 from jointid.ui.shared.workspace import open_study
 
@@ -40,7 +38,14 @@ h2 { font-size: 1.75rem !important; }
 @media (max-width: 640px) {  /* two cards in a row on a phone; a value and its error in two lines */
   [role="tablist"] { flex-wrap: wrap; }  /* every tab in view */
   .modebar-container { display: none; }  /* always shown on a touch screen, over the legend */
-  [data-testid="stTable"] td + td { min-width: 6rem; }
+  [data-testid="stTable"] td + td { min-width: 5.5rem; }
+  table.stacked thead { display: none; }
+  table.stacked :is(tbody, tr) { display: block; }
+  table.stacked tr + tr { border-top: 1px solid GrayText; }
+  table.stacked td { display: flex; justify-content: space-between; gap: 1rem; border: 0 !important;
+    padding: 0.15rem 0.5rem !important; }
+  table.stacked td:first-child { font-weight: 600; }
+  table.stacked td::before { content: attr(data-heading); }
   [data-testid="stElementContainer"]:has(> [data-testid="stMetric"]) {
     width: calc(50%% - 0.5rem) !important; min-width: 0 !important; flex: none !important; }
   [data-testid="stMetric"] { padding: 0.6rem !important; min-width: 0 !important; }
@@ -84,13 +89,7 @@ class Page:
         return found if at_motor else found.shown_in(self.unit)
 
     def analysed(self) -> Analysis:
-        """Return the result of the whole method, seen from the motors.
-
-        Raises
-        ------
-        JointIdError
-            As ``analyse`` does.
-        """
+        """Return the result of the whole method, motor side. Raises JointIdError as ``analyse``."""
         doing = "Fitting sines, identifying K and D"
         return self.computed("analysis", doing, analyse, self.study, method=self.method)
 
@@ -103,12 +102,8 @@ class Page:
     ) -> Future[Found]:
         """Begin a computation on this study and estimator, unless it has begun or its result is kept.
 
-        Parameters
-        ----------
-        what : hashable
-            Identifies the result: its kind, and all settings on which it depends.
-        compute : callable
-            See ``run_in_background``.
+        ``what`` identifies the result: its kind, and all settings on which it depends; for ``compute``
+        see ``run_in_background``.
         """
         return result_cache().begin((what, self.digest, self.method), compute, *given, **named)
 
@@ -120,13 +115,7 @@ class Page:
         *given: Given.args,
         **named: Given.kwargs,
     ) -> Found:
-        """Return a result of ``begin``; until it is there, the page shows ``doing``.
-
-        Raises
-        ------
-        JointIdError
-            And whatever else ``compute`` raises.
-        """
+        """Return a result of ``begin``; meanwhile the page shows ``doing``. Raises as ``compute``."""
         begun = self.begin(what, compute, *given, **named)
         awaited(doing, begun)
         return begun.result()
@@ -134,12 +123,8 @@ class Page:
     def drawn(self, what: str, draw: Callable[..., Any]) -> Any:
         """Return a figure of this study and estimator from the cache, or draw it.
 
-        Parameters
-        ----------
-        what : str
-            Identifies the figure within the study: its kind and everything it depends on.
-        draw : callable
-            Takes ``dark``, as all functions of ``jointid.figures`` do.
+        ``what`` identifies the figure within the study: its kind and everything it depends on. ``draw``
+        takes ``dark``, as all functions of ``jointid.figures`` do.
         """
         return _figure(self.digest, (self.method, self.unit, self.dark), what, draw)
 
@@ -158,21 +143,9 @@ class Page:
     ) -> Sequence[int]:
         """Show one figure per joint, two side by side; of many joints, that of the chosen one.
 
-        Parameters
-        ----------
-        what : str
-            Identifies the figures, see ``drawn``.
-        draw : callable
-            Draws the figure of a joint, from 0; takes ``dark`` as well.
-        description, heading : str
-            Alternative text and heading, with {0} for the joint's number.
-        caption : str
-            Text above all of them.
-
-        Returns
-        -------
-        sequence of int
-            The joints drawn.
+        ``draw`` takes a joint, from 0, and ``dark``; for ``what`` see ``drawn``. The alternative text
+        ``description`` and the ``heading`` have {0} for the joint's number; ``caption`` is above all.
+        Returns the joints drawn.
         """
         if caption:
             st.caption(caption)
@@ -229,14 +202,8 @@ def _set_up(title: str) -> None:
 def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Page:
     """Begin a page about the chosen study; without one, offer ways to get one and end.
 
-    Parameters
-    ----------
-    title : str
-        For the browser's tab and the heading.
-    introduction : str
-        What the page shows, in two sentences.
-    heading : bool
-        False where the page writes its own.
+    ``title`` is for the browser's tab and, unless the page writes its own, the heading; ``introduction``
+    states what the page shows, in two sentences.
     """
     _set_up(title)
     choice = choose_study()

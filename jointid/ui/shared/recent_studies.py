@@ -1,13 +1,32 @@
-"""The studies kept at this address: open, rename, delete; notes of the store."""
+"""The studies kept at this address, and the way back to them from the bare address."""
+
+from pathlib import Path
+from urllib.parse import quote
 
 import streamlit as st
 
 from jointid import JointIdError
 from jointid.files.store import Entry
 from jointid.ui.shared import workspace
-from jointid.ui.shared.last_workspace import offer_last_workspace
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_warning
+from jointid.ui.shared.messages import markdown_escape, show_warning
+
+_component = st.components.v2.component(
+    "jointid_last_workspace",
+    html='<a target="_self" hidden>Continue where you left off</a>',
+    css="a { color: var(--st-link-color); font-size: 0.9rem; }",
+    js=Path(__file__).with_name("last_workspace.js").read_text("utf-8"),
+)
+
+
+def offer_last_workspace(current: str | None, study: str, unknown: str) -> None:
+    """Remember the open workspace and the chosen study in the browser, or link to those opened last.
+
+    The id ``unknown`` no longer exists on this server: the browser forgets it.
+    """
+    _component(
+        key="last_workspace", data={"current": current or "", "study": quote(study), "unknown": unknown}
+    )
+
 
 _MOST_SHOWN = 20
 _NEARLY_FULL = 0.8
@@ -43,8 +62,7 @@ def _row(name: str, entry: Entry) -> None:
             key=f"open_{entry.id}",
             type="tertiary",
             width="stretch",
-            on_click=_open,
-            args=(entry.id,),
+            on_click=lambda: st.session_state.update(chosen=entry.id),
         )
         with st.popover("Edit", help=f"Rename or delete {markdown_escape(name)}"):
             key = f"name_{entry.id}"
@@ -52,10 +70,6 @@ def _row(name: str, entry: Entry) -> None:
             st.caption(f"{entry.size_bytes / 2**20:.1f} MiB. Deleting cannot be undone.")
             remove = "delete", entry.id
             st.button("Delete", key=f"delete_{entry.id}", on_click=workspace.change_store, args=remove)
-
-
-def _open(entry: str) -> None:
-    st.session_state["chosen"] = entry
 
 
 def _rename(entry: str, key: str) -> None:

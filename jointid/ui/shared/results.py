@@ -1,46 +1,140 @@
-"""The one cache of results, for all sessions: by kind of result, study digest and settings.
+"""Long computations of all sessions, and the one cache of their results."""
 
-Streamlit's own cache serves functions without progress or concurrency; everything else is kept here.
-"""
-
+import os
 import sys
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
-from concurrent.futures import Future
-from functools import partial
-from threading import Lock
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import suppress
+from functools import cache, partial
+from threading import Lock, Semaphore
 from time import monotonic
 from typing import Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
+from streamlit.runtime.scriptrunner import get_script_run_ctx
 
 from jointid import JointIdError
-from jointid.ui.shared.background import submit
+from jointid.background.pool import NoWorkerError, Pool
 from jointid.ui.shared.messages import show_error, show_progress
+from jointid.wording import counted
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
+_PROCESSES = min(4, os.cpu_count() or 1)
+_PRELOADED = (
+    "jointid.study",
+    "jointid.cut.outcome",
+    "jointid.uncertainty.plan",
+    "jointid.uncertainty.sensitivity",
+)
+"""Imported when a worker starts, so that its first computation need not wait."""
+_PATIENCE_S = 5.0
+_LONGEST_TURN_S = 1.0
 _MOST_BYTES = 1 << 30
 _LIMIT_BYTES = 4 << 30
-_PATIENCE_S = 0.5
+_TIME_LEFT_AFTER_S = 0.5
 """After this time the remaining time is shown."""
 _ALWAYS_KEPT = 64
 """Latest results, kept up to the limit: a page needs those of its last run."""
+_turn = Semaphore(1)
+_at_work = ""
+"""The session that last computed in this process."""
+
+# A tenth of the default: short reruns wait less for the thread that computes.
+sys.setswitchinterval(5e-4)
+
+_asked: set[object] = set()
+"""Computations of all sessions that have no result yet."""
+
+last_seen: dict[str, float] = {}
+"""Time of the last page of each session: the server closes sessions whose tab has closed, s."""
+
+_threads = ThreadPoolExecutor(16, thread_name_prefix="background")
+"""They wait for worker processes; computations in this process take turns."""
+
+
+@cache
+def _pool() -> Pool:
+    return Pool(_PROCESSES, _PRELOADED)
+
+
+def run_in_background(
+    compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
+) -> Found:
+    """Return ``compute(*given, **named)`` for a function of a module without side effects.
+
+    A given value that is part of the result comes back as the same object; ``progress`` is called in
+    this process. Raises JointIdError when the computation ends its process; and whatever it raises.
+    """
+    return _computed(_session(), compute, *given, **named)
+
+
+def note_session() -> None:
+    """Note when the session of this run was last seen."""
+    last_seen[_session()] = monotonic()
+
+
+def _session() -> str:
+    context = get_script_run_ctx(suppress_warning=True)
+    return "" if context is None else context.session_id
+
+
+def _computed(
+    session: str, compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
+) -> Found:
+    mine = object()
+    _asked.add(mine)
+    try:
+        progress: Any = named.pop("progress", None)
+        function: Callable[..., Found] = partial(compute, **named) if named else compute
+        with suppress(NoWorkerError):
+            found: Found = _pool().call(function, *given, progress=progress, patience_s=_PATIENCE_S)
+            return found
+        return _computed_here(session, partial(function, *given), progress)
+    finally:
+        _asked.discard(mine)
+
+
+def _computed_here(session: str, compute: Callable[..., Found], progress: Any) -> Found:
+    """Compute in this process; the second session starts the workers."""
+    global _at_work
+    if session != _at_work != "":
+        _pool().start()
+    _at_work = session
+    mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # bounded: a turn may be long
+    try:
+        return compute() if progress is None else compute(progress=progress)
+    finally:
+        if mine:
+            _turn.release()
+
+
+def submit(compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs) -> Future[Found]:
+    """Begin ``run_in_background(compute, *given, **named)`` without waiting for it."""
+    return _threads.submit(partial(_computed, _session(), compute, *given, **named))
+
+
+def queue_text(own: int = 0) -> str:
+    """Say how many computations come before ``own`` ones; empty while a processor is free."""
+    ahead = len(_asked) - own + 1 - _PROCESSES
+    return "" if ahead <= 0 else f"The server is busy: {counted(ahead, 'computation')} in the queue."
+
+
+def awaited(what: str, *begun: Future[Any]) -> None:
+    """Wait for computations; meanwhile the page shows ``what`` and a queue."""
+    if not all(future.done() for future in begun):
+        with st.spinner(". ".join(filter(None, (what, queue_text(len(begun)))))):
+            wait(begun)
 
 
 class ResultCache:
     """Finished results and those being computed; the least recently used are dropped first.
 
-    Parameters
-    ----------
-    most_bytes : int
-        Approximate memory of all results.
-    always_kept : int
-        Number of the latest results that stay even beyond ``most_bytes``.
-    limit_bytes : int
-        Beyond it only the latest result stays: large logs of many sessions do not fill the memory.
+    All results take about ``most_bytes``. The ``always_kept`` latest ones stay even beyond it; beyond
+    ``limit_bytes`` only the latest: large logs of many sessions do not fill the memory.
     """
 
     def __init__(
@@ -128,7 +222,6 @@ def computed_on_click(
     name: str,
     compute: Callable[[Show], Found],
     *,
-    hint: str = "",
     kind: Literal["primary", "secondary"] = "secondary",
     at_once: bool = False,
 ) -> Found | None:
@@ -138,12 +231,10 @@ def computed_on_click(
     ----------
     key : hashable
         Of the result in the cache.
-    label, name : str
-        Text and key of the button.
+    label, name, kind : str
+        Text, key and look of the button.
     compute : callable
         Given a function that shows progress; its error is shown.
-    hint, kind : str
-        Help and look of the button.
     at_once : bool
         Compute without a click, unless this computation was stopped.
 
@@ -158,7 +249,7 @@ def computed_on_click(
     if found is not None:
         return found
     waits = not at_once or st.session_state.get(stopped) == key
-    if waits and not place.button(label, key=name, help=hint or None, type=kind):
+    if waits and not place.button(label, key=name, type=kind):
         return None
     with place.container():
         bar = st.progress(0.0, "Computing")
@@ -184,7 +275,11 @@ def steps_at(bar: DeltaGenerator) -> Show:
 
     def show(done: float, what: str) -> None:
         taken = monotonic() - began
-        left = f", {taken * (1 - done) / done:.0f} s left" if taken > _PATIENCE_S and done > 0.05 else ""
+        left = (
+            f", {taken * (1 - done) / done:.0f} s left"
+            if taken > _TIME_LEFT_AFTER_S and done > 0.05
+            else ""
+        )
         show_progress(done, f"{what}: {done:.0%}{left}", bar)
 
     return show

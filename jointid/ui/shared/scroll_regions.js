@@ -1,4 +1,4 @@
-// Wide equations, tables and listings: reached by keyboard, so that the arrow keys scroll them.
+// Wide equations, tables and listings: reached by keyboard, or stacked on a phone.
 const WIDE = "pre, .katex-display, [data-testid=stTable] div";
 let waiting;
 
@@ -8,6 +8,12 @@ function mark() {
     const high = region.scrollHeight > region.clientHeight + 1;
     if ((wide || high) && /auto|scroll/.test(getComputedStyle(region).overflow)) region.tabIndex = 0;
     else region.removeAttribute("tabindex");
+  }
+  // On a phone, the rows of a wide table are stacked, with the headings before their cells.
+  for (const table of document.querySelectorAll("[data-testid=stTable] table")) {
+    const headings = [...table.querySelectorAll("th")].map((each) => each.textContent);
+    table.classList.toggle("stacked", innerWidth <= 640 && headings.length > 4);
+    table.querySelectorAll("td").forEach((cell) => { cell.dataset.heading = headings[cell.cellIndex]; });
   }
   // An upload area has a name and takes the focus: it is no mere decoration.
   for (const area of document.querySelectorAll("section[role=presentation][aria-label]"))

@@ -9,8 +9,7 @@ from jointid.answer import STIFFNESS_UNITS
 from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.study_files import load_study
 from jointid.ui.shared.charts import equip_page
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_info
+from jointid.ui.shared.messages import markdown_escape, show_info
 from jointid.ui.shared.method_steps import GROUPS
 from jointid.ui.shared.recent_studies import show_recent
 from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, set_in_address
@@ -83,7 +82,7 @@ def _choose() -> str | None:
         on_change=_take_choice,
         disabled=not names,
         help="Studies opened, simulated or imported at this address, and the samples. Two samples "
-        "are faulty, to show a failed and a doubtful answer. Commands take the "
+        "are faulty: one answer is not usable, the other usable with care. Commands take the "
         "name of a sample with or without underscores: six_axes.",
     )
     if chosen is not None:
@@ -118,7 +117,7 @@ def _open_file() -> None:
             "A study folder, zipped",
             type="zip",
             key=_UPLOADER,
-            help="study.toml with the inertias, and one table per sine experiment.",
+            help="study.toml with the inertias, and one table per experiment.",
         )
         arrived: tuple[str, bytes] | None = st.session_state.get(_ARRIVED)
         if arrived is None:

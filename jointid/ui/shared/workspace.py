@@ -5,7 +5,7 @@ anyone with the address can open its studies, which outlive session, tab and ser
 store refuses stay in the session, with a message.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from jointid import JointIdError, Study
 from jointid.files.application import application_folder, sample_studies
 from jointid.files.digest import study_digest
 from jointid.files.store import Entry, Note, Store, new_workspace, part_of, user_folder
-from jointid.files.study_files import PeekedTable, load_study, pack_study, peek_study
+from jointid.files.study_files import lines_around, load_study, pack_study
 
 SAMPLES = application_folder() / "sample_data"
 _MOST_OPENED = 12
@@ -35,21 +35,17 @@ class Opened:
 
 @dataclass(frozen=True)
 class Refused:
-    """A file that could not be opened as a study; its tables can still be looked at."""
+    """A file that could not be opened as a study."""
 
     file: str
     message: str
-    tables: tuple[PeekedTable, ...]
-    """The beginning of each table in it."""
+    lines: str
+    """Those around the fault, if it is in a text."""
 
 
 def refuse(file: str, error: JointIdError, data: bytes) -> None:
-    """Remember a file that could not be opened, with the beginning of its tables."""
-    try:
-        tables = peek_study(data)
-    except JointIdError:
-        tables = ()
-    st.session_state["refused"] = Refused(file, str(error), tables)
+    """Remember a file that could not be opened, with the lines around its fault."""
+    st.session_state["refused"] = Refused(file, str(error), lines_around(data, error))
 
 
 def sample_paths() -> dict[str, Path]:
@@ -129,18 +125,46 @@ def place_for(part: str) -> str | None:
     return None if place is None else part_of(place, part)
 
 
-def keep_part(part: str, write: Callable[[Store, str], None]) -> None:
-    """Write to a part of this workspace, creating the workspace if needed.
+def part_entries(part: str) -> dict[str, Entry]:
+    """Return the entries of a part of this workspace by digest, the newest last.
 
-    Raises
-    ------
-    JointIdError
-        When the store cannot take it.
+    Raises JointIdError when the store cannot be read.
+    """
+    place = place_for(part)
+    return {} if place is None else {entry.digest: entry for entry in reversed(store().entries(place))}
+
+
+def read_part(part: str, digest: str) -> bytes | None:
+    """Return the newest content of this digest in a part of this workspace, see ``part_entries``."""
+    entry, place = part_entries(part).get(digest), place_for(part)
+    return None if entry is None or place is None else store().read(place, entry.id)
+
+
+def keep_part(
+    part: str, name: str, digest: str, data: bytes, *, beside: Container[str] | None = None
+) -> None:
+    """Put an entry into a part of this workspace, which is created if needed.
+
+    Of the other entries those with a digest in ``beside`` stay, by default all. Raises JointIdError when
+    the store cannot take it.
     """
     place = workspace() or _new_workspace()
-    write(store(), part_of(place, part))
+    store().put(part_of(place, part), name, digest, data)
     st.session_state["workspace"] = place
     set_in_address("w", place)
+    if beside is not None:
+        others = part_entries(part).items()
+        _delete(part, [entry for key, entry in others if key != digest and key not in beside])
+
+
+def empty_part(part: str) -> None:
+    """Delete all entries of a part of this workspace, see ``part_entries``."""
+    _delete(part, part_entries(part).values())
+
+
+def _delete(part: str, entries: Iterable[Entry]) -> None:
+    for entry in entries:
+        store().delete(place_for(part) or "", entry.id)
 
 
 def _new_workspace() -> str:
@@ -184,10 +208,7 @@ def change_store(action: Literal["rename", "delete", "dismiss"], *given: str) ->
 def open_study(key: str) -> Opened:
     """Return a study of the list.
 
-    Raises
-    ------
-    JointIdError
-        When a sample or a kept copy cannot be read.
+    Raises JointIdError when a sample or a kept copy cannot be read.
     """
     if key in _in_session():
         return _in_session()[key]

@@ -11,11 +11,11 @@ from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.answer import AT_MOTOR
 from jointid.figures import compared_models
-from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
+from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.sidebar import ESTIMATORS
 from jointid.ui.shared.workspace import names_by_address, open_study, sample_paths
+from jointid.ui.study.uncertainty_panels import signed_percent
 from jointid.uncertainty.comparison import Difference, compare
 from jointid.wording import enumerated, significant, unbroken
 
@@ -95,7 +95,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     show_note(f"First: {page.key}, {first.state}. Second: {other.key}, {second.state}.")
     columns = {
         "": [f"{row.first.name} ({row.first.unit})" for row in rows],
-        "Difference": [_signed(100 * row.relative) for row in rows],
+        "Difference": [signed_percent(100 * row.relative) for row in rows],
         "Significant": [*map(_significance, rows)],
         _column(page): [row.first.shown[0] for row in rows],
         _column(other) + (" (second)" if _column(other) == _column(page) else ""): [
@@ -156,9 +156,3 @@ def _significance(row: Difference) -> str:
     if not np.isfinite(row.sigmas):
         return "–"
     return f"{'yes' if abs(row.sigmas) > _CLEAR else 'no'}, {abs(row.sigmas):.1f} σ"
-
-
-def _signed(percent: float) -> str:
-    if not np.isfinite(percent):
-        return "–"
-    return ("+" if percent > 0 else "−" if percent < 0 else "") + significant(abs(percent), 2) + " %"

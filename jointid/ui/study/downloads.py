@@ -1,40 +1,68 @@
-"""Files for other tools: results, tables, simulator snippets, and the study itself."""
+"""The report, and files for other tools: results, tables, simulator snippets, the study itself."""
 
 from functools import partial
+from html import escape
 
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, JointIdError, Study
+from jointid import Analysis, JointIdError, Study, exporting
 from jointid.answer import without
-from jointid.exporting import (
-    ENDINGS,
-    LANGUAGES,
-    Identification,
-    code_listing,
-    gear_table,
-    identification,
-    modelica_table,
-    mujoco_snippet,
-    phasor_table,
-    sdf_snippet,
-    to_json,
-    to_mat,
-    to_toml,
-    transfer_matrix_table,
-    urdf_snippet,
-)
 from jointid.exporting.tables import without_friction_and_delay
 from jointid.files.study_files import pack_study
+from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.ui.shared.charts import choose_segment, download
-from jointid.ui.shared.entries import example_hint
+from jointid.ui.shared.entries import example_hint, numbers_in, numbers_out
 from jointid.ui.shared.messages import show_error, show_info
-from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
+from jointid.ui.shared.method_steps import REPORT_AT_ONCE
+from jointid.ui.shared.page import Page
+from jointid.ui.shared.results import Show, computed_on_click, run_in_background
+
+
+def show_report(page: Page, analysis: Analysis, stem: str) -> None:
+    """Offer to make the report; once made, offer it as files and for a look."""
+    made = computed_on_click(
+        ("report", page.digest, page.method, page.unit),
+        "Make the report",
+        "make_report",
+        lambda show: _write(analysis, show),
+        kind="primary",
+        at_once=st.session_state.get(REPORT_AT_ONCE) == st.session_state["chosen"],
+    )
+    if made is None:
+        return
+    html, pdf = made
+    with st.container(horizontal=True):
+        download("Report as PDF", pdf, f"{stem}_report.pdf", kind="primary")
+        download("Report as HTML", html, f"{stem}_report.html")
+    with st.expander("Preview"):
+        preview(html, height=700)
+
+
+def _write(analysis: Analysis, progress: Show) -> tuple[str, bytes]:
+    """Return the report as HTML and as PDF."""
+    report = run_in_background(
+        make_report, analysis, progress=lambda done, what: progress(0.6 * done, what)
+    )
+    progress(0.6, "Preparing the HTML report")
+    html = run_in_background(to_html, report)
+    paper = "Preparing the PDF report"
+    progress(0.65, paper)
+    pdf = run_in_background(to_pdf, report, progress=lambda done: progress(0.65 + 0.35 * done, paper))
+    return html, pdf
+
+
+def preview(html: str, *, height: int) -> None:
+    """Show a report on the page, in a frame that can neither run scripts nor reach the app."""
+    style = f"border:0;width:100%;height:{height}px;display:block"
+    frame = f'<iframe sandbox title="The report" style="{style}" srcdoc="{escape(html)}"></iframe>'
+    st.iframe(f'<body style="margin:0">{frame}</body>', height=height)
+
 
 _SNIPPETS = (
-    ("MuJoCo", ".xml", mujoco_snippet),
-    ("URDF", ".urdf", urdf_snippet),
-    ("SDF", ".sdf", sdf_snippet),
+    ("MuJoCo", ".xml", exporting.mujoco_snippet),
+    ("URDF", ".urdf", exporting.urdf_snippet),
+    ("SDF", ".sdf", exporting.sdf_snippet),
 )
 _LAWS_HINT = (
     "Torque over deflection of every gear, motor side, up to the largest torque "
@@ -47,12 +75,12 @@ _MATLAB_HINT = (
 
 
 @st.cache_resource(max_entries=64, show_spinner="Collecting the results")
-def results(digest: str, method: str, _analysis: Analysis) -> Identification:
+def results(digest: str, method: str, _analysis: Analysis) -> exporting.Identification:
     """Collect the results of an analysis for its files, which are written when they are saved."""
-    return identification(_analysis)
+    return exporting.identification(_analysis)
 
 
-def show_identification_files(found: Identification, analysis: Analysis, stem: str) -> None:
+def show_identification_files(found: exporting.Identification, analysis: Analysis, stem: str) -> None:
     """Offer K, D and their origin as JSON, TOML and MATLAB."""
     st.header("K, D and how they were obtained", anchor=False)
     st.write(
@@ -60,18 +88,20 @@ def show_identification_files(found: Identification, analysis: Analysis, stem: s
         "fitted. SI units, seen from the motors."
     )
     with st.container(horizontal=True):
-        download("JSON", partial(to_json, found), f"{stem}.json")
-        download("TOML", partial(to_toml, found), f"{stem}.toml")
-        download("MATLAB (.mat)", partial(to_mat, analysis), f"{stem}.mat", hint=_MATLAB_HINT)
-    language = choose_segment("K and D as", list(LANGUAGES), "copy_as")
-    st.code(code_listing(found, language), language=None, wrap_lines=language == "Text")
-    for ending in (ending for ending, of in ENDINGS.items() if of == language):
-        download(f"{language} ({ending})", partial(code_listing, found, language), f"{stem}{ending}")
+        download("JSON", partial(exporting.to_json, found), f"{stem}.json")
+        download("TOML", partial(exporting.to_toml, found), f"{stem}.toml")
+        download("MATLAB (.mat)", partial(exporting.to_mat, analysis), f"{stem}.mat", hint=_MATLAB_HINT)
+    language = choose_segment("K and D as", list(exporting.LANGUAGES), "copy_as")
+    st.code(exporting.code_listing(found, language), language=None, wrap_lines=language == "Text")
+    for ending in (ending for ending, of in exporting.ENDINGS.items() if of == language):
+        download(
+            f"{language} ({ending})", partial(exporting.code_listing, found, language), f"{stem}{ending}"
+        )
     with st.expander("The whole file"):
-        st.code(to_toml(found), language="toml", height=360)
+        st.code(exporting.to_toml(found), language="toml", height=360)
 
 
-def show_tables(found: Identification, analysis: Analysis, stem: str) -> None:
+def show_tables(found: exporting.Identification, analysis: Analysis, stem: str) -> None:
     """Offer phasors, gear laws and transfer matrix as CSV."""
     st.header("Tables", anchor=False)
     separate = f" and, in separate columns, {without(analysis.fit)}"
@@ -82,19 +112,23 @@ def show_tables(found: Identification, analysis: Analysis, stem: str) -> None:
     )
     with st.container(horizontal=True):
         if analysis.study.sine_records:
-            download("Phasors (.csv)", partial(phasor_table, analysis), f"{stem}_phasors.csv")
+            download("Phasors (.csv)", partial(exporting.phasor_table, analysis), f"{stem}_phasors.csv")
         laws = f"{stem}_gears"
-        download("Gear laws (.csv)", partial(gear_table, found), f"{laws}.csv", hint=_LAWS_HINT)
+        download(
+            "Gear laws (.csv)", partial(exporting.gear_table, found), f"{laws}.csv", hint=_LAWS_HINT
+        )
         modelica = "The same for CombiTable1Ds of Modelica: tables gear1, gear2, …"
-        download("Gear laws (.txt)", partial(modelica_table, found), f"{laws}.txt", hint=modelica)
+        download(
+            "Gear laws (.txt)", partial(exporting.modelica_table, found), f"{laws}.txt", hint=modelica
+        )
         if analysis.transfer_matrices:
-            H = partial(transfer_matrix_table, analysis)
+            H = partial(exporting.transfer_matrix_table, analysis)
             download("Transfer matrix H (.csv)", H, f"{stem}_H.csv")
     if not analysis.transfer_matrices:
         show_info(f"There is no table of H. {analysis.transfer_problem}")
 
 
-def show_simulator_files(found: Identification, study: Study, stem: str) -> None:
+def show_simulator_files(found: exporting.Identification, study: Study, stem: str) -> None:
     """Offer the joints as snippets for simulators; ask for gear ratios that the study does not state."""
     n, ratio = study.inertia.n, study.gear_ratios
     st.header("For robot simulators", anchor=False)

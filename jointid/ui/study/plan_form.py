@@ -1,19 +1,18 @@
 """Experiment planning: limits, suggested records, and an own plan."""
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import streamlit as st
 
 from jointid import Analysis, Inertia, JointIdError
 from jointid.arrays import Floats
-from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, Table
-from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
+from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text, numbers_in
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.parse_numbers import numbers_in
-from jointid.ui.shared.results import computed_on_click
+from jointid.ui.shared.results import computed_on_click, run_in_background
 from jointid.ui.study.uncertainty_panels import plus_minus
 from jointid.uncertainty.information import planning_model
 from jointid.uncertainty.plan import (
@@ -25,7 +24,7 @@ from jointid.uncertainty.plan import (
     suggest_records,
 )
 from jointid.uncertainty.planned_records import phase_deg, phasor_text
-from jointid.wording import UNDETERMINED, significant
+from jointid.wording import percent, significant
 
 
 @dataclass(frozen=True)
@@ -44,10 +43,7 @@ class PlanSettings:
 def ask(analysis: Analysis, digest: str) -> PlanSettings:
     """Draw the form; the limits are at first the largest amplitudes of the study.
 
-    Raises
-    ------
-    JointIdError
-        When the entry is no list of positive numbers.
+    Raises JointIdError when the entry is no list of positive numbers.
     """
     study, n = analysis.study, analysis.fit.n
     torque, velocity = largest_so_far(analysis)
@@ -161,12 +157,12 @@ def suggested_columns(found: Suggestion) -> Table:
 def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) -> PlannedRecords:
     """Let a plan be edited, show its expected errors and return it.
 
-    Raises
-    ------
-    JointIdError
-        When a cell is empty, or the plan is no experiment.
+    Raises JointIdError when a cell is empty, or the plan is no experiment.
     """
-    st.write("Change the records, add some, or delete some; the table shows the expected accuracy.")
+    st.write(
+        "Change the records, add some, or delete some: frequency f, length t, amplitude τ and phase φ "
+        "of each motor's torque. The table shows the expected accuracy."
+    )
     plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
     errors = page.computed(
         ("own plan", pose, content(plan)),
@@ -196,13 +192,19 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
     for j in range(turned.shape[1]):
         start[f"Torque {j + 1} (N·m)"] = [float(f"{x:.3g}") for x in np.abs(turned[:, j])]
         start[f"Phase {j + 1} (°)"] = [float(round(x)) for x in phase_deg(turned[:, j])]
+    of_joints = ((f"τ{j + 1} (N·m)", f"φ{j + 1} (°)") for j in range(turned.shape[1]))
+    short = ["f (Hz)", "t (s)", *chain.from_iterable(of_joints)]
     number = st.column_config.NumberColumn
     edited = st.data_editor(
         start,
         num_rows="dynamic",
         hide_index=True,
         key=f"own_plan_{digest[:12]}",
-        column_config={name: number(format="%g", required=True) for name in start},
+        # Narrow, so that a phone shows the columns of two joints; on a wide page they grow.
+        column_config={
+            name: number(label, width=62, help=name, format="%g", required=True)
+            for name, label in zip(start, short, strict=True)
+        },
         alt="Your own plan",
     )
     return {str(name): list(values) for name, values in dict(edited).items()}
@@ -247,8 +249,3 @@ def predicted_table(errors: PredictedErrors, analysis: Analysis) -> Table:
         "This plan alone": plus_minus(analysis.unit.shown(errors.planned)),
         "Both together": plus_minus(analysis.unit.shown(errors.together)),
     }
-
-
-def percent(error: float) -> str:
-    """Relative error in per cent."""
-    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED

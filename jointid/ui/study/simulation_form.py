@@ -21,15 +21,17 @@ from jointid import (
 from jointid.simulation.campaign import simulate_campaign
 from jointid.simulation.motion import KINDS
 from jointid.study import INERTIA_STD
-from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.entries import (
     ask_inertia_std,
     ask_torque_std,
     choose_from,
     enter_number,
     enter_text,
+    matrix_in,
+    numbers_in,
+    numbers_out,
 )
-from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
+from jointid.ui.shared.results import run_in_background
 from jointid.wording import plain
 
 _RECORDS = {
@@ -105,10 +107,7 @@ class Simulation(NamedTuple):
 def ask() -> Simulation | None:
     """Draw the form and return the simulation when it was sent.
 
-    Raises
-    ------
-    JointIdError
-        When the entries are no robot or no experiment.
+    Raises JointIdError when the entries are no robot or no experiment.
     """
     left, right = st.columns(2)
     left.markdown("**The robot, seen from the motors**")
@@ -189,10 +188,7 @@ def ask() -> Simulation | None:
 def simulated_study(simulation: Simulation, progress: Callable[[float], None]) -> Study:
     """Run the experiments.
 
-    Raises
-    ------
-    JointIdError
-        When the settings do not fit each other.
+    Raises JointIdError when the settings do not fit each other.
     """
     made = run_in_background(simulate_campaign, **simulation.campaign, progress=progress)
     return Study(**made._asdict(), **simulation.study)

@@ -1,27 +1,119 @@
-"""Uncertainty of K and D: error bars, their parts, inertias as given and fitted, and checks."""
+"""Uncertainty of K and D: error bars, their parts, inertias, estimators, and checks."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, JointIdError
-from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, elasticity_quantities
+from jointid import Analysis, ElasticityFit, JointIdError
+from jointid.answer import (
+    ERROR_BARS,
+    UNSTATED_TORQUE_SCALE,
+    elasticity_quantities,
+    friction_note,
+    further_quantities,
+    model_name,
+)
 from jointid.arrays import Floats
+from jointid.estimation.candidates import Candidate
 from jointid.estimation.estimators.parameters import elasticity_labels
-from jointid.figures.uncertainty import confidence_outlines, influence_strip
-from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.charts import Table
+from jointid.ui.shared.charts import Table, table
 from jointid.ui.shared.messages import show_info, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.results import Show, computed_on_click
+from jointid.ui.shared.results import Show, computed_on_click, run_in_background
+from jointid.ui.shared.sidebar import ESTIMATORS
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
-from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
-from jointid.wording import UNDETERMINED, capitalised, significant
+from jointid.uncertainty.sensitivity import prior_influence
+from jointid.wording import UNDETERMINED, capitalised, minus, plain, significant
+
+
+def show_estimates(analysis: Analysis) -> None:
+    """One row per estimator, the chosen one first."""
+    show_text_table(estimates_table(analysis))
+    st.caption(
+        f"All pages show **{analysis.fit.method}**; the sidebar selects another. {ERROR_BARS} "
+        f"K and D {analysis.unit.side}. "
+        "The linear estimators keep the given inertias, so their error bars contain the whole "
+        "uncertainty of these."
+    )
+    st.markdown("\n".join(f"- **{name}**: {line}" for name, line in ESTIMATORS.items()))
+    st.markdown(
+        "The D formula that the paper prints as (15) weights the records differently from its "
+        "pseudo-inverse (13)–(14). Both are exact without noise."
+    )
+
+
+def show_fitted_model(fit: ElasticityFit) -> None:
+    """The model, the effects fitted in addition to K and D, and the compared models."""
+    st.write(f"Fitted model: {model_name(fit)}.")
+    if further := further_quantities(fit):
+        names, shown = [q.name for q in further], [q.shown for q in further]
+        show_text_table(
+            {"": names, "Fitted": [text for text, _ in shown], "Unit": [unit for _, unit in shown]}
+        )
+    if of_friction := friction_note(fit):
+        st.caption(of_friction)
+    if fit.candidates:
+        _show_candidates(fit.candidates)
+
+
+def _show_candidates(candidates: Sequence[Candidate]) -> None:
+    st.write(
+        "Models compared. The one with the smallest information criterion is chosen: its residual "
+        "plus a penalty for every parameter. Around a reversal a motor may stick and its friction is "
+        'unknown: "free below 3 %" leaves friction free below 3 % of the largest speed.'
+    )
+    show_text_table(
+        {
+            "Model": [c.name + (" (chosen)" if c.chosen else "") for c in candidates],
+            "Parameters": ["–" if c.problem else str(c.parameters) for c in candidates],
+            "Residual / noise": [_left_over(c) for c in candidates],
+            "Criterion": [c.problem or significant(c.criterion, 4) for c in candidates],
+        }
+    )
+
+
+def _left_over(candidate: Candidate) -> str:
+    if candidate.problem or candidate.expected_cost <= 0:
+        return "–"
+    return significant(float(np.sqrt(candidate.cost / candidate.expected_cost)), 2)
+
+
+def estimates_table(analysis: Analysis) -> Table:
+    """K, D ± standard error of every estimator, and the nominal values."""
+    fits = {analysis.fit.method: analysis.fit} | dict(analysis.fits)
+    nominal = analysis.nominal
+    columns: dict[str, list[object]] = {"Estimator": [*fits]}
+    found = [elasticity_quantities(fit, analysis.unit) for fit in fits.values()]
+    for k, same in enumerate(zip(*found, strict=True)):
+        cells = columns[f"{same[0].name} ({same[0].unit})"] = [each.shown[0] for each in same]
+        if nominal is not None:
+            cells.append(plain(float(f"{nominal[k]:.5g}")))
+    columns["Residual / noise"] = [significant(float(np.sqrt(fit.misfit)), 2) for fit in fits.values()]
+    if nominal is not None:
+        columns["Estimator"].append("nominal")
+        columns["Residual / noise"].append("–")
+    return columns
+
+
+def show_matrix(fit: ElasticityFit) -> None:
+    """Equation (12) with its condition, and the correlation of the estimates."""
+    st.write(
+        f"A has {2 * fit.n * fit.equations.omega.size} rows, two per joint and record. With columns of "
+        f"unit length its condition number is {significant(fit.condition, 3)}; near 1, the records "
+        "determine K and D independently."
+    )
+    A, b = fit.equations.matrix()
+    names = [name for j in range(1, fit.n + 1) for name in (f"D{j}", f"K{j}")]
+    table({name: A[:, k].tolist() for k, name in enumerate(names)} | {"b": b.tolist()}, height=300)
+    st.write("Correlation of the estimates:")
+    order = [f"K{j + 1}" for j in range(fit.n)] + [f"D{j + 1}" for j in range(fit.n)]
+    rows = [[significant(float(x), 2) for x in row] for row in fit.correlation]
+    columns = {name: [row[k] for row in rows] for k, name in enumerate(order)}
+    show_text_table({"": order} | columns)
+
 
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
 
@@ -61,9 +153,13 @@ def errors_table(analysis: Analysis) -> Table:
 
 def difference(other: float, value: float) -> str:
     """Deviation of ``other`` from ``value``, in per cent of it."""
-    if value == 0:
+    return signed_percent(100 * (other - value) / abs(value)) if value else "–"
+
+
+def signed_percent(percent: float) -> str:
+    """Write a change with its sign."""
+    if not np.isfinite(percent):
         return "–"
-    percent = 100 * (other - value) / abs(value)
     size = f"{abs(percent):.0f}" if abs(percent) >= 10 else significant(abs(percent), 2)
     return f"{'+' if percent > 0 else '−'}{size} %" if percent else "0 %"
 
@@ -146,8 +242,10 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     if isinstance(left_out, str):
         show_info(left_out)
         return
-    st.write("Change by leaving out a frequency, in standard errors:")
-    page.show("influence", partial(influence_strip, left_out, names), "Influence of each frequency")
+    f, k = np.unravel_index(np.abs(left_out.influence).argmax(), left_out.influence.shape)
+    change = minus(f"{left_out.influence[f, k]:+.2g}")
+    hertz = significant(left_out.frequency_hz[f], 3)
+    st.write(f"Largest influence: without {hertz} Hz, {names[k]} changes by {change} standard errors.")
 
 
 def _checks(page: Page, analysis: Analysis, draws: int, show: Show) -> tuple[Bootstrap, Jackknife | str]:
@@ -166,27 +264,3 @@ def _checks(page: Page, analysis: Analysis, draws: int, show: Show) -> tuple[Boo
 def plus_minus(values: Floats) -> list[str]:
     """Write standard errors with their sign."""
     return [f"± {significant(float(x), 2)}" if np.isfinite(x) else UNDETERMINED for x in values]
-
-
-def show_ellipses(page: Page, analysis: Analysis) -> None:
-    """Joint confidence regions of two parameters."""
-    names = elasticity_labels(analysis.fit.n)
-    left, right = st.columns(2)
-    first = left.selectbox("Across", names, key="ellipse_x", bind="query-params")
-    others = [name for name in names if name != first]
-    second = right.selectbox("Upwards", others, key="ellipse_y", bind="query-params")
-    try:
-        ellipses = [confidence_ellipse(analysis.fit, first, second, level=p) for p in (0.95, 0.68)]
-    except JointIdError as error:
-        show_info(error)
-        return
-    units = dict(zip(names, analysis.unit.units(analysis.fit.n), strict=True))
-    size = dict(zip(names, analysis.unit.shown(np.ones(len(names))), strict=True))
-    scale = np.array([size[first], size[second]])
-    shown = [replace(e, centre=e.centre * scale, outline=e.outline * scale) for e in ellipses]
-    draw = partial(confidence_outlines, shown, units)
-    page.show(f"ellipses {first} {second}", draw, f"Confidence ellipses of {first} and {second}")
-    st.caption(
-        "From the total error. A slanted ellipse means that an error in one comes with an error in the "
-        "other."
-    )

@@ -33,7 +33,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     require_few_values(file, 2 * len(lines))
     found: dict[str, tuple[array[float], array[int], str]] = {}
     strange: list[int] = []
-    clock = ClockCells(f"{file}, column {time_name}")
+    clock = ClockCells()
     times: array[float] = array("d")
     clocked = any(":" in line for line in lines[first : first + 3])
     rows = csv.reader(lines[first:], delimiter=separator)
@@ -63,8 +63,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
             f"the first is line {strange[0]}."
         )
     bare, unit = split_unit(time_name)
-    of_day, note = clock.seconds(np.array(times)) if clocked and len(times) else (np.array(times), "")
-    notes += [note] if note else []
+    of_day = clock.seconds(np.array(times)) if clocked and len(times) else np.array(times)
     signals = [
         Signal(name, of_day[np.array(places)], np.array(values), unit_of(unit))
         for name, (values, places, unit) in found.items()

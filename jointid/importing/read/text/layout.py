@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from jointid.errors import JointIdError
+from jointid.importing.columns.column_words import in_other_script
 from jointid.importing.columns.units import split_unit, unit_of
 from jointid.importing.read.text.clock_times import is_clock
 from jointid.importing.read.text.numbers import is_number, marks_note, proven_thousands, thousands_in
+from jointid.wording import listed
 
 BLANKS = " "
 """Separator of columns with any number of blanks between them."""
@@ -83,6 +85,10 @@ def decoded(file: str, data: bytes) -> str:
                 f"{file} begins as {encoding.upper()} text, but the bytes at {error.start} are not:  "
                 "the file is damaged. Export it again."
             ) from error
+        for other in ("cp932", "gb18030", "cp949", "cp1251"):
+            head_of = data[:4096].decode(other, "ignore")
+            if in_other_script(head_of):
+                return unix_lines(data.decode(other, "replace"))
         # What Windows programs of western Europe write; Latin-1 never fails.
         # Control characters of Latin-1 are signs in Windows' encoding.
         is_windows = any(byte in data for byte in (0x80, 0x85, 0x91, 0x92, 0x93, 0x94, 0x96, 0x97))
@@ -161,7 +167,7 @@ def find_layout(file: str, text: str) -> TextLayout:
         if numeric and is_number(cell, decimal, thousands)
     ]
     note = marks_note(file, said, decimal, thousands)
-    return replace(layout, notes=(note,) if note else ())
+    return replace(layout, notes=(*layout.notes, note) if note else layout.notes)
 
 
 def split_line(line: str, separator: str) -> list[str]:
@@ -223,7 +229,9 @@ def _described(
         right = sum(is_number(cell, decimal, thousands) for cell in said)
         numeric.append(2 * right > len(said))
         clock.append(bool(said) and all(is_clock(cell) for cell in said[:20]))
-    header, units = _header(lines[:first], separator, decimal, width)
+    header, units, unread = _header(lines[:first], separator, decimal, width)
+    said = [line.strip() for line in unread if re.search(r"\w", line)]
+    note = f"Lines above the table, not used: {listed(map(repr, said), at_most=3)}."
     split = [split_unit(name) for name in header] if header else [("", "")] * width
     said_units = [own or unit_of(below) for (_, own), below in zip(split, units, strict=True)]
     return TextLayout(
@@ -237,29 +245,31 @@ def _described(
         first_line=first + 1,
         has_header=header is not None,
         thousands=thousands,
+        notes=(note,) if said else (),
     )
 
 
 def _header(
     above: Sequence[str], separator: str, decimal: str, width: int
-) -> tuple[list[str] | None, list[str]]:
-    """Names, and units if they have a separate row, from the lines above the numbers."""
+) -> tuple[list[str] | None, list[str], list[str]]:
+    """Names, units if they have a separate row, and other texts, from the lines above the numbers."""
     units = [""] * width
     written = [line for line in above if line.strip()]
-    for line in reversed(written[-4:]):
+    for place in reversed(range(max(0, len(written) - 4), len(written))):
+        line, unread = written[place], written[:place]
         cells = _header_cells(line, separator, width)
         if cells is None or sum(is_number(cell, decimal) for cell in cells) > width / 2:
-            break
+            return None, units, written[: place + 1]
         said = [cell for cell in cells if cell]
         if said and all(unit_of(cell) or cell in ("-", "[-]", "[]", "1") for cell in said):
-            if line is not written[0]:
+            if unread:
                 units = cells
                 continue
-            return cells, units
+            return cells, units, unread
         if len(said) > 2 and len(set(said)) == 1:  # a row of types: float;float;float
             continue
-        return cells, units
-    return None, units
+        return cells, units, unread
+    return None, units, written
 
 
 def _header_cells(line: str, separator: str, width: int) -> list[str] | None:

@@ -103,9 +103,7 @@ def _read_slowly(
     """Read line by line: note cells that are not numbers, refuse lines that are not rows."""
     width = len(layout.numeric)
     rows: list[list[float]] = []
-    clocks = {
-        k: ClockCells(f"{file}, column {layout.names[k] or k + 1}") for k in wanted if layout.clock[k]
-    }
+    clocks = {k: ClockCells() for k in wanted if layout.clock[k]}
     wrong: tuple[int, int] | None = None  # line and number of cells of a line that does not fit
     strange: dict[int, tuple[int, int, str]] = {}  # column: how many cells, line and text of the first
     for number, raw in enumerate(io.StringIO(body), start=layout.first_line):
@@ -146,8 +144,7 @@ def _read_slowly(
     table = np.array(rows)
     for place, k in enumerate(wanted):
         if k in clocks:
-            table[:, place], note = clocks[k].seconds(table[:, place])
-            notes += [note] if note else []
+            table[:, place] = clocks[k].seconds(table[:, place])
     return list(table.T)
 
 

@@ -1,4 +1,4 @@
-"""Stiffness at the tool: deflection in millimetres for a force."""
+"""Details of a cut: over time, the required accuracy of K, and the tool under a force."""
 
 from functools import partial
 
@@ -7,13 +7,60 @@ import streamlit as st
 
 from jointid import Elasticity, JointIdError
 from jointid.analysis import Analysis
+from jointid.cut.outcome import Outcome, millimetres
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot
 from jointid.cut.tool_stiffness import ToolStiffness, planar_tool_stiffness, tool_stiffness
-from jointid.figures.tool_stiffness import deflection_ellipse
+from jointid.figures.cut import (
+    deflection_ellipse,
+    path_error_over_time,
+    torque_over_time,
+)
+from jointid.ui.cut import cached_cuts
+from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import NO_POSE, choose_segment, side_by_side, table
-from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.wording import minus, significant, with_error
+
+
+def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> None:
+    """Show path and tracking error, and the torques."""
+    error, torque = side_by_side(2)
+    with error:
+        st.markdown("**Error**")
+        st.caption(
+            "Path error: distance to the nearest point of the path. Tracking error: distance to "
+            "the reference position at that time."
+        )
+        draw = partial(path_error_over_time, outcome)
+        page.show(f"error {settings}", draw, "Path and tracking error over time")
+    with torque:
+        st.markdown("**Torque**")
+        st.caption(
+            "Torque command of each motor. A servo that knows the springs adds the torque that moves "
+            "the motors by the deflection x."
+        )
+        page.show(f"torque {settings}", partial(torque_over_time, outcome), "Motor torques over time")
+
+
+def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
+    """Show the path error for some errors of K̂, in both joints and in each alone."""
+    st.write(
+        "Largest path error when the servo assumes a wrong K̂ and the robot has the identified K, with "
+        "this path and controller. Of both signs of an error, the worse counts."
+    )
+    try:
+        exact, wrong = cached_cuts.offset_costs(page, settings.after, outcome.robot)
+    except JointIdError as error:
+        show_error(error)
+        return
+    offsets = zip(cached_cuts.OFFSETS, wrong.T, strict=True)
+    show_text_table(
+        {"Error of K̂ in": ["both joints", "joint 1", "joint 2"]}
+        | {f"± {100 * offset:g} %": [*map(millimetres, errors)] for offset, errors in offsets}
+    )
+    st.caption(f"With exact K̂, friction, delay and encoders leave {millimetres(exact)}.")
+
 
 _FORCE_N = 100.0
 
