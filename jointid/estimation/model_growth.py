@@ -32,8 +32,8 @@ _CLIMB = 0.7
 """Ratio of misfits of motions below which further laws wait for the scores beside the leading model."""
 _TRIED_LAWS = 2
 """The most nonlinear laws that are fitted for each part added."""
-_MANY_ROWS = 20_000
-"""Equations, those of six joints in 50 records, from which one part is tried where the model explains
+_MANY_ROWS = 15_000
+"""Equations, those of six joints in 40 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
 
 
