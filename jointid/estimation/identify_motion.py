@@ -31,7 +31,7 @@ _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
-_FEW, _SEARCHED = 16, 6
+_FEW = 6
 """Segments of motions that show the first noise, and the first model, from which all start."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
@@ -120,7 +120,7 @@ def _identified(
     prior = given.of_rows(source)
     phasors, start = _with_first_noise(phasors, prior, motion_start(phasors, prior))
     search = partial(choose_model, friction=friction, delay=delay, gear=gear)
-    few, own = _few(phasors, prior, _SEARCHED)
+    few, own = _few(phasors, prior)
     choice = search(few, own, start, noise=_noise(few, own))
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
     if few is not phasors or _differ(again, phasors):
@@ -154,7 +154,7 @@ def _with_first_noise(
     if not phasors.motion.any():
         return phasors, start
     fits: list[tuple[Model, LikelihoodEstimate]] = []
-    few, own = _few(phasors, prior, _FEW)
+    few, own = _few(phasors, prior)
     noise = _noise(few, own)
     for reversal in (None, 0.0, 0.03, 0.1)["coulomb" in start.layout :]:
         model = Model(reversal, delay=False)
@@ -176,12 +176,12 @@ def _with_first_noise(
     return phasors, found.named if "coulomb" in found.layout else found.elasticity
 
 
-def _few(phasors: Phasors, prior: InertiaPrior, most: int) -> tuple[Phasors, InertiaPrior]:
+def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
     """Evenly spread segments of long motions around one pose, and all sines."""
     moves = np.flatnonzero(phasors.motion)
-    if moves.size <= most or len(prior.M2) > 1:
+    if moves.size <= _FEW or len(prior.M2) > 1:
         return phasors, prior
-    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // most)]))
+    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // _FEW)]))
     return phasors.select(rows), prior.of_rows(rows)
 
 
