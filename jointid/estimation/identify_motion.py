@@ -31,7 +31,7 @@ _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
-_FEW, _SEARCHED = 16, 6
+_FEW = 6
 """Segments of motions that show the first noise, and the first model, from which all start."""
 _MANY, _NOISES = 10_000, 4
 """Equations of many joints from which the first ones show the model as well, and how often they show
@@ -123,10 +123,10 @@ def _identified(
     prior = given.of_rows(source)
     whole = phasors, prior
     if _are_many(phasors):
-        phasors, prior = _few(phasors, prior, _FEW)
+        phasors, prior = _few(phasors, prior)
     phasors, start, first = _with_first_noise(phasors, prior, motion_start(*whole))
     search = partial(choose_model, friction=friction, delay=delay, gear=gear)
-    few, own = (phasors, prior) if first else _few(phasors, prior, _SEARCHED)
+    few, own = (phasors, prior) if first else _few(phasors, prior)
     choice = search(few, own, start, noise=_noise(few, own), first=first)
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
     if few is not phasors or _differ(again, phasors):
@@ -167,7 +167,7 @@ def _with_first_noise(
     if not phasors.motion.any():
         return phasors, start, None
     fits: list[tuple[Model, LikelihoodEstimate]] = []
-    few, own = _few(phasors, prior, _FEW)
+    few, own = _few(phasors, prior)
     noise = _noise(few, own)
     for reversal in (None, 0.0, 0.03, 0.1)["coulomb" in start.layout :]:
         model = Model(reversal, delay=False)
@@ -198,12 +198,12 @@ def _are_many(phasors: Phasors) -> bool:
     return phasors.n > 2 and equations > _MANY
 
 
-def _few(phasors: Phasors, prior: InertiaPrior, most: int) -> tuple[Phasors, InertiaPrior]:
+def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
     """Evenly spread segments of long motions around one pose, and all sines."""
     moves = np.flatnonzero(phasors.motion)
-    if moves.size <= most or len(prior.M2) > 1:
+    if moves.size <= _FEW or len(prior.M2) > 1:
         return phasors, prior
-    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // most)]))
+    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // _FEW)]))
     return phasors.select(rows), prior.of_rows(rows)
 
 
@@ -227,7 +227,7 @@ def _with_noise(
     clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
     share = np.where(clear, share, np.nan)
     torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E)
-    usual = np.mean([*torques.values()], axis=0)
+    usual: Floats = np.mean([*torques.values()], axis=0)
     shown = [segment.unknown_Nm for segment in phasors.segments if segment is not None]
     braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
     unknown = shown[0] * size if np.any(shown[0]) else braked
@@ -236,7 +236,7 @@ def _with_noise(
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
             least, most = segment.least_torque_variance, segment.most_torque_variance
-            torque = torques[segment.record] if segment.record in torques else usual
+            torque = torques.get(segment.record, usual)
             torque = np.clip(torque, least, np.maximum(most, least))
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)

@@ -103,6 +103,8 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     found = search.fits.estimate(model)
     if found is None:
         return []
+    if search.is_again and model.reversal is not None and not search.may_be_richer(found):
+        return []  # filters and lags would absorb what sticking leaves
     clear, scored = _clear_parts(search, model, found), search.scores(model)
     explained = found.misfit <= EXPLAINED
     laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]
