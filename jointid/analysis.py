@@ -218,7 +218,8 @@ def analyse_arm_side(study: Study, robot: RobotModel | None = None) -> ArmSideFi
     records, robot = study.motion_records, study.robot_model if robot is None else robot
     if all(record.arm_rad is None for record in records):
         raise JointIdError(
-            "No record has a sensor behind a gear: give columns theta_a1_rad …, or use analyse."
+            "No record has a sensor behind a gear: give columns theta_a1_rad …, or find K and D "
+            "from the motors alone with analyse (jointid identify)."
         )
     if robot is None:
         raise JointIdError(

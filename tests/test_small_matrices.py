@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jointid.motion import free_friction
+from jointid.motion.complement import Basis, Complement
 from jointid.motion.free_friction import FreeFriction, real_rows
 from jointid.small_matrices import inverse, lifted, positive_inverse, root, whitener
 
@@ -34,27 +36,65 @@ def test_what_cannot_be_inverted_is_refused(n: int) -> None:
         whitener(-np.eye(n)[None] + 0j)
 
 
+@pytest.mark.parametrize("most", [3, 1000])
 @given(seed=st.integers(0, 2**32 - 1))
-def test_free_shapes_are_taken_out_whatever_their_number(seed: int) -> None:
-    """What is left is orthogonal to every shape in units of noise; records without shapes keep all."""
+def test_free_shapes_are_taken_out_whatever_their_number(seed: int, most: int) -> None:
+    """What is left is orthogonal to every shape in units of noise; records without shapes keep all.
+
+    So it is as columns and, with many joints and more than ``most`` shapes, in the complement.
+    """
     rng = np.random.default_rng(seed)
-    r, H, n, k = 6, 7, 2, 5
-    shapes = rng.standard_normal((r, H, n, k)) + 1j * rng.standard_normal((r, H, n, k))
-    counts = rng.integers(0, k + 1, r)
-    for record, count in enumerate(counts):
-        shapes[record][..., count:] = 0
-    W = np.broadcast_to(np.array([[2.0, 0], [0.3j, 0.5]]), (r, H, n, n)).astype(complex)
-    shown = [each[..., :count] for each, count in zip(shapes, counts, strict=True)]
-    free = FreeFriction.of(shown, H)
-    rows = real_rows(rng.standard_normal((r, H, n, 3)) + 0j)
-    projection = free.projection(W)
-    left = projection.rest(rows)
-    within = np.einsum("rmk,rmc->rkc", real_rows(W @ shapes), left)
+    r, H, n, k = 4, 7, 3, 2
+    counts = rng.integers(0, k + 1, (r, n))
+    counts[0] = k
+    shown = [
+        [rng.standard_normal((H, c)) + 1j * rng.standard_normal((H, c)) for c in each] for each in counts
+    ]
+    mixing = np.array([[2.0, 0, 0], [0.3j, 0.5, 0], [1.0, -0.2, 1.5]])
+    W = np.broadcast_to(mixing, (r, H, n, n)).astype(complex)
+    V = np.linalg.inv(W.conj().swapaxes(2, 3) @ W)
+    none = [[np.zeros((H, 0), complex)] * n] * r
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(free_friction, "_MOST", most)
+        free = FreeFriction.of(shown, np.ones((r, H, n), bool), none)
+    projection = free.projection(W, V)
+    values = rng.standard_normal((r, H, n, 3)) + 1j * rng.standard_normal((r, H, n, 3))
+    left, whole = projection.rows(values), real_rows(W @ values)
+    kept = projection.whitened(left)
+    shapes = np.zeros((r, H, n, n * k), complex)
+    for record, each in enumerate(shown):
+        for j, own in enumerate(each):
+            shapes[record, :, j, j * k : j * k + own.shape[1]] = own
+    within = np.einsum("rmk,rmc->rkc", real_rows(W @ shapes), real_rows(kept))
     assert np.allclose(within, 0, atol=1e-6)
-    assert np.array_equal(left[counts == 0], rows[counts == 0])
+    assert np.allclose((left**2).sum(axis=1), (np.abs(kept) ** 2).sum(axis=(1, 2)), rtol=1e-9)
+    assert np.allclose(real_rows(kept)[counts.sum(axis=1) == 0], whole[counts.sum(axis=1) == 0])
     assert projection.rank() == counts.sum()
-    mixture = shapes @ rng.standard_normal((r, 1, k, 1))
-    assert np.allclose(projection.explained(real_rows(W @ mixture), H), mixture[..., 0], atol=1e-6)
+    mixture = shapes @ rng.standard_normal((r, 1, n * k, 1))
+    assert np.allclose(projection.explained(mixture), mixture[..., 0], atol=1e-6)
+
+
+def test_waveforms_of_known_size_are_noise() -> None:
+    """The coordinates of a residual with them are those of its whole covariance."""
+    rng = np.random.default_rng(5)
+    H, n = 6, 3
+    V = np.eye(n) * np.array([1.0, 4.0, 0.25]) + 0.1 * np.ones((H, n, n)) + 0j
+    bounded = [rng.standard_normal((H, 2)) + 1j * rng.standard_normal((H, 2)) for _ in range(n)]
+    none = [np.zeros((H, 0), complex)] * n
+    basis = Basis.of(none, np.ones((H, n), bool), bounded)
+    r = rng.standard_normal((1, H, n, 1)) + 1j * rng.standard_normal((1, H, n, 1))
+    rows = Complement.of((basis,), V[None]).rows(r)
+    whole = np.zeros((2 * H * n, 2 * H * n))  # twice the covariance of the real rows
+    for h in range(H):
+        place = np.arange(n) + h * n
+        whole[np.ix_(place, place)] = whole[np.ix_(place + H * n, place + H * n)] = V[h].real
+    for j, shapes in enumerate(bounded):
+        own = np.zeros((1, H, n, 2), complex)
+        own[0, :, j] = shapes
+        columns = real_rows(own)[0]
+        whole += 2 * columns @ columns.T
+    real = real_rows(r)[0, :, 0]
+    np.testing.assert_allclose((rows**2).sum(), real @ np.linalg.solve(whole, real), rtol=1e-9)
 
 
 def test_a_singular_covariance_has_a_finite_whitener() -> None:

@@ -122,10 +122,11 @@ def planned(
                 highest_hz=0.25 / max(record.interval_s for record in known.records),
             )
     motion = Motion(*shape, duration_s, odd=shape[0] == "multisine")
-    pairs = zip(vars(largest_motion(known.records)).values(), (position, velocity, torque), strict=True)
+    options = {"--position-limit": position, "--velocity-limit": velocity, "--torque-limit": torque}
+    pairs = zip(vars(largest_motion(known.records)).values(), options.items(), strict=True)
     n = known.inertia.n
     chosen = MotionLimits(
-        *(own if given is None else per_joint("limit", given, n) for own, given in pairs)
+        *(own if given is None else per_joint(name, given, n) for own, (name, given) in pairs)
     )
     with progress("Planning", quiet=quiet):
         analysis = analyse(known, method=method)

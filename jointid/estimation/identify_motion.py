@@ -31,8 +31,11 @@ _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
-_FEW, _SEARCHED = 16, 6
+_FEW = 6
 """Segments of motions that show the first noise, and the first model, from which all start."""
+_MANY, _NOISES = 10_000, 4
+"""Equations of many joints from which the first ones show the model as well, and how often they show
+the noise."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
@@ -118,10 +121,13 @@ def _identified(
     phasors, source = _phasors(records, given.M[given.rotor])
     _require_motion(phasors)
     prior = given.of_rows(source)
-    phasors, start = _with_first_noise(phasors, prior, motion_start(phasors, prior))
+    whole = phasors, prior
+    if _are_many(phasors):
+        phasors, prior = _few(phasors, prior)
+    phasors, start, first = _with_first_noise(phasors, prior, motion_start(*whole))
     search = partial(choose_model, friction=friction, delay=delay, gear=gear)
-    few, own = _few(phasors, prior, _SEARCHED)
-    choice = search(few, own, start, noise=_noise(few, own))
+    few, own = (phasors, prior) if first else _few(phasors, prior)
+    choice = search(few, own, start, noise=_noise(few, own), first=first)
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
     if few is not phasors or _differ(again, phasors):
         phasors, found = again, choice.estimate
@@ -131,30 +137,37 @@ def _identified(
         choice = search(phasors, prior, start, noise=_noise(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
-    estimate, noise = choice.estimate, _noise(phasors, prior)
+    estimate = choice.estimate
+    if len(phasors.omega) < len(whole[0].omega):
+        phasors, prior = _with_noise(phasors, prior, choice.model, estimate, of=whole), whole[1]
+        estimate = fit_model(phasors, prior, estimate.named, _noise(phasors, prior), choice.model)
+    noise = _noise(phasors, prior)
     fitted = evaluated(phasors, prior, choice.model, estimate, noise, estimate.scale)
     lines, inertias, covariance = _lines(estimate, phasors, noise)
     equations = spring_equations(
         lines, inertias, noise=Noise(covariance[:, None], lines.degrees_of_freedom)
     )
     fit = likelihood_fit("auto", choice, estimate, equations, prior, fitted.torsion_curves())
-    first = [int(np.argmax(source == k)) for k in range(len(records))]
+    rows = [int(np.argmax(source == k)) for k in range(len(records))]
     return replace(
         fit,
         phasors=lines,
         prior=given,
-        inertias=tuple(estimate.inertias[row] for row in first),
+        inertias=tuple(estimate.inertias[row] for row in rows),
     )
 
 
 def _with_first_noise(
     phasors: Phasors, prior: InertiaPrior, start: Parameters
-) -> tuple[Phasors, Floats | Parameters]:
-    """Phasors with the noise that a fit with simple friction leaves, and its parameters."""
+) -> tuple[Phasors, Floats | Parameters, Model | None]:
+    """Phasors with the noise that a fit with simple friction leaves, and its parameters.
+
+    And its model, where the noise was found several times.
+    """
     if not phasors.motion.any():
-        return phasors, start
+        return phasors, start, None
     fits: list[tuple[Model, LikelihoodEstimate]] = []
-    few, own = _few(phasors, prior, _FEW)
+    few, own = _few(phasors, prior)
     noise = _noise(few, own)
     for reversal in (None, 0.0, 0.03, 0.1)["coulomb" in start.layout :]:
         model = Model(reversal, delay=False)
@@ -167,51 +180,68 @@ def _with_first_noise(
                 break
             fits.append((model, found))
     if not fits:
-        return phasors, start
+        return phasors, start, None
     model, found = fits[-1]
+    many = _are_many(phasors)
     phasors = _with_noise(phasors, prior, model, found)
-    with contextlib.suppress(JointIdError):  # of the first fit, the weights were far off
-        found = replace(found, p=stepped(phasors, prior, found, _noise(phasors, prior), model)[0])
-        phasors = _with_noise(phasors, prior, model, found)
-    return phasors, found.named if "coulomb" in found.layout else found.elasticity
+    for _ in range(_NOISES if many else 1):
+        with contextlib.suppress(JointIdError):  # of the fit before, the weights were far off
+            found = replace(found, p=stepped(phasors, prior, found, _noise(phasors, prior), model)[0])
+            phasors = _with_noise(phasors, prior, model, found)
+    near = found.named if "coulomb" in found.layout else found.elasticity
+    return phasors, near, model if many else None
 
 
-def _few(phasors: Phasors, prior: InertiaPrior, most: int) -> tuple[Phasors, InertiaPrior]:
+def _are_many(phasors: Phasors) -> bool:
+    """Whether segments of many joints are enough to find the model, and all would take long."""
+    equations = 2 * int(np.count_nonzero(phasors.harmonics[..., : phasors.n]))
+    return phasors.n > 2 and equations > _MANY
+
+
+def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
     """Evenly spread segments of long motions around one pose, and all sines."""
     moves = np.flatnonzero(phasors.motion)
-    if moves.size <= most or len(prior.M2) > 1:
+    if moves.size <= _FEW or len(prior.M2) > 1:
         return phasors, prior
-    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // most)]))
+    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // _FEW)]))
     return phasors.select(rows), prior.of_rows(rows)
 
 
 def _with_noise(
-    phasors: Phasors, prior: InertiaPrior, model: Model, estimate: LikelihoodEstimate | JointIdError
+    phasors: Phasors,
+    prior: InertiaPrior,
+    model: Model,
+    estimate: LikelihoodEstimate | JointIdError,
+    of: tuple[Phasors, InertiaPrior] | None = None,
 ) -> Phasors:
-    """Phasors with the noise of motions that a fitted model leaves."""
+    """Phasors, or others, ``of``, with the noise of motions that a fitted model leaves in them."""
     if not phasors.motion.any() or isinstance(estimate, JointIdError):
         return phasors
     noise = _noise(phasors, prior)
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
     residual = evaluated(phasors, prior, model, estimate, noise, unweighted)
     left = residual.at.r - residual.free_friction()
-    rows = 2 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
-    share = np.where(
-        residual.at.problem.used, 1 - residual.projection.rank_by_joint(phasors.n) / rows, 0
-    )
+    rows = 2.0 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
+    left_of_noise, size = residual.projection.noise_left(residual.rows, rows)
+    share = np.where(residual.at.problem.used, left_of_noise / rows, 0)
     clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
     share = np.where(clear, share, np.nan)
     torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E)
-    covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
+    usual: Floats = np.mean([*torques.values()], axis=0)
+    shown = [segment.unknown_Nm for segment in phasors.segments if segment is not None]
     braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
+    unknown = shown[0] * size if np.any(shown[0]) else braked
+    phasors, prior = of or (phasors, prior)
+    covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
             least, most = segment.least_torque_variance, segment.most_torque_variance
-            torque = np.clip(torques[segment.record], least, np.maximum(most, least))
+            torque = torques.get(segment.record, usual)
+            torque = np.clip(torque, least, np.maximum(most, least))
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
-            segments[row] = replace(segment, turn_rad_s=late, known={})
+            segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=unknown, known={})
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
 
@@ -232,8 +262,12 @@ def _lines(
     row, bins = np.nonzero(known)
     z = np.where(phasors.motion[row, None], clean.harmonics[row, bins], clean.z[row])
     covariance = noise.covariance[row, bins]
+    short = {  # without the many others, of which each row would have a copy
+        name: getattr(clean, name)[:, :1]
+        for name in ("harmonics", "harmonic_covariance", "harmonic_rounding")
+    }
     lines = replace(
-        clean.select(row),
+        replace(clean, **short).select(row),
         omega=phasors.omega[row] * (bins + 1),
         q=z[:, :n],
         tau=z[:, n:],

@@ -32,8 +32,8 @@ _CLIMB = 0.7
 """Ratio of misfits of motions below which further laws wait for the scores beside the leading model."""
 _TRIED_LAWS = 2
 """The most nonlinear laws that are fitted for each part added."""
-_MANY_ROWS = 20_000
-"""Equations, those of six joints in 50 records, from which one part is tried where the model explains
+_MANY_ROWS = 15_000
+"""Equations, those of six joints in 40 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
 
 
@@ -103,6 +103,8 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     found = search.fits.estimate(model)
     if found is None:
         return []
+    if search.is_again and model.reversal is not None and not search.may_be_richer(found):
+        return []  # filters and lags would absorb what sticking leaves
     clear, scored = _clear_parts(search, model, found), search.scores(model)
     explained = found.misfit <= EXPLAINED
     laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]

@@ -46,6 +46,8 @@ class Search:
     base: Model
     """Parts that every model has."""
     fits: Fits
+    is_again: bool = False
+    """Whether the noise of motions is the one that an earlier search left."""
     starts: dict[Model, int] = field(default_factory=dict)
     """Number of start values from which each model was fitted."""
     slow_fits: int = 0

@@ -94,6 +94,7 @@ def choose_model(
         noise,
         Model(0.0 if friction else None, delay),
         Fits(optional, max(rows, 1)),
+        is_again=first is not None,
     )
     if first is not None:
         search.fit(first, linear)

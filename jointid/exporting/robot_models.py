@@ -253,7 +253,9 @@ def _heading(identification: Identification, arm: ArmSide) -> list[str]:
     lines = [
         f"<!-- {_comment(i.answer or 'The state of the answer is not stated.')}",
         f"     Elastic joints of {_comment(i.obtained.study or 'a study')}, by jointid "
-        f"{_comment(i.obtained.version)}; study {_comment(i.obtained.digest)}.",
+        f"{_comment(i.obtained.version)}; study {_comment(i.obtained.digest)};",
+        f"     estimator {_comment(i.obtained.method)}; model: {_comment(i.obtained.model)}; "
+        f"{counted(i.obtained.records, 'record')}.",
         f"     Joint side, SI units: gear ratios N = {ratios} are applied, K_joint = N^2 K, D_joint = "
         f"N^2 D,",
         "     rotor inertia N^2 J_m, Coulomb friction |N| F_c, viscous friction N^2 F_v.",

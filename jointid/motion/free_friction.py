@@ -14,11 +14,14 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from jointid.arrays import Complexes, Floats
+from jointid.motion.complement import DEPENDENT, Basis, Complement
 from jointid.small_matrices import inverse
 
 _MANY = 48
 """Waveforms from which Cholesky's method pays for a call per record."""
-_RIDGE = 1e-11
+_MOST = 256
+"""Waveforms of a record from which their complement, joint by joint, is faster with many joints."""
+_RIDGE = DEPENDENT
 """Added to the Gram matrix of unit columns: neighbouring hat functions are nearly dependent."""
 
 
@@ -26,25 +29,43 @@ _RIDGE = 1e-11
 class FreeFriction:
     """Waveforms of all records, in groups of records with similarly many, to limit the padding."""
 
-    groups: tuple[tuple[np.ndarray, Complexes], ...]
+    groups: tuple[tuple[np.ndarray, Complexes], ...] = ()
     """Indices of the records, shape (g,), and their waveforms, (g, H, n, k), padded with zeros."""
     ends: tuple[np.ndarray, Complexes] | None = None
     """Indices of some records, shape (m,), and further columns, (m, H, n, k)."""
+    bases: tuple[Basis, ...] = ()
+    """In place of the groups, where a record has many waveforms: what they leave of each record."""
+    shapes: int = 0
+    """Number of waveforms; their rank may be smaller."""
 
     @classmethod
-    def of(cls, records: Sequence[Complexes], H: int) -> FreeFriction:
-        """Group the waveforms (H', n, k) of the records, each with its own k and at most H harmonics."""
-        counts = np.array([each.shape[2] for each in records], dtype=int)
+    def of(
+        cls,
+        records: Sequence[Sequence[Complexes]],
+        known: np.ndarray,
+        bounded: Sequence[Sequence[Complexes]],
+    ) -> FreeFriction:
+        """Collect the waveforms (H', k) of every joint of the records, each with its own H' and k.
+
+        ``known``, shape (r, H, n), tells which equations there are. The complement takes the ``bounded``
+        waveforms of unit standard deviation as noise.
+        """
+        counts = np.array([sum(each.shape[1] for each in own) for own in records], dtype=int)
+        if counts.max(initial=0) > _MOST and known.shape[2] > 2:
+            bases = tuple(map(Basis.of, records, known, bounded))
+            return cls(bases=bases, shapes=int(counts.sum()))
         sizes = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
         groups = []
         for size in np.unique(sizes[counts > 0]).tolist():
             members = np.flatnonzero((sizes == size) & (counts > 0))
-            padded = np.zeros((members.size, H, records[0].shape[1], counts[members].max()), complex)
+            padded = np.zeros((members.size, *known.shape[1:], counts[members].max()), complex)
             for place, member in zip(padded, members.tolist(), strict=True):
-                own = records[member]
-                place[: own.shape[0], :, : own.shape[2]] = own
+                first = 0
+                for j, own in enumerate(records[member]):
+                    place[: len(own), j, first : first + own.shape[1]] = own
+                    first += own.shape[1]
             groups.append((members, padded))
-        return cls(tuple(groups))
+        return cls(tuple(groups), shapes=int(counts.sum()))
 
     def with_columns(self, records: np.ndarray, columns: Complexes) -> FreeFriction:
         """Project columns (m, H, n, k) of some records (m,) out as well."""
@@ -52,25 +73,21 @@ class FreeFriction:
 
     def moved(self, factor: Complexes) -> FreeFriction:
         """The waveforms of the records times phase factors (r, H, n): at other times."""
-        return replace(self, groups=tuple((k, each * factor[k][..., None]) for k, each in self.groups))
+        groups = tuple((k, each * factor[k][..., None]) for k, each in self.groups)
+        return replace(self, groups=groups, bases=tuple(map(Basis.moved, self.bases, factor)))
 
-    @property
-    def shapes(self) -> int:
-        """Number of waveforms; their rank may be smaller."""
-        return sum(int(np.any(each != 0, axis=(1, 2)).sum()) for _, each in self.groups)
-
-    def projection(self, W: Complexes) -> Projection:
-        """Return the projection for the whitening matrices W, shape (r, H, n, n)."""
+    def projection(self, W: Complexes, V: Complexes) -> Projection:
+        """Return the projection for the whitening matrices W of the covariances V, (r, H, n, n)."""
         columns = tuple(Columns.of(k, real_rows(W[k] @ each)) for k, each in self.groups)
-        free = Projection(W, columns)
+        free = Projection(W, columns, Complement.of(self.bases, V) if self.bases else None)
         if self.ends is None:
             return free
         records, shapes = self.ends
-        rows = np.zeros((len(W), 2 * W.shape[1] * W.shape[2], shapes.shape[3]))
-        rows[records] = real_rows(W[records] @ shapes)
-        left, whole = free.rest(rows)[records], np.linalg.norm(rows[records], axis=1, keepdims=True)
-        left *= np.linalg.norm(left, axis=1, keepdims=True) > np.sqrt(_RIDGE) * whole
-        return Projection(W, (*columns, Columns.of(records, left)))
+        whole = np.zeros((*W.shape[:3], shapes.shape[3]), complex)
+        whole[records] = shapes
+        left, size = free.rows(whole)[records], np.linalg.norm(W[records] @ shapes, axis=(1, 2))
+        left *= np.linalg.norm(left, axis=1, keepdims=True) > np.sqrt(DEPENDENT) * size[:, None]
+        return replace(free, ends=Columns.of(records, left))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,43 +147,82 @@ class Projection:
 
     W: Complexes
     """Whitening matrices, shape (r, H, n, n)."""
-    groups: tuple[Columns, ...]
-    """Of different records, but for the last ones, which are orthogonal to the others."""
+    columns: tuple[Columns, ...]
+    """Of different records."""
+    complement: Complement | None
+    """In place of the columns: coordinates that the waveforms do not reach."""
+    ends: Columns | None = None
+    """Further columns, orthogonal to the others."""
 
-    def rest(self, rows: Floats) -> Floats:
-        """Rows (r, 2Hn, c), as ``real_rows`` makes them, without their projection onto the waveforms."""
-        if not self.groups:
-            return rows
-        left = rows.copy()
-        for each in self.groups:
+    def _without_waveforms(self, values: Complexes) -> Floats:
+        if self.complement:
+            return self.complement.rows(values)
+        left = real_rows(self.W @ values)
+        for each in self.columns:
             left[each.records] = each.rest(left[each.records])
         return left
 
-    def first_sizes(self, rows: Floats, count: int) -> Floats:
-        """Amplitudes (r, count) of the first of the further columns fitted to rows (r, 2Hn, 1)."""
-        found, ends = np.zeros((len(rows), count)), self.groups[-1]
-        length = np.where(ends.length > 0, ends.length, np.inf)
-        found[ends.records] = (ends.sizes(rows[ends.records])[..., 0] / length)[:, :count]
+    def rows(self, values: Complexes) -> Floats:
+        """Whitened rows (r, m, c) of values (r, H, n, c) without their part in the waveforms.
+
+        They are real and imaginary parts of all bins and joints, or coordinates of the complement.
+        """
+        left = self._without_waveforms(values)
+        if self.ends:
+            left[self.ends.records] = self.ends.rest(left[self.ends.records])
+        return left
+
+    def whitened(self, rows: Floats) -> Complexes:
+        """Rows (r, m, c) of the complement as complex values of all bins, shape (r, H, n, c)."""
+        if self.complement:
+            return np.asarray(self.W @ (self.complement.V @ self.complement.weighted(rows)))
+        half = rows.shape[1] // 2
+        return np.asarray((rows[:, :half] + 1j * rows[:, half:]).reshape(*self.W.shape[:3], -1))
+
+    def costs(self, values: Complexes, rows: Floats) -> Floats:
+        """Part of every bin, (r, H), in the square of the rows (r, m, 1) of values (r, H, n, 1)."""
+        if self.complement:
+            return np.asarray((values.conj() * self.complement.weighted(rows)).real.sum(axis=(2, 3)))
+        return np.asarray((np.abs(self.whitened(rows)) ** 2).sum(axis=(2, 3)))
+
+    def first_sizes(self, values: Complexes, count: int) -> Floats:
+        """Amplitudes (r, count) of the first of the further columns in values (r, H, n, 1)."""
+        found = np.zeros((len(values), count))
+        if self.ends:
+            length = np.where(self.ends.length > 0, self.ends.length, np.inf)
+            rows = self.complement.rows(values) if self.complement else real_rows(self.W @ values)
+            rows = rows[self.ends.records]
+            found[self.ends.records] = (self.ends.sizes(rows)[..., 0] / length)[:, :count]
         return found
 
     def rank(self) -> int:
         """Effective degrees of freedom of the free friction: the trace of its projection."""
-        return round(sum(each.rank() for each in self.groups))
+        found = sum(each.rank() for each in self.columns) + (self.ends.rank() if self.ends else 0.0)
+        bases = self.complement.bases if self.complement else ()
+        return round(found + float(sum(basis.freed.sum() for basis in bases)))
 
-    def rank_by_joint(self, n: int) -> Floats:
-        """Effective degrees of freedom of the free friction of n joints in each record, shape (r, n)."""
-        found = np.zeros((len(self.W), n))
-        for each in self.groups:
-            found[each.records] += each.leverage().reshape(len(each.records), -1, n).sum(axis=1)
-        return found
+    def noise_left(self, rows: Floats, known: Floats) -> tuple[Floats, Floats]:
+        """Degrees of freedom (r, n) of the noise that the projection leaves, of those known, (r, 1).
 
-    def explained(self, rows: Floats, harmonics: int) -> Complexes:
-        """Free friction fitted to the rows (r, 2Hn, 1) in use, shape (r, H, n)."""
-        free = (rows - self.rest(rows))[..., 0].reshape(len(rows), 2, harmonics, -1)
+        And the size of bounded waveforms over the stated, (n,), for the rows (r, m) of the residual.
+        """
+        n = self.W.shape[2]
+        found, size = known * np.ones(n), np.ones(n)
+        if self.complement:
+            found, size = self.complement.noise_left(rows)
+            if self.ends:  # they take from all joints alike
+                found[self.ends.records] -= self.ends.leverage().sum(axis=1, keepdims=True) / n
+            return found, size
+        for each in (*self.columns, *([self.ends] if self.ends else [])):
+            found[each.records] -= each.leverage().reshape(len(each.records), -1, n).sum(axis=1)
+        return found, size
+
+    def explained(self, values: Complexes) -> Complexes:
+        """Free friction in the values (r, H, n, 1) in use, shape (r, H, n)."""
+        free = self.W @ values - self.whitened(self.rows(values))
         used = np.diagonal(self.W, axis1=2, axis2=3) != 0
         back = inverse(self.W + np.eye(self.W.shape[-1]) * ~used[..., None])
-        found = (back @ (free[:, 0] + 1j * free[:, 1])[..., None])[..., 0]
-        return np.asarray(np.where(used, found, 0))
+        return np.asarray(np.where(used, (back @ free)[..., 0], 0))
 
 
 def real_rows(values: Complexes) -> Floats:

@@ -6,8 +6,11 @@ stick, and the friction torque is then not a function of the velocity. There the
 the resolution of the harmonics, so that no waveform is assumed.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -46,13 +49,23 @@ class FrictionWaveforms:
     curve: Complexes
     """Of sign θ̇ · exp(−|θ̇|/w) for several widths w, shape (r, H, n, c): friction that rises or falls
     with speed, in addition to Coulomb friction."""
-    free: FreeFriction
-    """Free friction waveforms around the reversals."""
+    shapes: list[Sequence[Complexes]]
+    """Free waveforms (H', k) of every joint of the records."""
+    bounded: list[Sequence[Complexes]]
+    """The same of friction within the Coulomb friction, N·m, in their standard deviations."""
+    known: np.ndarray
+    """Whether a bin is an equation, shape (r, H)."""
     stationary: np.ndarray
     """Whether the joint's motion is within its noise, shape (r, n): its friction is then unknown over
     the whole period, and its residual carries no information."""
     position_filter: Floats = field(default_factory=lambda: np.zeros(1))
     """Time constants of the filters of the positions that the velocities are freed of, (n,), s."""
+
+    @cached_property
+    def free(self) -> FreeFriction:
+        """Free friction waveforms around the reversals."""
+        equations = self.known[..., None] & ~self.stationary[:, None]
+        return FreeFriction.of(self.shapes, equations, self.bounded)
 
 
 def friction_waveforms(
@@ -81,7 +94,7 @@ def friction_waveforms(
         own = friction_waveforms(_unfiltered(phasors, position_filter), window, curve=curve)
         return replace(own, position_filter=position_filter)
     if phasors.motion.any():
-        return _with_segments(phasors, window, curve)
+        return _of_segments(phasors, window, curve)
     H, n = phasors.harmonics.shape[1], phasors.n
     rate = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
     angle = phasors.harmonics[..., :n]
@@ -100,11 +113,11 @@ def friction_waveforms(
     stationary = share > _STATIONARY
 
     signs = np.where(stationary[..., None], 0.0, np.sign(velocity))
-    free = FreeFriction(())
+    known, none = np.any(phasors.harmonics != 0, axis=2), [[np.zeros((H, 0), complex)] * n] * len(rate)
+    free: list[Sequence[Complexes]] = [*none]
     if window > 0:
-        carried = np.any(phasors.harmonics != 0, axis=2).sum(axis=1)
         threshold = np.where(stationary, np.inf, share * largest)
-        free = _freed(velocity, signs, threshold, carried, H)
+        free = _freed(velocity, signs, threshold, known.sum(axis=1), H)
     reverses = (signs.min(axis=2) < 0) & (signs.max(axis=2) > 0)
     coulomb = phasors_of(signs, H).swapaxes(1, 2) * reverses[:, None]
     fading = np.zeros((*coulomb.shape, len(_WIDTHS) if curve else 0), complex)
@@ -113,7 +126,7 @@ def friction_waveforms(
         with np.errstate(divide="ignore", invalid="ignore"):
             fades = signs * np.nan_to_num(np.exp(-np.abs(velocity) / width))
         fading[..., c] = phasors_of(fades, H).swapaxes(1, 2)
-    return FrictionWaveforms(coulomb, fading, free, stationary)
+    return FrictionWaveforms(coulomb, fading, free, [*none], known, stationary)
 
 
 def _unfiltered(phasors: Phasors, position_filter: Floats) -> Phasors:
@@ -126,7 +139,7 @@ def _unfiltered(phasors: Phasors, position_filter: Floats) -> Phasors:
     return replace(phasors, harmonics=gain * z, harmonic_covariance=covariance)
 
 
-def _with_segments(phasors: Phasors, window: float, curve: bool) -> FrictionWaveforms:
+def _of_segments(phasors: Phasors, window: float, curve: bool) -> FrictionWaveforms:
     """Waveforms of sines and of segments of motion records."""
     (r, H, _), n = phasors.harmonics.shape, phasors.n
     segments = {k: each for k, each in enumerate(phasors.segments) if each is not None}
@@ -135,43 +148,44 @@ def _with_segments(phasors: Phasors, window: float, curve: bool) -> FrictionWave
     widths = np.outer(largest, _WIDTHS if curve else ())
     coulomb, fading = np.zeros((r, H, n), complex), np.zeros((r, H, n, widths.shape[1]), complex)
     stationary = np.zeros((r, n), bool)
-    free = [np.zeros((H, n, 0), complex)] * r
+    free: list[Sequence[Complexes]] = [[]] * r
+    bounded = [*free]
     if sines.size:
         own = friction_waveforms(phasors.select(sines), window, curve=curve)
         coulomb[sines], fading[sines], stationary[sines] = own.coulomb, own.curve, own.stationary
-        for members, waveforms in own.free.groups:
-            for record, shapes in zip(members.tolist(), waveforms, strict=True):
-                free[sines[record]] = shapes
+        for row, *shapes in zip(sines.tolist(), own.shapes, own.bounded, strict=True):
+            free[row], bounded[row] = shapes
     for row, segment in segments.items():
         found = segment_friction(segment, window, widths)
         coulomb[row, : segment.highest], fading[row, : segment.highest] = found.coulomb, found.curve
-        stationary[row], free[row] = found.stationary, found.free
-    return FrictionWaveforms(coulomb, fading, FreeFriction.of(free, H), stationary)
+        stationary[row], free[row], bounded[row] = found.stationary, found.free, found.bounded
+    known = np.any(phasors.harmonics != 0, axis=2)
+    return FrictionWaveforms(coulomb, fading, free, bounded, known, stationary)
 
 
 def _freed(
     velocity: Floats, signs: Floats, threshold: Floats, carried: np.ndarray, H: int
-) -> FreeFriction:
+) -> list[Sequence[Complexes]]:
     """Hat functions over each reversal, where |velocity| (r, n, t) is below the threshold (r, n).
 
     Moves the step of ``signs`` to the middle of the reversal, in place.
     """
     r, n, _ = velocity.shape
-    free = []
+    free: list[Sequence[Complexes]] = []
     for record in range(r):
-        columns = [np.zeros((H, n, 0), complex)]
+        own = []
         for joint in range(n):
+            columns = [np.zeros((H, 0), complex)]
             sign = signs[record, joint]
             for begin, length, before in _reversals(velocity[record, joint], threshold[record, joint]):
                 steps = np.arange(length + 1)
                 sign[(begin + steps) % _GRID] = np.where(steps < length / 2, before, -before)
                 pieces = int(np.ceil(_HATS_PER_HARMONIC * carried[record] * length / _GRID))
                 late = waves(H, _GRID)[:, begin % _GRID].conj()
-                column = np.zeros((H, n, pieces + 1), complex)
-                column[:, joint] = _hats(length, pieces, H) * late[:, None]
-                columns.append(column)
-        free.append(np.concatenate(columns, axis=2))
-    return FreeFriction.of(free, H)
+                columns.append(_hats(length, pieces, H) * late[:, None])
+            own.append(np.concatenate(columns, axis=1))
+        free.append(own)
+    return free
 
 
 def _reversals(velocity: Floats, threshold: float) -> list[tuple[int, int, float]]:

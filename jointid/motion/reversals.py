@@ -10,6 +10,8 @@ from jointid.phasors.segment import Segment, bins_of
 
 _RESOLVED = 0.5
 """Polynomials of a stretch beyond its phase at the highest bin, which decides how many it needs."""
+_FURTHER = 1
+"""Further polynomials, which the highest bin resolves in part."""
 _MOST = 0.6
 """Largest share of a joint's equations that the stretches take: the longest, for in the shortest the
 unknown friction is an impulse, like noise."""
@@ -29,8 +31,10 @@ class SegmentFriction:
     """Of sign θ̇, shape (H, n)."""
     curve: Complexes
     """Of sign θ̇ · exp(−|θ̇|/w) for each width w, shape (H, n, c)."""
-    free: Complexes
-    """Polynomials over the stretches with unknown friction, shape (H, n, k)."""
+    free: tuple[Complexes, ...]
+    """Polynomials over the stretches of every joint with unknown friction, each (H, k)."""
+    bounded: tuple[Complexes, ...]
+    """Those of the shorter stretches, which are not free, in standard deviations, N·m."""
     stationary: np.ndarray
     """Whether a joint's motion is within its noise, shape (n,)."""
 
@@ -62,22 +66,24 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
     largest = np.abs(v).max(axis=1)
     stationary = blur > _STATIONARY * largest
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
-    columns = [np.zeros((H, n, 0), complex)]
+    free, bounded = ([np.zeros((H, 0), complex)] * n for _ in range(2))
+    size = segment.unknown_Nm * np.ones(n)
+    inside = (np.arange(1, H + 1) >= segment.lowest)[:, None]
     for j in np.flatnonzero(~stationary).tolist():
         stretches = _stretches(v[j], max(window * largest[j], blur[j]), blur[j])
-        unknown = _polynomials(stretches, N, H, int(2 * _MOST * (H - segment.lowest + 1)))
-        columns.append(unknown[:, None] * np.eye(n)[j, :, None])
+        whole, rest = _polynomials(stretches, N, H, int(2 * _MOST * (H - segment.lowest + 1)))
+        free[j], bounded[j] = whole * inside, rest * inside * size[j]
         turns, signs = reversals(v[j], blur[j], late[j], latest[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
         fades = (
             np.expm1(-np.abs(v[j]) / widths[j][:, None]) * signs[np.searchsorted(turns, np.arange(N))]
         )
         curve[:, j] = coulomb[:, j, None] + bins_of(fades, H).T
-    inside = np.arange(1, H + 1) >= segment.lowest
     return SegmentFriction(
-        coulomb=coulomb * inside[:, None],
-        curve=curve * inside[:, None, None],
-        free=np.concatenate(columns, axis=2) * inside[:, None, None],
+        coulomb=coulomb * inside,
+        curve=curve * inside[..., None],
+        free=tuple(free),
+        bounded=tuple(bounded),
         stationary=stationary,
     )
 
@@ -108,28 +114,37 @@ def _of_steps(turns: Floats, signs: Floats, N: int, H: int) -> Complexes:
 def _stretches(v: Floats, threshold: float, blur: float) -> np.ndarray:
     """Last sample before, and first after, every slow stretch in which the motor may stick, (m, 2)."""
     known = np.flatnonzero(np.abs(v) > threshold)
-    edges = np.unique(np.concatenate([[0], known, [v.size - 1]]))
+    edges = np.concatenate([[0], known, [v.size - 1]])
+    edges = edges[np.append(True, np.diff(edges) > 0)]
     begin, end = edges[:-1], edges[1:]
     lowest = np.minimum.reduceat(np.abs(v), begin)
     rests = (end - begin > 1) & (lowest <= blur)
     return np.asarray(np.stack([begin, end], axis=1)[rests | (v[begin] * v[end] < 0)])
 
 
-def _polynomials(stretches: np.ndarray, N: int, H: int, most: int) -> Complexes:
-    """Transforms (H, k) of Legendre's polynomials on stretches (m, 2) of N steps.
+def _polynomials(stretches: np.ndarray, N: int, H: int, most: int) -> tuple[Complexes, Complexes]:
+    """Transforms (H, k) of Legendre's polynomials on stretches (m, 2) of N steps, and of the rest.
 
     Of degree d, that is a spherical Bessel function of the phase over half a stretch, which vanishes
-    where d exceeds the phase: few polynomials hold all that H bins resolve of any waveform.
+    where d exceeds the phase: few polynomials hold most that H bins resolve of any waveform. The rest,
+    of shorter stretches and of the next degrees, has the standard deviation of a unit that changes its
+    sign anywhere.
     """
     bins = np.arange(1, H + 1)[:, None]
     length, middle = np.diff(stretches, axis=1)[:, 0], stretches.mean(axis=1)
     phase = np.pi * length / N
     count = np.ceil(phase * H + _RESOLVED)
     longest = np.argsort(-length)
-    count[longest[np.cumsum(count[longest]) > most]] = 0
-    found = [np.zeros((H, 0), complex)]
-    for d in range(int(count.max(initial=0))):
-        own = count > d
-        shape = (-1j) ** d * spherical_jn(d, bins * phase[own])
-        found.append(length[own] * shape * np.exp(-2j * np.pi * bins * middle[own] / N))
-    return np.concatenate(found, axis=1) * (2j / N)
+    degrees = np.zeros(length.size)
+    within = longest[np.cumsum(count[longest]) <= most]
+    degrees[within] = count[within]
+    late = np.exp(-2j * np.pi * bins * middle / N) * (2j / N)
+    found, rest = ([np.zeros((H, 0), complex)] for _ in range(2))
+    for d in range(int(count.max(initial=0)) + _FURTHER):
+        own = count + _FURTHER > d
+        shape = length[own] * ((-1j) ** d * spherical_jn(d, bins * phase[own])) * late[:, own]
+        std = np.sqrt(1 / (2 * d - 1) + 1 / (2 * d + 3)) if d else np.sqrt(1 / 3)
+        free = degrees[own] > d
+        found.append(shape[:, free])
+        rest.append(std * shape[:, ~free])
+    return np.concatenate(found, axis=1), np.concatenate(rest, axis=1)

@@ -73,7 +73,11 @@ class RobotModel(RobotDescription):
             with file.open("rb") as opened:
                 data = opened.read(MAX_FILE_BYTES + 1)
         except (OSError, ValueError, TypeError) as error:
-            raise JointIdError(f"{path!s:.200} cannot be read: {error!s:.200}.") from error
+            fault = getattr(error, "strerror", None) or error
+            raise JointIdError(
+                f"{path!s:.200} cannot be read: {fault!s:.200}. Give a robot's file: .urdf, .xml "
+                "(MJCF) or .toml (Denavit-Hartenberg)."
+            ) from error
         return cls.parse(file.name, data, gear_ratio=gear_ratio, rotor_inertia=rotor_inertia)
 
     @classmethod

@@ -82,6 +82,13 @@ class RobotLimits:
                 "give one of each per axis of the robot."
             )
         moving = tuple(int(axis) - 1 for axis in axes)
+        for j, pose in enumerate(start[list(moving)].tolist()):
+            low, high = values["lower_deg"][j], values["upper_deg"][j]
+            if not low <= pose <= high:
+                raise JointIdError(
+                    f"start_deg of joint {j + 1} is {pose:g}, beyond lower_deg {low:g} or upper_deg "
+                    f"{high:g}: give all of them in degrees."
+                )
         for name, value in {**values, "axes": axes, "joint_names": names, "moving": moving}.items():
             object.__setattr__(self, name, value)
 

@@ -229,7 +229,7 @@ def _require_rows(problem: Problem, p: Floats) -> None:
             "No motor moves visibly in any record, so that friction cannot be separated from "
             "elasticity: move the motors more, or log their positions with more digits."
         )
-    if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.groups:
+    if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.shapes:
         return
     residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
     if problem.rows < residual.projection.rank() + 2 * p.size:

@@ -12,7 +12,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.problem import Problem, friction_advance, motor_stiffness
 from jointid.estimation.estimators.residual import Residual
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
-from jointid.motion.free_friction import FreeFriction, Projection, real_rows
+from jointid.motion.free_friction import FreeFriction, Projection
 from jointid.small_matrices import inverse, whitener
 
 _RESOLVED = 1.0
@@ -39,28 +39,26 @@ class WhitenedResidual:
     W: Complexes
     """W V Wᴴ = I for the residuals in use, zero for the others, shape (r, H, n, n)."""
     projection: Projection
-    whole: Floats
-    """Real rows of W r, shape (r, 2Hn, 1)."""
     rows: Floats
-    """The same after the projection, shape (r, 2Hn)."""
+    """Whitened residual after the projection, shape (r, m)."""
 
     @classmethod
     def of(cls, problem: Problem, vector: Floats, scale: Floats) -> WhitenedResidual:
         """Whiten the residual, with a factor on each harmonic's variance, ``scale`` (H,) or (r, H)."""
         at = Residual.at(problem, vector)
         weight = problem.noise.inverse_bias[:, None] * scale
-        W = _whitener(problem, at.V * weight[..., None, None])
+        V = at.V * weight[..., None, None]
+        W = _whitener(problem, V)
         free = problem.free
-        if free.groups and "position_filter" in problem.layout:
+        if free.shapes and "position_filter" in problem.layout:
             free = free.moved(np.asarray(friction_advance(problem, at.p)))
         if problem.ends is not None:
             free = free.with_columns(problem.ends.records, problem.ends.columns(at.X @ at.arm))
-        projection = free.projection(W)
-        whole = real_rows(W @ at.r[..., None])
+        projection = free.projection(W, V)
         if problem.ends is not None:
-            sizes = projection.first_sizes(whole, 2 * problem.n)
+            sizes = projection.first_sizes(at.r[..., None], 2 * problem.n)
             at = replace(at, law=(at.law[0], at.law[1] + problem.ends.on_arm(sizes, problem.n)))
-        return cls(at, weight, free, W, projection, whole, projection.rest(whole)[..., 0])
+        return cls(at, weight, free, W, projection, projection.rows(at.r[..., None])[..., 0])
 
     @property
     def cost(self) -> float:
@@ -68,14 +66,13 @@ class WhitenedResidual:
         return float((self.rows**2).sum())
 
     def columns(self, signals: Complexes | None = None) -> Floats:
-        """Jacobian of the rows, shape (r, 2Hn, P), at the smoothed signals or at others (r, H, 2n)."""
-        J = self._jacobian(self.smoothed() if signals is None else signals)
-        return self.projection.rest(real_rows(self.W @ J))
+        """Jacobian of the rows, shape (r, m, P), at the smoothed signals or at others (r, H, 2n)."""
+        return self.projection.rows(self._jacobian(self.smoothed() if signals is None else signals))
 
     def _jacobian(self, signals: Complexes) -> Complexes:
         """∂r/∂p, shape (r, H, n, P), with the free friction that moves with a position filter."""
         J, layout = self.at.jacobian(signals), self.at.problem.layout
-        if self.free.groups and "position_filter" in layout:
+        if self.free.shapes and "position_filter" in layout:
             moved = self.at.by_position_filter(self.free_friction())
             J[..., layout["position_filter"]] -= moved[..., None] * np.eye(moved.shape[2])
         return J
@@ -85,9 +82,8 @@ class WhitenedResidual:
 
         Rows that free friction explains, or that are not in use, carry no information on the signals.
         """
-        half = self.rows.shape[1] // 2
-        left = (self.rows[:, :half] + 1j * self.rows[:, half:]).reshape(self.at.r.shape)
-        weighted = (self.W.conj().swapaxes(2, 3) @ left[..., None])[..., 0] * self.weight[..., None]
+        left = self.projection.whitened(self.rows[..., None])
+        weighted = (self.W.conj().swapaxes(2, 3) @ left)[..., 0] * self.weight[..., None]
         return np.asarray(self.at.problem.z - (self.at.CE @ weighted[..., None])[..., 0])
 
     def information(self) -> Floats:
@@ -97,7 +93,7 @@ class WhitenedResidual:
 
     @cached_property
     def heard_columns(self) -> Floats:
-        """Jacobian of the rows without harmonics that are within their noise, shape (r, 2Hn, P).
+        """Jacobian of the rows without harmonics that are within their noise, shape (r, m, P).
 
         The noise of a harmonic that does not exist would add as much to it as a small signal, and make
         finite what no signal determines.
@@ -106,15 +102,16 @@ class WhitenedResidual:
         variance = np.einsum("rhjj->rhj", problem.noise.covariance).real * self.weight[..., None]
         heard = np.any(np.abs(problem.z) ** 2 > _CLEAR**2 * variance, axis=2)
         heard[:, 0] = True
-        W = self.W * heard[..., None, None]
         J = self._jacobian(self.smoothed())
-        return self.free.projection(W).rest(real_rows(W @ J))
+        heard |= ~problem.known
+        if heard.all() or self.projection.complement:
+            return self.projection.rows(J * heard[..., None, None])
+        return self.free.projection(self.W * heard[..., None, None], self.at.V).rows(J)
 
     def misfit_by_harmonic(self, rank: int) -> Floats:
         """Cost over expected cost of each group of rows, (G,); rank is that of the free friction."""
         problem = self.at.problem
-        H, n = problem.s.shape[1], problem.n
-        squares = (self.rows**2).reshape(-1, 2, H, n).sum(axis=(1, 3))
+        squares = self.projection.costs(self.at.r[..., None], self.rows[..., None])
         measured = problem.used.sum(axis=1)[:, None] * problem.known
         squares, measured = (problem.by_group(each) for each in (squares, measured))
         left = 1 - rank / max(problem.rows, 1)
@@ -122,7 +119,7 @@ class WhitenedResidual:
 
     def free_friction(self) -> Complexes:
         """Free friction at the reversals and terms of the ends, shape (r, H, n), N·m."""
-        return self.projection.explained(self.whole, self.W.shape[1])
+        return self.projection.explained(self.at.r[..., None])
 
     def torsion_curves(self) -> tuple[TorsionCurve, ...]:
         """Torque through every gear, by the balance at its motor, over its deflection."""
@@ -211,9 +208,7 @@ def repeated_covariance(residual: WhitenedResidual, covariance: Floats) -> tuple
         return np.zeros_like(covariance), 0.0
     n, finite = problem.n, np.isfinite(np.diag(covariance))
     errors = (residual.W @ residual.at.E[..., :n]) * np.sqrt(problem.repeated)[:, None, None]
-    columns = residual.heard_columns
-    half = columns.shape[1] // 2
-    whole = (columns[:, :half] + 1j * columns[:, half:]).reshape(*errors.shape[:3], -1)
+    whole = residual.projection.whitened(residual.heard_columns)
     pulls = (errors.conj().swapaxes(2, 3) @ whole).reshape(-1, whole.shape[3])
     C = np.where(np.outer(finite, finite), covariance, 0.0)
     share = 2 * float((np.abs(errors) ** 2).sum()) / max(problem.rows, 1)

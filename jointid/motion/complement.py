@@ -1,0 +1,142 @@
+"""Residuals in coordinates that free waveforms do not reach: the projection of large systems.
+
+A waveform is a torque at one motor, with amplitudes that are unknown. A basis Q of what the waveforms of
+every motor leave depends on no parameter, and the likelihood over all amplitudes is that of Qᵀr with its
+covariance Qᵀ V Q (restricted maximum likelihood; Harville, Journal of the American Statistical
+Association 72, 1977). With many motors it is far smaller than r, and than their waveforms together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag, cho_solve, cholesky, qr, solve_triangular
+
+from jointid.arrays import Complexes, Floats
+
+DEPENDENT = 1e-11
+"""Square of the sine of the angle to the others below which a column is one of them."""
+_RIDGE = 1e-14
+"""Added to a covariance of unit diagonal: its rounding must not make it singular."""
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Orthonormal torques of one record that no free waveform holds."""
+
+    torques: Complexes
+    """Rows of bins, shape (C, H); as real rows [Re, Im] they are orthonormal."""
+    joint: np.ndarray
+    """Joint of each, ascending, shape (C,)."""
+    freed: Floats
+    """Rank of the waveforms of every joint, shape (n,)."""
+    bounded: tuple[Floats, ...]
+    """Covariance of its other waveforms, of known size, in its torques, each (c, c)."""
+
+    @classmethod
+    def of(
+        cls, waveforms: Sequence[Complexes], known: np.ndarray, bounded: Sequence[Complexes]
+    ) -> Basis:
+        """Basis for the waveforms (H', k) of every joint at the known bins, shape (H, n).
+
+        The ``bounded`` ones, of unit standard deviation, are not free.
+        """
+        parts, freed, spread = [], np.zeros(known.shape[1]), []
+        for j, (shapes, others) in enumerate(zip(waveforms, bounded, strict=True)):
+            used = np.flatnonzero(known[:, j])
+            left = np.eye(2 * used.size)
+            if used.size and shapes.shape[1]:
+                rows = np.concatenate([shapes[used].real, shapes[used].imag])
+                rows /= np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+                Q, R, _ = qr(rows, pivoting=True, check_finite=False)
+                freed[j] = np.count_nonzero(np.abs(np.diag(R)) > np.sqrt(DEPENDENT))
+                left = Q[:, int(freed[j]) :].T
+            part = np.zeros((len(left), len(known)), complex)
+            part[:, used] = left[:, : used.size] + 1j * left[:, used.size :]
+            parts.append(part)
+            sizes = left @ np.concatenate([others[used].real, others[used].imag])
+            spread.append(2 * sizes @ sizes.T)
+        joint = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+        return cls(np.concatenate(parts), joint, freed, tuple(spread))
+
+    def moved(self, factor: Complexes) -> Basis:
+        """Basis for the waveforms times phase factors, shape (H, n)."""
+        return replace(self, torques=self.torques * factor.T[self.joint])
+
+    def covariance(self, V: Complexes) -> Floats:
+        """Upper triangle of twice the covariance (C, C) of real rows, for that of bins, (H, n, n)."""
+        S = np.zeros((self.joint.size, self.joint.size))
+        between = np.ascontiguousarray(V.transpose(1, 2, 0))
+        for i, row in enumerate(between):
+            first, end = np.searchsorted(self.joint, [i, i + 1])
+            later = row[self.joint[first:]] * self.torques[first:]
+            S[first:end, first:] = self.torques[first:end].view(float) @ later.view(float).T
+            S[first:end, first:end] += self.bounded[i]
+        return S
+
+
+@dataclass(frozen=True, eq=False)
+class Complement:
+    """Whitened coordinates of residuals in the bases of all records."""
+
+    V: Complexes
+    """Covariance of the residual, shape (r, H, n, n)."""
+    bases: tuple[Basis, ...]
+    roots: tuple[Floats, ...]
+    """Upper Cholesky factors of the covariances, each (C, C)."""
+
+    @classmethod
+    def of(cls, bases: tuple[Basis, ...], V: Complexes) -> Complement:
+        """Coordinates of unit variance for the covariance V, shape (r, H, n, n)."""
+        roots = []
+        for basis, own in zip(bases, V, strict=True):
+            S = basis.covariance(own)
+            S[np.diag_indices_from(S)] *= 1 + _RIDGE
+            roots.append(cholesky(S, overwrite_a=True, check_finite=False))
+        return cls(V, bases, tuple(roots))
+
+    def rows(self, values: Complexes) -> Floats:
+        """Coordinates (r, C, c) of values (r, H, n, c), padded with zeros."""
+        most = max(basis.joint.size for basis in self.bases)
+        found = np.zeros((len(values), most, values.shape[3]))
+        for place, basis, U, value in zip(found, self.bases, self.roots, values, strict=True):
+            bins = np.ascontiguousarray(value.transpose(1, 2, 0)).view(float)
+            own = np.empty((basis.joint.size, values.shape[3]))
+            for j, of_joint in enumerate(bins):
+                used = slice(*np.searchsorted(basis.joint, [j, j + 1]))
+                own[used] = basis.torques[used].view(float) @ of_joint.T
+            place[: len(own)] = solve_triangular(U, own, trans="T", check_finite=False)
+        return found
+
+    def weighted(self, rows: Floats) -> Complexes:
+        """Values (r, H, n, c) over their covariance for their coordinates (r, C, c).
+
+        That covariance contains the bounded waveforms; V times the result is the part by noise alone.
+        """
+        found = np.zeros((*self.V.shape[:3], rows.shape[2]), complex)
+        for place, basis, U, own in zip(found, self.bases, self.roots, rows, strict=True):
+            solved = solve_triangular(U, own[: basis.joint.size], check_finite=False)
+            for j in range(place.shape[1]):
+                used = slice(*np.searchsorted(basis.joint, [j, j + 1]))
+                place[:, j] = basis.torques[used].T @ solved[used]
+        return found
+
+    def noise_left(self, rows: Floats) -> tuple[Floats, Floats]:
+        """Degrees of freedom that noise keeps in its part of the residual, shape (r, n).
+
+        And the size of the bounded waveforms in residuals of coordinates (r, C) over the stated, (n,).
+        """
+        left, sizes = np.zeros((len(self.bases), self.V.shape[2])), np.zeros((2, self.V.shape[2]))
+        for place, basis, U, own in zip(left, self.bases, self.roots, rows, strict=True):
+            bounded = block_diag(*basis.bounded)
+            share = cho_solve((U, False), bounded)
+            solved = solve_triangular(U, own[: basis.joint.size], check_finite=False)
+            kept = np.eye(basis.joint.size) - share
+            by_direction = (kept * kept.T).sum(axis=1), 2 * solved * (bounded @ solved), np.diag(share)
+            place[:], *size = (np.bincount(basis.joint, each, place.size) for each in by_direction)
+            sizes += np.array(size)
+        return left, np.sqrt(
+            np.where(sizes[1] > 0, sizes[0] / np.where(sizes[1] > 0, sizes[1], 1.0), 1.0)
+        )
