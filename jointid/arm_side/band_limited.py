@@ -90,6 +90,14 @@ class BandLimited:
         arm = self.raw[:, j] - elastic
         return np.asarray(self.lowpass(arm) - self.lowpass(arm, later_s=-float(self.skew_s[j])))
 
+    def elastic(self) -> Floats:
+        """Deflection without skew and mean, unfiltered, (N, n), rad; 0 without a sensor."""
+        elastic = np.zeros_like(self.raw)
+        for j in np.flatnonzero(np.isfinite(self.deflection).all(axis=0)):
+            arm = CubicSpline(self.time_s, self.raw[:, j] - self.raw_deflection[:, j])
+            elastic[:, j] = self.raw[:, j] - arm(self.time_s + self.skew_s[j])
+        return elastic - elastic.mean(axis=0)
+
     @property
     def inner(self) -> slice:
         """Samples whose filter lies within the record."""

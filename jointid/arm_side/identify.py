@@ -158,7 +158,7 @@ def _identified(
             if round_:
                 skew, skew_error = _skews(joints, skew)
             motions = [m.aligned(skew) for m in motions]
-            elastic = [np.nan_to_num(m.deflection - m.deflection.mean(axis=0)) for m in motions]
+            elastic = [m.elastic() for m in motions]
     joints = [
         joint
         and replace(

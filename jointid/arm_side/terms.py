@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.arm_side.band_limited import BandLimited
+from jointid.arm_side.band_limited import BandLimited, GaussianFilter
 from jointid.arrays import Floats
 from jointid.robot_models.model import RobotModel
 from jointid.robot_models.payload import Payload
@@ -22,6 +22,8 @@ _COARSEST_RAD = 0.25
 _FINEST_RAD = 0.04
 """Shortest wavelength of the ripple of the second stage, which has tens of periods a turn."""
 _MOST_RIPPLES = 60
+_WIDER = 4.0
+"""Band of the motion that gives the torque, in bands of the record; the torque is filtered after it."""
 
 
 @dataclass(frozen=True)
@@ -76,17 +78,20 @@ def joint_torque(motion: BandLimited, robot: RobotModel, elastic: Floats) -> tup
 
     The arm's angle is the motor's minus the deflection without skew, ``elastic`` (N, n), rad. The
     centre of the payload is as uncertain as its mass, in relation to its distance from the flange.
+    The torque is filtered, not the motion: products of the motion do not commute with a filter, and the
+    torque of filtered motion is too small by 0.2 % in 6 Hz, a kilogram of payload.
     """
-    inner, whole = motion.inner, motion.lowpass
-    q, dq, ddq = motion.q.copy(), motion.dq.copy(), motion.ddq.copy()
-    q[inner] -= elastic[inner]
-    dq[inner] -= whole(elastic, 1)[inner]
-    ddq[inner] -= whole(elastic, 2)[inner]
+    lowpass = motion.lowpass
+    wide = GaussianFilter(
+        lowpass.interval_s, min(_WIDER * lowpass.band_hz, 0.25 / lowpass.interval_s)
+    )
+    rest = GaussianFilter(lowpass.interval_s, (lowpass.band_hz**-2.0 - wide.band_hz**-2.0) ** -0.5)
+    state = [wide(motion.raw - elastic, order) for order in range(3)]
     load = robot.payload
     moves = [Payload(1.0, load.center).parameters * load.mass_std]
     lever = load.mass_std * float(np.linalg.norm(load.center))
     moves += [lever * np.eye(10)[k] for k in (1, 2, 3)]
-    return robot.torque(q, dq, ddq), robot.payload_regressor(q, dq, ddq) @ np.array(moves).T
+    return rest(robot.torque(*state)), rest(robot.payload_regressor(*state) @ np.array(moves).T)
 
 
 def joint_terms(
