@@ -25,8 +25,9 @@ from jointid import (
     save_study,
 )
 from jointid.analysis import analyse_arm_side
-from jointid.arm_side.band_limited import GaussianFilter
+from jointid.arm_side.band_limited import GaussianFilter, band_limited
 from jointid.arm_side.mixed_model import Estimate
+from jointid.arm_side.terms import joint_torque
 from jointid.cli import app
 from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
@@ -151,6 +152,24 @@ def test_the_filter_is_exact_on_parabolas_and_shifts_sines() -> None:
     np.testing.assert_allclose(
         later[inner], gain * np.sin(2 * np.pi * 2 * (t + 0.0031))[inner], atol=1e-4
     )
+
+
+def test_the_torque_of_a_jumping_motor_is_the_filtered_torque_of_the_links() -> None:
+    t, late = 0.004 * np.arange(2500), np.full(6, 3e-3)
+    w = np.array([4.0, 4.9, 3.7, 5.3, 4.4, 5.8])
+    amplitude, phase = np.deg2rad([14.0, 12, 12, 14, 10, 10]), np.arange(6)
+
+    def links(t: np.ndarray, order: int = 0) -> np.ndarray:
+        angle = w * t[:, None] + phase + order * np.pi / 2
+        return np.deg2rad([5, -20, 15, 10, 30, 0]) * (order == 0) + amplitude * w**order * np.sin(angle)
+
+    exact = KNOWN.torque(*(links(t, order) for order in range(3)))
+    motor = (links(t) + 5e-5 * np.sign(links(t, 1))) * ROBOT.gear_ratio
+    r = MotionRecord(time_s=t, theta_rad=motor, tau_Nm=motor, arm_rad=links(t - late[0]))
+    m = band_limited(r, KNOWN).aligned(late)
+    torque, _ = joint_torque(m, KNOWN, m.elastic())
+    left = (torque - m.lowpass(exact))[m.inner]
+    assert np.all(left.std(axis=0) < 7e-4 * exact.std(axis=0))
 
 
 def test_a_sum_that_is_not_negative_has_the_moments_of_the_cut_distribution() -> None:

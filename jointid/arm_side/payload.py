@@ -15,8 +15,6 @@ _GRAVITY_STD = 0.03
 """Standard deviation of the links' gravity torque, in parts of the joint's largest torque."""
 _SLIP = 0.1
 """Lowest velocity, in parts of a joint's largest, at which its friction has a sign."""
-_MOVING = 0.9
-"""Smallest part of the samples under the filter at which the joint moves."""
 _MEMORY_S = 0.5
 _ROUNDS = 3
 
@@ -48,16 +46,12 @@ def payload_from_motors(
         gravity = _GRAVITY_STD * max(float(np.abs(model[:, j]).max()) for model in torque)
         for m, tau, spin, model, change in zip(motions, motor, rotor, torque, payload, strict=True):
             step = max(1, int(1 / (8 * m.lowpass.band_hz * m.lowpass.interval_s)))
-            edge = 2 * m.lowpass.reach
-            rows = np.arange(edge, len(m.q) - edge, step)
-            moving = np.abs(m.dq[:, j]) > _SLIP * np.abs(m.dq[:, j]).max()
-            rows = rows[m.lowpass(moving * 1.0)[rows] > _MOVING]
-            sign = m.lowpass(np.sign(m.dq[:, j]))  # reversals as wide as in the torque
-            each = (m.q, m.dq, tau, spin, model)
-            signals = np.column_stack([sign, *(signal[:, j] for signal in each), change[:, j]])
-            sign, q, v, t, r, s, *moves = m.lowpass(signals)[rows].T
-            y.append(t - s)
-            X = [moves, s, r, gravity * waves(q, np.ones(1)).T]
+            rows = np.arange(len(m.q))[m.inner][::step]
+            rows = rows[np.abs(m.dq[rows, j]) > _SLIP * np.abs(m.dq[:, j]).max()]
+            sign = m.lowpass(np.sign(m.dq[:, j]))[rows]  # reversals as wide as in the torque
+            v, s = m.dq[rows, j], model[rows, j]
+            y.append(tau[rows, j] - s)
+            X = [change[rows, j].T, s, spin[rows, j], gravity * waves(m.q[rows, j], np.ones(1)).T]
             X += [sign, sign * np.abs(s), v, v * np.abs(v), np.ones(rows.size)]
             columns.append(np.vstack(X).T)
             spans.append(rows.size)
