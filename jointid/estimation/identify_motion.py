@@ -236,7 +236,7 @@ def _with_noise(
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
             least, most = segment.least_torque_variance, segment.most_torque_variance
-            torque = torques[segment.record] if segment.record in torques else usual
+            torque = np.asarray(torques.get(segment.record, usual))
             torque = np.clip(torque, least, np.maximum(most, least))
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
