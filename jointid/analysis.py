@@ -29,6 +29,7 @@ from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.verdict.findings import Evidence, Finding, findings
 from jointid.verdict.motion_findings import motion_findings
 from jointid.verdict.rules_model import MODEL_LIMITS
+from jointid.wording import plain, significant
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
 STATES = (USABLE, WITH_CARE, NOT_USABLE)
@@ -80,6 +81,19 @@ class Analysis:
         """Nominal K1 ... Kn and D1 ... Dn in ``unit``, shape (2n,); None if the study has no nominal."""
         of = self.study.nominal
         return None if of is None else self.unit.shown(np.concatenate([of.K, of.D]))
+
+    @property
+    def estimates(self) -> dict[str, list[str]]:
+        """Table of every estimator's K, D ± standard error in ``unit`` and residual, and of nominal."""
+        fits = {self.fit.method: self.fit} | dict(self.fits)
+        last = [] if self.nominal is None else ["nominal"]
+        columns = {"Estimator": [*fits, *last]}
+        found = [elasticity_quantities(fit, self.unit) for fit in fits.values()]
+        for k, same in enumerate(zip(*found, strict=True)):
+            given = [] if self.nominal is None else [plain(float(f"{self.nominal[k]:.5g}"))]
+            columns[f"{same[0].name} ({same[0].unit})"] = [*(each.shown[0] for each in same), *given]
+        residuals = [significant(float(np.sqrt(fit.misfit)), 2) for fit in fits.values()]
+        return columns | {"Residual / noise": residuals + ["–" for _ in last]}
 
     @property
     def state(self) -> str:

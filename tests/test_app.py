@@ -166,9 +166,7 @@ class TestOpeningAFile:
         assert len(at.error) == 1
         assert "tau_m1_Nm" in at.error[0].value
         assert "records/01.csv" in at.error[0].value
-        frame = at.dataframe[0].value
-        assert list(frame["theta_m1_rad"]) == [0.1, 0.2, 0.3]
-        assert figures(at) == 2 + 1
+        assert "time_s,theta_m1_rad" in at.code[0].value
         at = shown(at.button(key="dismiss_refused").click().run())
         assert not at.error
         assert figures(at) == 2

@@ -204,7 +204,6 @@ def test_logs_beyond_their_share_of_the_store_stay_in_the_session(
     kept: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(workspace, "store", lambda: Store(kept.folder, 200_000))
-    monkeypatch.setattr("jointid.ui.importing.saved_import.store", lambda: Store(kept.folder, 200_000))
     at = shown(drop(begun(), ("one.csv", long_log())).run())
     assert any("open in this session only" in warning.value for warning in at.warning)
     assert not list(kept.folder.rglob("*.data"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import format_makers as make
@@ -224,6 +225,13 @@ def test_names_of_controllers(names: list[str], expected: list[tuple[str, str]])
 def test_a_rising_position_is_no_clock() -> None:
     table = table_named("motor position", "motor torque")  # the first column rises evenly
     assert guess_mapping(table).mapping.time == TimeColumn("", "samples", 1000.0)
+
+
+def test_a_clock_coarser_than_the_samples_is_not_proposed() -> None:
+    table = table_named("time [s]", "position", "torque")
+    coarse = replace(table.columns[0], values=np.floor(T * 100) / 100)
+    time = guess_mapping(replace(table, columns=(coarse, *table.columns[1:]))).mapping.time
+    assert (time.column, time.unit) == ("", "samples")
 
 
 def test_positions_behind_the_gear_are_proposed_beside_those_of_the_motor() -> None:

@@ -38,6 +38,16 @@ def test_run_that_the_encoder_does_not_show() -> None:
     assert "the torque oscillates, but the position has" in note
 
 
+def test_noise_hides_no_slow_sweep() -> None:
+    """In pieces of a second the bend of the phase is below the noise; their neighbours show it."""
+    time = np.arange(8500) / 250
+    swept = np.clip(time - 2, 0, 30)
+    wave = np.sin(2 * np.pi * (4 * swept + swept**2 / 60)) * ((time >= 2) & (time < 32))
+    rng = np.random.default_rng(13)
+    theta, tau = wave + 0.05 * rng.standard_normal(8500), 0.45 * rng.standard_normal(8500) - wave
+    assert find_segments(MappedLog(time, theta[:, None], tau[:, None])) == ()
+
+
 @pytest.mark.parametrize(
     ("growth", "way"),
     [

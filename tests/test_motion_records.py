@@ -20,6 +20,7 @@ from jointid import (
     Analysis,
     Controller,
     Elasticity,
+    ElasticityFit,
     Inertia,
     JointIdError,
     Measurement,
@@ -29,6 +30,7 @@ from jointid import (
     SineRecord,
     Study,
     analyse,
+    identify_motion,
     load_study,
     motor_response,
     save_study,
@@ -115,6 +117,22 @@ def test_an_odd_multisine_leaves_even_and_some_odd_lines_empty() -> None:
     strong = spectrum[inside] > 0.02 * spectrum[inside].max()
     assert not strong[inside % 2 == 0].any()
     assert 0.6 < strong[inside % 2 == 1].mean() < 0.9
+
+
+def test_a_record_with_a_loud_torque_keeps_its_noise_to_itself() -> None:
+    """As of an aliased torque: one noise for all records would hide what the good one shows."""
+    rng, records = np.random.default_rng(0), moved("random")
+    errors = [each.tau_Nm.std(axis=0) * rng.standard_normal(each.tau_Nm.shape) for each in records]
+
+    def fitted(*sizes: float) -> ElasticityFit:
+        parts = zip(records, errors, sizes, strict=True)
+        noisy = [replace(each, tau_Nm=each.tau_Nm + size * error) for each, error, size in parts]
+        return identify_motion(noisy, ROBOT)
+
+    alike, both = fitted(0.01, 0.01), fitted(0.01, 1.0)
+    assert np.all(both.standard_error < 3 * alike.standard_error)
+    assert np.all(np.abs(both.estimate - [*SPRINGS.K, *SPRINGS.D]) < 4 * both.standard_error)
+    assert both.misfit < 1.3
 
 
 def test_friction_acts_in_a_simulated_motion() -> None:

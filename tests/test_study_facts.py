@@ -13,7 +13,9 @@ from jointid.exporting import identification, to_json
 from jointid.exporting.code_listing import code_listing
 from jointid.files.digest import study_digest
 from jointid.files.study_saving import pack_study
+from jointid.reporting.blocks import Table
 from jointid.reporting.report import make_report, to_html
+from jointid.wording import significant
 
 RATIO = (101.0, -93.5)
 REMARKS = {
@@ -115,6 +117,13 @@ class TestUnits:
         assert found.nominal == pytest.approx(
             [*(paper.nominal.K * np.square(RATIO)), *(paper.nominal.D * np.square(RATIO))]
         )
+
+    def test_every_table_of_the_report_has_it(self, analysis: Analysis) -> None:
+        shown = analysis.shown_in("N·m/arcmin at the joint")
+        blocks = [b for s in make_report(shown, cut=False).sections for b in s.blocks]
+        tables = {b.caption.split()[0]: b for b in blocks if isinstance(b, Table) and b.caption}
+        assert tables["Parts"].rows[0][:2] == ("K1", significant(shown.quantities[0].error, 2))
+        assert tables["Estimators,"].rows[0][:2] == ("K1 (N·m/arcmin)", shown.quantities[0].shown[0])
 
     def test_exports_stay_at_the_motor(self, analysis: Analysis) -> None:
         shown = analysis.shown_in("N·m/° at the joint")

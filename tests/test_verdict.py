@@ -29,12 +29,12 @@ from jointid import (
 )
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.simulation.experiment import Controller, Excitation, Measurement
-from jointid.verdict.evidence import number
+from jointid.verdict.evidence import number, times_noise
 from jointid.verdict.findings import Evidence
 from jointid.verdict.findings import findings as all_findings
 from jointid.verdict.rules_causes import against_the_paper, half_a_sample, torque_lags
 from jointid.verdict.rules_inertia import axes_exchanged
-from jointid.verdict.rules_model import not_physical
+from jointid.verdict.rules_model import model_limits, not_physical
 from jointid.verdict.rules_records import stationary_joint
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import steady_from
@@ -121,6 +121,46 @@ def test_joints_that_are_held_raise_no_alarm() -> None:
 def test_data_without_noise_raise_no_alarm() -> None:
     analysis = analysed(sound(noise=(0.0, 0.0)), method="weighted")
     assert not unsound(analysis), titles(analysis)
+
+
+def test_friction_of_records_without_noise_raises_no_alarm() -> None:
+    """Its waveforms leave some 10⁻⁵ of the torque: far above such noise, and of no consequence."""
+    friction = MotorFriction(coulomb=[0.03, 0.01], viscous=[2e-3, 5e-4])
+    records = simulate_records(SERIAL, PAPER, np.geomspace(3, 25, 5), friction=friction)
+    found = analyse(Study(records, SERIAL))
+    assert np.abs(found.fit.K / PAPER.K - 1).max() < 1e-5
+    assert found.state == "usable", titles(found)
+
+
+def test_large_misfit_of_much_of_the_torque_is_a_problem() -> None:
+    quiet = sound(noise=(1e-6, 1e-4))
+    (limits,) = model_limits(evidence(quiet, Inertia(SERIAL.M, 1.3 * SERIAL.M2)))
+    assert limits.level == "problem"
+    assert limits.code == "model limits"
+    assert "of the torque" in limits.detail
+    assert times_noise(4e6) == "over 1000 × noise"
+
+
+def test_record_with_most_of_the_misfit_is_named() -> None:
+    records = sound()
+    records[9] = remade(records[9], label="other.csv")
+    case = evidence(records, SERIAL)
+    residual = case.fit.residual_noise + 0j
+    residual[9] *= 20
+    fit = replace(case.fit, residual=residual, cost=10 * case.fit.expected_cost)
+    (limits,) = model_limits(replace(case, fit=fit))
+    assert limits.level == "warning"
+    assert "Most of it is in other.csv: 20 × noise; in the others up to 1 × noise." in limits.detail
+    assert [(each.kind, each.records) for each in limits.changes] == [("leave out", (9,))]
+
+
+@pytest.mark.parametrize("inertia_std", [0.0, 0.05])
+def test_torque_scale_far_from_the_stated_one_is_told(inertia_std: float) -> None:
+    records = [remade(record, tau_Nm=record.tau_Nm * [0.75, 1.0]) for record in sound()]
+    found = analyse(Study(records, SERIAL, inertia_std=inertia_std, torque_std=0.05))
+    (wrong,) = said(found.findings, "torque scales or inertias look wrong")
+    assert wrong.level == "warning"
+    assert wrong.detail.startswith("Torque scale 1 was entered as 1 ± 0.050; the records indicate 1.")
 
 
 def test_every_finding_has_a_figure_and_a_remedy() -> None:

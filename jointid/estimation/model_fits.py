@@ -22,7 +22,9 @@ from jointid.motion.friction import FrictionWaveforms, friction_waveforms
 from jointid.phasors.extract import Phasors
 
 _SAME_FILTER = 0.02
-"""Relative difference between time constants below which friction keeps its waveforms."""
+"""Relative difference between time constants below which friction keeps its waveforms. Beyond it they
+are renewed once: ``friction_advance`` follows the time constant to first order; the square of the
+difference is left."""
 
 
 def filters_before_friction(model: Model, p: Parameters | None) -> Floats | None:

@@ -103,16 +103,16 @@ def load_study(path_or_file: Source) -> Study:
 def lines_around(path_or_file: Source, refusal: JointIdError) -> str:
     """Return the numbered lines around the place in a text that an error of ``load_study`` names.
 
-    Empty where it names no line, or the file cannot be read.
+    The first lines where it names none; empty where it names no file, or this cannot be read.
     """
-    if refusal.file is None or refusal.line is None or refusal.file.lower().endswith(".parquet"):
+    if refusal.file is None or refusal.file.lower().endswith(".parquet"):
         return ""
     with suppress(JointIdError), open_container(path_or_file, marker=STUDY_FILE) as container:
-        text = container.read(refusal.file).decode(errors="replace")
+        text, place = container.read(refusal.file).decode(errors="replace"), refusal.line or 0
         lines = list(enumerate(re.split(r"\r\n|\r|\n", text), start=1))
         return "\n".join(
             f"{'▶' if number == refusal.line else ' '} {number:>6}  {line[:_WIDEST]}"
-            for number, line in lines[max(refusal.line - _ABOVE - 1, 0) : refusal.line + _BELOW]
+            for number, line in lines[max(place - _ABOVE - 1, 0) : place + _BELOW]
         )
     return ""
 

@@ -14,7 +14,7 @@ from jointid.files.digest import study_digest
 from jointid.records import MotionRecord, SineRecord
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.study import Study
-from jointid.wording import UNDETERMINED, minus, plain, significant, with_error
+from jointid.wording import UNDETERMINED, minus, plain, significant
 
 _MAX_ROWS = 100
 """Rows of the list of records."""
@@ -60,13 +60,11 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             "speeds below 3 % of the largest.",
         )
     names = elasticity_labels(fit.n)
+    header, *rows = [(name, *cells) for name, cells in analysis.estimates.items()]
     yield Table(
-        ("estimator", *names),
-        tuple(
-            (method, *map(with_error, other.estimate.tolist(), other.standard_error.tolist()))
-            for method, other in analysis.fits.items()
-        ),
-        "Estimators on the sine records. All except auto keep the given inertias and ignore "
+        header,
+        tuple(rows),
+        f"Estimators, {analysis.unit.side}. All except auto keep the given inertias and ignore "
         "friction and delay: the paper's least squares (13)–(14), its explicit solution (15), and "
         "weighted least squares.",
     )

@@ -26,12 +26,12 @@ from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import prior_influence
-from jointid.wording import UNDETERMINED, capitalised, minus, plain, significant
+from jointid.wording import UNDETERMINED, capitalised, minus, significant
 
 
 def show_estimates(analysis: Analysis) -> None:
     """One row per estimator, the chosen one first."""
-    show_text_table(estimates_table(analysis))
+    show_text_table(analysis.estimates)
     st.caption(
         f"All pages show **{analysis.fit.method}**; the sidebar selects another. {ERROR_BARS} "
         f"K and D {analysis.unit.side}. "
@@ -79,23 +79,6 @@ def _left_over(candidate: Candidate) -> str:
     if candidate.problem or candidate.expected_cost <= 0:
         return "–"
     return significant(float(np.sqrt(candidate.cost / candidate.expected_cost)), 2)
-
-
-def estimates_table(analysis: Analysis) -> Table:
-    """K, D ± standard error of every estimator, and the nominal values."""
-    fits = {analysis.fit.method: analysis.fit} | dict(analysis.fits)
-    nominal = analysis.nominal
-    columns: dict[str, list[object]] = {"Estimator": [*fits]}
-    found = [elasticity_quantities(fit, analysis.unit) for fit in fits.values()]
-    for k, same in enumerate(zip(*found, strict=True)):
-        cells = columns[f"{same[0].name} ({same[0].unit})"] = [each.shown[0] for each in same]
-        if nominal is not None:
-            cells.append(plain(float(f"{nominal[k]:.5g}")))
-    columns["Residual / noise"] = [significant(float(np.sqrt(fit.misfit)), 2) for fit in fits.values()]
-    if nominal is not None:
-        columns["Estimator"].append("nominal")
-        columns["Residual / noise"].append("–")
-    return columns
 
 
 def show_matrix(fit: ElasticityFit) -> None:
