@@ -6,7 +6,7 @@ from jointid import JointIdError
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.page import start
-from jointid.ui.shared.workspace import keep
+from jointid.ui.shared.workspace import go_to, keep
 from jointid.ui.study.simulation_form import ask, simulated_study
 
 start(
@@ -35,6 +35,6 @@ try:
             ),
         )
         keep(study, "simulated")
-        st.switch_page(OVERVIEW.path)
+        go_to(OVERVIEW.path)
 except JointIdError as error:
     show_error(error)

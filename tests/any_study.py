@@ -52,7 +52,7 @@ from jointid.reporting.pdf import to_pdf
 from jointid.reporting.report import make_report
 from jointid.ui.study.data_quality import phasor_table as phasors_shown
 from jointid.ui.study.data_quality import quality_table
-from jointid.ui.study.uncertainty_panels import errors_table, estimates_table
+from jointid.ui.study.uncertainty_panels import errors_table
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose
@@ -433,7 +433,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
             [phasors_shown(phasors, joint) for joint in range(phasors.n)],
         ),
     )
-    yield "estimates", lambda: (estimates_table(analysis), errors_table(analysis))
+    yield "estimates", lambda: (analysis.estimates, errors_table(analysis))
     yield "fit", lambda: (fit.condition, fit.correlation, fit.misfit, fit.equations.matrix())
     yield from _pictures(analysis)
     yield "inertias", lambda: _inertias(analysis)

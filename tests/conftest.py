@@ -182,6 +182,7 @@ def kept_analyses() -> Iterator[None]:
     analyse = analysis._analyse
     kept: dict[tuple[str, str], Analysis] = {}
 
+    @functools.wraps(analyse)
     def once(study: Study, method: str) -> Analysis:
         key = study_digest(study), method
         if key not in kept:
@@ -191,6 +192,14 @@ def kept_analyses() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(analysis, "_analyse", once)
         yield
+
+
+@pytest.fixture
+def analysed_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep no analysis: of tests that compare two of one study."""
+    from jointid import analysis
+
+    monkeypatch.setattr(analysis, "_analyse", analysis._analyse.__wrapped__)  # type: ignore[attr-defined]
 
 
 @pytest.fixture(scope="session")

@@ -45,6 +45,7 @@ def test_any_large_study_is_analysed_or_refused(seed: int) -> None:
     assert not found, told(seed, found)
 
 
+@pytest.mark.usefixtures("analysed_anew")
 def test_a_study_is_answered_alike_twice_or_refused() -> None:
     """With inertias known to any degree, one in four with many joints; the benchmark tries 10,000."""
     mended = (500149, 500522, 500332, 500968)[: tries(2, long=4)]

@@ -245,8 +245,8 @@ class TestAnalysisThatFails:
 class TestSimulating:
     @pytest.fixture
     def form(self, app: AppTest) -> AppTest:
+        app.query_params["sim_count"] = "4"  # as the browser has it once it was entered
         at = shown(app.switch_page("pages/8_Simulate.py").run())
-        at.number_input(key="sim_count").set_value(4)
         at.number_input(key="sim_seconds").set_value(1.0)
         at.text_input(key="sim_coulomb").set_value("0")
         return at

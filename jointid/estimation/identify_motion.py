@@ -140,6 +140,7 @@ def _identified(
     estimate = choice.estimate
     if len(phasors.omega) < len(whole[0].omega):
         phasors, prior = _with_noise(phasors, prior, choice.model, estimate, of=whole), whole[1]
+        phasors = _with_noise(phasors, prior, choice.model, estimate)  # of every record
         estimate = fit_model(phasors, prior, estimate.named, _noise(phasors, prior), choice.model)
     noise = _noise(phasors, prior)
     fitted = evaluated(phasors, prior, choice.model, estimate, noise, estimate.scale)
@@ -199,11 +200,16 @@ def _are_many(phasors: Phasors) -> bool:
 
 
 def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
-    """Evenly spread segments of long motions around one pose, and all sines."""
+    """Evenly spread segments of long motions around one pose, of every joint's motion, and all sines."""
     moves = np.flatnonzero(phasors.motion)
     if moves.size <= _FEW or len(prior.M2) > 1:
         return phasors, prior
-    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // _FEW)]))
+    power = np.sum(np.abs(phasors.harmonics[moves, :, : phasors.n]) ** 2, axis=1)
+    joint = np.argmax(power / np.maximum(power.max(axis=0), np.finfo(float).tiny), axis=1)
+    each = max(2, _FEW // np.unique(joint).size)
+    of_joints = (moves[joint == j] for j in np.unique(joint))
+    chosen = [rows[:: -(-rows.size // each)] for rows in of_joints]
+    rows = np.sort(np.concatenate([np.flatnonzero(~phasors.motion), *chosen]))
     return phasors.select(rows), prior.of_rows(rows)
 
 
@@ -249,7 +255,8 @@ def _differ(one: Phasors, other: Phasors) -> bool:
     """Whether the noise of motions differs noticeably."""
     rows = one.motion
     before, after = (np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real for each in (one, other))
-    return bool(np.any(np.sqrt(np.mean((before / after - 1) ** 2, axis=0)) > _SAME))
+    change = np.divide(before - after, after, out=np.zeros_like(after), where=after > 0)
+    return bool(np.any(np.sqrt(np.mean(change**2, axis=0)) > _SAME))
 
 
 def _lines(

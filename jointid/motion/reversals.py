@@ -64,7 +64,7 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
     blur, late = _MARGIN * segment.velocity_noise, segment.turn_rad_s * np.ones(n)
     latest = segment.velocity_blur_s * np.ones(n) / segment.interval_s
     largest = np.abs(v).max(axis=1)
-    stationary = blur > _STATIONARY * largest
+    stationary = (blur > _STATIONARY * largest) | (largest == 0)
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
     free, bounded = ([np.zeros((H, 0), complex)] * n for _ in range(2))
     size = segment.unknown_Nm * np.ones(n)

@@ -82,13 +82,6 @@ class RobotLimits:
                 "give one of each per axis of the robot."
             )
         moving = tuple(int(axis) - 1 for axis in axes)
-        for j, pose in enumerate(start[list(moving)].tolist()):
-            low, high = values["lower_deg"][j], values["upper_deg"][j]
-            if not low <= pose <= high:
-                raise JointIdError(
-                    f"start_deg of joint {j + 1} is {pose:g}, beyond lower_deg {low:g} or upper_deg "
-                    f"{high:g}: give all of them in degrees."
-                )
         for name, value in {**values, "axes": axes, "joint_names": names, "moving": moving}.items():
             object.__setattr__(self, name, value)
 
@@ -111,6 +104,14 @@ def limits_from_toml(data: bytes, file: str) -> RobotLimits:
     }
     names = tuple(top.texts("joint_names")) if "joint_names" in top else ()
     try:
-        return RobotLimits(**given, joint_names=names, robot=top.text("robot", ""))
+        limits = RobotLimits(**given, joint_names=names, robot=top.text("robot", ""))
+        for j, pose in enumerate(limits.start_deg[list(limits.moving)].tolist()):
+            low, high = limits.lower_deg[j], limits.upper_deg[j]
+            if not low <= pose <= high:
+                raise JointIdError(
+                    f"start_deg of joint {j + 1} is {pose:g}, beyond lower_deg {low:g} or upper_deg "
+                    f"{high:g}: give all of them in degrees."
+                )
+        return limits
     except JointIdError as error:
         raise error.within(file, file=file) from error

@@ -25,7 +25,7 @@ from jointid.ui.fleet.files import OpenFleet
 from jointid.ui.shared.charts import choose_segment, plot, side_by_side, table
 from jointid.ui.shared.messages import markdown_escape, show_error, show_note
 from jointid.ui.shared.method_steps import OVERVIEW
-from jointid.ui.shared.workspace import keep, recent
+from jointid.ui.shared.workspace import go_to, keep, recent
 from jointid.wording import counted, minus, significant, with_error
 
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
@@ -294,7 +294,7 @@ def _show_study(fleet: OpenFleet, row: Row) -> None:
                     st.session_state["chosen"] = entry.id
                 else:
                     keep(load_study(fleet.studies[row.content]), label(row))
-                st.switch_page(OVERVIEW.path)
+                go_to(OVERVIEW.path)
             except JointIdError as error:
                 show_error(error)
         elif row.is_good:

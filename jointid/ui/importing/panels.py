@@ -44,7 +44,7 @@ from jointid.ui.importing.watched_work import StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot
 from jointid.ui.shared.messages import show_error, show_note
 from jointid.ui.shared.method_steps import OVERVIEW, REPORT, REPORT_AT_ONCE
-from jointid.ui.shared.workspace import keep
+from jointid.ui.shared.workspace import go_to, keep
 from jointid.wording import counted, listed, minus, plain
 
 _WAITS = {
@@ -249,7 +249,7 @@ def _open_as_study(
             forget_import()
             if clicked == "report":
                 st.session_state[REPORT_AT_ONCE] = st.session_state["chosen"]
-        st.switch_page((REPORT if clicked == "report" else OVERVIEW).path)
+        go_to((REPORT if clicked == "report" else OVERVIEW).path)
     except JointIdError as error:
         show_error(error)
     return True

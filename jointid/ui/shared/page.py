@@ -13,7 +13,7 @@ import streamlit as st
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
 from jointid.figures.style import colours
 from jointid.ui.shared.charts import choose_segment, introduce, is_dark, plot, side_by_side
-from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.messages import show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.refused_file import show_refused
 from jointid.ui.shared.results import awaited, note_session, result_cache
@@ -181,7 +181,7 @@ def start(title: str, introduction: str = "") -> None:
     """Begin a page that needs no study, with its sidebar and heading."""
     _set_up(title)
     choose_study()
-    show_refused()
+    _show_notices()
     _show_heading(title, introduction)
 
 
@@ -189,6 +189,15 @@ def _show_heading(title: str, introduction: str) -> None:
     st.title(title, anchor=False)
     if introduction:
         introduce(introduction)
+
+
+def _show_notices() -> None:
+    shown, wanted = st.session_state.get("not_found", (None, ""))
+    if wanted and shown == st.session_state["chosen"]:
+        show_info(
+            f"{wanted} is not, or no longer, in this workspace. This is another; open the file again."
+        )
+    show_refused()
 
 
 def _set_up(title: str) -> None:
@@ -207,7 +216,7 @@ def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Pa
     """
     _set_up(title)
     choice = choose_study()
-    show_refused()
+    _show_notices()
     if choice is None:
         st.title("No study yet")
         st.write(

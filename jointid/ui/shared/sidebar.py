@@ -9,7 +9,7 @@ from jointid.answer import STIFFNESS_UNITS
 from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.study_files import load_study
 from jointid.ui.shared.charts import equip_page
-from jointid.ui.shared.messages import markdown_escape, show_info
+from jointid.ui.shared.messages import markdown_escape
 from jointid.ui.shared.method_steps import GROUPS
 from jointid.ui.shared.recent_studies import show_recent
 from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, set_in_address
@@ -67,11 +67,11 @@ def _choose() -> str | None:
     chosen = st.session_state.get("chosen") or st.query_params.get("study")
     if chosen not in names and (spaced := str(chosen).replace("_", " ")) in names:
         chosen = spaced  # as the sample's file is called
-    if chosen is not None and chosen not in names:
-        what = "The study of this address" if len(chosen) == _ID_LENGTH else f'"{chosen}"'
-        show_info(f"{what} is not, or no longer, in this workspace. Open its file again.")
     if chosen not in names:
-        chosen = next(iter(sample_paths()), next(iter(names), None))
+        wanted, chosen = chosen, next(iter(sample_paths()), next(iter(names), None))
+        if wanted is not None:
+            what = "The study of this address" if len(wanted) == _ID_LENGTH else f'"{wanted}"'
+            st.session_state["not_found"] = chosen, what
     st.session_state["chosen"] = chosen
     st.session_state["study"] = None if chosen is None else names[chosen]
     st.selectbox(
@@ -94,6 +94,7 @@ def _choose() -> str | None:
 def _take_choice() -> None:
     """Take the choice in the list of studies."""
     chosen = st.session_state["study"]
+    st.session_state.pop("not_found", None)
     st.session_state["chosen"] = next(
         (address for address, name in names_by_address().items() if name == chosen), None
     )

@@ -86,6 +86,14 @@ def set_in_address(name: str, value: str) -> None:
         st.query_params[name] = value
 
 
+def go_to(path: str) -> None:
+    """Show another page, whose widgets set their own parts of the address.
+
+    Streamlit itself refuses to leave a page with entries of its widgets in the address.
+    """
+    st.switch_page(path, query_params={})
+
+
 def recent() -> dict[str, Entry]:
     """Return the studies kept in this workspace by the name shown, newest first."""
     place = workspace()
