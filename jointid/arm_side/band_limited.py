@@ -96,7 +96,7 @@ class BandLimited:
         for j in np.flatnonzero(np.isfinite(self.deflection).all(axis=0)):
             arm = CubicSpline(self.time_s, self.raw[:, j] - self.raw_deflection[:, j])
             elastic[:, j] = self.raw[:, j] - arm(self.time_s + self.skew_s[j])
-        return elastic - elastic.mean(axis=0)
+        return np.asarray(elastic - elastic.mean(axis=0))
 
     @property
     def inner(self) -> slice:
