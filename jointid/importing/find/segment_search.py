@@ -19,8 +19,10 @@ from jointid.importing.find.sine_candidates import SHARE, Candidate, sine_candid
 from jointid.importing.find.steady_state import (
     Frames,
     frames_of,
+    grown,
     settled_part,
     steady_runs,
+    weighted,
 )
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.phasors.fitted_sine import sine_basis
@@ -32,6 +34,9 @@ _MAX_OTHERS = 0.05  # power of other lines over that of a single sine
 _OTHERS_BAND = 2.5  # times the frequency of a sine, below which other lines count
 _MIN_TRAVEL = 0.05  # travel of a joint over the largest, below which its lines are ignored
 _ROUGH_PHASE_RAD = 1e-3  # phase error over the run, small enough to see where it has settled
+_MERGE_CYCLES = 0.1  # phase difference of two parts of one run
+_MERGE_CHANGE = 0.06  # relative change of the phasors within both
+_MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the shorter part
 _HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
 _BEATS = 2.0  # of the closest lines of a multisine, beside which they may look like a sine
@@ -74,7 +79,30 @@ class SegmentSearch:
         found = [run for run in singles if not several[self._rows(run)].any()]
         found = [r for r in found if not any(_is_beat_of(r, m) for m in multisine_runs)]
         found = [r for r in found if not any(_is_edge_of(r, other) for other in found)]
-        return found + multisine_runs
+        return self._merged(sorted(found + multisine_runs, key=lambda s: s.start_s))
+
+    def _merged(self, found: list[Segment]) -> list[Segment]:
+        """Merge neighbours that are parts of one run: a single sine continues through both."""
+        merged: list[Segment] = []
+        for segment in found:
+            if merged and (both := self._as_one(merged[-1], segment)):
+                merged[-1] = both
+            else:
+                merged.append(segment)
+        return merged
+
+    def _as_one(self, one: Segment, two: Segment) -> Segment | None:
+        gap, shorter = two.start_s - one.stop_s, min(s.stop_s - s.start_s for s in (one, two))
+        cycles = abs(one.frequency_hz - two.frequency_hz) * (gap + shorter)
+        several = one.is_multisine or two.is_multisine
+        longest = max(shorter, _MERGE_GAP_PERIODS / one.frequency_hz)
+        if several or cycles > _MERGE_CYCLES or gap > longest:
+            return None
+        longer = max(one, two, key=lambda s: s.stop_s - s.start_s)
+        begin, end = self._rows(one).start, self._rows(two).stop
+        y, noise = weighted(self._frames(begin, end, [longer.frequency_hz]).z)
+        whole = grown(y, noise, change=_MERGE_CHANGE) == (0, len(y))
+        return self._settled(begin, end, [longer.frequency_hz]) if whole else None
 
     def _singles(
         self, candidates: list[Candidate], clear: np.ndarray, progress: Callable[[float], None]

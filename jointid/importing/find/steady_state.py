@@ -29,6 +29,8 @@ _NOISE_SIGMAS = 3.0  # times the noise of all signals that a frame may deviate
 _OUTLIER_SIGMAS = 3.5  # standard deviations
 _SETTLED_SIGMAS = 2.0  # standard errors: to cut a period too many costs little
 _MEDIAN_OVER_RMS = 0.83  # of the magnitude of a complex normal number
+_SPLIT_GAIN = 10.0  # ratio of squared misfits, one sine over two, that proves a change of frequency
+_SPLIT_PHASE_RAD = 0.3  # least phase difference of the two over the shorter one
 _GROWTH = 10  # part of a run by which it grows before its mean phasors are fitted again: one tenth
 
 
@@ -90,9 +92,11 @@ def steady_runs(frames: Frames, fewest: int) -> Iterator[tuple[int, int, float]]
         if last - first < SEED_FRAMES:
             continue
         first, last = first + low, last + low
-        if last - first >= fewest:
-            begin, end = int(frames.begin[first]), int(frames.begin[last - 1]) + frames.length
-            yield begin, end, float(_mean_phasors(y[first:last])[1])
+        for a, b in _split(y[first:last], apart):
+            if b - a >= fewest:
+                piece = slice(first + a, first + b)
+                begin, end = int(frames.begin[piece][0]), int(frames.begin[piece][-1]) + frames.length
+                yield begin, end, float(_mean_phasors(y[piece])[1])
         todo += [(low, first - apart + 1), (last + apart - 1, high)]
 
 
@@ -240,3 +244,27 @@ def _misfit(y: Complexes) -> Floats:
     size = np.linalg.norm(centre, axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(size > 0, np.sqrt(rest.mean(axis=-1)) / size, np.inf)
+
+
+def _split(y: Complexes, apart: int) -> list[tuple[int, int]]:
+    """Split frames in which two sines of different frequencies follow each other; else the whole."""
+    whole = [(0, len(y))]
+    tries = np.arange(SEED_FRAMES + apart, len(y) - SEED_FRAMES - apart, max(1, len(y) // 64))
+    if not tries.size:
+        return whole
+    one = float(_misfit(y))
+    if one < SETTLED_CHANGE:
+        return whole
+    # Frames across the change belong to neither.
+    left = np.array([_misfit(y[: k - apart // 2]) for k in tries])
+    right = np.array([_misfit(y[k + apart // 2 :]) for k in tries])
+    two = np.sqrt((left**2 * tries + right**2 * (len(y) - tries)) / len(y))
+    best = int(np.argmin(two))
+    if one**2 < _SPLIT_GAIN * two[best] ** 2:
+        return whole
+    k = int(tries[best])
+    before, after = (0, k - apart // 2), (k + apart // 2, len(y))
+    turns = [_mean_phasors(y[a:b])[1] for a, b in (before, after)]
+    if abs(turns[1] - turns[0]) * min(k, len(y) - k) < _SPLIT_PHASE_RAD:
+        return whole
+    return [(a + first, a + last) for a, b in (before, after) for first, last in _split(y[a:b], apart)]
