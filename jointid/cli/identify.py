@@ -39,6 +39,7 @@ def identify(
 
 
 def _print_tables(analysis: Analysis) -> None:
+    from jointid.analysis import NOT_USABLE
     from jointid.answer import (
         ERROR_BARS,
         UNSTATED_TORQUE_SCALE,
@@ -58,8 +59,9 @@ def _print_tables(analysis: Analysis) -> None:
     print(f"\nModel: {model_name(fit)}. K and D {analysis.unit.side}.")
     rows = [[q.name, *q.shown, value] for q, value in zip(fitted, known, strict=True)]
     print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
-    print("Valid within the records, motor side:")
-    print(*(gear_text(fit, j) for j in range(fit.n)), sep="\n")
+    if analysis.state != NOT_USABLE:
+        print("Valid within the records, motor side:")
+        print(*(gear_text(fit, j) for j in range(fit.n)), sep="\n")
     print(f"\n{ERROR_BARS} Its parts:")
     header, rows = error_table(fit)
     print_table(header, rows, right=tuple(range(1, len(header))))

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jointid.analysis import Analysis
+from jointid.analysis import NOT_USABLE, Analysis
 from jointid.answer import gear_text
 from jointid.arrays import Floats
 from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, remainder, study_outcome
@@ -74,10 +74,11 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
         "record is not observable and set to 0."
     )
     for joints, width in _pairs(fit.n):
-        terms = ". ".join(gear_text(fit, j, analysis.unit) for j in joints)
+        terms = [f" {gear_text(fit, j, analysis.unit)}." for j in joints]
         yield Figure(
             tuple(torsion_figure(analysis, j, width=width) for j in joints),
-            f"{next(numbers)} Torsion curves, {analysis.unit.of_gear(0).side}. {terms}.",
+            f"{next(numbers)} Torsion curves, {analysis.unit.of_gear(0).side}."
+            + "".join(terms) * (analysis.state != NOT_USABLE),
         )
 
 

@@ -6,7 +6,7 @@ The same study gives the same report to the last byte: it has no date and no mac
 from collections.abc import Callable, Iterator
 from itertools import count
 
-from jointid.analysis import Analysis
+from jointid.analysis import NOT_USABLE, Analysis
 from jointid.answer import (
     ERROR_BARS,
     UNSTATED_TORQUE_SCALE,
@@ -89,7 +89,9 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         nominal, change = "–", "–"
         if analysis.nominal is not None:
             reference = float(analysis.nominal[k])
-            nominal, change = plain(reference), change_from(found.value, found.error, reference)
+            nominal = plain(reference)
+            if analysis.state != NOT_USABLE:
+                change = change_from(found.value, found.error, reference)
         meaning = f"{'stiffness' if k < fit.n else 'damping'} of joint {j + 1}"
         rows.append((f"{found.name}, {meaning}", *found.shown, nominal, change))
     if study.nominal is None:

@@ -248,7 +248,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                     "scaled; their ratios and uncertainties are those of this study"
                 )
             st.caption(
-                "A rectangle of 28 × 45 mm with corner zones of 10 mm, the largest, at 300 mm/s, cut by "
+                "A rectangle of 28 × 45 mm with corner zones of 10 mm at 300 mm/s, cut by "
                 f"{arm}. {promise(outcome, EVERYDAY_SERVO, of.friction)}"
                 + " Both simulations include the identified friction."
                 * bool(of.friction)

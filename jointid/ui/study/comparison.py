@@ -96,7 +96,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     columns = {
         "": [f"{row.first.name} ({row.first.unit})" for row in rows],
         "Difference": [signed_percent(100 * row.relative) for row in rows],
-        "Significant": [*map(_significance, rows)],
+        "Significant": ["–" if unusable else _significance(row) for row in rows],
         _column(page): [row.first.shown[0] for row in rows],
         _column(other) + (" (second)" if _column(other) == _column(page) else ""): [
             row.second.shown[0] for row in rows
@@ -155,4 +155,5 @@ def _column(page: Page) -> str:
 def _significance(row: Difference) -> str:
     if not np.isfinite(row.sigmas):
         return "–"
-    return f"{'yes' if abs(row.sigmas) > _CLEAR else 'no'}, {abs(row.sigmas):.1f} σ"
+    size = f"{abs(row.sigmas):.1f} σ" if abs(row.sigmas) < 100 else "over 100 σ"
+    return f"{'yes' if abs(row.sigmas) > _CLEAR else 'no'}, {size}"
