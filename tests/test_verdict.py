@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.gears.gear import Gear
 from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number, times_noise
 from jointid.verdict.findings import Evidence
@@ -35,7 +37,7 @@ from jointid.verdict.findings import findings as all_findings
 from jointid.verdict.rules_causes import against_the_paper, half_a_sample, torque_lags
 from jointid.verdict.rules_inertia import axes_exchanged
 from jointid.verdict.rules_model import model_limits, not_physical
-from jointid.verdict.rules_records import stationary_joint
+from jointid.verdict.rules_records import loop_below_steps, stationary_joint
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import steady_from
 from jointid.verdict.wrong_data import wrong_data
@@ -657,6 +659,23 @@ def test_value_that_is_hardly_known_is_a_warning() -> None:
 def test_noise_is_no_contradiction_to_the_frequency() -> None:
     loud = analysed(sound(noise=(0.05, 3.0), periods=6.3), method="weighted")
     assert not said(loud.findings, "frequency")
+
+
+@pytest.mark.parametrize(("presliding_rad", "levels"), [(5e-3, ["warning"]), (1e-2, [])])
+def test_hysteresis_below_the_steps_of_the_encoder_is_named(
+    presliding_rad: float, levels: list[str]
+) -> None:
+    turn = 2 * np.pi * 3 * np.arange(2000) / 1000
+    angle = 1e-3 * np.rint(20 * np.sin(turn))
+    record = SineRecord(
+        frequency_hz=3.0,
+        time_s=turn / (6 * np.pi),
+        theta_rad=angle[:, None],
+        tau_Nm=np.cos(turn)[:, None],
+    )
+    gear = Gear(K=10.0, hysteresis_Nm=0.1, presliding_rad=presliding_rad)
+    evidence = SimpleNamespace(sines=[record], fit=SimpleNamespace(gears=(gear,)))
+    assert [found.level for found in loop_below_steps(evidence)] == levels  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("counts", [4096, 2**22])

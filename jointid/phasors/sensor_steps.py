@@ -94,8 +94,12 @@ def sharing(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> Floats:
     errors of such records do not average.
     """
     shared = np.ones((len(records), fits[0].offset.size))
+    parts = [slice(r.start, r.start + _EXAMINED) for r in records]
+    signals = [
+        np.column_stack([r.theta_rad[part], r.tau_Nm[part]])
+        for r, part in zip(records, parts, strict=True)
+    ]
     for channel in range(shared.shape[1]):
-        signals = (np.column_stack([r.theta_rad, r.tau_Nm])[r.start :][:_EXAMINED] for r in records)
         steps = np.array([quantum(signal[:, channel]) for signal in signals])
         moved = np.array([abs(fit.harmonics[0, channel]) for fit in fits])
         stepped = np.flatnonzero((steps > _LEAST_STEP) & (moved > steps))

@@ -35,6 +35,7 @@ from jointid.verdict.rules_records import (
     constant_torque,
     counted_twice,
     few_periods,
+    loop_below_steps,
     off_frequency,
     same_experiment,
     stationary_joint,
@@ -62,6 +63,7 @@ _OF_RECORDS: tuple[_Rule, ...] = (
     few_periods,
     constant_torque,
     coarse_encoder,
+    loop_below_steps,
 )
 """Rules on the records, independent of the answer."""
 

@@ -175,7 +175,10 @@ def _odd_record(evidence: Evidence) -> tuple[str, list[Change]]:
     fit = evidence.fit
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = np.nan_to_num(np.abs(fit.residual / fit.residual_noise) ** 2, posinf=0.0).mean(axis=1)
-    labels, of_row = np.unique(fit.phasors.labels, return_inverse=True)
+    has_motions = len(evidence.sines) < len(evidence.records)
+    labels, of_row = np.array(fit.phasors.labels), np.arange(len(squares))
+    if has_motions:  # a motion has a row for each line
+        labels, of_row = np.unique(labels, return_inverse=True)
     each = np.bincount(of_row, squares) / np.bincount(of_row)
     *others, worst = np.argsort(each).tolist()
     if not others or each[worst] < _ODD * max(1.0, each[others[-1]]) or each[others[-1]] > EXPLAINED:
@@ -184,7 +187,6 @@ def _odd_record(evidence: Evidence) -> tuple[str, list[Change]]:
         f" Most of it is in {labels[worst]}: {times_noise(each[worst])}; in the others "
         f"up to {times_noise(each[others[-1]])}."
     )
-    has_motions = len(evidence.sines) < len(evidence.records)
     return text, [] if has_motions else [Change("leave out", (int(np.argmax(of_row == worst)),))]
 
 

@@ -29,6 +29,10 @@ _HELD = 0.05
 """Amplitude over the joint's largest at the same frequency below which a record holds the joint."""
 _STARTS = 3
 """Records for which a later start is searched, worst first."""
+_LOOP_STEP = 0.15
+"""Encoder step over the presliding deflection from which K of a simulated robot shifted by 1 to 4 %."""
+_LOOP_SHIFT = 0.03
+"""Relative shift of K there."""
 _EXAMINED = 4096
 """Samples in which the encoder step is searched."""
 _ODD = np.uint64(0x9E3779B97F4A7C15)
@@ -267,6 +271,21 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
                 "Use larger amplitudes at the frequencies with the smallest motion, record longer, and "
                 "avoid frequencies that divide the sample rate, where the same steps repeat.",
                 0.5 * _worst_error(evidence),
+            )
+
+
+def loop_below_steps(evidence: Evidence) -> Iterator[Finding]:
+    """An encoder step that is no small part of the presliding deflection, whose noise turns the loop."""
+    steps = np.median([_encoder_steps(record) for record in evidence.sines], axis=0)
+    for j, gear in enumerate(evidence.fit.gears):
+        if gear.hysteresis_Nm > 0 and steps[j] > _LOOP_STEP * gear.presliding_rad:
+            yield warning(
+                f"The encoder is coarse for the hysteresis of gear {j + 1}",
+                f"Its step of {number(float(steps[j]), 2)} rad is "
+                f"{percent(float(steps[j]) / gear.presliding_rad)} of the presliding deflection. "
+                "Its noise turns the computed loop back: K may be a few per cent off.",
+                "Use a finer encoder.",
+                _LOOP_SHIFT,
             )
 
 
