@@ -59,7 +59,7 @@ def scores(
 ) -> dict[str, Score]:
     """Score of each further part, "friction", "delay" or a key of ``EFFECTS``, by one evaluation.
 
-    Of an estimate so far off that its derivatives overflow, there are none.
+    An estimate so far off that its derivatives overflow has no scores.
 
     Beside a delay or lags, filters act by the square of their time constant: their slope at zero is that
     of the delay. It is evaluated where the time constant is not zero, and the square extrapolates.
