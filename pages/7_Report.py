@@ -2,7 +2,6 @@
 
 import streamlit as st
 
-from jointid import JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
@@ -18,18 +17,13 @@ page = open_page(
 analysis = page.analysis()
 if analysis.state == NOT_USABLE:
     show_error(f"{analysis.headline} Every file states this first.")
-stem, study = file_stem(page.study.name), page.study
-try:
-    found = downloads.results(page.digest, page.method, analysis)
-except JointIdError as error:
-    show_error(error)
-    st.stop()
+stem = file_stem(page.study.name)
 
 st.header("The report", anchor=False)
 st.write("Records, answer with error bars, verdict, figures and settings.")
 show_report(page, analysis, stem)
 
-downloads.show_identification_files(found, analysis, stem)
-downloads.show_tables(found, analysis, stem)
-downloads.show_simulator_files(found, study, stem)
-downloads.show_study_files(study, stem)
+downloads.show_identification_files(analysis, stem)
+downloads.show_tables(analysis, stem)
+downloads.show_simulator_files(analysis, stem)
+downloads.show_study_files(page.study, stem)

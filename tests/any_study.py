@@ -28,8 +28,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.cut.outcome import study_outcome
 from jointid.cut.robot import cut_robot, reason_unusable
 from jointid.cut.tolerance import tolerance_map
-from jointid.exporting.identification import identification
-from jointid.exporting.identification_files import from_json, to_json, to_toml
+from jointid.exporting.identification import to_json, to_toml
 from jointid.exporting.matlab import to_mat
 from jointid.exporting.robot_models import mujoco_snippet, sdf_snippet, urdf_snippet
 from jointid.exporting.state_space import state_space
@@ -413,14 +412,11 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
     yield "error parts", lambda: error_table(fit)
     yield "priors", lambda: [row.cells for row in analysis.priors]
     yield "row", lambda: from_plain(to_plain(row_of(analysis, study="study")))
-    yield "json", lambda: from_json(to_json(identification(analysis)))
-    yield "toml", lambda: to_toml(identification(analysis))
+    yield "json", lambda: to_json(analysis)
+    yield "toml", lambda: to_toml(analysis)
     yield "mat", lambda: to_mat(analysis)
     for snippet in (mujoco_snippet, urdf_snippet, sdf_snippet):
-        yield (
-            snippet.__name__,
-            partial(lambda write: write(identification(analysis), [100.0] * n), snippet),
-        )
+        yield snippet.__name__, partial(snippet, analysis, [100.0] * n)
     yield "tables", lambda: (phasor_table(analysis), transfer_matrix_table(analysis))
     yield "without friction", lambda: without_friction_and_delay(analysis)
     yield "state space", lambda: state_space(study.inertia, fit.elasticity)

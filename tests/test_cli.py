@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -23,8 +24,7 @@ from jointid.cli import app
 from jointid.cli.files import robot_from
 from jointid.cli.options import gears
 from jointid.errors import JointIdError
-from jointid.exporting import from_json, load_identification
-from jointid.exporting.identification_files import with_infinite_as
+from jointid.exporting.identification import with_infinite_as
 from jointid.files.application import __version__, sample_studies
 from jointid.files.atomic_write import write_file
 from jointid.files.digest import study_digest
@@ -82,8 +82,6 @@ def test_identify_prints_json_that_is_the_identification(study: Path) -> None:
     assert max(document["error_parts"]["prior"]) > 0
     assert document["answer"].endswith("if the torque scale is exact.")
     assert document["state"] == "usable"
-    del document["findings"]
-    assert from_json(json.dumps(document)).K.tolist() == fit.K.tolist()
 
 
 def test_identify_prints_a_table_for_people(one_joint: Path) -> None:
@@ -360,8 +358,8 @@ def test_export_writes_every_kind(study: Path, here: Path) -> None:
     arguments = [part for file in files for part in ("-o", file)]
     ok("export", study, *arguments, "--gear-ratio", "100,90")
     analysis = analyse(load_study(study))
-    for name in ("r.json", "r.toml"):
-        np.testing.assert_array_equal(load_identification(here / name).K, analysis.fit.K)
+    for name, read in (("r.json", json.loads), ("r.toml", tomllib.loads)):
+        assert read((here / name).read_text("utf-8"))["K"] == analysis.fit.K.tolist()
     assert study_digest(load_study(here / "r.zip")) == study_digest(analysis.study)
     assert repr(float(100.0**2 * analysis.fit.K[0])) in (here / "r.xml").read_text("utf-8")
     assert sorted(path.name for path in here.iterdir()) == sorted(files)

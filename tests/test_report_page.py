@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -12,17 +13,12 @@ from streamlit.testing.v1 import AppTest
 
 from jointid import Study, analyse
 from jointid.exporting import (
-    from_json,
-    from_toml,
-    identification,
     phasor_table,
     to_json,
-    to_toml,
     transfer_matrix_table,
 )
 from jointid.files.digest import study_digest
 from jointid.ui.shared.results import result_cache
-from jointid.ui.study import downloads
 
 
 def offered(at: AppTest) -> list[str]:
@@ -73,12 +69,9 @@ def test_the_report_of_a_fresh_import_needs_no_click(app: AppTest) -> None:
 @pytest.mark.parametrize("joints", KEYS)
 def test_the_files_hold_the_analysis(studies: dict[int, Study], joints: int) -> None:
     analysis = analyse(studies[joints])
-    found = downloads.results(f"test {joints}", "auto", analysis)
-    for read in (from_json(to_json(found)), from_toml(to_toml(found))):
-        assert to_json(read) == to_json(identification(analysis))
     assert len(phasor_table(analysis).splitlines()) == 1 + len(studies[joints].records)
     assert len(transfer_matrix_table(analysis).splitlines()) > 1
-    assert json.loads(to_json(found))["K"] == analysis.fit.K.tolist()
+    assert json.loads(to_json(analysis))["K"] == analysis.fit.K.tolist()
 
 
 def test_a_stiffness_goes_through_the_gear_by_its_square(app: AppTest) -> None:
@@ -87,7 +80,7 @@ def test_a_stiffness_goes_through_the_gear_by_its_square(app: AppTest) -> None:
     assert not at.exception
     assert not at.error
     assert {"MuJoCo (.xml)", "URDF (.urdf)", "SDF (.sdf)"} <= set(offered(at))
-    K = from_toml(next(code.value for code in at.code if code.language == "toml")).K
+    K = tomllib.loads(next(code.value for code in at.code if code.language == "toml"))["K"]
     snippets = [code.value for code in at.code if code.language == "xml"]
     assert len(snippets) == 3
     for code in snippets:
@@ -108,18 +101,15 @@ def test_what_is_no_gear_ratio_is_said(app: AppTest, entered: str, said: str) ->
 
 
 def test_negative_gear_ratios_of_the_study_make_snippets(studies: dict[int, Study]) -> None:
-    def panel(found: object, study: object) -> None:  # its source runs without this file's names
-        from jointid import Study
-        from jointid.exporting import Identification
+    def panel(analysis: object) -> None:  # its source runs without this file's names
+        from jointid import Analysis
         from jointid.ui.study.downloads import show_simulator_files
 
-        assert isinstance(found, Identification)
-        assert isinstance(study, Study)
-        show_simulator_files(found, study, "cell")
+        assert isinstance(analysis, Analysis)
+        show_simulator_files(analysis, "cell")
 
     study = replace(studies[2], gear_ratio=np.array([101, -93.5]))
-    kwargs = {"found": identification(analyse(study)), "study": study}
-    at = AppTest.from_function(panel, kwargs=kwargs).run()
+    at = AppTest.from_function(panel, kwargs={"analysis": analyse(study)}).run()
     assert not at.exception
     assert not at.error
     assert len(offered(at)) > 1

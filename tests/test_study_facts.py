@@ -9,8 +9,9 @@ import pytest
 
 from jointid import Analysis, JointIdError, Study, analyse, load_study
 from jointid.answer import STIFFNESS_UNITS, StiffnessUnit
-from jointid.exporting import identification, to_json
+from jointid.exporting import to_json
 from jointid.exporting.code_listing import code_listing
+from jointid.exporting.identification import answer_text
 from jointid.files.digest import study_digest
 from jointid.files.study_saving import pack_study
 from jointid.reporting.blocks import Table
@@ -78,10 +79,9 @@ def test_wrong_facts_are_refused(paper: Study, facts: dict[str, object], said: s
 
 
 def test_remarks_travel_with_the_answer(analysis: Analysis) -> None:
-    found = identification(analysis)
     texts = [
-        to_json(found),
-        code_listing(found, "Python").replace("\n# ", " "),
+        to_json(analysis),
+        code_listing(analysis, "Python").replace("\n# ", " "),
         to_html(make_report(analysis, cut=False)),
     ]
     for text in texts:
@@ -127,7 +127,7 @@ class TestUnits:
 
     def test_exports_stay_at_the_motor(self, analysis: Analysis) -> None:
         shown = analysis.shown_in("N·m/° at the joint")
-        assert identification(shown).answer == identification(analysis).answer
+        assert answer_text(shown) == answer_text(analysis)
 
     def test_the_joint_needs_gear_ratios(self) -> None:
         with pytest.raises(JointIdError, match=r"gear_ratio in study\.toml"):

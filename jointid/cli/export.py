@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -46,28 +47,33 @@ def report(
     written(files, as_json)
 
 
-if TYPE_CHECKING:
-    from jointid.exporting import Identification
+Writer = Callable[[Analysis], str | bytes]
 
-_CONTENTS: dict[str, Callable[[Analysis, Identification, list[float]], str | bytes]] = {
-    ".phasors.csv": lambda analysis, *_: exporting.phasor_table(analysis),
-    ".h.csv": lambda analysis, *_: exporting.transfer_matrix_table(analysis),
-    ".torsion.csv": lambda analysis, *_: exporting.torsion_table(analysis),
-    ".gears.csv": lambda _, found, __: exporting.gear_table(found),
-    ".gears.txt": lambda _, found, __: exporting.modelica_table(found),
-    ".json": lambda _, found, __: exporting.to_json(found),
-    ".toml": lambda _, found, __: exporting.to_toml(found),
-    ".mat": lambda analysis, *_: exporting.to_mat(analysis),
-    ".zip": lambda analysis, *_: _packed(analysis),
-    ".st": lambda _, found, __: exporting.code_listing(found, "Structured Text"),
-    ".c": lambda _, found, __: exporting.code_listing(found, "C"),
-    ".m": lambda _, found, __: exporting.code_listing(found, "MATLAB"),
-    ".py": lambda _, found, __: exporting.code_listing(found, "Python"),
-    ".xml": lambda _, found, ratio: exporting.mujoco_snippet(found, ratio),
-    ".urdf": lambda _, found, ratio: exporting.urdf_snippet(found, ratio),
-    ".sdf": lambda _, found, ratio: exporting.sdf_snippet(found, ratio),
-}
-"""Contents of a file, by the ending of its name."""
+
+def _writers(gear_ratio: list[float] | None) -> dict[str, Writer]:
+    """Writer of a file by the ending of its name; those at the joint only with gear ratios."""
+    from jointid.files.study_files import pack_study
+
+    writers: dict[str, Writer] = {
+        ".phasors.csv": exporting.phasor_table,
+        ".H.csv": exporting.transfer_matrix_table,
+        ".torsion.csv": exporting.torsion_table,
+        ".gears.csv": exporting.gear_table,
+        ".gears.txt": exporting.modelica_table,
+        ".json": exporting.to_json,
+        ".toml": exporting.to_toml,
+        ".mat": exporting.to_mat,
+        ".zip": lambda analysis: pack_study(analysis.study),
+    }
+    for ending, language in exporting.ENDINGS.items():
+        writers[ending] = partial(exporting.code_listing, language=language)
+    snippets = exporting.mujoco_snippet, exporting.urdf_snippet, exporting.sdf_snippet
+    for ending, snippet in zip(_AT_JOINT, snippets, strict=True):
+        writers[ending] = partial(snippet, gear_ratio=gear_ratio or [])
+    return writers
+
+
+_AT_JOINT = (".xml", ".urdf", ".sdf")
 
 
 @reported
@@ -96,32 +102,26 @@ def export(
 ) -> None:
     """Export results for other tools."""
     ratio = numbers(gear_ratio) if gear_ratio else None
+    endings = {file: _ending(file) for file in output}
     for file in output:
-        _ending(file)
         require_free(file, overwrite, [study])
     analysis = analysed(study, method, quiet=as_json)
     known = analysis.study.gear_ratios
     ratio = ratio or (None if known is None else known.tolist())
-    for file in output:
-        if _ending(file) in (".xml", ".urdf", ".sdf") and ratio is None:
+    for file, ending in endings.items():
+        if ending in _AT_JOINT and ratio is None:
             raise typer.BadParameter(f"{file.name} has joint-side values: give --gear-ratio 100,90")
-    result = exporting.identification(analysis)
-    for file in output:
-        content = _CONTENTS[_ending(file)](analysis, result, ratio or [])
+    writers = _writers(ratio)
+    for file, ending in endings.items():
+        content = writers[ending](analysis)
         write_file(file, content if isinstance(content, bytes) else content.encode())
     warn_if_unusable(analysis)
     written(output, as_json)
 
 
 def _ending(file: Path) -> str:
-    for ending in _CONTENTS:
-        if file.name.lower().endswith(ending):
+    endings = _writers(None)
+    for ending in endings:
+        if file.name.lower().endswith(ending.lower()):
             return ending
-    shown = ", ".join(".H.csv" if ending == ".h.csv" else ending for ending in _CONTENTS)
-    raise typer.BadParameter(f"{file.name}: expected a name that ends in one of {shown}.")
-
-
-def _packed(analysis: Analysis) -> bytes:
-    from jointid.files.study_files import pack_study  # slow to import
-
-    return pack_study(analysis.study)
+    raise typer.BadParameter(f"{file.name}: expected a name that ends in one of {', '.join(endings)}.")

@@ -73,10 +73,9 @@ def _print_tables(analysis: Analysis) -> None:
 
 def identify_document(analysis: Analysis) -> dict[str, Any]:
     """Document of the identification with the findings."""
-    from jointid.exporting.identification import identification
-    from jointid.exporting.identification_files import to_document
+    from jointid.exporting.identification import to_document
 
-    return to_document(identification(analysis)) | {
+    return to_document(analysis) | {
         "findings": [
             {"level": f.level, "title": f.title, "detail": f.detail, "remedy": f.remedy}
             for f in analysis.findings

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def print_json(document: dict[str, Any]) -> None:
     """Print a document as JSON on standard output; numbers that JSON cannot hold become null."""
-    from jointid.exporting.identification_files import with_infinite_as
+    from jointid.exporting.identification import with_infinite_as
 
     finite = with_infinite_as(None, document)
     print(json.dumps(finite, indent=2, ensure_ascii=False, allow_nan=False))

@@ -4,8 +4,12 @@ from textwrap import wrap
 
 import numpy as np
 
+from jointid.analysis import NOT_USABLE, Analysis
+from jointid.answer import model_name
 from jointid.errors import JointIdError
-from jointid.exporting.identification import Identification
+from jointid.exporting.identification import answer_text
+from jointid.files.application import __version__
+from jointid.files.digest import study_digest
 from jointid.wording import counted, enumerated
 
 _NAMES = {"K": "K", "K_std": "K_std", "D": "D", "D_std": "D_std"}
@@ -32,7 +36,7 @@ _WIDTH = 80
 """Of a comment, in characters."""
 
 
-def code_listing(found: Identification, language: str) -> str:
+def code_listing(analysis: Analysis, language: str) -> str:
     """Write K and D with their standard errors in a language of ``LANGUAGES``.
 
     Of an answer that is not usable, every line is a comment. Raises JointIdError when the language is
@@ -42,22 +46,22 @@ def code_listing(found: Identification, language: str) -> str:
         known = enumerated(list(LANGUAGES))
         raise JointIdError(f"The language {language!r} is not supported: choose one of {known}.")
     comment, line, brackets, names, frame = LANGUAGES[language]
-    n, error, origin = found.n, found.standard_error, found.obtained
-    study = " ".join(origin.study.split()) or "study without a name"
-    unusable = "" if found.is_usable else comment or "# "
-    answer = " ".join(found.answer.split())
+    fit, study = analysis.fit, analysis.study
+    n, error = fit.n, fit.standard_error
+    unusable = (comment or "# ") if analysis.state == NOT_USABLE else ""
+    answer = " ".join(answer_text(analysis).split())
     facts = [
         f"NOT USABLE, the values are comments: {answer}" if unusable else "",
-        f"{study}: {found.state or 'state unknown'}",
+        f"{' '.join(study.name.split()) or 'study without a name'}: {analysis.state}",
         "" if unusable else answer,
-        f"jointid {origin.version}; estimator {origin.method}; model: {origin.model}; "
-        f"{counted(origin.records, 'record')}; study {origin.digest}",
+        f"jointid {__version__}; estimator {fit.method}; model: {model_name(fit)}; "
+        f"{counted(len(study.records), 'record')}; study {study_digest(study)}",
         "Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error from all causes",
     ]
     width = _WIDTH - len(comment)
     lines = [comment + part for fact in facts for part in wrap(fact, width, break_long_words=False)]
     lines += [unusable + first for first in frame[:1]]
-    rows = {"K": found.K, "K_std": error[:n], "D": found.D, "D_std": error[n:]}
+    rows = {"K": fit.K, "K_std": error[:n], "D": fit.D, "D_std": error[n:]}
     for name, values in rows.items():
         code = unusable + line if name in names else f"{comment}{{name}}: {{values}}"
         if np.isfinite(values).all():

@@ -10,8 +10,7 @@ from scipy.io import savemat
 
 from jointid.analysis import NOT_USABLE, Analysis
 from jointid.errors import JointIdError
-from jointid.exporting.identification import identification
-from jointid.exporting.identification_files import to_document
+from jointid.exporting.identification import to_document
 from jointid.exporting.state_space import state_space
 from jointid.exporting.tables import without_friction_and_delay
 from jointid.transfer_matrix import TransferMatrix
@@ -31,7 +30,7 @@ def to_mat(analysis: Analysis) -> bytes:
     measured); ``transfer_without_friction_and_delay`` (friction- and delay-compensated; missing without
     them); ``phasors`` (struct omega, q, tau, std, labels).
     """
-    document = to_document(identification(analysis))
+    document = to_document(analysis)
     if poses := document.pop("poses", None):
         document["poses"] = [{"name": name, **table} for name, table in poses.items()]
     phasors = analysis.phasors

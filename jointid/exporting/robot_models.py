@@ -8,101 +8,86 @@ An elastic joint is two hinges in series about one axis: the driven one of the m
 its friction, and the one of the spring, with stiffness and damping.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.analysis import NOT_USABLE, Analysis
+from jointid.answer import model_name
+from jointid.arrays import Floats, per_joint
 from jointid.errors import JointIdError
-from jointid.exporting.identification import Identification
+from jointid.exporting.identification import answer_text
+from jointid.files.application import __version__
+from jointid.files.digest import study_digest
 from jointid.wording import UNDETERMINED, counted
 
 
-@dataclass(frozen=True, eq=False)
-class ArmSide:
-    """An identification on the joint side of the gears."""
+class ArmSide(NamedTuple):
+    """An identification on the joint side of the gears; every value has the shape (n,), M2 (n, n)."""
 
     gear_ratio: Floats
-    """Motor turns per joint turn, negative where the motor turns the other way, shape (n,)."""
+    """Motor turns per joint turn, negative where the motor turns the other way."""
     K: Floats
-    """Stiffness, shape (n,), N·m/rad; of a nonlinear gear the secant at the largest torque tried."""
+    """Stiffness, N·m/rad; of a nonlinear gear the secant at the largest torque tried."""
     D: Floats
-    """Damping, shape (n,), N·m·s/rad."""
-    covariance: Floats
-    """Of K1 ... Kn, D1 ... Dn, shape (2n, 2n)."""
+    """Damping, N·m·s/rad."""
     rotor: Floats
-    """Reflected rotor inertias, shape (n,), kg·m²."""
+    """Reflected rotor inertias, kg·m²."""
     M2: Floats
-    """Arm inertia matrix in the pose of ``inertia``, shape (n, n), kg·m²."""
+    """Arm inertia matrix of records without a pose, kg·m²."""
     coulomb: Floats
-    """Coulomb friction of the motors, shape (n,), N·m; 0 where it was not fitted."""
+    """Coulomb friction of the motors, N·m; 0 where it was not fitted."""
     viscous: Floats
-    """Viscous friction of the motors, shape (n,), N·m·s/rad; 0 where it was not fitted."""
-
-    @property
-    def standard_error(self) -> Floats:
-        """Of K1 ... Kn, D1 ... Dn, shape (2n,)."""
-        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+    """Viscous friction of the motors, N·m·s/rad; 0 where it was not fitted."""
 
 
-def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
+def arm_side(analysis: Analysis, gear_ratio: ArrayLike) -> ArmSide:
     """Reflect an identification to the joint side; what an unusable answer fitted is NaN.
 
     ``gear_ratio`` holds motor turns per joint turn; a single number holds for all joints.
 
     Raises JointIdError when there is not one ratio per joint, or one is zero.
     """
-    i = identification
-    ratio = finite_array("gear_ratio (motor turns per joint turn)", np.atleast_1d(gear_ratio), ndim=1)
-    if ratio.size not in (1, i.n):
-        raise JointIdError(
-            f"gear_ratio has {counted(ratio.size, 'value')}: give one, or one per joint ({i.n})."
-        )
-    N = np.array(np.broadcast_to(ratio, (i.n,)))
+    fit, inertia = analysis.fit, analysis.inertia()
+    N = per_joint("gear_ratio", gear_ratio, fit.n)
     if np.any(N == 0):
         raise JointIdError(
             f"gear_ratio of joint {int(np.argmin(np.abs(N))) + 1} is 0: give motor turns per joint turn."
         )
-    twice = np.concatenate([N**2, N**2])
-    none = np.zeros(i.n)
+    friction = [0.0, 0.0] if fit.friction is None else [fit.friction.coulomb, fit.friction.viscous]
     # A small negative friction is noise; simulators refuse it.
-    friction = [none, none] if i.friction is None else [i.friction.coulomb, i.friction.viscous]
-    K = i.elasticity.K.copy()
-    for j, gear in enumerate(i.gears):
+    coulomb, viscous = (np.maximum(np.zeros(fit.n), each) for each in friction)
+    K = fit.elasticity.K.copy()
+    for j, gear in enumerate(fit.gears):
         if gear.kind != "linear":
             K[j] = gear.secant(gear.tried_Nm)
-    usable = 1.0 if i.is_usable else np.nan
+    usable = np.nan if analysis.state == NOT_USABLE else 1.0
     return ArmSide(
         gear_ratio=N,
         K=usable * N**2 * K,
-        D=usable * N**2 * i.elasticity.D,
-        covariance=twice[:, None] * i.covariance * twice,
-        rotor=usable * N**2 * i.inertia.M,
-        M2=usable * N[:, None] * i.inertia.M2 * N,
-        coulomb=usable * np.abs(N) * np.maximum(friction[0], 0.0),
-        viscous=usable * N**2 * np.maximum(friction[1], 0.0),
+        D=usable * N**2 * fit.elasticity.D,
+        rotor=usable * N**2 * inertia.M,
+        M2=usable * N[:, None] * inertia.M2 * N,
+        coulomb=usable * np.abs(N) * coulomb,
+        viscous=usable * N**2 * viscous,
     )
 
 
-def mujoco_snippet(
-    identification: Identification, gear_ratio: ArrayLike, names: Sequence[str] | None = None
-) -> str:
+def mujoco_snippet(analysis: Analysis, gear_ratio: ArrayLike) -> str:
     """Hinges, armatures and actuators for MuJoCo.
 
-    ``gear_ratio`` holds motor turns per joint turn, ``names`` those of the joints, by default joint1 ...
-    jointn. Returns XML that MuJoCo loads: each joint on its own, with the two hinges of its link's body,
-    and the motors. The actuators' inputs are motor torques.
+    ``gear_ratio`` holds motor turns per joint turn. Returns XML that MuJoCo loads: each joint on its
+    own, with the two hinges of its link's body, and the motors. The actuators' inputs are motor torques.
 
-    Raises JointIdError as in ``arm_side``, or when the names do not fit.
+    Raises JointIdError as in ``arm_side``.
     """
-    arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
+    arm = arm_side(analysis, gear_ratio)
     root = Element("mujoco", model="elastic_joints")
     world, actuators = _add(root, "worldbody"), _add(root, "actuator")
-    for j, name in enumerate(names):
+    for j in range(analysis.fit.n):
+        name = f"joint{j + 1}"
         body = _add(world, "body", name=f"{name}_link")
         body.append(Comment(" Both hinges belong to the body of the link: their angles add up. "))
         hinge = {"type": "hinge", "axis": "0 0 1"}
@@ -114,26 +99,24 @@ def mujoco_snippet(
         _add(body, "inertial", pos="0 0 0", mass=_LINK_MASS_KG, diaginertia=about)
         gear = arm.gear_ratio[j]
         _add(actuators, "motor", name=f"{name}_torque", joint=f"{name}_motor", gear=gear)
-    return _document(identification, arm, _NESTING_NOTE, root)
+    return _document(analysis, arm, _NESTING_NOTE, root)
 
 
-def urdf_snippet(
-    identification: Identification, gear_ratio: ArrayLike, names: Sequence[str] | None = None
-) -> str:
+def urdf_snippet(analysis: Analysis, gear_ratio: ArrayLike) -> str:
     """Joints, rotor links and transmissions for URDF, stiffness in Gazebo's extension.
 
     Parameters and errors as in ``mujoco_snippet``. URDF itself has no spring.
     """
-    arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
+    arm = arm_side(analysis, gear_ratio)
     root = Element("robot", name="elastic_joints")
     _add(root, "link", name=_BASE)
-    for j, name in enumerate(names):
+    for j in range(analysis.fit.n):
+        name = f"joint{j + 1}"
         motor, spring = hinges = _hinges(arm, name, j)
         for hinge in hinges:
             inertial = _add(_add(root, "link", name=hinge.child), "inertial")
             _add(inertial, "mass", value=hinge.mass)
             _add(inertial, "inertia", **dict.fromkeys(_DIAGONAL, hinge.inertia), ixy=0, ixz=0, iyz=0)
-        for hinge in (motor, spring):
             joint = _add(root, "joint", name=hinge.name, type="continuous")
             _add(joint, "parent", link=hinge.parent)
             _add(joint, "child", link=hinge.child)
@@ -146,23 +129,22 @@ def urdf_snippet(
         _add(transmission, "joint", name=motor.name)
         actuator = _add(transmission, "actuator", name=f"{name}_actuator")
         _add(actuator, "mechanicalReduction", arm.gear_ratio[j])
-    return _document(identification, arm, _ROTOR_NOTE, root)
+    return _document(analysis, arm, _ROTOR_NOTE, root)
 
 
-def sdf_snippet(
-    identification: Identification, gear_ratio: ArrayLike, names: Sequence[str] | None = None
-) -> str:
+def sdf_snippet(analysis: Analysis, gear_ratio: ArrayLike) -> str:
     """Joints and rotor links for SDFormat (Gazebo); parameters and errors as in ``mujoco_snippet``.
 
     SDFormat joints take joint-side torques: multiply a motor torque by the gear ratio.
     """
-    arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
+    arm = arm_side(analysis, gear_ratio)
     root = Element("sdf", version="1.9")
     model = _add(root, "model", name="elastic_joints")
     _add(model, "link", name=_BASE)
     fixed = _add(model, "joint", name=f"{_BASE}_fixed", type="fixed")
     _add_texts(fixed, parent="world", child=_BASE)
-    for j, name in enumerate(names):
+    for j in range(analysis.fit.n):
+        name = f"joint{j + 1}"
         for hinge in _hinges(arm, name, j):
             inertial = _add(_add(model, "link", name=hinge.child), "inertial")
             _add_texts(inertial, mass=hinge.mass)
@@ -175,7 +157,7 @@ def sdf_snippet(
             _add_texts(dynamics, damping=hinge.damping, friction=hinge.friction)
             if hinge.stiffness:
                 _add_texts(dynamics, spring_reference=0, spring_stiffness=hinge.stiffness)
-    return _document(identification, arm, _ROTOR_NOTE, root)
+    return _document(analysis, arm, _ROTOR_NOTE, root)
 
 
 _BASE = "elastic_joints_base"
@@ -239,43 +221,43 @@ def _text(value: str | float) -> str:
     return value if isinstance(value, str) else repr(float(value))
 
 
-def _document(identification: Identification, arm: ArmSide, note: str, root: Element) -> str:
+def _document(analysis: Analysis, arm: ArmSide, note: str, root: Element) -> str:
     """The XML of a snippet below its comments."""
     indent(root)
-    lines = [*_heading(identification, arm), _FRAGMENT_NOTE, note, tostring(root, "unicode"), ""]
+    lines = [*_heading(analysis, arm), _FRAGMENT_NOTE, note, tostring(root, "unicode"), ""]
     return "\n".join(lines)
 
 
-def _heading(identification: Identification, arm: ArmSide) -> list[str]:
+def _heading(analysis: Analysis, arm: ArmSide) -> list[str]:
     """State of the answer, source, units and side of the numbers, as an XML comment."""
-    i = identification
+    fit, study = analysis.fit, analysis.study
     ratios = ", ".join(_text(value) for value in arm.gear_ratio)
     lines = [
-        f"<!-- {_comment(i.answer or 'The state of the answer is not stated.')}",
-        f"     Elastic joints of {_comment(i.obtained.study or 'a study')}, by jointid "
-        f"{_comment(i.obtained.version)}; study {_comment(i.obtained.digest)};",
-        f"     estimator {_comment(i.obtained.method)}; model: {_comment(i.obtained.model)}; "
-        f"{counted(i.obtained.records, 'record')}.",
+        f"<!-- {_comment(answer_text(analysis))}",
+        f"     Elastic joints of {_comment(study.name or 'a study')}, by jointid {__version__}; "
+        f"study {study_digest(study)};",
+        f"     estimator {fit.method}; model: {_comment(model_name(fit))}; "
+        f"{counted(len(study.records), 'record')}.",
         f"     Joint side, SI units: gear ratios N = {ratios} are applied, K_joint = N^2 K, D_joint = "
         f"N^2 D,",
         "     rotor inertia N^2 J_m, Coulomb friction |N| F_c, viscous friction N^2 F_v.",
     ]
-    errors = i.standard_error
-    for j, J_m in enumerate(i.inertia.M):
+    errors = fit.standard_error
+    for j, J_m in enumerate(analysis.inertia().M):
         lines.append(
-            f"     Joint {j + 1}, motor side: K = {_text(i.K[j])} N.m/rad {_error(errors[j])}, "
-            f"D = {_text(i.D[j])} N.m.s/rad {_error(errors[i.n + j])}, J_m = {_text(J_m)} kg.m^2."
+            f"     Joint {j + 1}, motor side: K = {_text(fit.K[j])} N.m/rad {_error(errors[j])}, "
+            f"D = {_text(fit.D[j])} N.m.s/rad {_error(errors[fit.n + j])}, J_m = {_text(J_m)} kg.m^2."
         )
-        if i.gears and i.gears[j].kind != "linear":
-            gear = i.gears[j]
+        gear = fit.gears[j]
+        if gear.kind != "linear":
             lines.append(
                 f"     Its gear is not linear ({' + '.join(gear.laws)}), but this format is. The "
                 f"stiffness below is the secant {_text(gear.secant(gear.tried_Nm))} N.m/rad at "
                 f"{gear.tried_Nm:.3g} N.m, without backlash, motor side."
             )
-    fitted = any(row.is_fitted for row in i.priors)
+    fitted = any(row.is_fitted for row in analysis.priors)
     lines.append(f"     Inertias are those {'fitted together with K and D' if fitted else 'given'}.")
-    if i.friction is None:
+    if fit.friction is None:
         lines.append("     Friction was not identified and is 0 here.")
     lines[-1] += " -->"
     return lines
@@ -284,17 +266,6 @@ def _heading(identification: Identification, arm: ArmSide) -> list[str]:
 def _error(error: float) -> str:
     """A standard error in brackets."""
     return f"(+- {error:.2g})" if np.isfinite(error) else f"({UNDETERMINED} by these records)"
-
-
-def _names(n: int, names: Sequence[str] | None) -> list[str]:
-    if names is None:
-        return [f"joint{j + 1}" for j in range(n)]
-    given = list(names)
-    if len(given) != n or len(set(given)) != n or not all(isinstance(x, str) and x for x in given):
-        raise JointIdError(
-            f"names = {given!r:.200}: give {counted(n, 'different name')}, one per joint."
-        )
-    return given
 
 
 def _comment(text: str) -> str:

@@ -6,10 +6,10 @@ from io import StringIO
 
 import numpy as np
 
-from jointid.analysis import Analysis
+from jointid.analysis import NOT_USABLE, Analysis
 from jointid.answer import without
 from jointid.arrays import Floats
-from jointid.exporting.identification import Identification
+from jointid.exporting.identification import answer_text
 from jointid.gears.gear import knees
 from jointid.phasors.extract import Phasors
 from jointid.records import SineRecord
@@ -95,7 +95,7 @@ def torsion_table(analysis: Analysis) -> str:
     return csv_text(header, rows)
 
 
-def gear_table(found: Identification) -> str:
+def gear_table(analysis: Analysis) -> str:
     """Torque of every gear's law over its deflection as a look-up table, up to the torque tried.
 
     For Simulink's 1-D Lookup Table and your own controller, which interpolate linearly: edges of the
@@ -105,36 +105,39 @@ def gear_table(found: Identification) -> str:
     """
     header = [
         f"{name}_m{j + 1}_{unit}"
-        for j in range(found.n)
+        for j in range(analysis.fit.n)
         for name, unit in (("deflection", "rad"), ("torque", "Nm"))
     ]
-    if not found.is_usable:
+    if analysis.state == NOT_USABLE:
         header[:1] = [f"NOT_USABLE_{header[0]}"]
-    return csv_text(header, np.concatenate(_law_tables(found), axis=1).tolist())
+    return csv_text(header, np.concatenate(_law_tables(analysis), axis=1).tolist())
 
 
-def modelica_table(found: Identification) -> str:
+def modelica_table(analysis: Analysis) -> str:
     """The same as tables ``gear1, gear2, ...`` of one text file for Modelica's CombiTable1Ds."""
-    lines = ["#1" if found.is_usable else "#1 NOT USABLE: the torques are NaN for this reason."]
-    lines += [] if found.is_usable else [f"# {' '.join(found.answer.split())}"]
-    for j, table in enumerate(_law_tables(found), start=1):
+    lines = ["#1"]
+    if analysis.state == NOT_USABLE:
+        lines = ["#1 NOT USABLE: the torques are NaN for this reason."]
+        lines.append(f"# {' '.join(answer_text(analysis).split())}")
+    for j, table in enumerate(_law_tables(analysis), start=1):
         lines.append(f"double gear{j}({len(table)},2)  # deflection (rad), torque (N.m), motor side")
         lines += [f"{x!r} {y!r}" for x, y in table.tolist()]
     return "\n".join(lines) + "\n"
 
 
-def _law_tables(found: Identification) -> list[Floats]:
+def _law_tables(analysis: Analysis) -> list[Floats]:
     """Deflection and torque of every gear, as many rows of each, shape (rows, 2)."""
-    most = [gear.tried_rad or _NOT_TRIED_RAD for gear in found.gears]
+    gears = analysis.fit.gears
+    most = [gear.tried_rad or _NOT_TRIED_RAD for gear in gears]
     shares = [np.linspace(-1, 1, _ROWS)]
-    for gear, range_rad in zip(found.gears, most, strict=True):
+    for gear, range_rad in zip(gears, most, strict=True):
         half = 0.5 * gear.backlash_rad
         kinks = np.array([half, *(half + knee for knee in knees(gear)[0])]) / range_rad
         shares += [-kinks[kinks <= 1], kinks[kinks <= 1]]
-    grid, usable = np.unique(np.concatenate(shares)), 1.0 if found.is_usable else np.nan
+    grid, usable = np.unique(np.concatenate(shares)), 1.0 if analysis.state != NOT_USABLE else np.nan
     return [
         np.stack([range_rad * grid, usable * gear.torque(range_rad * grid)], axis=1)
-        for gear, range_rad in zip(found.gears, most, strict=True)
+        for gear, range_rad in zip(gears, most, strict=True)
     ]
 
 

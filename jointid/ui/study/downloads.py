@@ -74,13 +74,7 @@ _MATLAB_HINT = (
 )
 
 
-@st.cache_resource(max_entries=64, show_spinner="Collecting the results")
-def results(digest: str, method: str, _analysis: Analysis) -> exporting.Identification:
-    """Collect the results of an analysis for its files, which are written when they are saved."""
-    return exporting.identification(_analysis)
-
-
-def show_identification_files(found: exporting.Identification, analysis: Analysis, stem: str) -> None:
+def show_identification_files(analysis: Analysis, stem: str) -> None:
     """Offer K, D and their origin as JSON, TOML and MATLAB."""
     st.header("K, D and how they were obtained", anchor=False)
     st.write(
@@ -88,20 +82,19 @@ def show_identification_files(found: exporting.Identification, analysis: Analysi
         "fitted. SI units, seen from the motors."
     )
     with st.container(horizontal=True):
-        download("JSON", partial(exporting.to_json, found), f"{stem}.json")
-        download("TOML", partial(exporting.to_toml, found), f"{stem}.toml")
+        download("JSON", partial(exporting.to_json, analysis), f"{stem}.json")
+        download("TOML", partial(exporting.to_toml, analysis), f"{stem}.toml")
         download("MATLAB (.mat)", partial(exporting.to_mat, analysis), f"{stem}.mat", hint=_MATLAB_HINT)
     language = choose_segment("K and D as", list(exporting.LANGUAGES), "copy_as")
-    st.code(exporting.code_listing(found, language), language=None, wrap_lines=language == "Text")
+    st.code(exporting.code_listing(analysis, language), language=None, wrap_lines=language == "Text")
     for ending in (ending for ending, of in exporting.ENDINGS.items() if of == language):
-        download(
-            f"{language} ({ending})", partial(exporting.code_listing, found, language), f"{stem}{ending}"
-        )
+        listing = partial(exporting.code_listing, analysis, language)
+        download(f"{language} ({ending})", listing, f"{stem}{ending}")
     with st.expander("The whole file"):
-        st.code(exporting.to_toml(found), language="toml", height=360)
+        st.code(exporting.to_toml(analysis), language="toml", height=360)
 
 
-def show_tables(found: exporting.Identification, analysis: Analysis, stem: str) -> None:
+def show_tables(analysis: Analysis, stem: str) -> None:
     """Offer phasors, gear laws and transfer matrix as CSV."""
     st.header("Tables", anchor=False)
     separate = f" and, in separate columns, {without(analysis.fit)}"
@@ -115,11 +108,11 @@ def show_tables(found: exporting.Identification, analysis: Analysis, stem: str) 
             download("Phasors (.csv)", partial(exporting.phasor_table, analysis), f"{stem}_phasors.csv")
         laws = f"{stem}_gears"
         download(
-            "Gear laws (.csv)", partial(exporting.gear_table, found), f"{laws}.csv", hint=_LAWS_HINT
+            "Gear laws (.csv)", partial(exporting.gear_table, analysis), f"{laws}.csv", hint=_LAWS_HINT
         )
         modelica = "The same for CombiTable1Ds of Modelica: tables gear1, gear2, …"
         download(
-            "Gear laws (.txt)", partial(exporting.modelica_table, found), f"{laws}.txt", hint=modelica
+            "Gear laws (.txt)", partial(exporting.modelica_table, analysis), f"{laws}.txt", hint=modelica
         )
         if analysis.transfer_matrices:
             H = partial(exporting.transfer_matrix_table, analysis)
@@ -128,9 +121,9 @@ def show_tables(found: exporting.Identification, analysis: Analysis, stem: str) 
         show_info(f"There is no table of H. {analysis.transfer_problem}")
 
 
-def show_simulator_files(found: exporting.Identification, study: Study, stem: str) -> None:
+def show_simulator_files(analysis: Analysis, stem: str) -> None:
     """Offer the joints as snippets for simulators; ask for gear ratios that the study does not state."""
-    n, ratio = study.inertia.n, study.gear_ratios
+    n, ratio = analysis.fit.n, analysis.study.gear_ratios
     st.header("For robot simulators", anchor=False)
     st.write(
         "Simulators use joint-side values. With a gear ratio N, a stiffness K at the motor becomes "
@@ -154,7 +147,7 @@ def show_simulator_files(found: exporting.Identification, study: Study, stem: st
         try:
             if ratio is None:
                 ratio = np.array(numbers_in("Gear ratios", entered, count=n))
-            texts = [(name, ending, write(found, ratio)) for name, ending, write in _SNIPPETS]
+            texts = [(name, ending, write(analysis, ratio)) for name, ending, write in _SNIPPETS]
             for tab, (name, ending, text) in zip(st.tabs([x[0] for x in texts]), texts, strict=True):
                 with tab:
                     download(f"{name} ({ending})", text, f"{stem}{ending}")
