@@ -102,12 +102,10 @@ def test_a_friction_and_a_delay_stand_in_the_row(sample_folder: Path) -> None:
     analysis = analyse(study)
     from jointid.estimation.elasticity import Friction
 
-    unseen = np.array([0.25, 0.5]) * analysis.fit.standard_error
     friction = Friction(np.array([0.1]), np.array([0.2]), np.array([0.01, 0.02]))
-    fit = replace(analysis.fit, friction=friction, delay=1e-3, delay_error=1e-5, unseen_error=unseen)
+    fit = replace(analysis.fit, friction=friction, delay=1e-3, delay_error=1e-5)
     row = row_of(replace(analysis, fit=fit), study="x")
     assert (row.coulomb, row.viscous, row.delay_s, row.delay_error_s) == ((0.1,), (0.2,), 1e-3, 1e-5)
-    assert (*row.K_unseen, *row.D_unseen) == tuple(unseen.tolist())
     assert row.model == "elasticity + friction + delay"
     assert row.date == ""  # never invented
 
@@ -571,13 +569,13 @@ WRONG = {
     "name": "\ud800",  # half a character
     "findings": ["good", 1],
     "joints": 10**9,
-    "records": 2.0,
+    "records": "2",
     "time_s": float("nan"),
     "misfit": "1",
     "K": [1.0] * 9,
     "D": 3.0,
     "K_error": [-1.0],
-    "delay_s": True,
+    "delay_s": "1",
     "verdict": "<b>",
     "failure": "bad luck",
     "date": "soon",

@@ -170,18 +170,11 @@ def _robot_table(robot: RobotModel) -> dict[str, Any]:
 
 
 def _pose(study: Study, pose: Inertia) -> dict[str, Any]:
-    """Table of a pose: an addition to another pose, where this is exact, else its own M2."""
+    """Table of a pose; rotors only where they differ from those of the study."""
     table = inertia_table(pose)
-    own = {"M": table.pop("M")}
-    bases = {"": study.inertia} | {n: p for n, p in study.poses.items() if not p.added.any()}
-    for name, base in bases.items():
-        pairs = (base.M2, pose.M2), (base.added, pose.added)
-        falls = all(np.array_equal(getattr(base, part), getattr(pose, part)) for part in PARTS[1:])
-        same = all((of + pose.added).tobytes() == total.tobytes() for of, total in pairs)
-        if pose.added.any() and not base.added.any() and same and falls:
-            table = ({"base": name} if name else {}) | {"added": pose.added.tolist()}
-            return ({} if np.array_equal(pose.M, base.M) else own) | table
-    return ({} if np.array_equal(pose.M, study.inertia.M) else own) | table
+    if np.array_equal(pose.M, study.inertia.M):
+        del table["M"]
+    return table
 
 
 def _write_folder(study: Study, target: Path, record_format: str) -> None:

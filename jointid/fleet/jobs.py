@@ -1,6 +1,7 @@
 """A study to analyse, its result, and its analysis by child processes."""
 
 import queue
+import threading
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -86,24 +87,26 @@ class Local:
 
         Raises JointIdError when no further job of any study is possible.
         """
-        children = [Child(WORKER, self._limits) for _ in range(min(self._workers, len(jobs)))]
-        free, done = queue.SimpleQueue[Child](), queue.SimpleQueue[Future[Done]]()
-        for child in children:
-            free.put(child)
+        children: list[Child] = []
+        done, own = queue.SimpleQueue[Future[Done]](), threading.local()
 
-        def work(job: Job) -> Done:
-            child = free.get()
-            try:
-                return do_job(child, job)
-            finally:
-                free.put(child)
+        def begin() -> None:
+            own.child = Child(WORKER, self._limits)
+            children.append(own.child)
 
-        pool = ThreadPoolExecutor(max(1, len(children)))
+        pool = ThreadPoolExecutor(self._workers, initializer=begin)
         try:
             for job in jobs:
-                pool.submit(work, job).add_done_callback(done.put)
-            for _ in jobs:
-                yield self._next(done).result()
+                pool.submit(lambda job: do_job(own.child, job), job).add_done_callback(done.put)
+            left = len(jobs)
+            while left:
+                try:
+                    finished = done.get(timeout=_POLL_S)
+                except queue.Empty:
+                    self._waiting()
+                else:
+                    left -= 1
+                    yield finished.result()
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
             for child in children:
@@ -111,10 +114,3 @@ class Local:
             pool.shutdown()
             for child in children:
                 child.stop()
-
-    def _next(self, done: queue.SimpleQueue[Future[Done]]) -> Future[Done]:
-        while True:
-            try:
-                return done.get(timeout=_POLL_S)
-            except queue.Empty:
-                self._waiting()

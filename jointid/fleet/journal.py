@@ -15,6 +15,7 @@ from typing import BinaryIO
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import locked, write_error
 from jointid.fleet.row import Row, from_plain, to_plain
+from jointid.fleet.table import as_table, require_values
 
 _HEAD = b'{"jointid fleet journal": 1}\n'
 
@@ -106,5 +107,7 @@ class Journal:
             os.fsync(self._file.fileno())
         for line in data[len(_HEAD) : whole].splitlines():
             # The study of a damaged line is analysed again. Deep nesting raises a RecursionError.
-            with suppress(ValueError, RecursionError):
-                yield from_plain(json.loads(line.decode("utf-8", "surrogatepass")))
+            with suppress(AttributeError, TypeError, ValueError, OverflowError, RecursionError):
+                row = from_plain(json.loads(line.decode("utf-8", "surrogatepass")))
+                require_values(as_table([row]))  # which refuses values of another type
+                yield row

@@ -5,13 +5,10 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from jointid.analysis import Analysis, answer_state
 from jointid.answer import model_name
 from jointid.files.application import __version__
 from jointid.files.digest import study_digest
-from jointid.parsing.typed_fields import typed
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
 """Reasons for a missing answer: unusable files; time limit; memory limit; its process ended; its workers
@@ -60,10 +57,6 @@ class Row:
     """One standard error of K, the whole one, N·m/rad; infinite where nothing determines it."""
     D_error: Numbers = ()
     """One standard error of D, N·m·s/rad."""
-    K_unseen: Numbers = ()
-    """The part of ``K_error`` from truncated friction harmonics, N·m/rad."""
-    D_unseen: Numbers = ()
-    """The part of ``D_error`` from truncated friction harmonics, N·m·s/rad."""
     K_nominal: Numbers = ()
     """Nominal values of the controller; empty when not stated."""
     D_nominal: Numbers = ()
@@ -110,7 +103,6 @@ def row_of(
     fit, known = analysis.fit, analysis.study
     n = fit.n
     error = fit.standard_error
-    unseen = np.broadcast_to(fit.unseen_error, error.shape)
     friction, nominal = fit.friction, known.nominal
     return Row(
         study=study,
@@ -129,8 +121,6 @@ def row_of(
         D=_numbers(fit.D),
         K_error=_numbers(error[:n]),
         D_error=_numbers(error[n:]),
-        K_unseen=_numbers(unseen[:n]),
-        D_unseen=_numbers(unseen[n:]),
         K_nominal=() if nominal is None else _numbers(nominal.K),
         D_nominal=() if nominal is None else _numbers(nominal.D),
         coulomb=() if friction is None else _numbers(friction.coulomb),
@@ -159,9 +149,11 @@ def to_plain(row: Row) -> dict[str, Any]:
 def from_plain(document: Any) -> Row:
     """Return a row from the values of ``to_plain``.
 
-    Raises ValueError when a field is unknown, missing or of another type, or its value is impossible.
+    Raises AttributeError, TypeError or ValueError when they are no table, a field is unknown or missing,
+    or its value is impossible.
     """
-    row = typed(Row, document)
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in document.items()}
+    row = Row(**values)
     if not 0 <= row.joints <= MAX_JOINTS:
         raise ValueError(f"joints = {row.joints}")
     for name, value in vars(row).items():

@@ -22,7 +22,7 @@ MAX_ROWS = 1_000_000
 
 _KIND = {b"kind": b"jointid fleet", b"format": b"1"}
 _HEAD = ("study", "name", "robot", "date", "origin", "joints", "records")
-_OF_SPRINGS = ("K", "K_error", "D", "D_error", "K_unseen", "D_unseen", "K_nominal", "D_nominal")
+_OF_SPRINGS = ("K", "K_error", "D", "D_error", "K_nominal", "D_nominal")
 _JOINTWISE = {name: f"{name[0]}{{}}{name[1:]}" for name in _OF_SPRINGS}
 _JOINTWISE |= {"coulomb": "coulomb{}_Nm", "viscous": "viscous{}_Nms_rad"}
 _TAIL = (
@@ -36,6 +36,8 @@ _ARROW_TYPES: dict[object, Any] = {
     float | None: pa.float64(),
     tuple[str, ...]: pa.list_(pa.string()),
 }
+_OPTIONAL = ("delay_s", "delay_error_s", "misfit", "findings")
+"""Columns that may have no value."""
 _TYPES = {f.name: _ARROW_TYPES[f.type] for f in fields(Row) if f.name not in _JOINTWISE}
 _UNITS = {"K": b"N.m/rad", "D": b"N.m.s/rad", "c": b"N.m", "v": b"N.m.s/rad"}
 
@@ -106,9 +108,12 @@ def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
             for quantity, column in _JOINTWISE.items()
         }
         present = [*own, *chain.from_iterable(of_joints.values())]
+        kinds = pa.schema([(column, _TYPES.get(column, pa.float64())) for column in present])
         rows: list[Row] = []
         for batch in file.iter_batches(columns=present, use_threads=False):
-            rows += [_row(values, of_joints, name) for values in batch.to_pylist()]
+            table = pa.Table.from_batches([batch]).select(present).cast(kinds)
+            require_values(table)
+            rows += [_row(values, of_joints, name) for values in table.to_pylist()]
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
         if isinstance(error, JointIdError):
             raise
@@ -116,6 +121,13 @@ def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
             f"{name} cannot be read as Parquet ({error!s:.200}). Run the batch again."
         ) from error
     return tuple(rows)
+
+
+def require_values(table: Any) -> None:
+    """Raise ValueError when a column that every row fills has a gap."""
+    for name in (*_HEAD, *_TAIL):
+        if name not in _OPTIONAL and table.column(name).null_count:
+            raise ValueError(f"{name} has no value")
 
 
 def _row(values: dict[str, Any], of_joints: dict[str, list[str]], name: str) -> Row:
