@@ -377,8 +377,8 @@ def test_points_freed_of_friction_are_full_and_lie_on_the_line() -> None:
 def test_cuts_are_drawn_to_scale(analyses: dict[int, Analysis]) -> None:
     outcome = study_outcome(analyses[2])
     assert outcome is not None
-    drawing = cut_figure([("Before", "#D55E00", [("10 mm", outcome.before)])])
-    wanted, tool = (s for s in drawing.shapes if isinstance(s, Line) and len(s.points) > 50)
+    drawing = cut_figure(("Before", "After"), {"10 mm": (outcome.before, outcome.after)})
+    wanted, tool, *_ = (s for s in drawing.shapes if isinstance(s, Line) and len(s.points) > 50)
     size = np.ptp(wanted.points, axis=0)
     assert size[1] / size[0] == pytest.approx(45 / 28, rel=0.01)
     per_m = size[0] / 0.028

@@ -66,20 +66,15 @@ def cut(
     document["assumption"] = choice
     document["meaning"] = DEMONSTRATION if study is None else robot.meaning
     if svg is not None:
-        from jointid.figures.style import LIGHT
         from jointid.reporting.drawing import to_svg
         from jointid.reporting.figures import cut_figure
 
-        named_cuts = [(f"corner zone {zone:g} mm", o) for zone, o in zip(zones, outcomes, strict=True)]
-        rows = [
-            (
-                f"Before: {NOMINAL_NAMES[choice]}",
-                LIGHT.nominal,
-                [(label, o.before) for label, o in named_cuts],
-            ),
-            ("After: identified", LIGHT.identified, [(label, o.after) for label, o in named_cuts]),
-        ]
-        write_file(svg, to_svg(cut_figure(rows), title=f"Cuts of {study or 'the paper'}").encode())
+        pairs = zip(zones, outcomes, strict=True)
+        figure = cut_figure(
+            (f"Before: {NOMINAL_NAMES[choice]}", "After: identified"),
+            {f"corner zone {zone:g} mm": (o.before, o.after) for zone, o in pairs},
+        )
+        write_file(svg, to_svg(figure, title=f"Cuts of {study or 'the paper'}").encode())
     if as_json:
         print_json(document)
         return

@@ -49,7 +49,7 @@ def simulate(
     odd: Annotated[
         bool, typer.Option(help="Multisine with odd harmonics only, which shows distortion.")
     ] = False,
-    duration: Annotated[
+    duration_s: Annotated[
         float | None, typer.Option(help="Length of each motion record, s; 20 by default.")
     ] = None,
     records: Annotated[
@@ -109,14 +109,14 @@ def simulate(
     if not 0 < from_hz <= to_hz:
         raise JointIdError(f"--from-hz {from_hz:g} --to-hz {to_hz:g}: give 0 < lowest ≤ highest.")
     if motion and (count or periods):
-        raise JointIdError("--count and --periods belong to sines: use --records and --duration.")
-    if not motion and (duration or records or odd):
-        raise JointIdError("--duration, --records and --odd belong to a motion: add --motion.")
+        raise JointIdError("--count and --periods belong to sines: use --records and --duration-s.")
+    if not motion and (duration_s or records or odd):
+        raise JointIdError("--duration-s, --records and --odd belong to a motion: add --motion.")
     experiment: Any = np.unique(np.geomspace(from_hz, to_hz, count or 18).round(6))
     length = 12.5 if periods is None else periods
     settings: dict[str, Any] = {"excitation": jointid.Excitation(periods=length)}
     if motion:
-        length = 20.0 if duration is None else duration
+        length = 20.0 if duration_s is None else duration_s
         experiment = jointid.Motion(motion, from_hz, to_hz, length, odd=odd)
         settings = {"records": records or 2}
     with progress("Simulating", quiet=as_json) as tell:

@@ -2,12 +2,11 @@
 
 import re
 import sys
-from collections.abc import Iterable, Iterator
-from pathlib import Path, PurePosixPath
-from typing import IO, Protocol
+from collections.abc import Iterator
+from pathlib import PurePosixPath
+from typing import IO
 
 from jointid.errors import JointIdError
-from jointid.wording import listed, nearest
 
 MAX_TOTAL_BYTES = 1 << 30
 """Largest sum of the files read from one container, and largest single file, unpacked, bytes."""
@@ -15,26 +14,6 @@ MAX_MEMBERS = 10_000
 """Most files in one container."""
 CHUNK = 1 << 20
 """Most bytes read from a file at a time."""
-
-
-class MissingFileError(JointIdError):
-    """A file that is not in its container."""
-
-
-class Container(Protocol):
-    """Named bytes; names use "/" and are relative to the container's root."""
-
-    name: str
-    """Its name in messages."""
-
-    def names(self) -> tuple[str, ...]:
-        """Return the names of all files, sorted."""
-
-    def read(self, name: str, *, at_most: int | None = None) -> bytes:
-        """Return a file's bytes, all of them or the first ``at_most``."""
-
-    def path(self, name: str) -> Path | None:
-        """Return a file's path on disk, for reading in parts; None inside an archive."""
 
 
 def safe_name(name: str) -> str:
@@ -63,15 +42,6 @@ def is_clutter(name: str) -> bool:
     """Whether a file manager left this file behind."""
     parts = PurePosixPath(name).parts
     return "__MACOSX" in parts or parts[-1] == ".DS_Store" or parts[-1].startswith("._")
-
-
-def missing(name: str, container: Container, taken: Iterable[str] = ()) -> MissingFileError:
-    """Return the error for a missing file; suggest the most similar name that is not taken."""
-    names, used = container.names(), set(taken)
-    similar = nearest(name, [other for other in names if other not in used])
-    return MissingFileError(
-        f"{name} is missing in {container.name}.{similar} Files found: {listed(names)}.", file=name
-    )
 
 
 def require_few_files(container: str, count: int) -> None:

@@ -10,7 +10,7 @@ import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, TypeAlias
@@ -19,17 +19,13 @@ from jointid.errors import JointIdError
 from jointid.files.container_limits import (
     CHUNK,
     Budget,
-    Container,
     chunks,
     is_clutter,
     mebibytes,
-    missing,
     require_few_files,
     safe_name,
 )
-from jointid.wording import capitalised
-
-__all__ = ["Container", "Source", "open_container"]
+from jointid.wording import capitalised, listed, nearest
 
 Source: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
 """A folder or .zip by its path, or a zip as bytes or as an open binary file (an upload)."""
@@ -37,8 +33,12 @@ Source: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview | Bi
 _ARCHIVE = "the archive"  # name of an archive from bytes, in messages
 
 
+class MissingFileError(JointIdError):
+    """A file that is not in its container."""
+
+
 @contextmanager
-def open_container(source: Source, *, marker: str) -> Iterator[Container]:
+def open_container(source: Source, *, marker: str) -> "Iterator[Container]":
     """Open a folder or a zip archive for reading; instead of a folder, the marker in it may be given.
 
     The marker is the file that marks the root. An archive whose files all lie in one top folder that
@@ -267,3 +267,16 @@ class _DirectoryGuard:
         if size > MAX_DIRECTORY_BYTES:
             raise zipfile.BadZipFile(f"its directory of {mebibytes(size)} is too large")
         return self._file.read(size)
+
+
+Container: TypeAlias = Folder | Zip
+"""Named bytes; names use "/" and are relative to the container's root."""
+
+
+def missing(name: str, container: Container, taken: Iterable[str] = ()) -> MissingFileError:
+    """Return the error for a missing file; suggest the most similar name that is not taken."""
+    names, used = container.names(), set(taken)
+    similar = nearest(name, [other for other in names if other not in used])
+    return MissingFileError(
+        f"{name} is missing in {container.name}.{similar} Files found: {listed(names)}.", file=name
+    )

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from jointid.arrays import Floats
+from jointid.files.study_keys import PARTS
 from jointid.phasors.long_records import LongRecord
 from jointid.records import MotionRecord, SineRecord
 from jointid.study import INERTIA_STD, Study
@@ -25,29 +26,26 @@ def study_digest(study: Study) -> str:
     """
     state = blake2b(digest_size=16)
     _texts(state, (study.name, study.origin, study.description))
-    if study.robot or study.date is not None:  # without them, the digest is that of version 0.1
-        _texts(state, ("robot", study.robot, "" if study.date is None else study.date.isoformat()))
-    if study.remarks:
-        _texts(state, ("remarks", *study.remarks))
-    if study.gear_ratio is not None:
-        _arrays(state, [study.gear_ratio])
     inertias = [study.inertia, *study.poses.values()]
     _arrays(state, [array for inertia in inertias for array in (inertia.M, inertia.M2)])
-    if any(inertia.added.any() for inertia in inertias):
-        _arrays(state, [inertia.added for inertia in inertias])
-    for name in ("gravity", "shared", "shared_gravity"):
+    date = "" if study.date is None else study.date.isoformat()
+    further: dict[str, object] = {
+        "robot": (study.robot or date) and (study.robot, date),
+        "remarks": study.remarks,
+        "changes": study.changes,
+        "ratio": () if study.gear_ratio is None else study.gear_ratio.tolist(),
+        "deviations": (study.inertia_std, study.torque_std),
+    }
+    for name in PARTS:
         parts = [getattr(inertia, name) for inertia in inertias]
-        if any(part.any() for part in parts):
-            _arrays(state, parts)
-    if study.robot_model is not None:
-        robot, angles = study.robot_model, study.pose_angles_rad
-        state.update(robot.source[1])
-        _texts(state, ("model", robot.source[0], *angles))
-        _arrays(state, [*angles.values(), robot.coupling, robot.rotor_inertia, robot.payload.parameters])
-    if (study.inertia_std, study.torque_std) != (INERTIA_STD, None):
-        _texts(state, ("deviations", repr(study.inertia_std), repr(study.torque_std)))
-    if study.changes:
-        _texts(state, ("changes", *study.changes))
+        further[name] = [part.tolist() for part in parts] if np.any(parts) else ()
+    if (robot := study.robot_model) is not None:
+        further["angles"] = [(pose, q.tolist()) for pose, q in study.pose_angles_rad.items()]
+        numbers = robot.coupling, robot.rotor_inertia, robot.payload.parameters
+        further["model"] = robot.source, [values.tolist() for values in numbers]
+    for name, value in further.items():  # without any, the digest is that of version 0.1
+        if value and value != (INERTIA_STD, None):
+            _texts(state, (name, repr(value)))
     _texts(state, study.poses)
     _arrays(state, [] if study.nominal is None else [study.nominal.K, study.nominal.D])
     for record in study.records:

@@ -27,8 +27,8 @@ from typing import Any
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.files.container_limits import Container, MissingFileError, missing, safe_name
-from jointid.files.containers import Source, open_container
+from jointid.files.container_limits import safe_name
+from jointid.files.containers import Container, MissingFileError, Source, missing, open_container
 from jointid.files.record_tables import read_record_table
 from jointid.files.study_keys import (
     INERTIA_KEYS,

@@ -13,7 +13,6 @@ from jointid.cut.robot import CUTTING_POINT_M
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
 from jointid.figures.response_curves import element_name, removed_effects
-from jointid.figures.style import LIGHT
 from jointid.reporting.blocks import Block, Figure, Paragraph
 from jointid.reporting.figures import (
     PAGE_WIDTH,
@@ -128,24 +127,17 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         )
         + ("" if outcome.springs_matter else f" {remainder(outcome, friction=outcome.robot.friction)}")
     )
-    before, after = [], []
+    cuts = {}
     for zone in ZONES_M:
         label = f"corner zone {1e3 * zone:g} mm"
         try:
-            first, second = _cuts(outcome, zone)
+            cuts[label] = _cuts(outcome, zone)
         except JointIdError as error:
             yield Paragraph(f"{capitalised(label)}: {error}", "quiet")
-            continue
-        before.append((label, first))
-        after.append((label, second))
-    if before:
+    if cuts:
         heading = f"Before: nominal {'(rigid)' if assumed is None else 'K and D'}"
-        rows = [
-            (heading, LIGHT.nominal, before),
-            ("After: identified K and D", LIGHT.identified, after),
-        ]
         yield Figure(
-            (cut_figure(rows),),
+            (cut_figure((heading, "After: identified K and D"), cuts),),
             f"{next(numbers)} Cut paths and their largest path errors; grey is the reference path "
             "(Figure 7 of the paper).",
         )

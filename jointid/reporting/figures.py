@@ -4,7 +4,7 @@ Drawn without a plotting library: plotly exports through a browser, matplotlib a
 scales the height of a figure without its texts, by which the PDF fills its pages.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,7 @@ PAGE_WIDTH = 482.0
 """Width of a figure over the whole page, points: A4 less 20 mm on either side."""
 
 _GRID, _INK, _REFERENCE = "#DDDDDD", "#31333F", "#9A9A9A"
+_CUT_COLOURS = (LIGHT.nominal, LIGHT.identified)
 _STRIDE = 4
 """Of a cut every fourth sample is drawn, one per millisecond."""
 _MARKS: dict[str, tuple[Symbol, float]] = {
@@ -121,32 +122,33 @@ def _linear_ticks(limit: float) -> _Ticks:
     }
 
 
-def cut_figure(rows: Sequence[tuple[str, str, Sequence[tuple[str, TrackingRun]]]]) -> Drawing:
-    """Figure 7: rows of cuts over the reference path, to one scale, with their largest path errors.
+def cut_figure(headings: Sequence[str], cuts: Mapping[str, Sequence[TrackingRun]]) -> Drawing:
+    """Figure 7: cuts over the reference path, to one scale, with their largest path errors.
 
-    Each row has a heading, a colour, and its cuts with their labels.
+    ``headings`` are those of the cuts with nominal and with identified values; ``cuts`` both by label.
     """
-    runs = [run for _, _, cuts in rows for _, run in cuts]
+    runs = [run for pair in cuts.values() for run in pair]
     paths = [path[::_STRIDE] for run in runs for path in (run.wanted_m, run.tool_m)]
     low = np.min([p.min(axis=0) for p in paths], axis=0)
     high = np.max([p.max(axis=0) for p in paths], axis=0)
-    columns = max(len(cuts) for _, _, cuts in rows)
-    cell = PAGE_WIDTH / columns
+    cell = PAGE_WIDTH / len(cuts)
     scale = min((cell - 24) / (high[0] - low[0]), 118 / (high[1] - low[1]))
     size = scale * (high - low)
     shapes: list[Line | Marks | Text] = []
-    top = 0.0
-    for heading, colour, cuts in rows:
+    top, errors = 0.0, []
+    for row, (heading, colour) in enumerate(zip(headings, _CUT_COLOURS, strict=True)):
         sample = np.array([[0.0, top + 7.5], [16.0, top + 7.5]])
         shapes += [Line(sample, colour, 1.6), Text(22, top + 10, heading, 8, bold=True)]
         top += 20
-        for column, (label, run) in enumerate(cuts):
+        for column, (label, pair) in enumerate(cuts.items()):
+            run = pair[row]
             left = cell * column + (cell - size[0]) / 2
             for path, ink, stroke in ((run.wanted_m, _REFERENCE, 3.0), (run.tool_m, colour, 0.9)):
                 xy = (path[::_STRIDE] - (low[0], high[1])) * (scale, -scale) + (left, top)
                 shapes.append(Line(xy, ink, stroke, opacity=0.6 if ink == _REFERENCE else 1.0))
             middle, below = cell * (column + 0.5), top + size[1]
             error = millimetres(run.max_contour_error_m)
+            errors.append(f"{heading}, {label}: {error}")
             shapes.append(Text(middle, below + 12, error, 8.5, "middle", bold=True))
             shapes.append(Text(middle, below + 22, label, 7.5, "middle"))
         top += size[1] + 34
@@ -155,11 +157,7 @@ def cut_figure(rows: Sequence[tuple[str, str, Sequence[tuple[str, TrackingRun]]]
     bar = [[begin, 3.0], [begin, 7.0], [begin, 5.0], [end, 5.0], [end, 3.0], [end, 7.0]]
     shapes.append(Line(np.array(bar), _INK, 0.7))
     shapes.append(Text(end - ten / 2, 15, "10 mm", 7, "middle"))
-    errors = "; ".join(
-        f"{heading}: " + ", ".join(f"{label} {millimetres(r.max_contour_error_m)}" for label, r in cuts)
-        for heading, _, cuts in rows
-    )
-    description = f"Cut paths with their largest path errors. {errors}."
+    description = f"Cut paths with their largest path errors. {'; '.join(errors)}."
     return Drawing(PAGE_WIDTH, top - 8, tuple(shapes), description, to_scale=True, least=0.8)
 
 

@@ -9,8 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import TypeAlias
 
 from jointid.errors import JointIdError
-from jointid.files.container_limits import Container
-from jointid.files.containers import open_container
+from jointid.files.containers import Container, open_container
 from jointid.importing.columns.log_table import (
     MAX_LOG_BYTES,
     MAX_TABLES,

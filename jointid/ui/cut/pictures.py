@@ -14,7 +14,7 @@ from jointid import TrackingRun
 from jointid.arrays import Floats
 from jointid.cut.arm import PlanarArm
 from jointid.cut.outcome import ZONES_M, Outcome, millimetres
-from jointid.figures.style import LIGHT, colours
+from jointid.figures.style import colours
 from jointid.reporting.drawing import Drawing, Line, to_svg
 from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts
@@ -146,15 +146,12 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
     own = settings if settings.zone_m in ZONES_M else settings.with_zone(0.0)
     html = page.drawn(f"figure 7 {own}", partial(_figure_7_html, pairs, names))
     st.html(html)
-    done = [(zone, runs) for zone, runs in pairs if not isinstance(runs, str)]
+    done = {f"zone {1e3 * zone:g} mm": runs for zone, runs in pairs if not isinstance(runs, str)}
     if not done:
         return
-    rows = [
-        (capitalised(name), colour, [(f"zone {1e3 * zone:g} mm", runs[row]) for zone, runs in done])
-        for row, (name, colour) in enumerate(zip(names, (LIGHT.nominal, LIGHT.identified), strict=True))
-    ]
+    figure = partial(cut_figure, [capitalised(name) for name in names], done)
     title = f"Cuts of {page.study.name or 'a study'}"
-    download("Save the figure (.svg)", lambda: to_svg(cut_figure(rows), title=title), "cuts.svg")
+    download("Save the figure (.svg)", lambda: to_svg(figure(), title=title), "cuts.svg")
 
 
 def _figure_7_html(
