@@ -4,7 +4,7 @@ import os
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,8 +37,6 @@ class Progress:
     """Rows with an error."""
     time_s: float
     """Elapsed time, s."""
-    last: Row | None = None
-    """The latest row; None at the beginning."""
 
     @property
     def text(self) -> str:
@@ -143,28 +141,22 @@ def analyse_fleet(
         }
         jobs = [Job(key := path_text(path), path, method, same.get(key, "")) for path in found]
         rows: dict[str, Row] = {}
-        state = Progress(len(jobs), 0, 0, 0, 0.0)
+        skipped = failed = 0
 
-        def report(row: Row | None, *, skipped: bool = False) -> None:
-            nonlocal state
-            state = replace(
-                state,
-                done=len(rows),
-                skipped=state.skipped + skipped,
-                failed=state.failed + (row is not None and not row.is_good),
-                time_s=time.perf_counter() - begin,
-                last=row,
-            )
+        def report() -> None:
             if progress is not None:
-                progress(state)
+                took = time.perf_counter() - begin
+                progress(Progress(len(jobs), len(rows), skipped, failed, took))
 
-        report(None)
+        report()
         with closing(_executor(workers, scheduler, limits or Limits()).run(jobs)) as finished:
             for done in finished:
                 if done.row is not None:
                     journal.add(done.row)
                 row = rows[done.job.study] = done.row or before[done.job.study]
-                report(row, skipped=done.row is None)
+                skipped += done.row is None
+                failed += not row.is_good
+                report()
         here = [rows[job.study] for job in jobs]
         others = [row for study, row in before.items() if study not in rows]
         write_rows(target, [*here, *others])
@@ -172,7 +164,7 @@ def analyse_fleet(
     return Summary(
         out=target,
         studies=len(here),
-        skipped=state.skipped,
+        skipped=skipped,
         failures=tuple(row for row in here if not row.is_good),
         verdicts={
             level: sum(row.verdict == level for row in here) for level in ("good", "warning", "problem")
