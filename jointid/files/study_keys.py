@@ -99,14 +99,10 @@ def written_values(source: object, keys: Iterable[str]) -> dict[str, Any]:
     return {key: value for key, value in plain.items() if value not in (None, "", ())}
 
 
-def read_inertia(
-    table: CheckedTable, default: Inertia | None = None, robot: RobotModel | None = None
-) -> Inertia:
-    """Return the inertia of a table; a pose without M has the rotors of ``default``.
+def _inertia(table: CheckedTable, default: Inertia | None, robot: RobotModel | None) -> Inertia:
+    """Inertia of a table; a pose without M has the rotors of ``default``.
 
-    Joint angles in place of M2 take the inertia and the gravity from the robot's model. Raises
-    JointIdError when M or M2 is missing or is no inertia, or joint angles are given beside them or
-    without a model.
+    Joint angles in place of M2 take the inertia and the gravity from the robot's model.
     """
     angles = read_angles(table)
     if angles is not None:
@@ -163,65 +159,49 @@ def read_known(
 
     ``inertia`` is the table with M and M2. Raises JointIdError when one of them is invalid.
     """
-    given = read_inertia(inertia, robot=robot)
+    given = _inertia(inertia, None, robot)
     known: dict[str, Any] = {"inertia": given, "name": top.text("name", "")}
     if "std" in inertia:
         known["inertia_std"] = inertia.deviation("std")
     if "torque" in top:
         known["torque_std"] = top.table("torque", TORQUE_KEYS).deviation("std")
-    return known | {"poses": read_poses(top, given, robot), "nominal": read_nominal(top)}
+    if "nominal" in top:
+        table = top.table("nominal", NOMINAL_KEYS)
+        K, D = table.numbers("K"), table.numbers("D")
+        with in_place(table.where, table.file):
+            known["nominal"] = Elasticity(K=K, D=D)
+    return known | {"poses": _poses(top, given, robot)}
 
 
-def read_poses(
-    top: CheckedTable, default: Inertia | None = None, robot: RobotModel | None = None
-) -> dict[str, Inertia]:
-    """Return the inertia of each named pose, none when there is no [poses.NAME].
+def _poses(top: CheckedTable, default: Inertia, robot: RobotModel | None) -> dict[str, Inertia]:
+    """Inertia of each named pose.
 
     ``default``, the inertia of records without a pose, gives the rotors of a pose without M, and M2 of a
-    pose that adds to it; ``robot`` gives the inertia of poses with joint angles. Raises JointIdError
-    when one of them is no inertia, or adds to a pose that is not there.
+    pose that adds to it; ``robot`` gives the inertia of poses with joint angles.
     """
     tables = top.named_tables("poses", POSE_KEYS)
     additions = {name for name, table in tables.items() if "M2" not in table and "added" in table}
     for name, table in tables.items():
         if "base" in table and name not in additions:
             raise table.error("base is the pose to which added is added: give added, and no M2.")
-    poses = {
-        name: read_inertia(table, default, robot)
-        for name, table in tables.items()
-        if name not in additions
+    own = {
+        name: _inertia(table, default, robot) for name, table in tables.items() if name not in additions
     }
-    sums = {name: _sum(tables[name], default, poses) for name in additions}
-    return {name: (poses | sums)[name] for name in tables}
+    return {name: own[name] if name in own else _sum(tables[name], default, own) for name in tables}
 
 
-def _sum(table: CheckedTable, default: Inertia | None, poses: Mapping[str, Inertia]) -> Inertia:
+def _sum(table: CheckedTable, default: Inertia, poses: Mapping[str, Inertia]) -> Inertia:
     """Inertia of a pose that is given as an addition to another one."""
-    base = poses.get(table.text("base")) if "base" in table else default
+    name = table.text("base") if "base" in table else None
+    base = default if name is None else poses.get(name)
     if base is None:
-        if default is None:
-            raise table.error(f"M2 is missing. Example: {POSE_KEYS['M2']}.")
-        name = table.text("base")
         raise table.error(
-            f'base = "{name:.60}": no pose of this name has an M2.{nearest(name, poses)} '
-            f"Poses with M2: {listed(poses) or 'none'}. Without base, added is added to [inertia]."
+            f'base = "{name:.60}": no pose of this name has an M2.{nearest(name or "", poses)} '
+            f"Poses with M2: {listed(poses)}. Without base, added is added to [inertia]."
         )
     with in_place(table.where, table.file):
         loaded = base.with_added(table.matrix("added"))
         return replace(loaded, M=np.array(table.numbers("M"))) if "M" in table else loaded
-
-
-def read_nominal(top: CheckedTable) -> Elasticity | None:
-    """Return the controller's present values; None without [nominal].
-
-    Raises JointIdError when K or D is missing or is no spring.
-    """
-    if "nominal" not in top:
-        return None
-    table = top.table("nominal", NOMINAL_KEYS)
-    K, D = table.numbers("K"), table.numbers("D")
-    with in_place(table.where, table.file):
-        return Elasticity(K=K, D=D)
 
 
 @contextmanager

@@ -110,7 +110,7 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
     head: dict[str, Any] = {"format": 1, "name": study.name} | written_values(study, STUDY_VALUES)
     if study.robot_model is not None:
         head["robot_model"] = _robot_table(study.robot_model)
-    head["inertia"] = _angles(study, "") or inertia_table(study.inertia)
+    head["inertia"] = _pose(study, "", study.inertia)
     # Only what the reader would not assume: other studies stay readable by version 0.1, byte for byte.
     if study.inertia_std != INERTIA_STD:
         head["inertia"]["std"] = study.inertia_std
@@ -120,7 +120,7 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
         head["nominal"] = {"K": study.nominal.K.tolist(), "D": study.nominal.D.tolist()}
     if len(timings) == 1:
         head["timing"] = written_values(study.records[0], TIMING_KEYS)
-    head["poses"] = {n: _angles(study, n) or _pose(study, pose) for n, pose in study.poses.items()}
+    head["poses"] = {name: _pose(study, name, pose) for name, pose in study.poses.items()}
     text = tomli_w.dumps(head)
     for file, record in zip(files, study.records, strict=True):
         row = {"file": file} | written_values(record, RECORD_VALUES)
@@ -145,12 +145,6 @@ def inertia_table(inertia: Inertia) -> dict[str, Any]:
     return {"M": inertia.M.tolist(), "M2": inertia.M2.tolist()} | known
 
 
-def _angles(study: Study, pose: str) -> dict[str, Any]:
-    """Table of a pose by its joint angles, empty where it has none."""
-    angles = study.pose_angles_rad.get(pose)
-    return {} if angles is None else {"angles_rad": angles.tolist()}
-
-
 def _robot_file(robot: RobotModel) -> str:
     return "robot" + PurePosixPath(robot.source[0]).suffix.lower()
 
@@ -169,10 +163,12 @@ def _robot_table(robot: RobotModel) -> dict[str, Any]:
     return table
 
 
-def _pose(study: Study, pose: Inertia) -> dict[str, Any]:
-    """Table of a pose; rotors only where they differ from those of the study."""
+def _pose(study: Study, name: str, pose: Inertia) -> dict[str, Any]:
+    """Table of [inertia], without a name, or of a pose: its joint angles, else its own matrices."""
+    if (angles := study.pose_angles_rad.get(name)) is not None:
+        return {"angles_rad": angles.tolist()}
     table = inertia_table(pose)
-    if np.array_equal(pose.M, study.inertia.M):
+    if name and np.array_equal(pose.M, study.inertia.M):
         del table["M"]
     return table
 
