@@ -1,7 +1,7 @@
 """jointid identify and jointid arm-side."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -25,7 +25,11 @@ def identify(
     deviations = given(inertia_std=inertia_std, torque_std=torque_std)
     analysis = analysed(study, method, quiet=as_json, **deviations)
     if as_json:
-        print_json(identify_document(analysis))
+        from jointid.exporting.identification import to_document
+
+        names = ("level", "title", "detail", "remedy")
+        found = [{name: getattr(f, name) for name in names} for f in analysis.findings]
+        print_json(to_document(analysis) | {"findings": found})
         return
     analysis = analysis.shown_in(unit) if unit else analysis
     print(f"{analysis.study.name or study.name}: {analysis.state}\n{analysis.headline}")
@@ -69,18 +73,6 @@ def _print_tables(analysis: Analysis) -> None:
     print_table(PRIOR_HEADER, [row.cells for row in analysis.priors], right=(1, 2, 4))
     if analysis.study.torque_std is None:
         print(UNSTATED_TORQUE_SCALE)
-
-
-def identify_document(analysis: Analysis) -> dict[str, Any]:
-    """Document of the identification with the findings."""
-    from jointid.exporting.identification import to_document
-
-    return to_document(analysis) | {
-        "findings": [
-            {"level": f.level, "title": f.title, "detail": f.detail, "remedy": f.remedy}
-            for f in analysis.findings
-        ]
-    }
 
 
 @reported

@@ -72,21 +72,6 @@ class Format:
         return 7 if self.degrees else 9
 
 
-def table(points: SetPoints, counter: str, axis: str, decimals: int) -> Iterator[str]:
-    """CSV with a counter, the time and one column per axis, whose name holds its number at "#"."""
-    yield from points.comments
-    axes = range(1, points.values.shape[1] + 1)
-    yield ",".join([counter, "time_ms", *(axis.replace("#", str(k)) for k in axes)])
-    for k, row in enumerate(points.values):
-        yield ",".join(
-            [
-                str(k),
-                f"{k * points.interval_ms:.9g}",
-                *(f"{value:.{decimals}f}" for value in row.tolist()),
-            ]
-        )
-
-
 def numbers(values: Floats, decimals: int) -> str:
     """Numbers with commas between."""
     return ", ".join(f"{value:.{decimals}f}" for value in values.tolist())

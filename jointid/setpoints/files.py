@@ -3,7 +3,7 @@
 import numpy as np
 
 from jointid.errors import JointIdError
-from jointid.setpoints import abb_egm, csv_table, kuka_rsi, ros2, urscript
+from jointid.setpoints import ros2, tables, urscript
 from jointid.setpoints.experiment import Motion
 from jointid.setpoints.file_format import Format, SetPoints
 from jointid.setpoints.head import head
@@ -13,7 +13,7 @@ from jointid.setpoints.robot_limits import RobotLimits
 from jointid.wording import enumerated, significant
 
 FORMATS: dict[str, Format] = {
-    each.FORMAT.name: each.FORMAT for each in (csv_table, ros2, urscript, abb_egm, kuka_rsi)
+    each.name: each for each in (tables.CSV, ros2.FORMAT, urscript.FORMAT, tables.EGM, tables.RSI)
 }
 """File formats by name."""
 _FEWEST_PER_PERIOD = 5
