@@ -16,7 +16,7 @@ import typer
 from jointid.analysis import answer_state
 from jointid.cli.options import JSON, METHOD, named, require_ending
 from jointid.cli.output import print_json, progress
-from jointid.cli.program import INTERRUPTED, print_error, reported
+from jointid.cli.program import INTERRUPTED, print_error
 from jointid.errors import JointIdError
 from jointid.wording import counted
 
@@ -27,7 +27,6 @@ _MOST_FAILURES = 10  # failures printed; the table has them all
 _REPORT_EVERY_S = 30.0  # interval of progress lines in a log file
 
 
-@reported
 def batch(
     studies: Annotated[
         list[str],

@@ -11,7 +11,6 @@ import typer
 import jointid.cli.options as options
 from jointid.cli.files import require_free, robot_from
 from jointid.cli.output import made, print_json, print_table, progress
-from jointid.cli.program import reported
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
 from jointid.study import Study
@@ -23,7 +22,6 @@ _NOT_STATED = (
 )
 
 
-@reported
 def convert(
     logs: Annotated[
         list[Path],

@@ -9,12 +9,10 @@ import typer
 from jointid.cli.files import analysed, require_free
 from jointid.cli.options import JSON, METHOD, OVERWRITE, named, numbers, require_ending
 from jointid.cli.output import print_json, print_table, progress
-from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
 from jointid.wording import enumerated
 
 
-@reported
 def cut(
     study: Annotated[
         Path | None,

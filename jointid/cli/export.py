@@ -14,11 +14,9 @@ from jointid.analysis import Analysis
 from jointid.cli.files import analysed, require_free
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, UNIT, numbers, require_ending
 from jointid.cli.output import progress, warn_if_unusable, written
-from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
 
 
-@reported
 def report(
     study: Annotated[Path, STUDY],
     output: Annotated[
@@ -76,7 +74,6 @@ def _writers(gear_ratio: list[float] | None) -> dict[str, Writer]:
 _AT_JOINT = (".xml", ".urdf", ".sdf")
 
 
-@reported
 def export(
     study: Annotated[Path, STUDY],
     output: Annotated[

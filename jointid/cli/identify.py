@@ -9,10 +9,8 @@ from jointid.analysis import Analysis
 from jointid.cli.files import analysed, loaded
 from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, given, named
 from jointid.cli.output import print_json, print_table, progress
-from jointid.cli.program import reported
 
 
-@reported
 def identify(
     study: Annotated[Path, STUDY],
     method: Annotated[str, METHOD] = "auto",
@@ -75,7 +73,6 @@ def _print_tables(analysis: Analysis) -> None:
         print(UNSTATED_TORQUE_SCALE)
 
 
-@reported
 def arm_side(
     study: Annotated[Path, STUDY],
     robot: Annotated[

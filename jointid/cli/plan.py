@@ -15,7 +15,6 @@ from jointid.arrays import per_joint
 from jointid.cli.files import loaded, require_free
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers
 from jointid.cli.output import print_json, print_table, progress, warn_if_unusable
-from jointid.cli.program import reported
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
 from jointid.simulation.motion import Motion
@@ -35,7 +34,6 @@ FROM_HZ = typer.Option(help="Lowest frequency of a motion, Hz.")
 TO_HZ = typer.Option(help="Highest frequency of a motion, Hz.")
 
 
-@reported
 def plan(
     study: Annotated[Path, STUDY],
     count: Annotated[int, COUNT] = 3,
@@ -185,7 +183,6 @@ def _document(suggestion: Suggestion) -> dict[str, Any]:
     }
 
 
-@reported
 def setpoints(
     study: Annotated[Path, STUDY],
     limits: Annotated[

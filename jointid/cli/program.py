@@ -4,20 +4,16 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TypeVar
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 from jointid.errors import JointIdError
 from jointid.files.application import __version__, application_folder
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, by the convention of shells."""
@@ -56,30 +52,49 @@ class Command(TyperCommand):
 
 
 class _Commands(TyperGroup):
-    """The commands; with --json, usage errors are JSON too."""
+    """The commands; an error is one message and an exit code, with --json as JSON too."""
 
     def make_context(self, info_name: str | None, args: list[str], *more: Any, **extra: Any) -> Any:
         as_json = "--json" in args
-        with _usage_errors(as_json):
+        with _reported(as_json):
             context = super().make_context(info_name, args, *more, **extra)
         context.meta[_WANTS_JSON] = as_json
         return context
 
     def invoke(self, ctx: Any) -> Any:
-        with _usage_errors(ctx.meta[_WANTS_JSON]):
+        with _reported(ctx.meta[_WANTS_JSON]):
             return super().invoke(ctx)
 
 
 @contextmanager
-def _usage_errors(as_json: bool) -> Iterator[None]:
-    """Print usage errors as JSON too."""
+def _reported(as_json: bool) -> Iterator[None]:
+    """Turn errors into one message and an exit code."""
     try:
         yield
-    except Exception as error:
-        message = getattr(error, "format_message", None)  # only usage errors have it
-        if as_json and message is not None:
-            print_error(message())
+        return
+    except JointIdError as error:
+        message = str(error)
+    except BrokenPipeError:  # the reader of the output has closed it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit from None
+    except OSError as error:
+        message = f"{error.filename or 'File'}: {error.strerror or error}."
+    except (typer.Exit, typer.Abort):
         raise
+    except Exception as error:
+        usage = getattr(error, "format_message", None)  # only usage errors have it
+        if as_json and usage is not None:
+            print_error(usage())
+        if usage is not None or os.environ.get("JOINTID_DEBUG"):
+            raise
+        message = (
+            f"Internal error, {type(error).__name__}: {error!s:.300} This is a fault of jointid; "
+            "with JOINTID_DEBUG=1 it shows where."
+        )
+    if as_json:
+        print_error(message)
+    typer.echo(f"Error: {message}", err=True)
+    raise typer.Exit(1)
 
 
 def print_error(message: str) -> None:
@@ -124,38 +139,6 @@ def _main(
     pass
 
 
-def reported(command: Callable[P, R]) -> Callable[P, R]:
-    """Turn errors into one message and an exit code."""
-
-    @wraps(command)
-    def reported(*args: P.args, **kwargs: P.kwargs) -> R:
-        try:
-            return command(*args, **kwargs)
-        except JointIdError as error:
-            message = str(error)
-        except BrokenPipeError:  # the reader of the output has closed it
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            raise typer.Exit from None
-        except OSError as error:
-            message = f"{error.filename or 'File'}: {error.strerror or error}."
-        except (typer.Exit, typer.Abort, typer.BadParameter):
-            raise
-        except Exception as error:
-            if os.environ.get("JOINTID_DEBUG"):
-                raise
-            message = (
-                f"Internal error, {type(error).__name__}: {error!s:.300} This is a fault of jointid; "
-                "with JOINTID_DEBUG=1 it shows where."
-            )
-        if kwargs.get("as_json"):
-            print_error(message)
-        typer.echo(f"Error: {message}", err=True)
-        raise typer.Exit(1)
-
-    return reported
-
-
-@reported
 def start_app(
     port: Annotated[int, typer.Option(min=1, max=65535, help="TCP port.")] = 8501,
     path: Annotated[

@@ -9,13 +9,11 @@ import jointid
 import jointid.cli.options as options
 from jointid.cli.files import require_free, robot_from
 from jointid.cli.output import made, progress
-from jointid.cli.program import reported
 from jointid.errors import JointIdError
 
 _LAWS = ", ".join(options.GEAR_FIELDS)
 
 
-@reported
 def simulate(
     output: Annotated[
         Path,
