@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from dataclasses import replace
 
@@ -12,11 +11,6 @@ from app_pages import KEYS, opened
 from streamlit.testing.v1 import AppTest
 
 from jointid import Study, analyse
-from jointid.exporting import (
-    phasor_table,
-    to_json,
-    transfer_matrix_table,
-)
 from jointid.files.digest import study_digest
 from jointid.ui.shared.results import result_cache
 
@@ -64,14 +58,6 @@ def test_the_report_of_a_fresh_import_needs_no_click(app: AppTest) -> None:
     assert "Report as PDF" not in offered(at)
     at.session_state["chosen"] = KEYS[1]
     assert "Report as PDF" in offered(at.run())
-
-
-@pytest.mark.parametrize("joints", KEYS)
-def test_the_files_hold_the_analysis(studies: dict[int, Study], joints: int) -> None:
-    analysis = analyse(studies[joints])
-    assert len(phasor_table(analysis).splitlines()) == 1 + len(studies[joints].records)
-    assert len(transfer_matrix_table(analysis).splitlines()) > 1
-    assert json.loads(to_json(analysis))["K"] == analysis.fit.K.tolist()
 
 
 def test_a_stiffness_goes_through_the_gear_by_its_square(app: AppTest) -> None:

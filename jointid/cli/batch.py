@@ -163,7 +163,7 @@ def _print_summary(summary: Summary) -> None:
 def _progress_display() -> Iterator[Callable[[Progress], None]]:
     """Show a progress bar on a terminal, else a line now and then for a log file."""
     if sys.stderr.isatty():
-        with progress("Analysing", quiet=False) as bar:
+        with progress("Analysing") as bar:
             yield lambda p: bar(p.done / p.studies, p.text)
         return
     last = time.monotonic()

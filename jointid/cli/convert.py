@@ -88,7 +88,7 @@ def convert(
     from jointid.importing.map.simultaneous_logs import join_logs
     from jointid.importing.study import parse_date
 
-    with progress("Reading", quiet=as_json):
+    with progress("Reading"):
         chosen = mapping_from_json(mapping.read_bytes()) if mapping is not None else None
         tables, together = join_logs([read_log(log) for log in logs], chosen, separate=separate)
     if guess is not None:
@@ -118,7 +118,7 @@ def convert(
             f"--pose is given {len(poses)} times for {counted(len(tables), 'log')}."
         )
     measured_on = parse_date(date)
-    with progress("Looking for sine runs", quiet=as_json) as report:
+    with progress("Looking for sine runs") as report:
         study, notes = mapped_study(tables, chosen, robot, poses, report)
     notes = (*together, *notes)
     facts = robot_facts(chosen, tables[0])

@@ -52,14 +52,14 @@ def cut(
     if study is None:
         robot = demonstration(drive or "parallelogram")  # type: ignore[arg-type]
     else:
-        analysis = analysed(study, method, quiet=as_json)
+        analysis = analysed(study, method)
         robot = cut_robot(analysis, drive or None)  # type: ignore[arg-type]
         if svg is None and has_own_path(analysis):
             _print_own_path(analysis, zones, as_json)
             return
     own = "study" if robot.nominal else "soft" if study is None else "rigid"
     choice: Any = assumed or own
-    with progress("Cutting", quiet=as_json) as tell:
+    with progress("Cutting") as tell:
         document, outcomes = cut_results(robot, choice, zones, tell)
     document["assumption"] = choice
     document["meaning"] = DEMONSTRATION if study is None else robot.meaning

@@ -33,11 +33,11 @@ def report(
     for file in files:
         require_ending("--output", file, ".html", ".htm", ".pdf")
         require_free(file, overwrite, [study])
-    analysis = analysed(study, method, quiet=as_json)
+    analysis = analysed(study, method)
     analysis = analysis.shown_in(unit) if unit else analysis
     from jointid.reporting.report import make_report, to_html, to_pdf
 
-    with progress("Writing the report", quiet=as_json):
+    with progress("Writing the report"):
         made = make_report(analysis, cut=with_cut)
         for file in files:
             pdf = file.suffix.lower() == ".pdf"
@@ -102,7 +102,7 @@ def export(
     endings = {file: _ending(file) for file in output}
     for file in output:
         require_free(file, overwrite, [study])
-    analysis = analysed(study, method, quiet=as_json)
+    analysis = analysed(study, method)
     known = analysis.study.gear_ratios
     ratio = ratio or (None if known is None else known.tolist())
     for file, ending in endings.items():

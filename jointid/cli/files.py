@@ -34,12 +34,12 @@ def loaded(path: Path) -> Study:
     return load_study(sample)
 
 
-def analysed(path: Path, method: str, *, quiet: bool, **changes: Any) -> Analysis:
+def analysed(path: Path, method: str, **changes: Any) -> Analysis:
     """Read a study, change its deviations as given, and run the whole method on it."""
     from jointid.analysis import analyse
 
     study = replace(loaded(path), **changes)
-    with progress("Analysing", quiet=quiet):
+    with progress("Analysing"):
         return analyse(study, method=method)
 
 

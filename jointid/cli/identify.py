@@ -21,7 +21,7 @@ def identify(
 ) -> None:
     """Identify stiffness and damping of every joint."""
     deviations = given(inertia_std=inertia_std, torque_std=torque_std)
-    analysis = analysed(study, method, quiet=as_json, **deviations)
+    analysis = analysed(study, method, **deviations)
     if as_json:
         from jointid.exporting.identification import to_document
 
@@ -90,7 +90,7 @@ def arm_side(
     from jointid.analysis import analyse_arm_side
 
     model = None if robot is None else RobotModel.load(robot)
-    with progress("Evaluating the sensors", quiet=as_json):
+    with progress("Evaluating the sensors"):
         fit = analyse_arm_side(loaded(study), model)
     if as_json:
         names = ("K", "standard_error", "skew_s", "skew_error_s", "residual_rad")

@@ -48,9 +48,9 @@ def warn_if_unusable(analysis: Analysis) -> None:
 
 
 @contextmanager
-def progress(what: str, *, quiet: bool) -> Iterator[Callable[..., None]]:
+def progress(what: str) -> Iterator[Callable[..., None]]:
     """Show a progress bar on a terminal: the present step until its share done, or a text, is known."""
-    if quiet or not sys.stderr.isatty():
+    if not sys.stderr.isatty():
         yield lambda fraction, text="": None
         return
     from rich.console import Console

@@ -53,7 +53,7 @@ def plan(
     """
     limits = position_limit, velocity_limit, torque_limit
     shape = (motion, from_hz, to_hz) if motion else None
-    analysis, found = planned(study, method, count, duration_s, limits, shape, quiet=as_json)
+    analysis, found = planned(study, method, count, duration_s, limits, shape)
     warn_if_unusable(analysis)
     if shape:
         _print_motion(analysis, found, as_json)
@@ -89,8 +89,6 @@ def planned(
     duration_s: float,
     limits: Sequence[str],
     shape: tuple[str, float, float] | None,
-    *,
-    quiet: bool,
 ) -> tuple[Analysis, Any]:
     """Read a study, fit it, and plan sines (Suggestion) or another motion (PlannedMotion).
 
@@ -107,7 +105,7 @@ def planned(
             "add --motion sweep to plan a motion."
         )
     if shape is None:
-        with progress("Planning", quiet=quiet):
+        with progress("Planning"):
             analysis = analyse(known, method=method)
             return analysis, suggest_records(
                 analysis.phasors,
@@ -126,7 +124,7 @@ def planned(
     chosen = MotionLimits(
         *(own if given is None else per_joint(name, given, n) for own, (name, given) in pairs)
     )
-    with progress("Planning", quiet=quiet):
+    with progress("Planning"):
         analysis = analyse(known, method=method)
         interval, inertia = known.records[0].interval_s, known.inertias[0]
         return analysis, plan_motion(
@@ -232,10 +230,10 @@ def setpoints(
         robot = limits_from_toml(file.read(1 << 21), limits.name)
     texts = position_limit, velocity_limit, torque_limit
     shape = (motion, from_hz, to_hz) if motion else None
-    analysis, found = planned(study, method, count, duration_s, texts, shape, quiet=as_json)
+    analysis, found = planned(study, method, count, duration_s, texts, shape)
     analysis.require_usable()
     fit = analysis.fit
-    with progress("Running on the simulated robot", quiet=as_json):
+    with progress("Running on the simulated robot"):
         experiment = planned_experiment(
             found if motion else found.records,
             fit.inertias[0],

@@ -117,7 +117,7 @@ def simulate(
         length = 20.0 if duration_s is None else duration_s
         experiment = jointid.Motion(motion, from_hz, to_hz, length, odd=odd)
         settings = {"records": records or 2}
-    with progress("Simulating", quiet=as_json) as tell:
+    with progress("Simulating") as tell:
         campaign = simulate_campaign(
             robot.inertia,
             true,

@@ -3,10 +3,8 @@
 import io
 import os
 import zipfile
-from collections.abc import Iterator
 from hashlib import blake2b
 from pathlib import Path
-from typing import BinaryIO
 
 from jointid.errors import JointIdError
 from jointid.files.container_limits import MAX_TOTAL_BYTES, chunks
@@ -25,12 +23,17 @@ def content_digest(source: Path | bytes) -> str:
     if isinstance(source, bytes):
         state.update(source)
     elif source.is_dir():
-        for name, file, size in _files(source):
-            fault = str(file) if isinstance(file, Exception) else ""
-            state.update(f"{name}\0{size}\0{fault}\0".encode("utf-8", "surrogateescape"))
-            if not isinstance(file, Exception):
-                for chunk in chunks(file, size):
-                    state.update(chunk)
+        folder = Folder(source)
+        for name in _names(folder):
+            state.update(f"{name}\0".encode("utf-8", "surrogateescape"))
+            try:
+                with folder.path(name).open("rb") as file:
+                    size = os.fstat(file.fileno()).st_size
+                    state.update(f"{size}\0\0".encode())
+                    for chunk in chunks(file, size):
+                        state.update(chunk)
+            except (JointIdError, OSError) as error:
+                state.update(f"0\0{error}\0".encode("utf-8", "surrogateescape"))
     else:
         with source.open("rb") as archive:
             for chunk in chunks(archive):
@@ -47,21 +50,22 @@ def packed(path: Path) -> bytes:
     """
     if not path.is_dir():
         return path.read_bytes()
-    buffer, left = io.BytesIO(), MAX_TOTAL_BYTES
+    buffer, left, folder = io.BytesIO(), MAX_TOTAL_BYTES, Folder(path)
     with zipfile.ZipFile(buffer, "w") as archive:
-        for name, file, size in _files(path):
-            if isinstance(file, JointIdError):  # a link to nowhere: missing there too
+        for name in _names(folder):
+            try:
+                source = folder.path(name)
+            except JointIdError:  # a link to nowhere: missing there too
                 continue
             try:
-                if isinstance(file, OSError):
-                    raise file
-                left -= size
-                if left < 0 or is_long(name, Path(file.name)):
-                    raise JointIdError(
-                        f"{path} cannot be sent to a cluster: {name} is too long. Analyse it on this "
-                        "computer, without a scheduler; long Parquet files are then read in parts."
-                    )
-                with archive.open(zipfile.ZipInfo(name), "w") as member:
+                with source.open("rb") as file, archive.open(zipfile.ZipInfo(name), "w") as member:
+                    size = os.fstat(file.fileno()).st_size
+                    left -= size
+                    if left < 0 or is_long(name, source):
+                        raise JointIdError(
+                            f"{path} cannot be sent to a cluster: {name} is too long. Analyse it on "
+                            "this computer, without a scheduler; long Parquet files are then read in parts."
+                        )
                     for chunk in chunks(file, size):
                         member.write(chunk)
             except OSError as error:
@@ -71,16 +75,6 @@ def packed(path: Path) -> bytes:
     return buffer.getvalue()
 
 
-def _files(path: Path) -> Iterator[tuple[str, BinaryIO | JointIdError | OSError, int]]:
-    """Name of every file of a study, the open file or the error instead, and its size in bytes."""
-    folder = Folder(path)
-    for name in folder.names():
-        if not name.lower().endswith(STUDY_PARTS):
-            continue
-        try:
-            file = folder.path(name).open("rb")
-        except (JointIdError, OSError) as error:
-            yield name, error, 0
-            continue
-        with file:
-            yield name, file, os.fstat(file.fileno()).st_size
+def _names(folder: Folder) -> list[str]:
+    """Files of a study among those of its folder."""
+    return [name for name in folder.names() if name.lower().endswith(STUDY_PARTS)]
