@@ -64,7 +64,8 @@ def packed(path: Path) -> bytes:
                     if left < 0 or is_long(name, source):
                         raise JointIdError(
                             f"{path} cannot be sent to a cluster: {name} is too long. Analyse it on "
-                            "this computer, without a scheduler; long Parquet files are then read in parts."
+                            "this computer, without a scheduler: long Parquet files are then read in "
+                            "parts."
                         )
                     for chunk in chunks(file, size):
                         member.write(chunk)
