@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.errors import JointIdError
 from jointid.importing.columns.column_words import (
     WORDS,
     NamedColumn,
@@ -68,11 +67,6 @@ def guess_mapping(table: LogTable) -> Guess:
     Guess
         A mapping with a reason for every entry; a role that no column fits has none ("") until the user
         chooses one. Scales and gear ratios are never in a log: they are 1 until the user gives them.
-
-    Raises
-    ------
-    JointIdError
-        When fewer than two columns beside the time could be signals.
     """
     reasons: list[Reason] = []
     time = guess_time(table, reasons)
@@ -81,7 +75,7 @@ def guess_mapping(table: LogTable) -> Guess:
     if not pairs:
         pairs = pairs_by_shape(table, time, [c.column for c in columns], reasons)
     if not pairs:
-        pairs = _first_two(table, columns, reasons)
+        pairs = _first_two(columns, reasons)
     if len(pairs) > MAX_JOINTS:
         reasons.append(Reason("joints", f"{len(pairs)} pairs fit; the first {MAX_JOINTS} are proposed."))
     pairs = pairs[:MAX_JOINTS]
@@ -161,15 +155,13 @@ def _behind(columns: Sequence[NamedColumn]) -> list[NamedColumn]:
     return found
 
 
-def _first_two(table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
+def _first_two(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
     """Return one joint when no two columns belong together: the clearest column of each role, if any."""
     moves = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)]
     varying = moves or [*columns]
     if len(varying) < 2:
-        raise JointIdError(
-            f"{table.name} has {counted(len(varying), 'column')} of changing values beside the time; "
-            f"a log needs a position and a torque. Columns found: {', '.join(table.names[:20])}."
-        )
+        text = f"{counted(len(varying), 'column')} of changing values beside the time: a log needs two."
+        reasons.append(Reason("joints", text))
     pair: list[LogColumn] = []
     for role in _OTHER:
         pair.append(_best(varying, role))

@@ -7,7 +7,6 @@ from typing import Any
 import streamlit as st
 
 from jointid import JointIdError, importing
-from jointid.importing.columns.units import SAMPLES
 from jointid.importing.map.reasons import unchanged
 from jointid.ui.importing.entries import Entries
 from jointid.ui.importing.files import once
@@ -25,26 +24,9 @@ _PART = "mappings"
 _MOST_KNOWN = 50
 
 
-def _guess(table: importing.LogTable) -> importing.Guess:
-    """Guess a mapping; where nothing can be guessed, every entry is open."""
-    try:
-        return importing.guess_mapping(table)
-    except JointIdError as error:
-        reasons = [importing.Reason("position of joint 1", str(error))]
-        reasons += [
-            importing.Reason(f"unit of {role} of joint 1", "Choose it.")
-            for role in ("position", "torque")
-        ]
-        joint = importing.JointMapping(importing.Channel("", "rad"), importing.Channel("", "N·m"))
-        time = importing.TimeColumn(unit=SAMPLES, rate_hz=1000.0)
-        return importing.Guess(
-            importing.Mapping(time, (joint,), assumed=("torque hold",)), tuple(reasons)
-        )
-
-
 def guessed(key: str, table: importing.LogTable) -> importing.Guess:
     """Guess once per log."""
-    return once(f"guess {key}", partial(_guess, table))
+    return once(f"guess {key}", partial(importing.guess_mapping, table))
 
 
 def mapping_of(key: str, table: importing.LogTable) -> importing.Mapping:
