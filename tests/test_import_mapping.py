@@ -261,8 +261,12 @@ def test_mappings_that_cannot_be(make: object, said: str) -> None:
         ({"joints": 3}, "expected a list"),
         ({"joint": []}, 'unknown key "joint". Did you mean "joints"'),
         ({"time": {"column": "t", "unit": 3}}, "unit = 3"),
-        ({"time": None}, "time: expected keys"),
-        ({"joints": [{"position": {"column": "q"}}]}, "position of joint 1: unit is missing"),
+        ({"time": None}, "time is missing"),
+        ({"time": 3}, "time: expected keys"),
+        (
+            {"joints": [{"position": {"column": "q"}, "torque": {}}]},
+            "position of joint 1: unit is missing",
+        ),
         ({"torque_hold": 1}, "expected true or false"),
     ],
 )

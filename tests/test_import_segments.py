@@ -19,7 +19,7 @@ from jointid.importing import (
     Segment,
     common_frequencies,
     find_segments,
-    measure_segment,
+    measure_run,
     segment_records,
     study_from_logs,
 )
@@ -351,7 +351,7 @@ def test_any_signals_are_borne(data: st.DataObject) -> None:
         assert np.isfinite(segment.frequency_hz)
     try:
         segment_records(log, found)
-        measure_segment(log, float(time[0]), float(time[-1]))
+        measure_run(log, float(time[0]), float(time[-1]))
     except JointIdError:
         return
 
@@ -360,16 +360,16 @@ def test_user_adds_and_corrects_a_segment() -> None:
     runs = [Run(4.0, 12, BOTH)]
     log, ((begin, end),) = log_of(runs)
     (found,) = find_segments(log)
-    chosen = measure_segment(log, begin + 1.0, end - 0.6)
+    chosen = measure_run(log, begin + 1.0, end - 0.6)
     assert abs(chosen.frequency_hz / 4 - 1) < 1e-3
     assert abs(chosen.start_s - begin - 1.0) < 2e-3
-    given_ = measure_segment(log, found.start_s, found.stop_s, frequency_hz=4.1)
+    given_ = measure_run(log, found.start_s, found.stop_s, frequency_hz=4.1)
     assert given_.frequency_hz == 4.1
     assert given_.share < found.share
     with pytest.raises(JointIdError, match="spans 0 s"):
-        measure_segment(log, 100.0, 101.0)
+        measure_run(log, 100.0, 101.0)
     with pytest.raises(JointIdError, match="No joint moves"):
-        measure_segment(log, 0.0, 0.4)
+        measure_run(log, 0.0, 0.4)
     with pytest.raises(JointIdError, match="must come later"):
         Segment(2.0, 1.0, 3.0)
     with pytest.raises(JointIdError, match="must be positive"):

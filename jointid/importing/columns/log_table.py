@@ -91,11 +91,8 @@ class LogTable:
                     f"{self.name}: column {column.name} has shape {column.values.shape}, column "
                     f"{columns[0].name} {rows}: all columns need the same number of rows."
                 )
-        if rows[0] < 2:
-            raise JointIdError(
-                f"{self.name} has columns but {'one row' if rows[0] else 'no rows'} of numbers: export the "
-                "log again, one row per sample."
-            )
+        if rows[0] == 0:
+            raise JointIdError(f"{self.name} has columns but no rows: export the log again.")
         object.__setattr__(self, "columns", columns)
         object.__setattr__(self, "notes", tuple(self.notes))
 

@@ -1,5 +1,6 @@
 """Guess which columns are positions and torques, each guess with its reason."""
 
+import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -41,6 +42,8 @@ _Pair = tuple[LogColumn, LogColumn]
 """Position and torque."""
 _Said = tuple[str, bool, str]
 """A guess, whether the file states it, and why."""
+_ODRIVE = re.compile(r"\bpos_(?:rel|abs|estimate)\b")
+"""Names of positions in ODrive's object tree: "pos_vel_mapper.pos_rel"."""
 _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."
@@ -229,6 +232,8 @@ def _angle_unit(column: LogColumn, degrees: bool = False) -> _Said:
     values = column.values[np.isfinite(column.values)]
     if not values.size:
         return "rad", False, "Radians, until a column is chosen."
+    if _ODRIVE.search(column.name):
+        return "rev", False, "ODrive states positions in turns; the file names no unit."
     whole = bool(np.all(values == np.round(values)))
     span = 2 * (0.5 * float(values.max()) - 0.5 * float(values.min()))
     if whole and span >= 20:

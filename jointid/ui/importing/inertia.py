@@ -39,7 +39,6 @@ _LINKS = {
 }
 """Label, unit and example of each entry for an arm of links."""
 _UPLOADS = "import_toml_uploads"
-_GIVEN = ("import M", "import M2", "import toml", "import length", "import mass", "import link")
 _HELP = (
     "Rigid-body inertias, seen from the motors: divided by both gear ratios. The fit corrects them "
     "within the uncertainty stated below. Values of the joint side are divided by the gear ratios of "
@@ -66,11 +65,6 @@ def ask_inertia(gear_ratios: Sequence[float]) -> KnownRobot | None:
         persist_state="session",
     )
     return ask[source or "Numbers"](gear_ratios)
-
-
-def inertias_given() -> bool:
-    """Whether inertias were entered, in any of the ways."""
-    return any(str(st.session_state.get(key) or "").strip() for key in _GIVEN)
 
 
 def ask_nominal(joints: int) -> Elasticity | None:

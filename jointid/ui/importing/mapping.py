@@ -10,7 +10,6 @@ from jointid import JointIdError, importing
 from jointid.importing.map.reasons import unchanged
 from jointid.ui.importing.entries import Entries
 from jointid.ui.importing.files import once
-from jointid.ui.importing.inertia import inertias_given
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.workspace import keep_part, noting_problems, part_entries, read_part
@@ -109,8 +108,7 @@ def entries_of(key: str, table: importing.LogTable) -> tuple[Entries, bool]:
 def offer_fresh_guess(key: str, table: importing.LogTable) -> None:
     """Show that a mapping is used again, with the way back to the guess."""
     left, right = st.columns([4, 1], vertical_alignment="center")
-    needed = "" if inertias_given() else " Inertias are not reused: enter those of this robot."
-    left.info(f"The earlier entries for these columns are used again.{needed}")
+    left.info("The earlier entries for these columns are used again. Inertias are not reused.")
     if right.button("Guess again", key="guess_afresh"):
         st.session_state[_FIRST][table.signature] = key
         _start_from(table, guessed(key, table).mapping)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, most_first, require_few_values
 from jointid.importing.read.clocks import Signal, tables_of_signals
@@ -46,30 +47,33 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
             c for c in bag.connections if c.msgtype == _JOINT_STATE or _NUMBERS.fullmatch(c.msgtype)
         ]
         if not wanted:
-            topics = [f"{c.topic} ({c.msgtype})" for c in bag.connections]
+            seen = [f"{c.topic} ({c.msgtype})" for c in bag.connections]
             raise JointIdError(
                 f"{file} has no topic of type {_JOINT_STATE}, and none of numbers: record "
-                f"the joint states. Topics found: {listed(topics)}."
+                f"the joint states. Topics found: {listed(seen)}."
             )
         topics: dict[str, _Topic] = {}
         for connection, recorded_ns, raw in bag.messages(connections=wanted):
             message = deserialize(raw, connection.msgtype)
             of_joints = connection.msgtype == _JOINT_STATE
             topics.setdefault(connection.topic, _Topic(file, of_joints)).add(message, recorded_ns)
-    if not topics:
-        raise JointIdError(f"{file}: {wanted[0].topic} holds no messages: record the bag again.")
     alone = len(topics) == 1
     own = {name: topic for name, topic in topics.items() if topic.of_joints or alone}
     tables = (table for name, topic in own.items() for table in topic.tables(f"{file}: {name}"))
-    states = most_first(file, tables)
-    if len(own) == len(topics):
-        return states
-    start = min(min(topic.recorded) for topic in topics.values())
-    signals = [s for name, topic in topics.items() for s in topic.signals(topic.recorded, start, name)]
-    note = "Topics are merged by their times of recording."
-    together = tables_of_signals(file, signals, (note,))
-    complete = any(name.endswith(" effort") for table in states for name in table.names)
-    return (*states, *together) if complete else (*together[:1], *states, *together[1:])
+    states = together = most_first(file, tables)
+    if len(own) < len(topics):
+        start = min(min(topic.recorded) for topic in topics.values())
+        signals = [
+            s for name, topic in topics.items() for s in topic.signals(topic.recorded, start, name)
+        ]
+        note = "Topics are merged by their times of recording."
+        together = tables_of_signals(file, signals, (note,))
+        complete = any(name.endswith(" effort") for table in states for name in table.names)
+        first = () if complete else together[:1]
+        together = (*first, *states, *together[len(first) :])
+    if not together:
+        raise JointIdError(f"{file}: {wanted[0].topic} holds no numbers: record the bag again.")
+    return together
 
 
 def _require_plain_names(file: str, path: Path) -> None:
@@ -98,8 +102,8 @@ class _Topic:
             values.append(value)
         if len(self._numbers) > _MOST_NUMBERS:
             raise JointIdError(
-                f"{self._file}: its messages name more than {_MOST_NUMBERS} numbers: record the state of "
-                "one robot."
+                f"{self._file}: its messages name more than {_MOST_NUMBERS} numbers: record the state "
+                "of one robot."
             )
         stamp = getattr(getattr(message, "header", None), "stamp", None)
         self._stamps.append(stamp.sec * 1_000_000_000 + stamp.nanosec if stamp is not None else 0)
@@ -109,7 +113,7 @@ class _Topic:
 
     def signals(self, ticks: Sequence[int], start_ns: int, topic: str = "") -> list[Signal]:
         """Every number at the times of its messages since a start, under the name of the topic."""
-        time_s = (np.array(ticks, dtype=np.int64) - start_ns) * 1e-9
+        time_s: Floats = np.asarray((np.array(ticks, dtype=np.int64) - start_ns) * 1e-9, np.float64)
         signals = []
         for name, (places, values) in self._numbers.items():
             order = np.argsort(own := time_s[places], kind="stable")
