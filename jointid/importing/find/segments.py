@@ -37,10 +37,6 @@ class FoundSegments(tuple[Segment, ...]):
         found.notes = tuple(notes)
         return found
 
-    def __getnewargs__(self) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
-        """Arguments for pickling, so that the notes go along to another process."""
-        return tuple(self), self.notes
-
 
 def find_segments(log: MappedLog, *, progress: Callable[[float], None] | None = None) -> FoundSegments:
     """Find the steady sine runs of a log, in order of time.

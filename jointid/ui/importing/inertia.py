@@ -7,7 +7,6 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm
-from jointid.arrays import Floats
 from jointid.importing.robot_inertia import (
     INERTIA_UNITS,
     KnownRobot,
@@ -92,10 +91,11 @@ def ask_nominal(joints: int) -> Elasticity | None:
 
 def show_inertia(robot: KnownRobot) -> None:
     """Show the inertias, motor side, with their uncertainty."""
-    rotor, arm = robot.inertia.M[None, :], robot.inertia.M2
-    # In braces a formula is not broken: on a narrow screen M2 gets a line of its own.
-    text = f"${{M = {_matrix(rotor)}}}$, ${{M_2 = {_matrix(arm)}}}$ kg·m²"
-    st.markdown(f"Used by the method, motor side: {text}")
+    M, *M2 = (
+        numbers_out(float(f"{value:.5g}") for value in row)
+        for row in (robot.inertia.M, *robot.inertia.M2)
+    )
+    st.markdown(f"Used by the method, motor side: M = {M}; M2 = {'; '.join(M2)} kg·m²")
     show_note(
         f"M and M2: {deviation_text(robot.inertia_std)}. "
         f"Torque scale: {deviation_text(robot.torque_std)}."
@@ -223,13 +223,3 @@ def _select(
     place: DeltaGenerator, label: str, options: Sequence[str] | Mapping[str, float], name: str
 ) -> str:
     return place.selectbox(label, list(options), key=f"import {name}", persist_state="session")
-
-
-def _matrix(values: Floats) -> str:
-    rows = " \\\\ ".join(" & ".join(_number(value) for value in row) for row in values)
-    return f"\\begin{{pmatrix}} {rows} \\end{{pmatrix}}"
-
-
-def _number(value: float) -> str:
-    mantissa, _, power = f"{value:.5g}".partition("e")
-    return f"{mantissa} \\cdot 10^{{{int(power)}}}" if power else mantissa
