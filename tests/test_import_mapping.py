@@ -261,8 +261,12 @@ def test_mappings_that_cannot_be(make: object, said: str) -> None:
         ({"joints": 3}, "expected a list"),
         ({"joint": []}, 'unknown key "joint". Did you mean "joints"'),
         ({"time": {"column": "t", "unit": 3}}, "unit = 3"),
-        ({"time": None}, "time: expected keys"),
-        ({"joints": [{"position": {"column": "q"}}]}, "position of joint 1: unit is missing"),
+        ({"time": None}, "time is missing"),
+        ({"time": 3}, "time: expected keys"),
+        (
+            {"joints": [{"position": {"column": "q"}, "torque": {}}]},
+            "position of joint 1: unit is missing",
+        ),
         ({"torque_hold": 1}, "expected true or false"),
     ],
 )
@@ -424,9 +428,13 @@ def test_counts_are_seen() -> None:
     assert joint.position == Channel("encoder", "counts", 1.0)
 
 
-def test_table_without_signals_is_refused() -> None:
-    with pytest.raises(JointIdError, match="a log needs a position and a torque"):
-        guess_mapping(table_of(t=TIME_S, q=ANGLE))
+def test_table_without_two_signals_has_an_open_role_that_is_named() -> None:
+    table = table_of(t=TIME_S, q=ANGLE)
+    guess = guess_mapping(table)
+    assert guess.mapping.open_roles == ("torque of joint 1",)
+    assert any("a log needs two" in reason.text for reason in unsure(guess))
+    with pytest.raises(JointIdError, match="no column is chosen for torque of joint 1"):
+        apply_mapping(table, guess.mapping)
 
 
 def test_from_bytes_to_a_study_by_mapping_alone() -> None:

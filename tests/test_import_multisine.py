@@ -14,7 +14,7 @@ from jointid.arrays import Complexes
 from jointid.importing import (
     MappedLog,
     find_segments,
-    measure_segment,
+    measure_run,
     segment_records,
     study_from_logs,
 )
@@ -139,19 +139,14 @@ def test_beats_are_no_sines() -> None:
 
 
 def test_marked_by_hand() -> None:
-    """All lines that a user states, or that are found."""
+    """The line that a user states, or all that are found."""
     run = several([5.0, 11.0, 14.0], 8.0, 9)
     log, ((begin, end),) = log_of([run])
-    found = measure_segment(log, begin + 1, end - 1)
+    found = measure_run(log, begin + 1, end - 1)
     np.testing.assert_allclose(found.lines_hz, [5.0, 11.0, 14.0], rtol=1e-3)
-    stated = measure_segment(log, begin + 1, end - 1, (5.0, 11.0, 14.0))
-    assert stated.lines_hz == (5.0, 11.0, 14.0)
-    assert stated.share > 0.999
-    assert measure_segment(log, begin + 1, end - 1, 11.0).lines_hz == (11.0,)
+    assert measure_run(log, begin + 1, end - 1, 11.0).lines_hz == (11.0,)
     with pytest.raises(JointIdError, match="positive"):
-        measure_segment(log, begin + 1, end - 1, (5.0, -11.0))
-    with pytest.raises(JointIdError, match="frequency"):
-        measure_segment(log, begin + 1, end - 1, ())
+        measure_run(log, begin + 1, end - 1, -11.0)
 
 
 def test_weak_lines_count_by_their_torque() -> None:

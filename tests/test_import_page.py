@@ -63,6 +63,19 @@ def page(app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTe
     return shown(app.switch_page(PAGE).run())
 
 
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """The facts of each study that the page would make; it is told that they are refused."""
+    found: list[dict[str, Any]] = []
+
+    def refuse(_: object, __: object, inertia: Inertia, **facts: Any) -> None:
+        found.append(facts | {"inertia": inertia})
+        raise JointIdError("enough seen")
+
+    monkeypatch.setattr("jointid.ui.importing.panels.study_from_logs", refuse)
+    return found
+
+
 def drop(at: AppTest, *files: tuple[str, bytes]) -> AppTest:
     at.file_uploader(key="log_file").set_value([(*file, "application/octet-stream") for file in files])
     return shown(at.run())
@@ -268,12 +281,7 @@ class TestMapping:
 
 
 class TestStudy:
-    def test_nominal_values_are_taken(self, page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
-        seen: list[Any] = []
-        monkeypatch.setattr(
-            "jointid.ui.importing.panels.study_from_logs",
-            lambda *_, nominal, **__: seen.append(nominal) or _refuse(),
-        )
+    def test_nominal_values_are_taken(self, page: AppTest, seen: list[Any]) -> None:
         at = drop(page, ("one.csv", long_log()))
         at.text_input(key="import nominal K").set_value("20,5; ")
         assert "Nominal D is missing" in send(at, "0.001", "0.003").error[0].value
@@ -283,14 +291,10 @@ class TestStudy:
         at.text_input(key="import nominal K").set_value("20.5")
         at.text_input(key="import nominal D").set_value("0.1")
         assert "enough seen" in send(at, "0.001", "0.003").error[0].value
-        assert (seen[0].K.tolist(), seen[0].D.tolist()) == ([20.5], [0.1])
+        nominal = seen[0]["nominal"]
+        assert (nominal.K.tolist(), nominal.D.tolist()) == ([20.5], [0.1])
 
-    def test_robot_and_date_are_taken(self, page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
-        seen: list[Any] = []
-        monkeypatch.setattr(
-            "jointid.ui.importing.panels.study_from_logs",
-            lambda *_, **given: seen.append(given) or _refuse(),
-        )
+    def test_robot_and_date_are_taken(self, page: AppTest, seen: list[Any]) -> None:
         at = drop(page, ("one.csv", long_log()))
         at.text_input(key="import robot").set_value("cell 7")
         at.text_input(key="import date").set_value("last week")
@@ -331,6 +335,7 @@ class TestStudy:
         assert head(at, "3 Drive data").endswith("to confirm")
         at = confirm(at)
         assert (assumed(at), opened(at)) == ("", ["5 Inertias"])
+        assert not any("To check" in m.value for m in at.markdown)
         assert head(at, "3 Drive data").startswith(
             "gear ratios 101, −93.5, rated torque 8.2 N·m (joint 1)"
         )
@@ -342,14 +347,7 @@ class TestStudy:
         assert "direction of position" in assumed(at)
         assert head(at, "3 Drive data").endswith("to confirm")
 
-    def test_assumptions_and_gear_ratios_go_into_the_study(
-        self, page: AppTest, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        seen: list[Any] = []
-        monkeypatch.setattr(
-            "jointid.ui.importing.panels.study_from_logs",
-            lambda *_, **given: seen.append(given) or _refuse(),
-        )
+    def test_assumptions_and_gear_ratios_go_into_the_study(self, page: AppTest, seen: list[Any]) -> None:
         at = drop(page, ("cell.csv", cell_log()))
         widget(at, "text_input", "Gear ratios").set_value("101, ?")
         widget(at, "text_input", "Rated torque").set_value("8.2, 2.1")
@@ -529,20 +527,11 @@ def test_the_picture_shows_a_torque_of_unknown_scale_as_logged() -> None:
         assert np.abs(np.array(figure.data[-1].y, float)).max() == pytest.approx(largest)
 
 
-def test_inertia_units_are_taken_as_said(page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Inertia] = []
-    monkeypatch.setattr(
-        "jointid.ui.importing.panels.study_from_logs",
-        lambda logs, parts, inertia, **_: seen.append(inertia) or _refuse(),
-    )
+def test_inertia_units_are_taken_as_said(page: AppTest, seen: list[Any]) -> None:
     at = drop(page, ("one.csv", long_log()))
     at.selectbox(key="import M unit").set_value("kg·cm²")
     at.selectbox(key="import M2 unit").set_value("kg·cm²")
     at = send(at, "10", "30")
-    assert pytest.approx([1e-3]) == seen[0].M
-    assert pytest.approx(np.array([[3e-3]])) == seen[0].M2
+    assert pytest.approx([1e-3]) == seen[0]["inertia"].M
+    assert pytest.approx(np.array([[3e-3]])) == seen[0]["inertia"].M2
     assert "enough seen" in at.error[0].value
-
-
-def _refuse() -> None:
-    raise JointIdError("enough seen")

@@ -390,3 +390,14 @@ def test_convert_writes_an_open_guess_and_asks_for_its_columns(tmp_path: Path) -
         "no column is chosen for position of joint 1, torque of joint 1. Choose one of: velocity, abc"
         in told
     )
+
+
+def test_positions_of_odrive_are_turns_to_be_confirmed() -> None:
+    (table,) = read_log(
+        b"t,pos_vel_mapper.pos_rel,torque\n"
+        + b"".join(b"%d,0.%d,%d\n" % (k, k % 7, k % 5) for k in range(60)),
+        "log.csv",
+    )
+    guess = guess_mapping(table)
+    assert guess.mapping.joints[0].position.unit == "rev"
+    assert "unit of position of joint 1" in {reason.what for reason in unsure(guess)}

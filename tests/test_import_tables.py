@@ -523,3 +523,9 @@ def test_a_table_has_a_row() -> None:
     assert LogTable("log", tuple(columns)).rows == 1
     with pytest.raises(JointIdError, match="columns but no rows"):
         LogTable("log", tuple(LogColumn(name, log_table.numbers([])) for name in "ab"))
+
+
+@pytest.mark.parametrize("rows", ["1,2,3\n", '"1",2,3\n'])
+def test_one_row_of_numbers_is_no_log(rows: str) -> None:
+    with pytest.raises(JointIdError, match="has 1 row of numbers"):
+        read_log(f"t,q,tau\n{rows}".encode(), "log.csv")

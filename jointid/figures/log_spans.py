@@ -39,7 +39,7 @@ def log_spans(
     """
     ink = colours(dark)
     rows = [row for j in range(log.n) for row in _rows(log, j, mapping)]
-    axes = [linear_axis("Sine (Hz)", share=_LADDER, nticks=4, rangemode="tozero")]
+    axes = [linear_axis("Sine (Hz)", share=_LADDER, nticks=6, rangemode="tozero")]
     traces: list[Trace] = []
     shapes: list[Shape] = []
     for chosen, name, colour, dash, opacity in (
@@ -52,7 +52,7 @@ def log_spans(
     if not traces:  # an axis without a curve is not drawn
         traces.append(line(log.time_s[[0, -1]], np.zeros(2), "", "rgba(0,0,0,0)", showlegend=False))
     for number, (title, values) in enumerate(rows, start=2):
-        axes.append(linear_axis(title, nticks=4))
+        axes.append(linear_axis(title, nticks=6))
         x, y = thinned(log.time_s, values)
         style: Trace = {"line": {"width": 1.1}, "showlegend": False, "yaxis": f"y{number}"}
         traces.append(line(x, y, title, ink.measured, hovertemplate="%{x:.5g} s: %{y:.4g}", **style))

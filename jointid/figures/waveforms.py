@@ -250,7 +250,7 @@ def raw_columns(columns: Mapping[str, Floats], *, dark: bool = False) -> go.Figu
         x, y = thinned(time, np.asarray(columns[name], float))
         style: Trace = {"yaxis": f"y{row}", "line": {"width": 1.2}, "showlegend": False}
         traces.append(line(x, y, plain_text(name), ink.measured, **style))
-    axes = [linear_axis(plain_text(name, most=_LONGEST_TITLE), nticks=4) for name in shown]
+    axes = [linear_axis(plain_text(name, most=_LONGEST_TITLE), nticks=6) for name in shown]
     across = linear_axis(plain_text(names[0]) if len(names) > 1 else "Row")
     # A title runs upwards along its panel: 7.5 px for each letter, and the gap between panels.
     panel = max(110, 20 + round(7.5 * min(_LONGEST_TITLE, max(map(len, shown)))))

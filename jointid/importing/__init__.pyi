@@ -7,7 +7,6 @@ from .find.segments import find_runs as find_runs
 from .find.segments import find_segments as find_segments
 from .find.segments import measure_motion as measure_motion
 from .find.segments import measure_run as measure_run
-from .find.segments import measure_segment as measure_segment
 from .map.guess import Guess as Guess
 from .map.guess import guess_mapping as guess_mapping
 from .map.mapped_log import MappedLog as MappedLog

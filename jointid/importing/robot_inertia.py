@@ -94,15 +94,9 @@ def _per_joint(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Floats:
     """Return values as an array of the shape that the gear ratios require."""
     array = finite_array(name, values, ndim=len(shape))
     if array.shape != shape:
+        found, wanted = (" × ".join(map(str, size)) for size in (array.shape, shape))
         raise JointIdError(
-            f"{name} has {_size(array.shape)}, and {counted(shape[0], 'gear ratio')} "
-            f"{'asks' if shape[0] == 1 else 'ask'} for {_size(shape)}: give one per joint, in the order "
-            "of the joints."
+            f"{name} has {found} values, but {counted(shape[0], 'gear ratio')} need {wanted}: give one "
+            "per joint, in the order of the joints."
         )
     return array
-
-
-def _size(shape: tuple[int, ...]) -> str:
-    if len(shape) == 1:
-        return counted(shape[0], "value")
-    return f"{counted(shape[0], 'row')} and {counted(shape[1], 'column')}"

@@ -1,7 +1,7 @@
 """From segments of logs to the records of a study."""
 
 import datetime
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import PurePosixPath
@@ -15,7 +15,7 @@ from jointid.importing.find.lines import fit_lines
 from jointid.importing.find.segment import Segment
 from jointid.importing.find.segments import common_frequencies
 from jointid.importing.map.mapped_log import MappedLog
-from jointid.joints import Elasticity, Inertia
+from jointid.joints import Inertia
 from jointid.phasors.extract import extract_phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.study import INERTIA_STD, Study
@@ -52,6 +52,7 @@ def segment_records(
     for number, segment in enumerate(segments, start=1):
         part = log.rows(segment.start_s, segment.stop_s)
         time, theta, tau = log.time_s[part], log.theta_rad[part], log.tau_Nm[part]
+        signals = np.column_stack([theta, tau])
         place = f"{significant(segment.start_s)} to {significant(segment.stop_s)} s"
         shared: dict[str, Any] = {
             "time_s": time,
@@ -63,33 +64,15 @@ def segment_records(
         if segment.is_motion:
             arm = None if log.arm_rad is None else log.arm_rad[part]
             # The band is that of the motors' torques; the stiffness behind the gears has its own.
-            band_hz = segment.band_hz if arm is None else None
-            records.append(
-                MotionRecord(
-                    theta_rad=theta,
-                    tau_Nm=tau,
-                    arm_rad=arm,
-                    band_hz=band_hz,
-                    label=name,
-                    **shared,
-                )
-            )
+            shared |= {"arm_rad": arm, "band_hz": segment.band_hz if arm is None else None}
+            records.append(MotionRecord(theta_rad=theta, tau_Nm=tau, label=name, **shared))
         for line in segment.lines_hz:
-            label = name
             others = [other for other in segment.lines_hz if other != line]
-            if others:
-                label += f", {significant(line)} Hz"
+            label = f"{name}, {significant(line)} Hz" if others else name
             try:
-                shares = _other_lines(time, np.column_stack([theta, tau]), line, others)
-                records.append(
-                    SineRecord(
-                        frequency_hz=line,
-                        theta_rad=theta - shares[:, : log.n],
-                        tau_Nm=tau - shares[:, log.n :],
-                        label=label,
-                        **shared,
-                    )
-                )
+                rest = signals - _other_lines(time, signals, line, others)
+                q, u = np.hsplit(rest, 2)
+                records.append(SineRecord(line, theta_rad=q, tau_Nm=u, label=label, **shared))
             except JointIdError as error:
                 raise JointIdError(f"Run {number} ({place}): {error}") from error
     return tuple(records)
@@ -100,15 +83,8 @@ def study_from_logs(
     segments: Sequence[Segment] | Sequence[Sequence[Segment]],
     inertia: Inertia,
     *,
-    nominal: Elasticity | None = None,
-    poses: Mapping[str, Inertia] | None = None,
     pose_of: Sequence[str | None] | None = None,
-    name: str = "",
-    description: str = "",
-    robot: str = "",
-    date: datetime.date | None = None,
     inertia_std: float | None = None,
-    torque_std: float | None = None,
     **facts: Any,
 ) -> Study:
     """Make a study of the segments of one or many logs.
@@ -120,23 +96,13 @@ def study_from_logs(
     segments : sequence of Segment, or one such sequence for each log
     inertia : Inertia
         Motor side.
-    nominal : Elasticity, optional
-    poses : mapping of str to Inertia, optional
-        Inertia of each named pose.
     pose_of : sequence of str or None, optional
         Pose of each log; None, the default, is the pose of ``inertia``.
-    name, description : str, optional
-        By default from the logs; see ``study_name``.
-    robot : str, optional
-        Identifier of the robot.
-    date : datetime.date, optional
-        Date of the measurement; a fleet's drift is over this date.
     inertia_std : float, optional
         Relative standard deviation of the inertias; by default that of ``Study``.
-    torque_std : float, optional
-        The same of the torque constants; None: not stated.
     **facts
-        Further parameters of ``Study``: gear_ratio, gear_temperature_C, note, assumed.
+        Further parameters of ``Study``; name and description are by default from the logs, see
+        ``study_name``.
 
     Raises
     ------
@@ -146,19 +112,16 @@ def study_from_logs(
     if isinstance(logs, MappedLog):
         logs, segments = [logs], cast(Sequence[Sequence[Segment]], [segments])
     each = [list(part) for part in cast(Sequence[Sequence[Segment]], segments)]
-    if len(each) != len(logs):
-        raise JointIdError(
-            f"{counted(len(logs), 'log')}, but runs of {len(each)}: give those of every log."
-        )
+    pose_of = pose_of or [None] * len(logs)
+    for what, given in (("run list", each), ("pose", pose_of)):
+        if len(given) != len(logs):
+            raise JointIdError(
+                f"{counted(len(logs), 'log')}, but {counted(len(given), what)}: give one for each log."
+            )
     if not any(each):
         raise JointIdError(
             "No sine runs or other motions were found or chosen. Mark one by its start and stop, or "
             "check the time, position and torque columns."
-        )
-    pose_of = pose_of or [None] * len(logs)
-    if len(pose_of) != len(logs):
-        raise JointIdError(
-            f"{counted(len(logs), 'log')}, but {counted(len(pose_of), 'pose')}: give one for each log."
         )
     for log in logs:
         if log.n != inertia.n:
@@ -167,29 +130,23 @@ def study_from_logs(
                 "they must agree."
             )
     # Frequencies of all logs together, so that runs of one set point in two logs form a group.
-    flat = common_frequencies([segment for part in each for segment in part])
-    records: list[SineRecord | MotionRecord] = []
-    done = 0
-    for log, part, pose in zip(logs, each, pose_of, strict=True):
-        records += segment_records(log, flat[done : done + len(part)], pose=pose)
-        done += len(part)
-    records, trimmed = _settled(records)
-    later = f" {counted(trimmed, 'record')} trimmed to the steady state." if trimmed else ""
-    sources = ", ".join(log.name for log in logs[:5] if log.name)
-    return Study(
-        records=tuple(records),
-        inertia=inertia,
-        nominal=nominal,
-        name=name or study_name([log.name for log in logs]),
-        origin="measured",
-        description=description or f"Imported: {run_counts(flat)} of {sources or 'a log'}.{later}",
-        poses=poses or {},
-        robot=robot,
-        date=date,
-        inertia_std=INERTIA_STD if inertia_std is None else inertia_std,
-        torque_std=torque_std,
-        **facts,
+    flat = iter(common_frequencies([segment for part in each for segment in part]))
+    shared = [[next(flat) for _ in part] for part in each]
+    records, trimmed = _settled(
+        [
+            record
+            for log, part, pose in zip(logs, shared, pose_of, strict=True)
+            for record in segment_records(log, part, pose=pose)
+        ]
     )
+    names = [log.name for log in logs if log.name]
+    said = f"Imported: {run_counts([s for part in each for s in part])} of "
+    said += f"{', '.join(names[:5]) or 'a log'}."
+    said += f" {counted(trimmed, 'record')} trimmed to the steady state." if trimmed else ""
+    facts["name"] = facts.get("name") or study_name(names)
+    facts["description"] = facts.get("description") or said
+    std = INERTIA_STD if inertia_std is None else inertia_std
+    return Study(tuple(records), inertia, origin="measured", inertia_std=std, **facts)
 
 
 def _settled(

@@ -68,7 +68,8 @@ def coherence(record: JointRecord) -> Coherence:
     power = np.einsum("sfi,sfj->fij", lines, lines.conj())
     qq = np.einsum("fjj->fj", power[:, :n, :n]).real
     cross, torque = power[:, :n, n:], power[:, n:, n:]
-    torque = torque + 1e-12 * np.trace(torque, axis1=1, axis2=2).real[:, None, None] * np.eye(n)
+    least = 1e-12 * np.trace(torque, axis1=1, axis2=2).real + np.finfo(float).tiny
+    torque = torque + least[:, None, None] * np.eye(n)
     explained = np.einsum("fij,fji->fi", cross, np.linalg.solve(torque, cross.conj().swapaxes(1, 2)))
     share = np.divide(explained.real, qq, out=np.zeros_like(qq), where=qq > 0)
     free = len(starts) / max(len(starts) - n, 1)  # n torques explain n of the segments by chance

@@ -162,14 +162,9 @@ def require_few_values(file: str, values: int) -> None:
     """Refuse a table of more than ``MAX_VALUES`` numbers."""
     if values > MAX_VALUES:
         raise JointIdError(
-            f"{file} holds {millions(values)} numbers, more than the limit of {millions(MAX_VALUES)}. "
-            "Cut it into several logs, or log fewer columns."
+            f"{file} holds {values / 1e6:.4g} million numbers, more than the limit of "
+            f"{MAX_VALUES / 1e6:.4g} million. Cut it into several logs, or log fewer columns."
         )
-
-
-def millions(count: int) -> str:
-    """Return a large number for a message: "33.55 million"."""
-    return f"{count / 1e6:.4g} million"
 
 
 def main_tables(tables: Iterable[LogTable]) -> tuple[LogTable, ...]:

@@ -76,8 +76,8 @@ _SPELLINGS = {
     "%": "% percent prozent pct",
     "‰": "‰ permille promille",
     "V": "v volt volts",
-    "deg/s": "deg/s °/s deg/sec grad/s degrees/s deg/sek",
-    "rad/s": "rad/s rad/sec 1/s rad·s-1",
+    "deg/s": "dps deg/s °/s deg/sec grad/s degrees/s deg/sek",
+    "rad/s": "rads radps rad/s rad/sec 1/s rad·s-1",
     "rpm": "rpm u/min 1/min min-1 umin rev/min r/min",
     "m": "m meter metre",
     "mm": "mm",
@@ -111,11 +111,7 @@ def split_unit(name: str) -> tuple[str, str]:
         return (name[: bracket.start()].strip() or name, unit) if unit else (name, "")
     word = _LAST_WORD.search(name)
     if word and word.start() > 0 and word[1].lower() in _IN_NAMES:
-        unit = unit_of(
-            {"rads": "rad/s", "radps": "rad/s", "degs": "deg/s", "dps": "deg/s"}.get(
-                word[1].lower(), word[1]
-            )
-        )
+        unit = "deg/s" if word[1].lower() == "degs" else unit_of(word[1])
         # "vel_rad_s", "speed deg/s": the s belongs to a quotient.
         before = _LAST_WORD.search(name[: word.start()])
         if unit == "s" and before and before[1].lower() in ("rad", "deg", "grad", "°", "m", "mm"):

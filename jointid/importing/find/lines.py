@@ -106,18 +106,10 @@ class LineFit:
     """Standard error of each frequency for a white residual, shape (L,), Hz; infinite if not fitted."""
     phasors: Complexes
     """y of Im(y e^{iωt}), t from ``middle_s``, shape (L, c); those of the fundamentals only."""
-    residual: Floats
-    """Root mean square of each signal's residual, shape (c,)."""
-    moved: Floats
-    """Root mean square of each signal without offset and drift, shape (c,)."""
+    share: Floats
+    """Share of each signal's variance that the fit explains, shape (c,)."""
     middle_s: float
     """Time in the middle, s."""
-
-    @property
-    def share(self) -> Floats:
-        """Share of each signal's variance that the fit explains, shape (c,)."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.nan_to_num(1 - (self.residual / self.moved) ** 2)
 
 
 def fit_lines(
@@ -169,14 +161,15 @@ def fit_lines(
         if np.all(np.abs(shift) * span < within):
             break
     ramp = basis[:, -2:]
-    about_line = data - ramp @ (np.linalg.pinv(ramp.T @ ramp) @ (ramp.T @ data))
+    moved = data - ramp @ (np.linalg.pinv(ramp.T @ ramp) @ (ramp.T @ data))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.nan_to_num(1 - (residual**2).sum(axis=0) / (moved**2).sum(axis=0))
     cosine, sine = np.split(coefficients[:-2], 2)
     return LineFit(
         frequency_hz=omega / (2 * np.pi) if free else np.asarray(frequency_hz, float),
         error_hz=np.sqrt(variance) / (2 * np.pi),
         phasors=(sine + 1j * cosine)[order == 1],
-        residual=np.sqrt((residual**2).mean(axis=0)),
-        moved=np.sqrt((about_line**2).mean(axis=0)),
+        share=share,
         middle_s=middle,
     )
 

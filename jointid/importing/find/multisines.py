@@ -83,14 +83,12 @@ def _grown_run(
     time: Floats, signals: Floats, begin: int, length: int, lines: list[float]
 ) -> tuple[int, int, list[float]] | None:
     """Grow from the steadiest frames of a window while all lines are constant."""
-    theta, tau = np.hsplit(signals, 2)
     interval = float(time[1] - time[0])
     first, last = begin, begin + length
     for attempt in range(_MAX_ROUNDS):
         part = slice(first, last)
         if attempt:
-            lines = find_lines(time[part], theta[part], tau[part])
-            lines = lines_worth(time[part], theta[part], tau[part], lines) if lines else []
+            lines = excited_lines(time[part], signals[part])
         if len(lines) < 2:
             return None
         lines = [float(f) for f in fit_lines(time[part], signals[part], lines).frequency_hz]
@@ -101,7 +99,7 @@ def _grown_run(
         if inside.sum() < SEED_FRAMES:
             return None
         seeds = np.flatnonzero(inside)
-        y, noise = _by_size(frames.z, signals.shape[1]), 0.0
+        y = _by_size(frames.z, signals.shape[1])
         noise = weighted(y[inside])[1]
         from_, to = grown(y, noise, slice(int(seeds[0]), int(seeds[-1]) + 1), _CHANGE)
         if to - from_ < SEED_FRAMES:
@@ -110,11 +108,8 @@ def _grown_run(
         if attempt and new == (first, last):
             break
         first, last = new
-    part = slice(first, last)
-    share = fit_lines(time[part], theta[part], lines, free=False).share
-    if share.max() < _MIN_EXPLAINED and in_lines(time[part], theta[part], lines) < _MIN_EXPLAINED:
-        return None
-    return first, last, lines
+    explained = in_lines(time[first:last], signals[first:last, : signals.shape[1] // 2], lines)
+    return (first, last, lines) if explained > _MIN_EXPLAINED else None
 
 
 def _by_size(z: Complexes, signals: int) -> Complexes:

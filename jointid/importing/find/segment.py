@@ -43,8 +43,6 @@ class Segment:
         Share of the motor's motion that the lines explain, for the joint they explain best.
     torque_share : float, optional
         The same for the torque.
-    amplitude_rad : sequence of float, optional
-        Amplitude of each motor at ``frequency_hz``.
     band_hz : (float, float), optional
         Lowest and highest frequency to use of a motion that is no sine.
 
@@ -61,7 +59,6 @@ class Segment:
     frequency_error_hz: float = float("nan")
     share: float = float("nan")
     torque_share: float = float("nan")
-    amplitude_rad: tuple[float, ...] = ()
     band_hz: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -87,7 +84,6 @@ class Segment:
                 f"A run from {self.start_s:g} s to {self.stop_s:g} s is empty: the stop must come later."
             )
         object.__setattr__(self, "lines_hz", lines)
-        object.__setattr__(self, "amplitude_rad", tuple(float(a) for a in self.amplitude_rad))
 
     @property
     def periods(self) -> float:
@@ -121,7 +117,6 @@ def measured(
         frequency_error_hz=float(fit.error_hz[strongest]) if free else float("nan"),
         share=float(fit.share[:n].max()),
         torque_share=float(fit.share[n:].max()),
-        amplitude_rad=tuple(np.abs(fit.phasors[strongest, :n]).tolist()),
     )
 
 

@@ -9,13 +9,8 @@ import numpy as np
 from jointid.arrays import true_runs
 from jointid.importing.find.lines import evenly_sampled, fit_lines
 from jointid.importing.find.multisines import excited_lines, multisines
-from jointid.importing.find.segment import (
-    FEWEST_PERIODS,
-    HARMONICS,
-    Segment,
-    measured,
-)
-from jointid.importing.find.sine_candidates import SHARE, Candidate, sine_candidates
+from jointid.importing.find.segment import FEWEST_PERIODS, HARMONICS, Segment, measured
+from jointid.importing.find.sine_candidates import Candidate, sine_candidates
 from jointid.importing.find.steady_state import (
     Frames,
     frames_of,
@@ -29,7 +24,6 @@ from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
 
 _CHANCE_SHARE = 25.0  # share of the variance × samples, above that of a fit to noise
-_SAME_FREQUENCY = 0.15  # relative difference below which a candidate and a run mean one sine
 _MAX_OTHERS = 0.05  # power of other lines over that of a single sine
 _OTHERS_BAND = 2.5  # times the frequency of a sine, below which other lines count
 _MIN_TRAVEL = 0.05  # travel of a joint over the largest, below which its lines are ignored
@@ -39,16 +33,8 @@ _MERGE_CHANGE = 0.06  # relative change of the phasors within both
 _MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the shorter part
 _HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
-_BEATS = 2.0  # of the closest lines of a multisine, beside which they may look like a sine
-_EDGE_FREQUENCY = 0.02  # relative error of the frequency of a part of a ramp
 _MULTISINE_WORK = 0.2  # share of the work, for the progress
 _CANDIDATE_WORK = 0.3
-
-
-def _repeats(candidate: Candidate, tried: Candidate) -> bool:
-    """Whether a candidate covers the same span at nearly the same frequency as one tried before."""
-    inside = tried.begin <= candidate.begin and candidate.end <= tried.end
-    return inside and abs(candidate.frequency / tried.frequency - 1) < _SAME_FREQUENCY
 
 
 class SegmentSearch:
@@ -77,8 +63,6 @@ class SegmentSearch:
             multisine_runs.append(self._settled(begin, end, lines))
         # Parts of a multisine have looked like sines.
         found = [run for run in singles if not several[self._rows(run)].any()]
-        found = [r for r in found if not any(_is_beat_of(r, m) for m in multisine_runs)]
-        found = [r for r in found if not any(_is_edge_of(r, other) for other in found)]
         return self._merged(sorted(found + multisine_runs, key=lambda s: s.start_s))
 
     def _merged(self, found: list[Segment]) -> list[Segment]:
@@ -112,15 +96,13 @@ class SegmentSearch:
         Those without any other line are marked in ``clear`` (N,).
         """
         found: list[Segment] = []
-        failed: list[Candidate] = []
         blocked = np.zeros(self._time.size, bool)
         for number, candidate in enumerate(candidates):
             progress(number / len(candidates))
             begin, end = candidate.begin, min(candidate.end, self._time.size)
             for first, last in true_runs(~blocked[begin:end]):
                 part = replace(candidate, begin=begin + first, end=begin + last)
-                too_short = (last - first) * part.frequency < FEWEST_PERIODS
-                if too_short or any(_repeats(part, tried) for tried in failed):
+                if (last - first) * part.frequency < FEWEST_PERIODS:
                     continue
                 before = len(found)
                 for low, high, near in self._steady(part):
@@ -133,8 +115,6 @@ class SegmentSearch:
                 if len(found) > before:
                     # The edges of a run that was found look like sines of other frequencies.
                     blocked[part.begin : part.end] = True
-                else:
-                    failed.append(part)
         return found
 
     def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int, float]]:
@@ -154,14 +134,10 @@ class SegmentSearch:
         lines = self._fitted(inner, [near], harmonics=HARMONICS, within=_ROUGH_PHASE_RAD)
         segment = self._settled(begin, end, lines)
         part = self._rows(segment)
-        change = abs(segment.frequency_hz / near - 1)
-        shares = segment.share, segment.torque_share
         # Motion without torque is a flickering last digit, torque without motion is hum; both together
         # are a sine, however coarse the encoder.
-        chance = min(shares) < _CHANCE_SHARE / (part.stop - part.start)
-        if change > _SAME_FREQUENCY or max(shares) < SHARE or chance:
-            return None
-        if segment.periods < FEWEST_PERIODS - 0.5:
+        chance = min(segment.share, segment.torque_share) < _CHANCE_SHARE / (part.stop - part.start)
+        if chance or segment.periods < FEWEST_PERIODS - 0.5:
             return None
         return segment if self._others(part, segment.frequency_hz) < _MAX_OTHERS else None
 
@@ -225,21 +201,3 @@ class SegmentSearch:
         noise = float(np.median(above)) / np.log(2) * near.size if above.size > near.size else 0.0
         excess, total = max(near.sum() - noise, 0.0), float((line**2).sum())
         return float(excess / total) if total > 0 else np.inf
-
-
-def _is_beat_of(run: Segment, multisine: Segment) -> bool:
-    """Whether a short run beside a multisine is part of a beat of its lines."""
-    lines = np.array(multisine.lines_hz)
-    apart = float(np.diff(lines).min())
-    reach = _BEATS / apart
-    beside = multisine.start_s - reach < run.stop_s and run.start_s < multisine.stop_s + reach
-    near = np.abs(lines - run.frequency_hz).min() < apart
-    return bool(beside and near and run.stop_s - run.start_s < reach)
-
-
-def _is_edge_of(run: Segment, other: Segment) -> bool:
-    """Whether a short run is part of the ramp at the beginning or end of a long one."""
-    reach = (other.stop_s - other.start_s) / 2
-    beside = other.start_s - reach < run.stop_s and run.start_s < other.stop_s + reach
-    near = abs(run.frequency_hz / other.frequency_hz - 1) < _EDGE_FREQUENCY
-    return bool(beside and near and run.stop_s - run.start_s < reach / 2)

@@ -37,10 +37,6 @@ class FoundSegments(tuple[Segment, ...]):
         found.notes = tuple(notes)
         return found
 
-    def __getnewargs__(self) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
-        """Arguments for pickling, so that the notes go along to another process."""
-        return tuple(self), self.notes
-
 
 def find_segments(log: MappedLog, *, progress: Callable[[float], None] | None = None) -> FoundSegments:
     """Find the steady sine runs of a log, in order of time.
@@ -75,54 +71,6 @@ def find_segments(log: MappedLog, *, progress: Callable[[float], None] | None = 
             )
     found, sweeps, notes = without_sweeps(log, sorted(found, key=lambda s: s.start_s))
     return FoundSegments(common_frequencies(found), [*notes, *unused_spans(log, found, sweeps)])
-
-
-def measure_segment(
-    log: MappedLog, start_s: float, stop_s: float, frequency_hz: float | Sequence[float] | None = None
-) -> Segment:
-    """Measure a segment whose start and stop the user chose.
-
-    Parameters
-    ----------
-    log : MappedLog
-    start_s, stop_s : float
-        Used as given: no transient is discarded.
-    frequency_hz : float or sequence of float, optional
-        The line or lines, used as given; by default those found.
-
-    Raises
-    ------
-    JointIdError
-        When the span holds too few samples or no motion, or a frequency is not positive.
-    """
-    part = log.rows(start_s, stop_s)
-    time, theta = log.time_s[part], log.theta_rad[part]
-    if time.size < 8:
-        raise JointIdError(
-            f"{start_s:g} s to {stop_s:g} s holds {counted(time.size, 'sample')}; a run needs at "
-            f"least 8. The log spans {log.time_s[0]:g} s to {log.time_s[-1]:g} s."
-        )
-    if frequency_hz is None:
-        if not np.any(np.ptp(theta, axis=0) > 0):
-            raise JointIdError(
-                f"No joint moves from {start_s:g} s to {stop_s:g} s: choose times at which one does."
-            )
-        tau = log.tau_Nm[part]
-        lines = find_lines(time, theta, tau)
-        if not lines:
-            raise JointIdError(
-                f"From {start_s:g} s to {stop_s:g} s no spectral line exceeds the noise: give "
-                "frequency_hz, or other times."
-            )
-        return measured(time, theta, tau, lines_worth(time, theta, tau, lines))
-    lines = [float(f) for f in np.atleast_1d(np.asarray(frequency_hz, float))]
-    if not lines:
-        raise JointIdError(
-            "frequency_hz is empty: give one frequency or more, or None to have it found."
-        )
-    # The constructor checks and sorts the frequencies.
-    segment = Segment(float(time[0]), float(time[-1]), lines[0], tuple(lines))
-    return measured(time, theta, log.tau_Nm[part], segment.lines_hz, free=False)
 
 
 def common_frequencies(segments: Sequence[Segment]) -> tuple[Segment, ...]:
@@ -221,20 +169,46 @@ def measure_run(
 ) -> Segment:
     """Measure a span that a user marked: steady lines where they explain it, else any motion.
 
-    Parameters and errors as in :func:`measure_segment`.
+    Parameters
+    ----------
+    log : MappedLog
+    start_s, stop_s : float
+        Used as given: no transient is discarded.
+    frequency_hz : float, optional
+        The line, used as given; by default those found.
+
+    Raises
+    ------
+    JointIdError
+        When the span holds too few samples or no motion, or the frequency is not positive.
     """
+    part = log.rows(start_s, stop_s)
+    time, theta, tau = log.time_s[part], log.theta_rad[part], log.tau_Nm[part]
+    if time.size < 8:
+        raise JointIdError(
+            f"{start_s:g} s to {stop_s:g} s holds {counted(time.size, 'sample')}; a run needs at "
+            f"least 8. The log spans {log.time_s[0]:g} s to {log.time_s[-1]:g} s."
+        )
     if frequency_hz is not None:
-        return measure_segment(log, start_s, stop_s, frequency_hz)
-    try:
-        segment = measure_segment(log, start_s, stop_s)
-        if min(segment.share, segment.torque_share) >= _LEAST_SHARE:
-            return segment
-    except JointIdError:
-        segment = None
+        segment = Segment(float(time[0]), float(time[-1]), frequency_hz)  # checks the frequency
+        return measured(time, theta, tau, segment.lines_hz, free=False)
+    if not np.any(np.ptp(theta, axis=0) > 0):
+        raise JointIdError(
+            f"No joint moves from {start_s:g} s to {stop_s:g} s: choose times at which one does."
+        )
+    lines = find_lines(time, theta, tau)
+    found = measured(time, theta, tau, lines_worth(time, theta, tau, lines)) if lines else None
+    if found and min(found.share, found.torque_share) >= _LEAST_SHARE:
+        return found
     try:
         return measure_motion(log, start_s, stop_s)
-    except JointIdError:
-        return segment or measure_segment(log, start_s, stop_s)
+    except JointIdError as error:
+        if found:
+            return found
+        raise JointIdError(
+            f"From {start_s:g} s to {stop_s:g} s no spectral line exceeds the noise ({error}): give "
+            "frequency_hz, or other times."
+        ) from error
 
 
 def measure_motion(log: MappedLog, start_s: float, stop_s: float) -> Segment:

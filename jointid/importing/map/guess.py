@@ -1,11 +1,11 @@
 """Guess which columns are positions and torques, each guess with its reason."""
 
+import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.errors import JointIdError
 from jointid.importing.columns.column_words import (
     WORDS,
     NamedColumn,
@@ -42,6 +42,8 @@ _Pair = tuple[LogColumn, LogColumn]
 """Position and torque."""
 _Said = tuple[str, bool, str]
 """A guess, whether the file states it, and why."""
+_ODRIVE = re.compile(r"\bpos_(?:rel|abs|estimate)\b")
+"""Names of positions in ODrive's object tree: "pos_vel_mapper.pos_rel"."""
 _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."
@@ -68,11 +70,6 @@ def guess_mapping(table: LogTable) -> Guess:
     Guess
         A mapping with a reason for every entry; a role that no column fits has none ("") until the user
         chooses one. Scales and gear ratios are never in a log: they are 1 until the user gives them.
-
-    Raises
-    ------
-    JointIdError
-        When fewer than two columns beside the time could be signals.
     """
     reasons: list[Reason] = []
     time = guess_time(table, reasons)
@@ -81,7 +78,7 @@ def guess_mapping(table: LogTable) -> Guess:
     if not pairs:
         pairs = pairs_by_shape(table, time, [c.column for c in columns], reasons)
     if not pairs:
-        pairs = _first_two(table, columns, reasons)
+        pairs = _first_two(columns, reasons)
     if len(pairs) > MAX_JOINTS:
         reasons.append(Reason("joints", f"{len(pairs)} pairs fit; the first {MAX_JOINTS} are proposed."))
     pairs = pairs[:MAX_JOINTS]
@@ -161,15 +158,13 @@ def _behind(columns: Sequence[NamedColumn]) -> list[NamedColumn]:
     return found
 
 
-def _first_two(table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
+def _first_two(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
     """Return one joint when no two columns belong together: the clearest column of each role, if any."""
     moves = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)]
     varying = moves or [*columns]
     if len(varying) < 2:
-        raise JointIdError(
-            f"{table.name} has {counted(len(varying), 'column')} of changing values beside the time; "
-            f"a log needs a position and a torque. Columns found: {', '.join(table.names[:20])}."
-        )
+        text = f"{counted(len(varying), 'column')} of changing values beside the time: a log needs two."
+        reasons.append(Reason("joints", text))
     pair: list[LogColumn] = []
     for role in _OTHER:
         pair.append(_best(varying, role))
@@ -237,6 +232,8 @@ def _angle_unit(column: LogColumn, degrees: bool = False) -> _Said:
     values = column.values[np.isfinite(column.values)]
     if not values.size:
         return "rad", False, "Radians, until a column is chosen."
+    if _ODRIVE.search(column.name):
+        return "rev", False, "ODrive states positions in turns; the file names no unit."
     whole = bool(np.all(values == np.round(values)))
     span = 2 * (0.5 * float(values.max()) - 0.5 * float(values.min()))
     if whole and span >= 20:

@@ -30,7 +30,9 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
         words = words_of(column.name)
         score = 3.0 * bool(WORDS["time"] & set(words)) + 2.0 * (_time_unit(column) in TIME_UNITS)
         score += 1.0 * bool(WORDS["sample"] & set(words)) + 1.0 * (column.unit == SAMPLES)
-        score += 0.5 * (place == 0) + 0.5 * _is_even(values) + 0.5 * is_clock_like(values)
+        steps = np.diff(values[:100_000])
+        even = np.ptp(steps) <= 0.5 * max(float(np.median(steps)), 1e-300)
+        score += 0.5 * (place == 0) + 0.5 * bool(even) + 0.5 * is_clock_like(values)
         if score >= 0.5 and (best is None or score > best[0]):
             best = (score, column, late)
     if best is None:
@@ -107,8 +109,3 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
 def is_clock_like(values: Floats) -> bool:
     """Whether values rise from row to row over a log of some length: no joint moves so."""
     return values.size >= 50 and bool(np.all(values[1:] > values[:-1]))
-
-
-def _is_even(values: Floats) -> bool:
-    steps = np.diff(values[:100_000])
-    return bool(np.ptp(steps) <= 0.5 * max(float(np.median(steps)), 1e-300))

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from typing import Any
 
 from jointid.arrays import finite_array
@@ -183,12 +183,8 @@ class Mapping:
     assumed: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.time, TimeColumn):
-            raise JointIdError(f"time: expected a TimeColumn, got {shown(self.time)}.")
-        if not isinstance(self.joints, Sequence) or not self.joints:
+        if not self.joints:
             raise JointIdError("The mapping has no joints: choose position and torque of at least one.")
-        if not all(isinstance(joint, JointMapping) for joint in self.joints):
-            raise JointIdError("joints: expected JointMapping values only.")
         if len(self.joints) > MAX_JOINTS:
             raise JointIdError(
                 f"{len(self.joints)} joints, more than the limit of {MAX_JOINTS}: leave some out."
@@ -238,10 +234,8 @@ class Mapping:
         return tuple(role for role, channel in self.roles if not channel.column)
 
 
-def _checked_channel(what: str, channel: object) -> Channel:
+def _checked_channel(what: str, channel: Channel) -> Channel:
     units, scales = QUANTITIES[what]
-    if not isinstance(channel, Channel):
-        raise JointIdError(f"{what}: expected a Channel, got {shown(channel)}.")
     _require_text(what, "column", channel.column)
     where = f"{what} ({channel.column:.60})"
     _require_one_of(where, "unit", channel.unit, tuple(units))
@@ -304,24 +298,19 @@ def mapping_from_json(text: str | bytes) -> Mapping:
         raise JointIdError(
             f"mapping: format = {shown(version)}; this version reads format 1. Save the mapping again."
         )
-    joints = top.get("joints")
+    joints = top["joints"]
     if not isinstance(joints, list):
         raise JointIdError(f"mapping: joints = {shown(joints)}; expected a list.")
-    top["time"] = TimeColumn(**_keys("time", top.get("time"), TimeColumn))
+    top["time"] = TimeColumn(**_keys("time", top["time"], TimeColumn))
     top["joints"] = tuple(_joint_from(number, joint) for number, joint in enumerate(joints, start=1))
     return Mapping(**top)
 
 
 def _joint_from(number: int, values: object) -> JointMapping:
     joint = _keys(f"joint {number}", values, JointMapping)
-    joint = {key: value for key, value in joint.items() if key != "arm" or value is not None}
-    for what in ("position", "torque", *({"arm"} & joint.keys())):
-        where = f"{what} of joint {number}"
-        given = _keys(where, joint.get(what), Channel)
-        for key in ("column", "unit"):
-            if key not in given:
-                raise JointIdError(f"{where}: {key} is missing in the mapping.")
-        joint[what] = Channel(**given)
+    for what in ("position", "torque", "arm"):
+        if joint.get(what) is not None:
+            joint[what] = Channel(**_keys(f"{what} of joint {number}", joint[what], Channel))
     try:
         return JointMapping(**joint)
     except JointIdError as error:
@@ -329,11 +318,14 @@ def _joint_from(number: int, values: object) -> JointMapping:
 
 
 def _keys(where: str, values: object, kind: type[Any], *more: str) -> dict[str, Any]:
-    """Return the keys of an object for the fields of a dataclass; refuse other keys."""
+    """Return the values of an object for the fields of a dataclass; refuse other keys."""
     known = [*more, *(field.name for field in fields(kind))]
     if not isinstance(values, dict):
         raise JointIdError(f"{where}: expected keys {listed(known)}, got {shown(values)}.")
     for key in values:
         if key not in known:
             raise JointIdError(f'{where}: unknown key "{key:.60}".{nearest(key, known)}')
+    for each in fields(kind):
+        if each.default is MISSING and values.get(each.name) is None:
+            raise JointIdError(f"{where}: {each.name} is missing in the mapping.")
     return dict(values)

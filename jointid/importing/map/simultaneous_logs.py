@@ -42,11 +42,6 @@ class JointLog:
     rest: tuple[str, ...]
     """The other words of its name."""
 
-    @property
-    def interval(self) -> float:
-        """Usual distance between samples, in the clock's unit."""
-        return float(np.median(np.diff(self.time)))
-
 
 def simultaneous_groups(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ...]:
     """Find groups of logs that look like joints recorded simultaneously; indices, two or more in each.
@@ -66,7 +61,7 @@ def simultaneous_groups(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ..
         alike = [part for part in parts if part.table.signature == signature]
         left = alike
         while left:
-            cluster = [part for part in left if rows_in_common(left[0], part) is not None]
+            cluster = [part for part in left if rows_in_common([left[0], part])]
             left = [part for part in left if part not in cluster]
             groups += _groups(cluster, len(cluster) == len(alike))
     return tuple(groups)
@@ -74,10 +69,7 @@ def simultaneous_groups(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ..
 
 def joint_log(index: int, table: LogTable) -> JointLog | None:
     """Return the log if it has a single joint and increasing times."""
-    try:
-        mapping = guess_mapping(table).mapping
-    except JointIdError:
-        return None
+    mapping = guess_mapping(table).mapping
     if mapping.n != 1 or mapping.open_roles or table.rows < 2:
         return None
     column = mapping.time.column
@@ -106,23 +98,18 @@ def _run_in(words: tuple[str, ...]) -> tuple[str, ...]:
     )
 
 
-def rows_in_common(a: JointLog, b: JointLog) -> tuple[slice, slice] | None:
-    """Rows of two logs that have the same times, or None."""
-    interval = a.interval
-    near = _SAME_TIME * interval
-    if a.time.size == b.time.size and np.abs(a.time - b.time).max() <= near:
-        return slice(0, a.time.size), slice(0, b.time.size)
-    if not (_is_absolute(a) and _is_absolute(b)):
-        return None
-    start, stop = max(a.time[0], b.time[0]) - near, min(a.time[-1], b.time[-1]) + near
-    rows = [
-        slice(int(np.searchsorted(p.time, start)), int(np.searchsorted(p.time, stop, side="right")))
-        for p in (a, b)
-    ]
-    one, two = a.time[rows[0]], b.time[rows[1]]
-    if one.size != two.size or one.size < _MIN_OVERLAP * min(a.time.size, b.time.size):
-        return None
-    return (rows[0], rows[1]) if one.size and np.abs(one - two).max() <= near else None
+def rows_in_common(parts: Sequence[JointLog]) -> list[slice]:
+    """Rows of each log that have the same times in all; none where their times differ."""
+    near = _SAME_TIME * float(np.median(np.diff(parts[0].time)))
+    start, stop = max(p.time[0] for p in parts) - near, min(p.time[-1] for p in parts) + near
+    rows = [slice(*np.searchsorted(part.time, [start, stop]).tolist()) for part in parts]
+    times = [part.time[used] for part, used in zip(parts, rows, strict=True)]
+    shortest = min(part.time.size for part in parts)
+    whole = all(part.time.size == times[0].size for part in parts)
+    if not whole and (times[0].size < _MIN_OVERLAP * shortest or not all(map(_is_absolute, parts))):
+        return []
+    same = (t.size == times[0].size > 0 and np.abs(t - times[0]).max() <= near for t in times)
+    return rows if all(same) else []
 
 
 def _is_absolute(part: JointLog) -> bool:
@@ -220,16 +207,9 @@ def joined_table(tables: Sequence[LogTable]) -> LogTable:
     parts = [part for index, table in enumerate(tables) if (part := joint_log(index, table)) is not None]
     if len(parts) < len(tables) or len(parts) < 2:
         raise JointIdError("Only two or more logs of one joint each can be joined.")
-    first = parts[0]
-    common = []
-    for part in parts:
-        rows = rows_in_common(first, part)
-        if rows is None:
-            raise JointIdError(f"{first.table.name} and {part.table.name} have no times in common.")
-        common.append(rows)
-    start, stop = max(mine.start for mine, _ in common), min(mine.stop for mine, _ in common)
-    offsets = [other.start - mine.start for mine, other in common]
-    cuts = [slice(start + offset, stop + offset) for offset in offsets]
+    cuts = rows_in_common(parts)
+    if not cuts:
+        raise JointIdError(f"{listed(part.table.name for part in parts)} have no times in common.")
     named = [part.joint for part in parts]
     stems = [stem(part.table.name) for part in parts]
     for labels in (named if all(named) else stems, stems, [f"{k}" for k in range(1, len(parts) + 1)]):
@@ -312,10 +292,7 @@ def _is_guessed(table: LogTable, parts: Sequence[JointLog], labels: Sequence[str
     """Whether the guess for the joined table agrees with the guesses for the single logs."""
     joint = guess_mapping(parts[0].table).mapping.joints[0]
     wanted = {(f"{label} {joint.position.column}", f"{label} {joint.torque.column}") for label in labels}
-    try:
-        found = guess_mapping(table).mapping
-    except JointIdError:
-        return False
+    found = guess_mapping(table).mapping
     return {(j.position.column, j.torque.column) for j in found.joints} == wanted
 
 

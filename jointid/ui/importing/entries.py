@@ -126,13 +126,13 @@ class Entries:
         self, step: str, found: importing.Mapping, missing: Sequence[str], guesses: Sequence[str]
     ) -> Asked:
         """Show guesses with a button that confirms them; a changed entry needs another confirmation."""
-        self._show_reasons(guesses)
         text = importing.mapping_to_json(replace(found, assumed=()))
         digest = blake2b(text.encode(), digest_size=8).hexdigest()
         key = f"import confirmed {step} {self.key}"
         if st.session_state.get(f"go_on {step}"):  # clicked, with entries typed just before it
             st.session_state[key] = digest
         open_ = () if st.session_state.get(key) == digest else (*guesses, *missing)
+        self._show_reasons([what for what in guesses if what in open_])
         if open_ and not (missing and step == "columns"):
             st.button(f"Confirm the {step}", type="primary", key=f"go_on {step}", on_click=go_on)
         assumed = tuple(dict.fromkeys((*missing, *open_)))

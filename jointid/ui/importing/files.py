@@ -194,7 +194,7 @@ def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
     left, right = st.columns([2, 3])
     with left:
         show_note(f"{log.name}: {log.rows} rows, {len(log.columns)} columns. The first rows:")
-        headings = {c.name: _heading(c.name, c.unit) for c in log.columns}
+        headings = {c.name: f"{c.name} ({c.unit})" if c.unit else c.name for c in log.columns}
         names = list(log.names)
         time = proposed[0] if proposed else names[0]
         rows = {headings[c.name]: c.values[:_FIRST_ROWS].tolist() for c in log.columns}
@@ -210,7 +210,3 @@ def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
         if chosen:
             shown = {headings[name]: log.column(name).values for name in (time, *chosen)}
             plot(raw_columns(shown, dark=is_dark()), "Columns as they are in the file")
-
-
-def _heading(name: str, unit: str) -> str:
-    return f"{name} ({unit})" if unit else name

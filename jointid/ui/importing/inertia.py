@@ -7,7 +7,6 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm
-from jointid.arrays import Floats
 from jointid.importing.robot_inertia import (
     INERTIA_UNITS,
     KnownRobot,
@@ -39,7 +38,6 @@ _LINKS = {
 }
 """Label, unit and example of each entry for an arm of links."""
 _UPLOADS = "import_toml_uploads"
-_GIVEN = ("import M", "import M2", "import toml", "import length", "import mass", "import link")
 _HELP = (
     "Rigid-body inertias, seen from the motors: divided by both gear ratios. The fit corrects them "
     "within the uncertainty stated below. Values of the joint side are divided by the gear ratios of "
@@ -68,11 +66,6 @@ def ask_inertia(gear_ratios: Sequence[float]) -> KnownRobot | None:
     return ask[source or "Numbers"](gear_ratios)
 
 
-def inertias_given() -> bool:
-    """Whether inertias were entered, in any of the ways."""
-    return any(str(st.session_state.get(key) or "").strip() for key in _GIVEN)
-
-
 def ask_nominal(joints: int) -> Elasticity | None:
     """Ask for the controller's nominal K and D; None when left empty.
 
@@ -98,10 +91,11 @@ def ask_nominal(joints: int) -> Elasticity | None:
 
 def show_inertia(robot: KnownRobot) -> None:
     """Show the inertias, motor side, with their uncertainty."""
-    rotor, arm = robot.inertia.M[None, :], robot.inertia.M2
-    # In braces a formula is not broken: on a narrow screen M2 gets a line of its own.
-    text = f"${{M = {_matrix(rotor)}}}$, ${{M_2 = {_matrix(arm)}}}$ kg·m²"
-    st.markdown(f"Used by the method, motor side: {text}")
+    M, *M2 = (
+        numbers_out(float(f"{value:.5g}") for value in row)
+        for row in (robot.inertia.M, *robot.inertia.M2)
+    )
+    st.markdown(f"Used by the method, motor side: M = {M}; M2 = {'; '.join(M2)} kg·m²")
     show_note(
         f"M and M2: {deviation_text(robot.inertia_std)}. "
         f"Torque scale: {deviation_text(robot.torque_std)}."
@@ -229,13 +223,3 @@ def _select(
     place: DeltaGenerator, label: str, options: Sequence[str] | Mapping[str, float], name: str
 ) -> str:
     return place.selectbox(label, list(options), key=f"import {name}", persist_state="session")
-
-
-def _matrix(values: Floats) -> str:
-    rows = " \\\\ ".join(" & ".join(_number(value) for value in row) for row in values)
-    return f"\\begin{{pmatrix}} {rows} \\end{{pmatrix}}"
-
-
-def _number(value: float) -> str:
-    mantissa, _, power = f"{value:.5g}".partition("e")
-    return f"{mantissa} \\cdot 10^{{{int(power)}}}" if power else mantissa

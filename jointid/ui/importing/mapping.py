@@ -7,11 +7,9 @@ from typing import Any
 import streamlit as st
 
 from jointid import JointIdError, importing
-from jointid.importing.columns.units import SAMPLES
 from jointid.importing.map.reasons import unchanged
 from jointid.ui.importing.entries import Entries
 from jointid.ui.importing.files import once
-from jointid.ui.importing.inertia import inertias_given
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.workspace import keep_part, noting_problems, part_entries, read_part
@@ -25,26 +23,9 @@ _PART = "mappings"
 _MOST_KNOWN = 50
 
 
-def _guess(table: importing.LogTable) -> importing.Guess:
-    """Guess a mapping; where nothing can be guessed, every entry is open."""
-    try:
-        return importing.guess_mapping(table)
-    except JointIdError as error:
-        reasons = [importing.Reason("position of joint 1", str(error))]
-        reasons += [
-            importing.Reason(f"unit of {role} of joint 1", "Choose it.")
-            for role in ("position", "torque")
-        ]
-        joint = importing.JointMapping(importing.Channel("", "rad"), importing.Channel("", "N·m"))
-        time = importing.TimeColumn(unit=SAMPLES, rate_hz=1000.0)
-        return importing.Guess(
-            importing.Mapping(time, (joint,), assumed=("torque hold",)), tuple(reasons)
-        )
-
-
 def guessed(key: str, table: importing.LogTable) -> importing.Guess:
     """Guess once per log."""
-    return once(f"guess {key}", partial(_guess, table))
+    return once(f"guess {key}", partial(importing.guess_mapping, table))
 
 
 def mapping_of(key: str, table: importing.LogTable) -> importing.Mapping:
@@ -127,8 +108,7 @@ def entries_of(key: str, table: importing.LogTable) -> tuple[Entries, bool]:
 def offer_fresh_guess(key: str, table: importing.LogTable) -> None:
     """Show that a mapping is used again, with the way back to the guess."""
     left, right = st.columns([4, 1], vertical_alignment="center")
-    needed = "" if inertias_given() else " Inertias are not reused: enter those of this robot."
-    left.info(f"The earlier entries for these columns are used again.{needed}")
+    left.info("The earlier entries for these columns are used again. Inertias are not reused.")
     if right.button("Guess again", key="guess_afresh"):
         st.session_state[_FIRST][table.signature] = key
         _start_from(table, guessed(key, table).mapping)

@@ -254,15 +254,15 @@ def show_findings(page: Page, analysis: Analysis) -> None:
 def _finding(page: Page, analysis: Analysis, finding: Finding, lead: str = "") -> None:
     box = _BOXES[finding.level]
     advice = f"*{markdown_escape(finding.remedy)}*  \n" if finding.remedy else ""
-    if finding.action:
-        step, part = ACTIONS[finding.action]
-        advice += f"In the app: page {step.name}, {part}"
     lead = f"{lead}\n\n" if lead else f"**{markdown_escape(finding.title)}.** "
     after = "" if finding.changes else f"  \n{advice}"
     box(f"{lead}{markdown_escape(finding.detail)}{after}")
     offer_changes(page, analysis, finding)
     if finding.changes and advice:
         st.expander("If this is not the cause").markdown(advice)
+    if finding.action:
+        step, part = ACTIONS[finding.action]
+        st.page_link(step.path, label=f"{step.name}: {part}")
 
 
 def freed_note(analysis: Analysis) -> str:

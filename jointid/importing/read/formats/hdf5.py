@@ -48,7 +48,8 @@ class _Reader:
         self.seen: list[str] = []
 
     def walk(self, group: Any, name: str, depth: int) -> Iterator[NamedArray]:
-        if self._is_scope(group):
+        signals = self._object(group, "signals")
+        if isinstance(signals, self._h5py.Group) and self._object(group, "time") is not None:
             yield from self._scope(group, name)
             return
         for key in group:
@@ -85,10 +86,6 @@ class _Reader:
         unit = _text(_attribute(item, _UNIT_ATTRIBUTES, ""))
         labels = np.ravel(_attribute(item, _LABEL_ATTRIBUTES, ()))[:_MOST_OBJECTS]
         yield NamedArray(short, values, unit, tuple(_text(label) for label in labels), group)
-
-    def _is_scope(self, group: Any) -> bool:
-        signals = self._object(group, "signals")
-        return isinstance(signals, self._h5py.Group) and self._object(group, "time") is not None
 
     def _scope(self, group: Any, name: str) -> Iterator[NamedArray]:
         time, signals = self._object(group, "time"), self._object(group, "signals")

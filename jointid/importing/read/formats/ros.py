@@ -1,8 +1,10 @@
 """Bags of ROS 2 (SQLite or MCAP) and ROS 1: joint states, and messages of numbers such as MultiArray."""
 
 import re
-from collections.abc import Iterator
+from array import array
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +12,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.importing.columns.log_table import (
-    LogColumn,
-    LogTable,
-    most_first,
-    numbers,
-    require_few_values,
-)
+from jointid.importing.columns.log_table import LogTable, most_first, require_few_values
 from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, begins_with, import_optional
 from jointid.wording import listed
@@ -27,8 +23,8 @@ _NUMBERS = re.compile(
     r"|geometry_msgs/msg/(?:Wrench|Vector3|Twist)(?:Stamped)?"
 )
 """Types whose numbers may be positions or torques."""
-_QUANTITIES = (("position", "rad"), ("velocity", "rad/s"), ("effort", "N·m"))
-_MOST_JOINTS = 200
+_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}
+_MOST_NUMBERS = 600
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
@@ -51,29 +47,33 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
             c for c in bag.connections if c.msgtype == _JOINT_STATE or _NUMBERS.fullmatch(c.msgtype)
         ]
         if not wanted:
-            topics = [f"{c.topic} ({c.msgtype})" for c in bag.connections]
+            seen = [f"{c.topic} ({c.msgtype})" for c in bag.connections]
             raise JointIdError(
                 f"{file} has no topic of type {_JOINT_STATE}, and none of numbers: record "
-                f"the joint states. Topics found: {listed(topics)}."
+                f"the joint states. Topics found: {listed(seen)}."
             )
-        logs: dict[str, _TopicLog] = {}
+        topics: dict[str, _Topic] = {}
         for connection, recorded_ns, raw in bag.messages(connections=wanted):
             message = deserialize(raw, connection.msgtype)
             of_joints = connection.msgtype == _JOINT_STATE
-            logs.setdefault(connection.topic, _TopicLog(file, of_joints)).add(message, recorded_ns)
-    if not logs:
-        raise JointIdError(f"{file}: {wanted[0].topic} holds no messages: record the bag again.")
-    alone = len(logs) == 1
-    tables = (log.table(f"{file}: {topic}") for topic, log in logs.items() if log.of_joints or alone)
-    states = most_first(file, tables)
-    if len(states) == len(logs):
-        return states
-    start = min(min(log.recorded) for log in logs.values())
-    signals = [signal for topic, log in logs.items() for signal in log.signals(topic, start)]
-    note = "Topics are merged by their times of recording."
-    together = tables_of_signals(file, signals, (note,))
-    complete = any(column.where == "effort" for table in states for column in table.columns)
-    return (*states, *together) if complete else (*together[:1], *states, *together[1:])
+            topics.setdefault(connection.topic, _Topic(file, of_joints)).add(message, recorded_ns)
+    alone = len(topics) == 1
+    own = {name: topic for name, topic in topics.items() if topic.of_joints or alone}
+    tables = (table for name, topic in own.items() for table in topic.tables(f"{file}: {name}"))
+    states = together = most_first(file, tables)
+    if len(own) < len(topics):
+        start = min(min(topic.recorded) for topic in topics.values())
+        signals = [
+            s for name, topic in topics.items() for s in topic.signals(topic.recorded, start, name)
+        ]
+        note = "Topics are merged by their times of recording."
+        together = tables_of_signals(file, signals, (note,))
+        complete = any(name.endswith(" effort") for table in states for name in table.names)
+        first = () if complete else together[:1]
+        together = (*first, *states, *together[len(first) :])
+    if not together:
+        raise JointIdError(f"{file}: {wanted[0].topic} holds no numbers: record the bag again.")
+    return together
 
 
 def _require_plain_names(file: str, path: Path) -> None:
@@ -87,82 +87,56 @@ def _require_plain_names(file: str, path: Path) -> None:
             )
 
 
-class _TopicLog:
-    """Messages of one topic: joint states gathered by joint, others with a column for each number."""
+class _Topic:
+    """Messages of one topic: every number by name, with the messages that hold it."""
 
     def __init__(self, file: str, of_joints: bool) -> None:
-        self.of_joints = of_joints
-        self._file = file
-        self._stamps: list[int] = []
-        self.recorded: list[int] = []
-        self._columns: dict[tuple[str, str], int] = {}
-        self._rows: list[tuple[np.ndarray, Floats]] = []
-        self._layouts: dict[tuple[Any, ...], np.ndarray] = {}
-        self._held = 0
+        self.of_joints, self._file = of_joints, file
+        self._stamps, self.recorded = array("q"), array("q")
+        self._numbers: dict[str, tuple[array[int], array[float]]] = {}
 
     def add(self, message: Any, recorded_ns: int) -> None:
+        for name, value in _joint_fields(message) if self.of_joints else _fields("", message):
+            places, values = self._numbers.setdefault(name, (array("q"), array("d")))
+            places.append(len(self.recorded))
+            values.append(value)
+        if len(self._numbers) > _MOST_NUMBERS:
+            raise JointIdError(
+                f"{self._file}: its messages name more than {_MOST_NUMBERS} numbers: record the state "
+                "of one robot."
+            )
         stamp = getattr(getattr(message, "header", None), "stamp", None)
         self._stamps.append(stamp.sec * 1_000_000_000 + stamp.nanosec if stamp is not None else 0)
         self.recorded.append(recorded_ns)
-        if self.of_joints:
-            names = tuple(message.name)
-            parts = [np.asarray(getattr(message, quantity), float) for quantity, _ in _QUANTITIES]
-            values = np.concatenate([part[: len(names)] for part in parts])
-            layout: tuple[Any, ...] = (names, *(part.size for part in parts))
-        else:
-            found = dict(_fields("", message))
-            names = layout = tuple(found)
-            values = np.array([*found.values()], float)
-        if layout not in self._layouts:
-            if max(len(names), len(self._layouts)) > _MOST_JOINTS:
-                raise JointIdError(
-                    f"{self._file}: its messages name more than {_MOST_JOINTS} joints, or different "
-                    "sets of joints: record the state of one robot."
-                )
-            columns = [("", name) for name in names]
-            if self.of_joints:
-                sizes = zip(_QUANTITIES, layout[1:], strict=True)
-                columns = [(name, quantity) for (quantity, _), size in sizes for name in names[:size]]
-            places = [self._columns.setdefault(column, len(self._columns)) for column in columns]
-            self._layouts[layout] = np.array(places, int)
-        self._held += values.size
-        require_few_values(self._file, self._held)
-        self._rows.append((self._layouts[layout], values))
+        if len(self.recorded) & 0xFFF == 0:
+            require_few_values(self._file, sum(len(values) for _, values in self._numbers.values()))
 
-    def signals(self, topic: str, start_ns: int) -> list[Signal]:
-        """Every column with its times of recording since a start, under the name of the topic."""
-        time = np.array(self.recorded, dtype=np.int64) - start_ns
-        order = np.argsort(time, kind="stable")
-        time_s = np.asarray(time[order] * 1e-9, np.float64)
-        return [
-            Signal(f"{topic} {name}", time_s[known], column[known], unit)
-            for name, _, unit, column in self._named(order)
-            if (known := np.isfinite(column)).any()
-        ]
+    def signals(self, ticks: Sequence[int], start_ns: int, topic: str = "") -> list[Signal]:
+        """Every number at the times of its messages since a start, under the name of the topic."""
+        time_s: Floats = np.asarray((np.array(ticks, dtype=np.int64) - start_ns) * 1e-9, np.float64)
+        signals = []
+        for name, (places, values) in self._numbers.items():
+            order = np.argsort(own := time_s[places], kind="stable")
+            unit = _UNITS[name.rpartition(" ")[2]] if self.of_joints else ""
+            signals.append(Signal(f"{topic} {name}".strip(), own[order], np.array(values)[order], unit))
+        return signals
 
-    def _named(self, order: np.ndarray) -> Iterator[tuple[str, str, str, Floats]]:
-        """Name, quantity, unit and values of every column, rows in some order."""
-        table, units = np.full((len(self._rows), len(self._columns)), np.nan), dict(_QUANTITIES)
-        for row, (places, values) in zip(table, self._rows, strict=True):
-            row[places] = values
-        for (joint, quantity), column in zip(self._columns, table[order].T, strict=True):
-            yield f"{joint} {quantity}".strip(), quantity, units.get(quantity, ""), column
-
-    def table(self, name: str) -> LogTable:
+    def tables(self, name: str) -> tuple[LogTable, ...]:
         stamped = len(set(self._stamps)) > len(self._stamps) // 2
-        ticks = np.array(self._stamps if stamped else self.recorded, dtype=np.int64)
-        order = np.argsort(ticks, kind="stable")
+        ticks = self._stamps if stamped else self.recorded
         notes = []
         if not stamped:
             notes.append("The messages carry no time stamps: the time of recording is used.")
-        if np.any(np.diff(ticks) < 0):
+        if any(b < a for a, b in pairwise(ticks)):
             notes.append("Some messages were recorded out of order; they were sorted by time.")
-        columns = [LogColumn("time", numbers((ticks[order] - ticks[order[0]]) * 1e-9), "s", "stamp")]
-        columns += [
-            LogColumn(name, numbers(column), unit, quantity)
-            for name, quantity, unit, column in self._named(order)
-        ]
-        return LogTable(name, tuple(columns), tuple(notes), 1, "message")
+        return tables_of_signals(name, self.signals(ticks, min(ticks)), notes)
+
+
+def _joint_fields(state: Any) -> Iterator[tuple[str, float]]:
+    """Numbers of a joint state by joint and quantity: "elbow effort"."""
+    for quantity in _UNITS:
+        for joint, value in zip(state.name, getattr(state, quantity), strict=False):
+            yield f"{joint} {quantity}", float(value)
 
 
 def _fields(name: str, value: Any) -> Iterator[tuple[str, float]]:
@@ -170,7 +144,7 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, float]]:
     if isinstance(value, int | float | np.number):
         yield name, float(value)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        for number, element in enumerate(value[:_MOST_JOINTS], start=1):
+        for number, element in enumerate(value[:_MOST_NUMBERS], start=1):
             yield f"{name} {number}", float(element)
     elif is_dataclass(value):
         for field in fields(value):

@@ -94,7 +94,7 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
         return None
     if quotes and columns[0].size != sum(bool(line.strip()) for line in body.split("\n")):
         return None  # a quote that is not closed swallows the lines up to the next one
-    return columns
+    return columns if columns[0].size > 1 else None
 
 
 def _read_slowly(
@@ -139,8 +139,11 @@ def _read_slowly(
             f"Column {layout.names[k] or k + 1}: {counted(count, 'cell')} without a number, "
             f'treated as missing; the first is "{text:.40}" in line {line}.'
         )
-    if not rows:
-        raise JointIdError(f"{file} has a header but no rows: export the log again.")
+    if len(rows) < 2:
+        raise JointIdError(
+            f"{file} has {counted(len(rows), 'row')} of numbers: export the log again, with one row per "
+            "sample."
+        )
     table = np.array(rows)
     for place, k in enumerate(wanted):
         if k in clocks:
