@@ -153,11 +153,11 @@ def torsion_curve(
     height = np.log(np.maximum(size, np.finfo(float).tiny))
     ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: height[r])
     span = max(float(np.ptp(height[ends])), 1e-9) if ends else 1.0
-    named = {*ends[:1], *ends[-1:]}
+    named = dict(zip((*ends[:1], *ends[-1:]), ("from ", "to "), strict=False)) if ends else {}
     for r in ends:
         share = (height[r] - height[ends[0]]) / span * (len(_SCALE) - 1)
         x, y = (np.append(v[r], v[r, 0]) for v in (wind_up, torque))
-        name, colour = f"{size[r]:.3g} {unit_of_size}", _SCALE[round(float(share))]
+        name, colour = f"{named.get(r, '')}{size[r]:.3g} {unit_of_size}", _SCALE[round(float(share))]
         half = 2 * scale.torque * curve.torque_noise_Nm[r]
         record = f"{curve.frequency_hz[r]:.3g} Hz, {scale.torque * curve.amplitude_Nm[r]:.3g} N·m"
         hover = f"%{{x:.4g}} {scale.angle}<br>%{{y:.4g}} ± {half:.2g} N·m<extra>{record}</extra>"

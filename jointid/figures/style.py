@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from html import escape
 from typing import Any
 
@@ -60,6 +61,18 @@ def colours(dark: bool) -> Colours:
     return DARK if dark else LIGHT
 
 
+class Drawn(go.Figure):
+    """A finished figure: its arrays are written as text once, not whenever a page shows it."""
+
+    @cached_property
+    def _written(self) -> dict[str, Any]:
+        return dict(super().to_dict())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figure as plotly sends it."""
+        return self._written
+
+
 def figure(
     traces: Sequence[Trace], x: Axis | None = None, *y: Axis, height: int, dark: bool, **layout: Any
 ) -> go.Figure:
@@ -113,7 +126,7 @@ def figure(
             "font": {"color": ink},
         },
     }
-    return go.Figure({"data": list(traces), "layout": base | layout})
+    return Drawn({"data": list(traces), "layout": base | layout})
 
 
 def plain_text(text: str, *, most: int = 80) -> str:

@@ -33,7 +33,7 @@ _PRELOADED = (
 """Imported when a worker starts, so that its first computation need not wait."""
 _PATIENCE_S = 5.0
 _LONGEST_TURN_S = 1.0
-_MOST_BYTES = 1 << 30
+_MOST_BYTES = 1 << 29
 _LIMIT_BYTES = 4 << 30
 _TIME_LEFT_AFTER_S = 0.5
 """After this time the remaining time is shown."""

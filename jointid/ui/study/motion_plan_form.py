@@ -26,7 +26,7 @@ from jointid.ui.shared.entries import (
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
-from jointid.ui.study.plan_form import pose_inertia
+from jointid.ui.study.plan_form import PlanSettings, pose_inertia
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
 from jointid.uncertainty.plan import PlannedRecords
 from jointid.wording import file_stem, percent, significant
@@ -202,15 +202,18 @@ def _planned(settings: MotionSettings, analysis: Analysis, show: Show) -> tuple[
     return tuple(plans)
 
 
-def show_motion_plan(page: Page, analysis: Analysis) -> None:
-    """Ask for the limits and show the expected accuracy of each motion."""
+def show_motion_plan(page: Page, analysis: Analysis, sines: PlanSettings | None = None) -> None:
+    """Ask for the limits and show the expected accuracy of each motion.
+
+    The limits of velocity and torque are those of the plan of ``sines``, if there is one.
+    """
     st.write(
         "The identified robot is simulated with a sweep and a multisine within your limits and with the "
         "noise of this study; the table shows the expected errors of K and D. A multisine on odd "
         "lines also separates nonlinear distortion from noise."
     )
     try:
-        settings = _ask(page, analysis)
+        settings = _ask(page, analysis, sines)
     except JointIdError as error:
         show_error(error)
         return
@@ -248,24 +251,29 @@ def show_motion_plan(page: Page, analysis: Analysis) -> None:
         show_error(error)
 
 
-def _ask(page: Page, analysis: Analysis) -> MotionSettings | None:
+def _ask(page: Page, analysis: Analysis, sines: PlanSettings | None) -> MotionSettings | None:
     study, n = analysis.study, analysis.fit.n
     largest = largest_motion(study.records)
     numbers = [
         enter_number(place, f"motion_{key}", *entry)
         for place, (key, entry) in zip(st.columns(4), _NUMBERS.items(), strict=True)
     ]
-    labels = ("Largest angle, ± (rad)", "Largest velocity (rad/s)", "Largest torque (N·m)")
+    labels = ["Largest angle, ± (rad)", "Largest velocity (rad/s)", "Largest torque (N·m)"]
     values = (largest.position_rad, largest.velocity_rad_s, largest.torque_Nm)
+    if sines is not None:
+        del labels[1:]
+        st.caption("Velocities and torques stay within the limits at the top of the page.")
     texts = [
         enter_text(place, f"motion {label} {page.digest[:12]}", label, ", ".join(f"{x:.3g}" for x in of))
-        for place, label, of in zip(st.columns(3), labels, values, strict=True)
+        for place, label, of in zip(st.columns(3), labels, values, strict=False)
     ]
     entered = applied("Predict", f"motions {page.digest}", (numbers, texts))
     if entered is None:
         return None
     (records, seconds, low, high), texts = entered
     limits = [numbers_in(label, text, count=n) for label, text in zip(labels, texts, strict=True)]
+    if sines is not None:
+        limits += [sines.velocity_rad_s, sines.torque_Nm]
     if min(min(each) for each in limits) <= 0:
         raise JointIdError("The largest angles, velocities and torques must be positive numbers.")
     return MotionSettings(
