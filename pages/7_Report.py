@@ -4,6 +4,7 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.analysis import NOT_USABLE
+from jointid.exporting import identification
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import downloads
@@ -20,7 +21,7 @@ if analysis.state == NOT_USABLE:
     show_error(f"{analysis.headline} Every file states this first.")
 stem, study = file_stem(page.study.name), page.study
 try:
-    found = downloads.results(page.digest, page.method, analysis)
+    found = page.computed("results", "Collecting the results", identification, analysis)
 except JointIdError as error:
     show_error(error)
     st.stop()

@@ -476,7 +476,6 @@ def _pictures(analysis: Analysis) -> Iterator[tuple[str, Callable[[], object]]]:
         yield "single record", partial(figures.single_record, analysis, last, pose=pose)
         yield "limits", partial(response_curves.magnitude_limits, analysis, pose, last)
     yield "stiffness", lambda: figures.dynamic_stiffness(fit, last, study.nominal)
-    yield "unexplained", lambda: figures.unexplained_torque(fit, last)
 
 
 def _inertias(analysis: Analysis) -> None:

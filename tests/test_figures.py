@@ -22,7 +22,6 @@ from jointid.figures import (
     spectra,
     torque_condition,
     torsion_curve,
-    unexplained_torque,
     waveforms,
 )
 from jointid.figures.style import DARK, LIGHT, frequency_axis, plain_text
@@ -49,7 +48,6 @@ def every_figure(analysis: Analysis, dark: bool) -> dict[str, go.Figure]:
         "small": model_over_measurement(analysis, last, dark=dark),
         "condition": torque_condition(analysis.transfer_matrices[""], dark=dark),
         "stiffness": dynamic_stiffness(analysis.fit, last, study.nominal, dark=dark),
-        "unexplained": unexplained_torque(analysis.fit, last, dark=dark),
     }
 
 
@@ -298,7 +296,6 @@ def no_spring(analyses: dict[int, Analysis]) -> Analysis:
         lambda a: single_record(a, 0),
         lambda a: model_over_measurement(a, 0),
         lambda a: dynamic_stiffness(a.fit, 0, a.study.nominal),
-        lambda a: unexplained_torque(a.fit, 0),
     ],
 )
 def test_an_estimate_that_is_no_spring_still_shows_the_measurement(

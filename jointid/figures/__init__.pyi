@@ -8,7 +8,6 @@ from .response import torque_condition as torque_condition
 from .springs import dynamic_stiffness as dynamic_stiffness
 from .springs import stiffness_over_amplitude as stiffness_over_amplitude
 from .springs import torsion_curve as torsion_curve
-from .springs import unexplained_torque as unexplained_torque
 from .waveforms import coherences as coherences
 from .waveforms import gear_deflection as gear_deflection
 from .waveforms import raw_columns as raw_columns

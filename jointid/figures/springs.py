@@ -10,7 +10,6 @@ from jointid.answer import AT_MOTOR, StiffnessUnit
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import (
-    Axis,
     Trace,
     colours,
     figure,
@@ -18,7 +17,6 @@ from jointid.figures.style import (
     joint_symbol,
     line,
     linear_axis,
-    log_axis,
     plain_text,
     points,
 )
@@ -89,29 +87,6 @@ def stiffness_error(fit: ElasticityFit) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         V = np.einsum("rjj->rj", fit.equations.residual_covariance(fit.K, fit.D)).real
         return np.asarray(np.sqrt(V / 2) / np.abs(fit.equations.a))
-
-
-def unexplained_torque(fit: ElasticityFit, joint: int, *, dark: bool = False) -> go.Figure:
-    """Torque of one joint that the model leaves unexplained, against what noise alone would leave."""
-    ink = colours(dark)
-    f = fit.equations.omega / (2 * np.pi)
-    left, noise = np.abs(fit.residual[:, joint]), fit.residual_noise[:, joint]
-    dash = {"symbol": "line-ew-open", "size": 12, "line": {"width": 2, "color": ink.quiet}}
-    traces = []
-    for name, torque, colour, marker in (
-        ("noise alone", noise, ink.quiet, dash),
-        ("left unexplained", left, ink.measured, {"symbol": joint_symbol(joint)}),
-    ):
-        hover = f"%{{x:.4g}} Hz<br>%{{y:.3g}} N·m<extra>{name}</extra>"
-        size = np.maximum(torque, 1e-300)
-        traces.append(points(f, size, name, colour, marker=marker, hovertemplate=hover))
-    sizes = np.abs(np.concatenate([fit.residual.ravel(), fit.residual_noise.ravel()]))
-    sizes = sizes[np.isfinite(sizes) & (sizes > 1e-30)]
-    more: Axis = {}
-    if sizes.size:  # the same for every joint
-        more["range"] = [float(np.log10(sizes.min() / 1.5)), float(np.log10(sizes.max() * 1.5))]
-    axis = log_axis("Motor torque (N·m)", **more)
-    return figure(traces, frequency_axis(f), axis, height=320, dark=dark)
 
 
 _MOST_RECORDS = 10

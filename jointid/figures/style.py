@@ -61,7 +61,7 @@ def colours(dark: bool) -> Colours:
     return DARK if dark else LIGHT
 
 
-class Drawn(go.Figure):
+class Drawn(go.Figure):  # type: ignore[misc]
     """A finished figure: its arrays are written as text once, not whenever a page shows it."""
 
     @cached_property

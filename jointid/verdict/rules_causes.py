@@ -76,8 +76,8 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     also = f" ({', '.join(others)})" if others else ""
     yield note(
         f"{title}: the paper's estimate of {names[worst]} is {percent(share[worst])} too {high}",
-        f"{cause}With the same inertias, least squares gives {significant(float(other[worst]))}, this fit "
-        f"{with_error(float(p[worst]), float(fit.standard_error[worst]))}{also}.",
+        f"{cause}With the same inertias, least squares gives {significant(float(other[worst]))}, "
+        f"this fit {with_error(float(p[worst]), float(fit.standard_error[worst]))}{also}.",
         remedy,
         float(share[worst]),
     )

@@ -139,7 +139,8 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
     """Three corner zones, nominal above, identified below, with the picture as a file."""
     st.caption(
         "As Figure 7 of the paper. In a larger zone the tool passes the corner faster; up to about "
-        "10 mm the springs then deflect more. Grey: reference path; below each shape: largest path error."
+        "10 mm the springs then deflect more. Grey: reference path; below each shape: largest path "
+        "error."
     )
     pairs = cached_cuts.pairs(page, settings, outcome)
     names = (nominal, "identified")

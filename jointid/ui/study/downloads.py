@@ -74,12 +74,6 @@ _MATLAB_HINT = (
 )
 
 
-@st.cache_resource(max_entries=64, show_spinner="Collecting the results")
-def results(digest: str, method: str, _analysis: Analysis) -> exporting.Identification:
-    """Collect the results of an analysis for its files, which are written when they are saved."""
-    return exporting.identification(_analysis)
-
-
 def show_identification_files(found: exporting.Identification, analysis: Analysis, stem: str) -> None:
     """Offer K, D and their origin as JSON, TOML and MATLAB."""
     st.header("K, D and how they were obtained", anchor=False)

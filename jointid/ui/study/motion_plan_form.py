@@ -73,29 +73,28 @@ def show_set_points(
         "first; a file is written only if all limits hold. Read its header before use."
     )
     sines = isinstance(plan, PlannedRecords)
-    form = "setpoints" if sines else "setpoints of motions"
     ratios = analysis.study.gear_ratios
     entered = {} if ratios is None else {"gear_ratio": numbers_out(ratios)}
-    keys = {name: f"{form}_{name}_{page.digest[:12]}" for name in _LIMITS if name not in entered}
-    _load_limits(keys, form)
+    keys = {name: f"setpoints_{name}_{page.digest[:12]}" for name in _LIMITS if name not in entered}
+    _load_limits(keys)
     places = [column for _ in range(4) for column in st.columns(3)]
     for place, (name, key) in zip(places, keys.items(), strict=False):
         label, example, hint = _LIMITS[name]
         entered[name] = enter_text(place, key, label, "", hint, example)
     one, two, three, four = st.columns(4)
-    kind = choose_from(one, f"{form}_kind", "Motion", list(_FORMS)) if sines else _SINES
+    kind = choose_from(one, "setpoints_kind", "Motion", list(_FORMS)) if sines else _SINES
     titles = {name: each.title for name, each in FORMATS.items()}
-    file_format = choose_from(two, f"{form}_format", "Format", list(FORMATS), titles.__getitem__)
+    file_format = choose_from(two, "setpoints_format", "Format", list(FORMATS), titles.__getitem__)
     interval_hint = "Empty: the default of the format."
-    interval = enter_text(three, f"{form}_interval", "Interval (ms)", "", interval_hint)
+    interval = enter_text(three, "setpoints_interval", "Interval (ms)", "", interval_hint)
     numbers: list[Any] = [
-        enter_number(place, f"{form}_{key}", *entry)
+        enter_number(place, f"setpoints_{key}", *entry)
         for place, (key, entry) in zip((four, *st.columns(3)), _PLAYED.items(), strict=True)
     ]
-    label = "Superposed velocities (°/s)"
-    superposed = enter_text(st.container(), f"{form}_superposed", label, "0", _SUPERPOSED)
+    drift_entry = "setpoints_superposed", "Superposed velocities (°/s)", "0", _SUPERPOSED
+    superposed = enter_text(st.container(), *drift_entry)
     choice = (entered, kind, file_format, interval, numbers, superposed)
-    known = applied("Check on the simulated robot", f"{form} {page.digest}", choice)
+    known = applied("Check on the simulated robot", f"setpoints {page.digest} {sines}", choice)
     if known is not None:
         entered, kind, file_format, interval, numbers, superposed = known
     if known is None or not entered["gear_ratio"].strip():
@@ -142,15 +141,14 @@ def show_set_points(
         st.code("\n".join(points.comments), language=None, height=360)
 
 
-def _load_limits(keys: dict[str, str], form: str) -> None:
+def _load_limits(keys: dict[str, str]) -> None:
     """Fill the fields in from the file of limits that ``jointid setpoints`` reads."""
     hint = "The file that jointid setpoints --limits reads. Its values fill the fields below."
     label = "Limits and start pose (.toml), optional"
-    key = f"{form} limits"
-    file = st.file_uploader(label, ["toml"], key=key, help=hint, max_upload_size=1)
-    if file is None or st.session_state.get(f"{form} file") == file.file_id:
+    file = st.file_uploader(label, ["toml"], key="setpoints limits", help=hint, max_upload_size=1)
+    if file is None or st.session_state.get("setpoints file") == file.file_id:
         return
-    st.session_state[f"{form} file"] = file.file_id
+    st.session_state["setpoints file"] = file.file_id
     robot = limits_from_toml(file.getvalue(), file.name)
     for name, key in keys.items():
         value = getattr(robot, name)
