@@ -13,8 +13,9 @@ from app_pages import ELASTICITY, opened, shown, upload
 from streamlit.testing.v1 import AppTest
 
 from jointid import Analysis, Study
-from jointid.figures.uncertainty import harmonic_bars, normalised_residuals
+from jointid.figures.uncertainty import normalised_residuals
 from jointid.ui.shared.charts import csv_of
+from jointid.ui.study.elasticity_figures import harmonic_columns
 from jointid.ui.study.plan_form import largest_so_far, suggested_columns
 from jointid.uncertainty.plan import suggest_records
 from jointid.uncertainty.sensitivity import prior_influence
@@ -87,7 +88,8 @@ class TestErrorBars:
         closed = len(opened(app, ELASTICITY, joints).get("plotly_chart"))
         assert closed == joints
         at = opened(app, ELASTICITY, joints, details="Model check")
-        assert len(at.get("plotly_chart")) == closed + 2 + joints
+        assert len(at.get("plotly_chart")) == closed + 2
+        assert any("Odd τ1 (%)" in shown.value for shown in at.dataframe)
 
     def test_every_figure_is_drawn_for_every_joint(self, app: AppTest, joints: int) -> None:
         for figure in ("Frequency response", "Dynamic stiffness", "K over amplitude"):
@@ -233,8 +235,12 @@ class TestFigures:
 
     def test_harmonics_are_in_per_cent(self, found: Analysis) -> None:
         content = harmonic_content(found.phasors)
-        odd = harmonic_bars(content, 2, found.phasors.labels).data[0]
-        np.testing.assert_allclose(odd.y, 100 * content.odd[:, 2])
+        shown = harmonic_columns(content)
+        assert list(shown) == ["Odd τ1 (%)", "Even τ1 (%)", "Odd τ2 (%)", "Even τ2 (%)"]
+        clear = content.significance[:, 2] > 4
+        assert [text != "–" for text in shown["Odd τ1 (%)"]] == clear.tolist()
+        read = [number(text) for text in shown["Odd τ1 (%)"] if text != "–"]
+        np.testing.assert_allclose(read, 100 * content.odd[clear, 2], rtol=0.06)
 
 
 LIMITS = {

@@ -20,14 +20,15 @@ from jointid.figures import (
     torsion_curve,
 )
 from jointid.figures.springs import ColourBy
-from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
-from jointid.ui.shared.charts import NO_POSE, choose_segment, download, plot
+from jointid.figures.uncertainty import left_out_prediction, normalised_residuals
+from jointid.ui.shared.charts import NO_POSE, choose_segment, download, plot, table
 from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.torque_prediction import TorquePrediction, predict_torques
 from jointid.uncertainty.validation import (
+    HarmonicContent,
     Prediction,
     harmonic_content,
     predict_left_out,
@@ -37,6 +38,8 @@ from jointid.verdict.rules_model import EXPLAINED
 from jointid.wording import file_stem, significant, with_error
 
 _ROBOT_MODELS = ("toml", "urdf", "xml")
+_SIGNIFICANT = 4.0
+"""Root mean square of a record's harmonics, in units of their noise, that is not by chance."""
 _SPREAD = 1.5
 """Largest over smallest torque amplitude from which K over amplitude is worth a plot."""
 _DYNAMIC_STIFFNESS = r"""
@@ -238,17 +241,23 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
         show_info(error)
         return
     st.markdown("**Harmonics of the torques**")
-    caption = (
-        "A linear gear has no harmonics of the excitation. Odd harmonics indicate friction, even ones "
-        "backlash or a one-sided load. Pale bars: within the noise."
+    st.caption(
+        "Over the fundamental. A linear gear has none. Odd harmonics indicate friction, even ones "
+        "backlash or a one-sided load; –: within the noise."
     )
-    n, labels = analysis.fit.n, analysis.phasors.labels
-    page.show_per_joint(
-        "harmonics",
-        lambda j, dark: harmonic_bars(content, n + j, labels, dark=dark),
-        "Harmonics of the torque of joint {0}",
-        caption=caption,
-    )
+    table({"Record": list(analysis.phasors.labels)} | harmonic_columns(content))
+
+
+def harmonic_columns(content: HarmonicContent) -> dict[str, list[str]]:
+    """Odd and even harmonics of every torque by record, those within the noise left out."""
+    columns = {}
+    for j in range(content.odd.shape[1] // 2, content.odd.shape[1]):
+        clear = content.significance[:, j] > _SIGNIFICANT
+        for name, share in (("Odd", content.odd[:, j]), ("Even", content.even[:, j])):
+            cells = zip(clear, share.tolist(), strict=True)
+            heading = f"{name} τ{j + 1 - content.odd.shape[1] // 2} (%)"
+            columns[heading] = [significant(100 * x, 2) if known else "–" for known, x in cells]
+    return columns
 
 
 def show_poses(page: Page, analysis: Analysis) -> None:
