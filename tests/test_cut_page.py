@@ -326,7 +326,7 @@ class TestShapes:
 
     def test_a_picture_maps_metres_to_pixels_upright(self) -> None:
         tracks = [(self.SQUARE, "#0072B2")]
-        drawing = cut_drawing(self.SQUARE, tracks, (0.0, 0.0, 0.019, 0.019), "a square")
+        drawing = cut_drawing(self.SQUARE, tracks, [0.0, 0.0, 0.019, 0.019], "a square")
         root = ElementTree.fromstring(to_svg(drawing))
         paths = [element.attrib["d"] for element in root]
         assert len(paths) == 2

@@ -160,12 +160,6 @@ def points(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
     return trace
 
 
-def bars(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
-    """Return a bar trace."""
-    style = {"color": colour} | more.pop("marker", {})
-    return {"type": "bar", "x": x, "y": y, "name": name, "marker": style} | more
-
-
 def upright(x: float, colour: str, *, width: float = 1.5, dash: str = "solid", **more: Any) -> Shape:
     """Return a vertical line over the whole height of a figure."""
     stroke = {"color": colour, "width": width, "dash": dash}
@@ -213,9 +207,3 @@ def linear_axis(title: str, **more: Any) -> Axis:
 
 def _title(text: str) -> dict[str, Any]:
     return {"standoff": 10, "text": text}
-
-
-def from_zero(title: str, values: Floats, **more: Any) -> Axis:
-    """Return a linear axis from just below zero, which shows markers at zero whole."""
-    top = float(np.nanmax(values[np.isfinite(values)], initial=0.0)) or 1.0
-    return linear_axis(title, range=[-0.06 * top, 1.1 * top], **more)

@@ -8,7 +8,6 @@ from jointid.figures.style import (
     colours,
     figure,
     frequency_axis,
-    from_zero,
     joint_symbol,
     line,
     linear_axis,
@@ -47,7 +46,7 @@ def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Fig
         )
     )
     magnitude = log_axis("Magnitude (1/(kg·m²))", share=1.6)
-    difference = from_zero("Difference (%)", 100 * prediction.relative_error, nticks=4)
+    difference = linear_axis("Difference (%)", rangemode="tozero", nticks=4)
     return figure(traces, frequency_axis(f), magnitude, difference, height=430, dark=dark)
 
 
