@@ -193,7 +193,6 @@ def _analyse(study: Study, method: str) -> Analysis:
                 inertias=study.inertias,
                 phasors=phasors,
                 fit=fits[method],
-                paper=fits["least-squares"],
                 transfer_matrices=transfer_matrices,
             )
         )

@@ -46,4 +46,4 @@ if not analysis.transfer_matrices:
 pose = choose_pose(list(analysis.transfer_matrices))
 i, j = choose_element(n)
 show_element(page, analysis, pose, i, j)
-show_how_well_known(page, analysis.transfer_matrices[pose], pose, i, j)
+show_how_well_known(analysis.transfer_matrices[pose], i, j)

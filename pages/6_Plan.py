@@ -67,4 +67,4 @@ except JointIdError as error:
     show_error(error)
 if motions.open:
     with motions:
-        show_motion_plan(page, analysis)
+        show_motion_plan(page, analysis, settings)

@@ -6,6 +6,7 @@ from jointid import JointIdError
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.page import start
+from jointid.ui.shared.results import steps_at
 from jointid.ui.shared.workspace import go_to, keep
 from jointid.ui.study.simulation_form import ask, simulated_study
 
@@ -25,15 +26,10 @@ st.latex(
 try:
     simulation = ask()
     if simulation is not None:
-        bar = st.progress(0.0, "Preparing")
+        show = steps_at(st.progress(0.0, "Preparing"))
         st.button("Stop", help="Stops the simulation and discards it.")
-        study = simulated_study(
-            simulation,
-            lambda done: (
-                bar.progress(min(done, 1.0), f"Simulating {simulation.records} records: {done:.0%}")
-                and None
-            ),
-        )
+        what = f"Simulating {simulation.records} records"
+        study = simulated_study(simulation, lambda done: show(done, what))
         keep(study, "simulated")
         go_to(OVERVIEW.path)
 except JointIdError as error:

@@ -35,9 +35,7 @@ from jointid.exporting.state_space import state_space
 from jointid.exporting.tables import phasor_table, transfer_matrix_table, without_friction_and_delay
 from jointid.figures import response_curves
 from jointid.figures.phasor_plane import phasor_plane
-from jointid.figures.response import torque_condition
 from jointid.figures.uncertainty import (
-    harmonic_bars,
     left_out_prediction,
     normalised_residuals,
     worst_error,
@@ -51,6 +49,7 @@ from jointid.reporting.pdf import to_pdf
 from jointid.reporting.report import make_report
 from jointid.ui.study.data_quality import phasor_table as phasors_shown
 from jointid.ui.study.data_quality import quality_table
+from jointid.ui.study.elasticity_figures import harmonic_columns
 from jointid.ui.study.uncertainty_panels import errors_table
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
@@ -438,7 +437,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
     yield "poses", lambda: _poses(analysis)
     yield "prediction", lambda: left_out_prediction(predict_left_out(phasors, study.inertias[0], fit))
     yield "residuals", lambda: _residuals(analysis)
-    yield "harmonics", lambda: harmonic_bars(harmonic_content(phasors), n, phasors.labels)
+    yield "harmonics", lambda: harmonic_columns(harmonic_content(phasors))
     yield "amplitudes", lambda: amplitude_dependence(fit)
     yield "freed", lambda: compensated_phasors(phasors, fit)
     yield "plan", lambda: _plan(analysis)
@@ -467,12 +466,10 @@ def _pictures(analysis: Analysis) -> Iterator[tuple[str, Callable[[], object]]]:
     for pose in analysis.transfer_matrices:
         yield "element", partial(figures.element_response, analysis, last, 0, pose=pose)
         yield "model", partial(figures.model_over_measurement, analysis, last, pose=pose)
-        yield "condition", partial(torque_condition, analysis.transfer_matrices[pose])
     for pose in {record.pose or "" for record in study.records}:
         yield "single record", partial(figures.single_record, analysis, last, pose=pose)
         yield "limits", partial(response_curves.magnitude_limits, analysis, pose, last)
     yield "stiffness", lambda: figures.dynamic_stiffness(fit, last, study.nominal)
-    yield "unexplained", lambda: figures.unexplained_torque(fit, last)
 
 
 def _inertias(analysis: Analysis) -> None:

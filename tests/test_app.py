@@ -29,7 +29,7 @@ RECORD_VIEWS = ("A few periods", "Whole record", "Spectrum")
 FIGURES = {
     "pages/1_Records.py": 2,
     "pages/2_Phasors.py": 2,
-    "pages/3_Transfer_matrix.py": 3,
+    "pages/3_Transfer_matrix.py": 2,
     "pages/4_Elasticity.py": 2,
 }
 """How many figures each page shows of two joints."""

@@ -246,8 +246,8 @@ def test_equal_computations_are_one_and_failed_ones_are_none(pool: Pool) -> None
     assert kept.begin("c", counts).result(PATIENCE_S) == 6
 
 
-def test_the_cache_has_a_limit_whatever_is_kept() -> None:
-    kept = ResultCache(most_bytes=0, always_kept=64, limit_bytes=3 << 20)
+def test_the_cache_has_a_limit_but_keeps_the_latest() -> None:
+    kept = ResultCache(most_bytes=3 << 20, always_kept=1)
     for key in range(5):
         kept.put(key, np.zeros(1 << 17))  # 1 MiB
     assert [key for key in range(5) if kept.get(key) is not None] == [2, 3, 4]

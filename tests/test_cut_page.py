@@ -21,8 +21,7 @@ from jointid import Analysis, Elasticity, PlanarArm, analyse, load_study, rectan
 from jointid.cut.outcome import Outcome, cut_outcome, millimetres, study_outcome
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.figures.cut import (
-    path_error_over_time,
-    torque_over_time,
+    cut_over_time,
 )
 from jointid.figures.style import DARK, LIGHT
 from jointid.files.digest import study_digest
@@ -218,7 +217,7 @@ class TestPage:
 
     def test_the_tab_over_time_draws_its_figures(self, app: AppTest) -> None:
         app.query_params["cut_details"] = "Over time"
-        assert len(shown(app.switch_page(PAGE).run()).get("plotly_chart")) == 2
+        assert len(shown(app.switch_page(PAGE).run()).get("plotly_chart")) == 1
 
     def test_the_drive_may_be_another_and_that_is_said(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
@@ -327,7 +326,7 @@ class TestShapes:
 
     def test_a_picture_maps_metres_to_pixels_upright(self) -> None:
         tracks = [(self.SQUARE, "#0072B2")]
-        drawing = cut_drawing(self.SQUARE, tracks, (0.0, 0.0, 0.019, 0.019), "a square")
+        drawing = cut_drawing(self.SQUARE, tracks, [0.0, 0.0, 0.019, 0.019], "a square")
         root = ElementTree.fromstring(to_svg(drawing))
         paths = [element.attrib["d"] for element in root]
         assert len(paths) == 2
@@ -358,20 +357,14 @@ class TestShapes:
 class TestFigures:
     def test_axes_have_units_and_meanings_their_colour(self, outcome: Outcome) -> None:
         for dark, ink in ((False, LIGHT), (True, DARK)):
-            both = [
-                path_error_over_time(outcome, dark=dark),
-                torque_over_time(outcome, dark=dark),
-            ]
-            for figure in both:
-                colours = {t.name: t.line.color for t in figure.data}
-                assert colours["nominal"] == ink.nominal
-                assert colours["identified"] == ink.identified
-            for figure in both:
-                layout = figure.to_dict()["layout"]
-                titles = [layout[name]["title"]["text"] for name in layout if "axis" in name[:5]]
-                assert all("(" in title or not title for title in titles)
+            figure = cut_over_time(outcome, dark=dark)
+            colours = {t.name: t.line.color for t in figure.data}
+            assert colours == {"nominal": ink.nominal, "identified": ink.identified}
+            layout = figure.to_dict()["layout"]
+            titles = [layout[name]["title"]["text"] for name in layout if "axis" in name[:5]]
+            assert all("(" in title for title in titles)
 
     def test_errors_are_in_millimetres(self, outcome: Outcome) -> None:
-        figure = path_error_over_time(outcome)
+        figure = cut_over_time(outcome)
         peak = max(figure.data[0].y)
         assert peak == pytest.approx(1e3 * outcome.before_m, rel=0.01)

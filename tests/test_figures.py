@@ -20,9 +20,7 @@ from jointid.figures import (
     raw_columns,
     single_record,
     spectra,
-    torque_condition,
     torsion_curve,
-    unexplained_torque,
     waveforms,
 )
 from jointid.figures.style import DARK, LIGHT, frequency_axis, plain_text
@@ -47,9 +45,7 @@ def every_figure(analysis: Analysis, dark: bool) -> dict[str, go.Figure]:
         "element": element_response(analysis, last, 0, dark=dark),
         "single": single_record(analysis, last, dark=dark),
         "small": model_over_measurement(analysis, last, dark=dark),
-        "condition": torque_condition(analysis.transfer_matrices[""], dark=dark),
         "stiffness": dynamic_stiffness(analysis.fit, last, study.nominal, dark=dark),
-        "unexplained": unexplained_torque(analysis.fit, last, dark=dark),
     }
 
 
@@ -69,7 +65,7 @@ def test_every_figure_names_its_axes_with_units_and_its_meanings_once(
         axes = [axis for key, axis in layout.items() if key.startswith(("xaxis", "yaxis"))]
         for axis in axes:
             text = axis["title"]["text"]
-            assert "(" in text or text.startswith("Condition"), (name, text)
+            assert "(" in text, (name, text)
         legend = [t.name for t in figure.data if t.showlegend is not False]
         assert len(legend) == len(set(legend)), (name, legend)
         ink = DARK if dark else LIGHT
@@ -298,7 +294,6 @@ def no_spring(analyses: dict[int, Analysis]) -> Analysis:
         lambda a: single_record(a, 0),
         lambda a: model_over_measurement(a, 0),
         lambda a: dynamic_stiffness(a.fit, 0, a.study.nominal),
-        lambda a: unexplained_torque(a.fit, 0),
     ],
 )
 def test_an_estimate_that_is_no_spring_still_shows_the_measurement(

@@ -4,11 +4,9 @@ from .response import compared_models as compared_models
 from .response import element_response as element_response
 from .response import model_over_measurement as model_over_measurement
 from .response import single_record as single_record
-from .response import torque_condition as torque_condition
 from .springs import dynamic_stiffness as dynamic_stiffness
 from .springs import stiffness_over_amplitude as stiffness_over_amplitude
 from .springs import torsion_curve as torsion_curve
-from .springs import unexplained_torque as unexplained_torque
 from .waveforms import coherences as coherences
 from .waveforms import gear_deflection as gear_deflection
 from .waveforms import raw_columns as raw_columns

@@ -1,7 +1,6 @@
 """The cut over time, and the tool under a force."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -16,49 +15,30 @@ _STRIDE = 4
 """One point per millisecond."""
 
 
-def path_error_over_time(outcome: Outcome, *, dark: bool = False) -> go.Figure:
-    """Contour error above, tracking error below, both controllers, against time."""
-    panels = (
-        ("Path error (mm)", lambda run: 1e3 * run.contour_error_m),
-        ("Tracking error (mm)", lambda run: 1e3 * run.tracking_error_m),
-    )
-    return _over_time(outcome, panels, dark, rangemode="tozero")
+_PANELS: dict[str, Callable[[TrackingRun], Floats]] = {
+    "Path error (mm)": lambda run: 1e3 * run.contour_error_m,
+    "Tracking error (mm)": lambda run: 1e3 * run.tracking_error_m,
+    "Torque, motor 1 (N·m)": lambda run: run.motor_torque_Nm[:, 0],
+    "Torque, motor 2 (N·m)": lambda run: run.motor_torque_Nm[:, 1],
+}
 
 
-def torque_over_time(outcome: Outcome, *, dark: bool = False) -> go.Figure:
-    """Motor torques of both joints, both controllers, against time."""
-    panels = (
-        ("Torque, motor 1 (N·m)", lambda run: run.motor_torque_Nm[:, 0]),
-        ("Torque, motor 2 (N·m)", lambda run: run.motor_torque_Nm[:, 1]),
-    )
-    return _over_time(outcome, panels, dark)
-
-
-def _over_time(
-    outcome: Outcome,
-    panels: Sequence[tuple[str, Callable[[TrackingRun], Floats]]],
-    dark: bool,
-    **axis: Any,
-) -> go.Figure:
-    """Two quantities of both controllers, one panel above the other: title with unit, and values."""
-    traces: list[Trace] = []
-    for name, run, colour in _both(outcome, dark):
-        for k, (title, values) in enumerate(panels):
-            what, _, unit = title.rstrip(")").partition(" (")
-            hover = f"%{{x:.0f}} ms<br>%{{y:.3g}} {unit}<extra>{name}, {what.lower()}</extra>"
-            style = {"yaxis": ("y", "y2")[k], "showlegend": k == 0, "legendgroup": name}
-            x, y = 1e3 * run.time_s[::_STRIDE], values(run)[::_STRIDE]
-            traces.append(line(x, y, name, colour, hovertemplate=hover, **style))
-    axes = [linear_axis(title, **axis) for title, _ in panels]
-    return figure(traces, linear_axis("Time (ms)"), *axes, height=420, dark=dark)
-
-
-def _both(outcome: Outcome, dark: bool) -> list[tuple[str, TrackingRun, str]]:
+def cut_over_time(outcome: Outcome, *, dark: bool = False) -> go.Figure:
+    """Errors and motor torques with both controllers, one panel above the other."""
     ink = colours(dark)
-    return [
+    traces: list[Trace] = []
+    for name, run, colour in (
         ("nominal", outcome.before, ink.nominal),
         ("identified", outcome.after, ink.identified),
-    ]
+    ):
+        for k, (title, values) in enumerate(_PANELS.items(), start=1):
+            what, _, unit = title.rstrip(")").partition(" (")
+            hover = f"%{{x:.0f}} ms<br>%{{y:.3g}} {unit}<extra>{name}, {what.lower()}</extra>"
+            style = {"yaxis": f"y{k}", "showlegend": k == 1, "legendgroup": name}
+            x, y = 1e3 * run.time_s[::_STRIDE], values(run)[::_STRIDE]
+            traces.append(line(x, y, name, colour, hovertemplate=hover, **style))
+    axes = [linear_axis(title, nticks=4) for title in _PANELS]
+    return figure(traces, linear_axis("Time (ms)"), *axes, height=720, dark=dark)
 
 
 def deflection_ellipse(

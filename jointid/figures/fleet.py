@@ -7,7 +7,6 @@ from jointid.answer import UNITS
 from jointid.arrays import Floats
 from jointid.figures.style import (
     Trace,
-    bars,
     colours,
     figure,
     line,
@@ -44,9 +43,9 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
     unit = UNITS[spread.name[0]]
     hover = f"%{{y}} studies<br>%{{customdata[0]:.4g}} to %{{customdata[1]:.4g}} {unit}<extra></extra>"
     ends, edge = np.stack([edges[:-1], edges[1:]], axis=1), {"width": 1, "color": _PAPER[dark]}
-    look: Trace = {"width": np.diff(edges), "marker": {"opacity": 0.85, "line": edge}}
-    about: Trace = {"customdata": ends, "hovertemplate": hover}
-    traces = [bars(ends.mean(axis=1), height, "studies", ink.identified, **look, **about)]
+    studies: Trace = {"type": "bar", "x": ends.mean(axis=1), "y": height, "width": np.diff(edges)}
+    studies |= {"name": "studies", "customdata": ends, "hovertemplate": hover}
+    traces = [studies | {"marker": {"color": ink.identified, "opacity": 0.85, "line": edge}}]
     if spread.outliers.any():
         traces.append(_outliers(spread, low, high, ink.measured))
     shapes = [upright(spread.median, ink.measured)]

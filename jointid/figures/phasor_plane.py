@@ -74,7 +74,11 @@ def phasor_plane(
                     "hoverinfo": "skip",
                 }
             )
-    radial = {"gridcolor": GRID, "linecolor": GRID, "angle": 45, "tickangle": 45, "nticks": 4}
+    between = np.arange(22.5, 360.0, 45.0)  # the angles' own labels stand at multiples of 45°
+    turned = np.degrees(np.angle(values[size > 0]))[:, None] - between
+    free = np.abs((turned + 180) % 360 - 180).min(axis=0, initial=180).argmax()
+    radial = {"gridcolor": GRID, "linecolor": GRID, "angle": between[free], "nticks": 4}
+    radial["tickangle"] = radial["angle"]  # it is counted from the axis: the text is level
     if logarithmic:
         shown = [float(np.log10(low / 2)), float(np.log10(high * 1.3))]
         decades = [10.0**k for k in range(int(np.ceil(shown[0])), int(np.floor(shown[1])) + 1)]

@@ -27,14 +27,12 @@ from jointid.figures.style import (
     colours,
     figure,
     frequency_axis,
-    from_zero,
     line,
     linear_axis,
     log_axis,
     plain_text,
     points,
 )
-from jointid.transfer_matrix import TransferMatrix
 
 _UNIT = "1/(kg·m²)"
 _TWO_LINES = {"l": 8, "r": 12, "t": 60, "b": 8}
@@ -85,30 +83,6 @@ def model_over_measurement(
         Curve(name, "measured", measured(matrix, joint, joint), "circle"),
     ]
     return _magnitudes(curves, joint, [magnitude_limits(analysis, pose, joint)], 300, dark)
-
-
-def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure:
-    """Condition of the records and asymmetry of H at each frequency."""
-    ink = colours(dark)
-    f = matrix.omega / (2 * np.pi)
-    reciprocity = 100 * matrix.reciprocity_error
-    traces = []
-    for y, name, text, axis in (
-        (matrix.condition, "condition", "condition number %{y:.3g}", "y"),
-        (reciprocity, "reciprocity", "|H_ij − H_ji| is %{y:.3g} % of the largest element", "y2"),
-    ):
-        hover = f"%{{x:.4g}} Hz<br>{text}<extra></extra>"
-        style: Trace = {"hovertemplate": hover, "showlegend": False, "yaxis": axis}
-        traces.append(points(f, y, name, ink.measured, **style))
-    top = max(2.0, float(matrix.condition.max()) * 1.2)
-    title = "Condition number"
-    scale = (
-        linear_axis(title, range=[0.8, top])
-        if top < 20
-        else log_axis(title, range=[-0.05, float(np.log10(top))])
-    )
-    asymmetry = from_zero("Reciprocity (%)", reciprocity)
-    return figure(traces, frequency_axis(f), scale, asymmetry, height=380, dark=dark)
 
 
 def compared_models(

@@ -10,7 +10,6 @@ from jointid.answer import AT_MOTOR, StiffnessUnit
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import (
-    Axis,
     Trace,
     colours,
     figure,
@@ -18,7 +17,6 @@ from jointid.figures.style import (
     joint_symbol,
     line,
     linear_axis,
-    log_axis,
     plain_text,
     points,
 )
@@ -91,29 +89,6 @@ def stiffness_error(fit: ElasticityFit) -> np.ndarray:
         return np.asarray(np.sqrt(V / 2) / np.abs(fit.equations.a))
 
 
-def unexplained_torque(fit: ElasticityFit, joint: int, *, dark: bool = False) -> go.Figure:
-    """Torque of one joint that the model leaves unexplained, against what noise alone would leave."""
-    ink = colours(dark)
-    f = fit.equations.omega / (2 * np.pi)
-    left, noise = np.abs(fit.residual[:, joint]), fit.residual_noise[:, joint]
-    dash = {"symbol": "line-ew-open", "size": 12, "line": {"width": 2, "color": ink.quiet}}
-    traces = []
-    for name, torque, colour, marker in (
-        ("noise alone", noise, ink.quiet, dash),
-        ("left unexplained", left, ink.measured, {"symbol": joint_symbol(joint)}),
-    ):
-        hover = f"%{{x:.4g}} Hz<br>%{{y:.3g}} N·m<extra>{name}</extra>"
-        size = np.maximum(torque, 1e-300)
-        traces.append(points(f, size, name, colour, marker=marker, hovertemplate=hover))
-    sizes = np.abs(np.concatenate([fit.residual.ravel(), fit.residual_noise.ravel()]))
-    sizes = sizes[np.isfinite(sizes) & (sizes > 1e-30)]
-    more: Axis = {}
-    if sizes.size:  # the same for every joint
-        more["range"] = [float(np.log10(sizes.min() / 1.5)), float(np.log10(sizes.max() * 1.5))]
-    axis = log_axis("Motor torque (N·m)", **more)
-    return figure(traces, frequency_axis(f), axis, height=320, dark=dark)
-
-
 _MOST_RECORDS = 10
 """Records drawn; more would hide each other."""
 _MOST_TURNS = 12
@@ -153,11 +128,11 @@ def torsion_curve(
     height = np.log(np.maximum(size, np.finfo(float).tiny))
     ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: height[r])
     span = max(float(np.ptp(height[ends])), 1e-9) if ends else 1.0
-    named = {*ends[:1], *ends[-1:]}
+    named = dict(zip((*ends[:1], *ends[-1:]), ("from ", "to "), strict=False)) if ends else {}
     for r in ends:
         share = (height[r] - height[ends[0]]) / span * (len(_SCALE) - 1)
         x, y = (np.append(v[r], v[r, 0]) for v in (wind_up, torque))
-        name, colour = f"{size[r]:.3g} {unit_of_size}", _SCALE[round(float(share))]
+        name, colour = f"{named.get(r, '')}{size[r]:.3g} {unit_of_size}", _SCALE[round(float(share))]
         half = 2 * scale.torque * curve.torque_noise_Nm[r]
         record = f"{curve.frequency_hz[r]:.3g} Hz, {scale.torque * curve.amplitude_Nm[r]:.3g} N·m"
         hover = f"%{{x:.4g}} {scale.angle}<br>%{{y:.4g}} ± {half:.2g} N·m<extra>{record}</extra>"

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from html import escape
 from typing import Any
 
@@ -60,6 +61,18 @@ def colours(dark: bool) -> Colours:
     return DARK if dark else LIGHT
 
 
+class Drawn(go.Figure):  # type: ignore[misc]
+    """A finished figure: its arrays are written as text once, not whenever a page shows it."""
+
+    @cached_property
+    def _written(self) -> dict[str, Any]:
+        return dict(super().to_dict())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figure as plotly sends it."""
+        return self._written
+
+
 def figure(
     traces: Sequence[Trace], x: Axis | None = None, *y: Axis, height: int, dark: bool, **layout: Any
 ) -> go.Figure:
@@ -113,7 +126,7 @@ def figure(
             "font": {"color": ink},
         },
     }
-    return go.Figure({"data": list(traces), "layout": base | layout})
+    return Drawn({"data": list(traces), "layout": base | layout})
 
 
 def plain_text(text: str, *, most: int = 80) -> str:
@@ -145,12 +158,6 @@ def points(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
     if error is not None:
         trace["error_y"] = {"type": "data", "color": colour, "thickness": 1.2, "width": 3} | error
     return trace
-
-
-def bars(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
-    """Return a bar trace."""
-    style = {"color": colour} | more.pop("marker", {})
-    return {"type": "bar", "x": x, "y": y, "name": name, "marker": style} | more
 
 
 def upright(x: float, colour: str, *, width: float = 1.5, dash: str = "solid", **more: Any) -> Shape:
@@ -200,9 +207,3 @@ def linear_axis(title: str, **more: Any) -> Axis:
 
 def _title(text: str) -> dict[str, Any]:
     return {"standoff": 10, "text": text}
-
-
-def from_zero(title: str, values: Floats, **more: Any) -> Axis:
-    """Return a linear axis from just below zero, which shows markers at zero whole."""
-    top = float(np.nanmax(values[np.isfinite(values)], initial=0.0)) or 1.0
-    return linear_axis(title, range=[-0.06 * top, 1.1 * top], **more)

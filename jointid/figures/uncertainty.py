@@ -1,17 +1,13 @@
-"""Uncertainty: prediction, residuals, harmonics, planned records."""
-
-from collections.abc import Sequence
+"""Uncertainty: prediction, residuals, planned records."""
 
 import numpy as np
 import plotly.graph_objects as go
 
 from jointid.figures.style import (
     Trace,
-    bars,
     colours,
     figure,
     frequency_axis,
-    from_zero,
     joint_symbol,
     line,
     linear_axis,
@@ -20,9 +16,7 @@ from jointid.figures.style import (
     points,
 )
 from jointid.uncertainty.plan import Suggestion
-from jointid.uncertainty.validation import HarmonicContent, Prediction, RecordResiduals
-
-_SIGNIFICANT = 4.0
+from jointid.uncertainty.validation import Prediction, RecordResiduals
 
 
 def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Figure:
@@ -52,7 +46,7 @@ def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Fig
         )
     )
     magnitude = log_axis("Magnitude (1/(kg·m²))", share=1.6)
-    difference = from_zero("Difference (%)", 100 * prediction.relative_error, nticks=4)
+    difference = linear_axis("Difference (%)", rangemode="tozero", nticks=4)
     return figure(traces, frequency_axis(f), magnitude, difference, height=430, dark=dark)
 
 
@@ -81,42 +75,6 @@ def normalised_residuals(residuals: RecordResiduals, *, dark: bool = False) -> g
     low, high = float(sizes.min(initial=0.3)) / 1.3, max(4.0, 1.3 * float(sizes.max(initial=1.0)))
     axis = log_axis("Residual / noise", range=[float(np.log10(low)), float(np.log10(high))])
     return figure(traces, frequency_axis(f), axis, height=320, dark=dark)
-
-
-def harmonic_bars(
-    content: HarmonicContent, column: int, labels: Sequence[str], *, dark: bool = False
-) -> go.Figure:
-    """Odd and even harmonics of one signal over its fundamental, record by record.
-
-    Parameters
-    ----------
-    content : HarmonicContent
-    column : int
-        Signal, from 0: angles of all joints, then their torques.
-    labels : sequence of str
-        Of the records.
-    """
-    ink = colours(dark)
-    number = np.arange(1.0, len(labels) + 1)
-    clear = np.where(content.significance[:, column] > _SIGNIFICANT, 1.0, 0.35)
-    traces: list[Trace] = [
-        bars(
-            number,
-            100 * share[:, column],
-            name,
-            colour,
-            marker={"opacity": clear},
-            text=[plain_text(label) for label in labels],
-            textposition="none",
-            hovertemplate=f"%{{text}}<br>%{{y:.2g}} % of the fundamental<extra>{name}</extra>",
-        )
-        for name, share, colour in (
-            ("odd", content.odd, ink.measured),
-            ("even", content.even, ink.quiet),
-        )
-    ]
-    share = linear_axis("Harmonics (%)", rangemode="tozero")
-    return figure(traces, linear_axis("Record"), share, height=260, dark=dark, bargap=0.3)
 
 
 def worst_error(suggestion: Suggestion, *, dark: bool = False) -> go.Figure:

@@ -70,7 +70,6 @@ def waveforms(
     for row, (signal, (quantity, unit)) in enumerate(zip(signals, _QUANTITIES, strict=True), start=1):
         hover = f"%{{x:.4f}} s<br>{quantity} %{{y:.5g}} {unit}"
         shared: Trace = {
-            "xaxis": "x",
             "yaxis": f"y{row}",
             "hovertemplate": hover,
             "showlegend": row == 1,
@@ -109,19 +108,12 @@ def gear_deflection(
         ("fitted", 1e3 * (fitted_rad - middle), ink.identified, "y1"),
         ("measured − fitted", 1e3 * (measured_rad - fitted_rad), ink.quiet, "y2"),
     ]
-    style: Trace = {"xaxis": "x", "line": {"width": 1.2}}
-    style["hovertemplate"] = "%{x:.4f} s<br>%{y:.4g} mrad"
+    style: Trace = {"line": {"width": 1.2}, "hovertemplate": "%{x:.4f} s<br>%{y:.4g} mrad"}
     traces = [
         line(*thinned(time_s, y), name, colour, yaxis=axis, **style) for name, y, colour, axis in curves
     ]
-    return figure(
-        traces,
-        height=430,
-        dark=dark,
-        xaxis=linear_axis("Time (s)", anchor="y2"),
-        yaxis=linear_axis("Deflection (mrad)", domain=[0.4, 1.0]),
-        yaxis2=linear_axis("Difference (mrad)", domain=[0.0, 0.32]),
-    )
+    axes = linear_axis("Deflection (mrad)", share=2.0), linear_axis("Difference (mrad)")
+    return figure(traces, linear_axis("Time (s)"), *axes, height=430, dark=dark)
 
 
 def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure:
@@ -150,7 +142,7 @@ def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure
         )
         hover = f"%{{x:.4g}} Hz<br>{quantity} amplitude %{{y:.3g}} {unit}<extra></extra>"
         style: Trace = {"line": {"width": 1.2}, "showlegend": False, "hovertemplate": hover}
-        traces.append(line(x, y, quantity, ink.measured, xaxis="x", yaxis=f"y{row}", **style))
+        traces.append(line(x, y, quantity, ink.measured, yaxis=f"y{row}", **style))
     marks = _band_shapes(record, ink.quiet)
     nowhere = np.array([np.nan])
     lines: list[tuple[str, tuple[int, ...], str, str, int]] = [
@@ -160,7 +152,7 @@ def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure
     for name, orders, colour, dash, width in lines if sine else ():
         # The marks are shapes, which have no place in the legend.
         mark: Trace = {"line": {"width": 2, "dash": dash}, "hoverinfo": "skip"}
-        traces.append(line(nowhere, nowhere, name, colour, xaxis="x", yaxis="y1", **mark))
+        traces.append(line(nowhere, nowhere, name, colour, yaxis="y1", **mark))
         for f in (h * sine for h in orders if h * sine < shown[1]):
             marks.append(upright(f, colour, width=width, dash=dash, layer="below"))
     axes = [
@@ -186,9 +178,7 @@ def coherences(record: JointRecord, joint: int, *, dark: bool = False) -> go.Fig
         style: Trace = {"line": {"width": 1.2}, "showlegend": False}
         style["hovertemplate"] = f"%{{x:.4g}} Hz<br>{name} %{{y:.3g}}<extra></extra>"
         y = np.where(np.isfinite(values[:, joint]), values[:, joint], np.nan)
-        traces.append(
-            line(found.frequency_hz, y, name, ink.measured, xaxis="x", yaxis=f"y{row}", **style)
-        )
+        traces.append(line(found.frequency_hz, y, name, ink.measured, yaxis=f"y{row}", **style))
     axes = linear_axis("Coherence", range=[0, 1.02]), _decades("Angle / noise floor", traces, "y2")
     shapes = _band_shapes(record, ink.quiet)
     x = frequency_axis(_shown_hz(record))

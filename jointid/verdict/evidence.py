@@ -75,8 +75,6 @@ class Evidence:
     phasors: Phasors
     fit: ElasticityFit
     """The chosen estimate."""
-    paper: ElasticityFit
-    """The paper's least squares on the same records."""
     transfer_matrices: Mapping[str, TransferMatrix]
     """By pose."""
 

@@ -46,15 +46,15 @@ def motion_findings(
         The fit of all records first, then the linear ones of the sines.
     """
     fit = next(iter(fits.values()))
-    evidence = Evidence(tuple(records), inertias, fit.phasors, fit, fit, {})
+    evidence = Evidence(tuple(records), inertias, fit.phasors, fit, {})
     motions = tuple(record for record in records if isinstance(record, MotionRecord))
-    of_motions = Evidence(motions, inertias, phasors.select(np.zeros(0, int)), fit, fit, {})
+    of_motions = Evidence(motions, inertias, phasors.select(np.zeros(0, int)), fit, {})
     found = [*_incoherent(evidence), *not_physical(evidence), *counted_twice(of_motions)]
     sines = [k for k, record in enumerate(records) if isinstance(record, SineRecord)]
     if linear := fits.get("weighted"):
         chosen = tuple(record for record in records if isinstance(record, SineRecord))
         theirs = [inertias[k] for k in sines]
-        found += of_records(Evidence(chosen, theirs, phasors, linear, linear, {}))
+        found += of_records(Evidence(chosen, theirs, phasors, linear, {}))
     own = None if np.any(fit.K <= 0) else judged(evidence)
     causes = [] if own is None else list(inertias_off(evidence, own))
     found += [*causes, *effects_found(evidence), *torque_lags(evidence)]

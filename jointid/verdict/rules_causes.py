@@ -1,12 +1,14 @@
 """Rules of the verdict that name a cause: friction, delay, poses that disagree, a gear that hardens."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.estimators.linear_fit import LINEAR
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.linear_fit import LINEAR, least_squares
 from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, elasticity_labels
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.poses import fits_by_pose
@@ -28,15 +30,17 @@ CLEAR = 4.0
 
 
 def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
-    """Result of the paper's least squares, if it differs significantly."""
-    fit, paper = evidence.fit, evidence.paper
-    if fit.method == paper.method or np.any(fit.K <= 0):
+    """Result of the paper's least squares with the same inertias, if it differs significantly."""
+    fit, logged = evidence.fit, evidence.phasors
+    if fit.method == "least-squares" or np.any(fit.K <= 0):
         return
     if fit.friction is not None and np.any(fit.friction.coulomb < -fit.friction.standard_error[: fit.n]):
         return  # friction dissipates energy
-    p, other = fit.estimate, paper.estimate
-    by_noise = paper.standard_error / np.sqrt(paper.inflation)
-    error = np.hypot(fit.standard_error, by_noise)
+    # Wrong inertias and torque scales, which the fit corrects, are not an effect of friction.
+    scaled = replace(logged, tau=logged.tau * fit.torque_scale)
+    paper = least_squares(spring_equations(scaled, fit.inertias))
+    p, other = fit.estimate, paper.elasticity
+    error = np.hypot(fit.standard_error, np.sqrt(np.diag(paper.elasticity_covariance)))
     share = relative(other - p, p)
     clear = (np.abs(other - p) > CLEAR * error) & (share > 2e-3)
     if not clear.any():
@@ -72,8 +76,8 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     also = f" ({', '.join(others)})" if others else ""
     yield note(
         f"{title}: the paper's estimate of {names[worst]} is {percent(share[worst])} too {high}",
-        f"{cause}The paper's least squares gives {significant(float(other[worst]))}, this fit "
-        f"{with_error(float(p[worst]), float(fit.standard_error[worst]))}{also}.",
+        f"{cause}With the same inertias, least squares gives {significant(float(other[worst]))}, "
+        f"this fit {with_error(float(p[worst]), float(fit.standard_error[worst]))}{also}.",
         remedy,
         float(share[worst]),
     )

@@ -10,11 +10,7 @@ from jointid.analysis import Analysis
 from jointid.cut.outcome import Outcome, millimetres
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot
 from jointid.cut.tool_stiffness import ToolStiffness, planar_tool_stiffness, tool_stiffness
-from jointid.figures.cut import (
-    deflection_ellipse,
-    path_error_over_time,
-    torque_over_time,
-)
+from jointid.figures.cut import cut_over_time, deflection_ellipse
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import NO_POSE, choose_segment, side_by_side, table
@@ -25,22 +21,13 @@ from jointid.wording import minus, significant, with_error
 
 def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     """Show path and tracking error, and the torques."""
-    error, torque = side_by_side(2)
-    with error:
-        st.markdown("**Error**")
-        st.caption(
-            "Path error: distance to the nearest point of the path. Tracking error: distance to "
-            "the reference position at that time."
-        )
-        draw = partial(path_error_over_time, outcome)
-        page.show(f"error {settings}", draw, "Path and tracking error over time")
-    with torque:
-        st.markdown("**Torque**")
-        st.caption(
-            "Torque command of each motor. A servo that knows the springs adds the torque that moves "
-            "the motors by the deflection x."
-        )
-        page.show(f"torque {settings}", partial(torque_over_time, outcome), "Motor torques over time")
+    st.caption(
+        "Path error: distance to the nearest point of the path. Tracking error: distance to the "
+        "reference position at that time. Torque: command of each motor; a servo that knows the springs "
+        "adds the torque that moves the motors by the deflection x."
+    )
+    what = "Path error, tracking error and motor torques over time"
+    page.show(f"over_time {settings}", partial(cut_over_time, outcome), what)
 
 
 def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:

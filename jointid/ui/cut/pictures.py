@@ -50,20 +50,24 @@ def show_animation(outcome: Outcome, nominal_name: str, *, dark: bool) -> None:
 
 def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[str, Any]:
     """Return the component's data; tracks as float32, sent as Arrow."""
-    ink, arm = colours(dark), outcome.robot.arm
+    ink, arm, path = colours(dark), outcome.robot.arm, outcome.before.wanted_m
     before = f"{nominal_name}: {millimetres(outcome.before_m)}"
     after = f"identified: {millimetres(outcome.after.max_contour_error_m)}"
+    sheet = _sheet(path)
+    margin = _MARGIN_M + 1.2 * min(outcome.before.max_contour_error_m, 0.03)
+    reach = [run.max_tracking_error_m for run in (outcome.before, outcome.after)]
+    room = min(_RECOGNISABLE * float(np.ptp(path, axis=0).min()), margin)
     return {
         "tracks": tracks(outcome.before, outcome.after),
         "length_m": arm.length_m.tolist(),
         "crank_m": _CRANK_M,
         "serial": arm.drive == "serial",
-        "cell_m": _cell(arm, outcome),
-        "sheet_m": _sheet(outcome.before),
-        "window_m": _window(outcome.before),
-        "magnifications": magnifications(outcome),
-        "reach_m": [_reach(outcome.before), _reach(outcome.after)],
-        "room_m": _room(outcome.before),
+        "cell_m": _cell(arm, outcome.before, sheet),
+        "sheet_m": sheet,
+        "window_m": _box(path, margin),
+        "magnifications": [f for f in _MAGNIFICATIONS if f == 1 or f * min(reach) <= room],
+        "reach_m": reach,
+        "room_m": room,
         "nominal": ink.nominal,
         "identified": ink.identified,
         "nominal_name": nominal_name,
@@ -82,46 +86,19 @@ def tracks(before: TrackingRun, after: TrackingRun) -> Any:
     return np.stack(columns, axis=1).astype(np.float32)
 
 
-def magnifications(outcome: Outcome) -> list[int]:
-    """Factors by which errors may be magnified while the smaller one leaves its shape recognisable."""
-    smaller = min(_reach(outcome.before), _reach(outcome.after))
-    room = _room(outcome.before)
-    return [factor for factor in _MAGNIFICATIONS if factor == 1 or factor * smaller <= room]
-
-
-def _reach(run: TrackingRun) -> float:
-    """Largest distance of the tool from its reference at the same time, m."""
-    return run.max_tracking_error_m
-
-
-def _room(run: TrackingRun) -> float:
-    """Largest magnified error that is drawn, m: the shape stays recognisable and within the window."""
-    side = float(np.ptp(run.wanted_m, axis=0).min())
-    return min(_RECOGNISABLE * side, _margin(run))
-
-
-def _margin(run: TrackingRun) -> float:
-    return _MARGIN_M + 1.2 * min(run.max_contour_error_m, 0.03)
-
-
-def _window(run: TrackingRun) -> list[float]:
-    """Window of the cut's view: the reference path with room for the error; x, y, width, height in m."""
-    return _box(run.wanted_m, _margin(run))
-
-
-def _sheet(run: TrackingRun) -> list[float]:
-    low, high = run.wanted_m.min(axis=0), run.wanted_m.max(axis=0)
+def _sheet(path: Floats) -> list[float]:
+    low, high = path.min(axis=0), path.max(axis=0)
     side = max(_SHEET_M, float((high - low).max()) + 0.08)
     x, y = 0.5 * (low + high) - 0.5 * side
     return [float(x), float(y), side, side]
 
 
-def _cell(arm: PlanarArm, outcome: Outcome) -> list[float]:
+def _cell(arm: PlanarArm, run: TrackingRun, sheet: list[float]) -> list[float]:
     """Window of the arm's view: base, elbow with crank, and sheet."""
-    first, second = arm.link_angles(outcome.before.joint_angle_rad[0])
+    first, second = arm.link_angles(run.joint_angle_rad[0])
     elbow = arm.length_m[0] * np.array([np.cos(first), np.sin(first)])
     back = -_CRANK_M * np.array([np.cos(second), np.sin(second)])
-    x, y, width, height = _sheet(outcome.before)
+    x, y, width, height = sheet
     corners = [[x, y], [x + width, y + height]]
     return _box(np.array([[0.0, 0.0], elbow, back, elbow + back, *corners]), 0.08)
 
@@ -138,8 +115,9 @@ _COLUMN = "min-width:0;text-align:center;font-size:0.9rem;line-height:1.35"
 def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: str) -> None:
     """Three corner zones, nominal above, identified below, with the picture as a file."""
     st.caption(
-        "As Figure 7 of the paper. In larger zones the tool passes the corner faster and the springs "
-        "deflect more. Grey: reference path; below each shape: largest path error."
+        "As Figure 7 of the paper. In a larger zone the tool passes the corner faster; up to about "
+        "10 mm the springs then deflect more. Grey: reference path; below each shape: largest path "
+        "error."
     )
     pairs = cached_cuts.pairs(page, settings, outcome)
     names = (nominal, "identified")
@@ -197,7 +175,7 @@ def key_line(colour: str) -> str:
 def picture(
     runs: Sequence[tuple[TrackingRun, str]],
     description: str,
-    around: tuple[float, float, float, float],
+    around: list[float],
     style: str = "",
 ) -> str:
     """Cuts in their colours as an image element: inline SVG does not pass streamlit's cleaning."""
@@ -213,7 +191,7 @@ def picture(
 def cut_drawing(
     wanted_m: Floats,
     tracks: Sequence[tuple[Floats, str]],
-    around: tuple[float, float, float, float],
+    around: list[float],
     description: str,
 ) -> Drawing:
     """Paths of the tool, shape (k, 2), m, each with its colour, over the reference path."""
@@ -227,8 +205,7 @@ def cut_drawing(
     return Drawing(_WIDTH, height * scale, tuple(lines), description)
 
 
-def window(runs: Sequence[TrackingRun]) -> tuple[float, float, float, float]:
+def window(runs: Sequence[TrackingRun]) -> list[float]:
     """Box around cuts and their reference path: x, y, width and height, m."""
-    paths = np.concatenate([path for run in runs for path in (run.wanted_m, run.tool_m)])
-    low, high = paths.min(axis=0) - _AROUND_M, paths.max(axis=0) + _AROUND_M
-    return float(low[0]), float(low[1]), float(high[0] - low[0]), float(high[1] - low[1])
+    paths = [path for run in runs for path in (run.wanted_m, run.tool_m)]
+    return _box(np.concatenate(paths), _AROUND_M)

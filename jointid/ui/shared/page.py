@@ -13,12 +13,11 @@ import streamlit as st
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
 from jointid.figures.style import colours
 from jointid.ui.shared.charts import choose_segment, introduce, is_dark, plot, side_by_side
-from jointid.ui.shared.messages import show_error, show_info
+from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
-from jointid.ui.shared.refused_file import show_refused
 from jointid.ui.shared.results import awaited, note_session, result_cache
 from jointid.ui.shared.sidebar import choose_study
-from jointid.ui.shared.workspace import open_study
+from jointid.ui.shared.workspace import Refused, open_study
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -35,6 +34,7 @@ h2 { font-size: 1.75rem !important; }
 [data-testid="stLayoutWrapper"]:has(> .st-key-progress) {  /* in view wherever the page is scrolled */
   position: sticky; top: 3.75rem; z-index: 9; background: Canvas; }
 [data-testid="stMain"] [data-testid="stPageLink-NavLink"] p { text-decoration: underline; }
+.modebar { top: auto !important; bottom: 2px; }  /* clear of the legend */
 @media (max-width: 640px) {  /* two cards in a row on a phone; a value and its error in two lines */
   [role="tablist"] { flex-wrap: wrap; }  /* every tab in view */
   .modebar-container { display: none; }  /* always shown on a touch screen, over the legend */
@@ -197,7 +197,19 @@ def _show_notices() -> None:
         show_info(
             f"{wanted} is not, or no longer, in this workspace. This is another; open the file again."
         )
-    show_refused()
+    _show_refused()
+
+
+def _show_refused() -> None:
+    """Show the last refused file above the page until it is dismissed; the chosen study stays chosen."""
+    refused: Refused | None = st.session_state.get("refused")
+    if refused is None:
+        return
+    st.error(f"**{markdown_escape(refused.file)} was not opened.** {markdown_escape(refused.message)}")
+    if refused.lines:
+        st.code(refused.lines, language=None)
+    st.button("Dismiss", key="dismiss_refused", on_click=lambda: st.session_state.pop("refused", None))
+    st.divider()
 
 
 def _set_up(title: str) -> None:

@@ -33,12 +33,11 @@ _PRELOADED = (
 """Imported when a worker starts, so that its first computation need not wait."""
 _PATIENCE_S = 5.0
 _LONGEST_TURN_S = 1.0
-_MOST_BYTES = 1 << 30
-_LIMIT_BYTES = 4 << 30
+_MOST_BYTES = 1 << 29
 _TIME_LEFT_AFTER_S = 0.5
 """After this time the remaining time is shown."""
-_ALWAYS_KEPT = 64
-"""Latest results, kept up to the limit: a page needs those of its last run."""
+_ALWAYS_KEPT = 12
+"""Latest results, kept whatever their size: a page needs those of its last run."""
 _turn = Semaphore(1)
 _at_work = ""
 """The session that last computed in this process."""
@@ -133,17 +132,11 @@ def awaited(what: str, *begun: Future[Any]) -> None:
 class ResultCache:
     """Finished results and those being computed; the least recently used are dropped first.
 
-    All results take about ``most_bytes``. The ``always_kept`` latest ones stay even beyond it; beyond
-    ``limit_bytes`` only the latest: large logs of many sessions do not fill the memory.
+    All results take about ``most_bytes``; the ``always_kept`` latest ones stay even beyond it.
     """
 
-    def __init__(
-        self,
-        most_bytes: int = _MOST_BYTES,
-        always_kept: int = _ALWAYS_KEPT,
-        limit_bytes: int = _LIMIT_BYTES,
-    ) -> None:
-        self._most_bytes, self._always_kept, self._limit_bytes = most_bytes, always_kept, limit_bytes
+    def __init__(self, most_bytes: int = _MOST_BYTES, always_kept: int = _ALWAYS_KEPT) -> None:
+        self._most_bytes, self._always_kept = most_bytes, always_kept
         self._lock = Lock()
         self._results: OrderedDict[Hashable, Future[Any]] = OrderedDict()
         self._bytes: dict[Hashable, int] = {}
@@ -163,7 +156,7 @@ class ResultCache:
         finished.set_result(result)
         with self._lock:
             self._store(key, finished)
-        self._measure(key, finished)
+        self._measure(key, (), finished)
 
     def begin(
         self,
@@ -179,7 +172,7 @@ class ResultCache:
             future = submit(compute, *given, **named) if is_new or known is None else known
             self._store(key, future)
         if is_new:
-            future.add_done_callback(partial(self._measure, key))
+            future.add_done_callback(partial(self._measure, key, given))
         return future
 
     def _store(self, key: Hashable, result: Future[Any]) -> None:
@@ -188,20 +181,18 @@ class ResultCache:
         self._bytes.setdefault(key, 1)  # until it is measured
         self._drop_oldest()
 
-    def _measure(self, key: Hashable, finished: Future[Any]) -> None:
+    def _measure(self, key: Hashable, given: tuple[Any, ...], finished: Future[Any]) -> None:
+        """Note the memory of a result without what was given and is part of it, such as the study."""
         if finished.exception() is not None:
             return
-        size = size_bytes(finished.result())
+        size = size_bytes(finished.result(), set(map(id, given)))
         with self._lock:
             if self._results.get(key) is finished:
                 self._bytes[key] = size
                 self._drop_oldest()
 
     def _drop_oldest(self) -> None:
-        while len(self._results) > 1:
-            many = len(self._results) > self._always_kept
-            if sum(self._bytes.values()) <= (self._most_bytes if many else self._limit_bytes):
-                return
+        while len(self._results) > self._always_kept and sum(self._bytes.values()) > self._most_bytes:
             oldest, _ = self._results.popitem(last=False)
             del self._bytes[oldest]
 

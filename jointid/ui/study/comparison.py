@@ -3,6 +3,7 @@
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 import streamlit as st
@@ -19,6 +20,7 @@ from jointid.ui.study.uncertainty_panels import signed_percent
 from jointid.uncertainty.comparison import Difference, compare
 from jointid.wording import enumerated, significant, unbroken
 
+_BIND: Literal["query-params"] = "query-params"
 _CLEAR = 3.0
 """Standard errors beyond which a difference is significant."""
 
@@ -28,7 +30,7 @@ def choose_other(page: Page) -> Page:
     names, methods = list(names_by_address().values()), list(ESTIMATORS)
     similar = _similar(page, names)
     left, right, beside = st.columns([5, 5, 2], vertical_alignment="bottom")
-    key = left.selectbox("Compare with", names, index=similar, key="compare_study")
+    key = left.selectbox("Compare with", names, index=similar, key="compare_study", bind=_BIND)
     # Without a partner, the paper's estimator is compared.
     alone = names[similar] == page.key and page.method != "least-squares"
     method = right.selectbox(
@@ -36,6 +38,7 @@ def choose_other(page: Page) -> Page:
         methods,
         index=methods.index("least-squares") if alone else 0,
         key="compare_estimator",
+        bind=_BIND,
         help="See the sidebar.",
     )
     beside.button("Swap", on_click=_swap, args=(page, key, method), help="Second study becomes first.")
@@ -138,7 +141,9 @@ def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
         return "No stiffness differs significantly"
     changes = enumerated([f"joint {row.first.name[1:]} is {_change(row)}" for row in clear])
     names = [markdown_escape(name) for name in (other.key, page.key)]
-    return f"{', compared with '.join(names)}: {changes}, significantly"
+    stated = all(each.study.torque_std is not None for each in (page, other))
+    condition = "" if stated else ", if the torque scales are exact"
+    return f"{', compared with '.join(names)}: {changes}, significantly{condition}"
 
 
 def _change(row: Difference) -> str:

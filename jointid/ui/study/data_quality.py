@@ -16,7 +16,7 @@ from jointid import (
     TransferMatrix,
     extract_phasors,
 )
-from jointid.figures import VIEWS, element_response, single_record, torque_condition
+from jointid.figures import VIEWS, element_response, single_record
 from jointid.phasors.distortion import distortion
 from jointid.records import JointRecord
 from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, table
@@ -202,7 +202,7 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
     st.caption(caption + freed_note(analysis))
 
 
-def show_how_well_known(page: Page, matrix: TransferMatrix, pose: str, i: int, j: int) -> None:
+def show_how_well_known(matrix: TransferMatrix, i: int, j: int) -> None:
     """Condition and reciprocity over frequency, rejected frequencies, and H_ij as numbers."""
     if matrix.H.shape[1] > 1:
         st.header("How well H is known", anchor=False)
@@ -211,8 +211,6 @@ def show_how_well_known(page: Page, matrix: TransferMatrix, pose: str, i: int, j
             "noise is amplified about a hundredfold. The reciprocity error is the largest difference "
             "between $H_{ij}$ and $H_{ji}$, relative to the diagonal."
         )
-        what = "Condition number and reciprocity error over frequency"
-        page.show(f"condition {pose}", partial(torque_condition, matrix), what)
     for text in matrix.rejected:
         show_info(text)
     table(element_table(matrix, i, j))

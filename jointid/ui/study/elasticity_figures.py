@@ -8,10 +8,9 @@ from typing import Any, get_args
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, ArmSideFit, JointIdError, RobotModel, Study
+from jointid import Analysis, JointIdError, RobotModel, Study
 from jointid.analysis import NOT_USABLE, analyse_arm_side
 from jointid.answer import gear_terms
-from jointid.arrays import Floats
 from jointid.exporting import torsion_table
 from jointid.figures import (
     dynamic_stiffness,
@@ -19,20 +18,18 @@ from jointid.figures import (
     gear_deflection,
     stiffness_over_amplitude,
     torsion_curve,
-    unexplained_torque,
 )
 from jointid.figures.springs import ColourBy
-from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
-from jointid.ui.shared.charts import NO_POSE, choose_segment, download, plot
+from jointid.figures.uncertainty import left_out_prediction, normalised_residuals
+from jointid.ui.shared.charts import NO_POSE, choose_segment, download, plot, table
 from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.results import run_in_background
 from jointid.ui.study.overview import freed_note
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.torque_prediction import TorquePrediction, predict_torques
 from jointid.uncertainty.validation import (
+    HarmonicContent,
     Prediction,
-    amplitude_dependence,
     harmonic_content,
     predict_left_out,
     record_residuals,
@@ -41,6 +38,8 @@ from jointid.verdict.rules_model import EXPLAINED
 from jointid.wording import file_stem, significant, with_error
 
 _ROBOT_MODELS = ("toml", "urdf", "xml")
+_SIGNIFICANT = 4.0
+"""Root mean square of a record's harmonics, in units of their noise, that is not by chance."""
 _SPREAD = 1.5
 """Largest over smallest torque amplitude from which K over amplitude is worth a plot."""
 _DYNAMIC_STIFFNESS = r"""
@@ -83,12 +82,6 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
             "K of each record over its torque amplitude. A linear gear gives a level line; hardening "
             "raises K at large torque, hysteresis at small torque, and backlash lowers it there.",
         )
-    found["Residual"] = per_joint(
-        "Residual torque of joint {0} against noise",
-        partial(unexplained_torque, fit),
-        "Torque that the model leaves unexplained in each record. Dashes: expected from noise; "
-        "points far above them show an effect that the model lacks, and the error bars are widened.",
-    )
     return found
 
 
@@ -122,16 +115,6 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
     )
 
 
-@st.cache_resource(max_entries=16, show_spinner="Evaluating the sensors behind the gears")
-def _fitted(digest: str, model: str, _study: Study, _robot: RobotModel | None) -> ArmSideFit:
-    return run_in_background(analyse_arm_side, _study, _robot)
-
-
-@st.cache_resource(max_entries=64, show_spinner=False)
-def _followed(digest: str, model: str, record: int, _study: Study, _fit: ArmSideFit) -> Floats:
-    return _fit.predict(_study.motion_records[record])
-
-
 def show_arm_side(page: Page) -> None:
     """K of every joint with a sensor behind its gear; nothing for studies without one."""
     study = page.study
@@ -153,7 +136,8 @@ def show_arm_side(page: Page) -> None:
         if file is not None:
             model = sha256(file.getvalue()).hexdigest()
             robot = RobotModel.parse(file.name, file.getvalue())
-        fit = _fitted(page.digest, model, study, robot)
+        doing = "Evaluating the sensors behind the gears"
+        fit = page.computed(("arm side", model), doing, analyse_arm_side, study, robot)
     except JointIdError as error:
         show_error(error)
         return
@@ -171,7 +155,7 @@ def show_arm_side(page: Page) -> None:
         k = choose_segment("Record", measured, "arm_side_record", format_func=lambda k: _label(study, k))
     record = study.motion_records[k]
     assert record.arm_rad is not None
-    predicted = _followed(page.digest, model, k, study, fit)
+    predicted = page.computed(("followed", model, k), "Predicting the deflection", fit.predict, record)
     used = slice(record.start, None)
     deflection = (record.theta_rad @ fit.robot.coupling.T - record.arm_rad)[used, j]
     plot(
@@ -248,7 +232,6 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
         "residuals", partial(normalised_residuals, residuals), "Normalised residual of every record"
     )
     _show_harmonics(page, analysis)
-    _show_amplitudes(analysis)
 
 
 def _show_harmonics(page: Page, analysis: Analysis) -> None:
@@ -258,31 +241,23 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
         show_info(error)
         return
     st.markdown("**Harmonics of the torques**")
-    caption = (
-        "A linear gear has no harmonics of the excitation. Odd harmonics indicate friction, even ones "
-        "backlash or a one-sided load. Pale bars: within the noise."
+    st.caption(
+        "Over the fundamental. A linear gear has none. Odd harmonics indicate friction, even ones "
+        "backlash or a one-sided load; –: within the noise."
     )
-    n, labels = analysis.fit.n, analysis.phasors.labels
-    page.show_per_joint(
-        "harmonics",
-        lambda j, dark: harmonic_bars(content, n + j, labels, dark=dark),
-        "Harmonics of the torque of joint {0}",
-        caption=caption,
-    )
+    table({"Record": list(analysis.phasors.labels)} | harmonic_columns(content))
 
 
-def _show_amplitudes(analysis: Analysis) -> None:
-    found = amplitude_dependence(analysis.fit)
-    known = np.flatnonzero(np.isfinite(found.standard_error))
-    if not known.size:
-        return
-    st.markdown("**Stiffness over amplitude**")
-    lines = []
-    for j in known:
-        low, high = (significant(1e3 * float(x), 2) for x in found.deflection_rad[j])
-        change = with_error(100 * float(found.change[j]), 100 * float(found.standard_error[j]))
-        lines.append(f"- Joint {j + 1}: {change} % from {low} to {high} mrad of deflection.")
-    st.markdown("\n".join(lines))
+def harmonic_columns(content: HarmonicContent) -> dict[str, list[str]]:
+    """Odd and even harmonics of every torque by record, those within the noise left out."""
+    columns = {}
+    for j in range(content.odd.shape[1] // 2, content.odd.shape[1]):
+        clear = content.significance[:, j] > _SIGNIFICANT
+        for name, share in (("Odd", content.odd[:, j]), ("Even", content.even[:, j])):
+            cells = zip(clear, share.tolist(), strict=True)
+            heading = f"{name} τ{j + 1 - content.odd.shape[1] // 2} (%)"
+            columns[heading] = [significant(100 * x, 2) if known else "–" for known, x in cells]
+    return columns
 
 
 def show_poses(page: Page, analysis: Analysis) -> None:

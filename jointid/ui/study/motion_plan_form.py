@@ -26,7 +26,7 @@ from jointid.ui.shared.entries import (
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
-from jointid.ui.study.plan_form import pose_inertia
+from jointid.ui.study.plan_form import PlanSettings, pose_inertia
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
 from jointid.uncertainty.plan import PlannedRecords
 from jointid.wording import file_stem, percent, significant
@@ -73,29 +73,28 @@ def show_set_points(
         "first; a file is written only if all limits hold. Read its header before use."
     )
     sines = isinstance(plan, PlannedRecords)
-    form = "setpoints" if sines else "setpoints of motions"
     ratios = analysis.study.gear_ratios
     entered = {} if ratios is None else {"gear_ratio": numbers_out(ratios)}
-    keys = {name: f"{form}_{name}_{page.digest[:12]}" for name in _LIMITS if name not in entered}
-    _load_limits(keys, form)
+    keys = {name: f"setpoints_{name}_{page.digest[:12]}" for name in _LIMITS if name not in entered}
+    _load_limits(keys)
     places = [column for _ in range(4) for column in st.columns(3)]
     for place, (name, key) in zip(places, keys.items(), strict=False):
         label, example, hint = _LIMITS[name]
         entered[name] = enter_text(place, key, label, "", hint, example)
     one, two, three, four = st.columns(4)
-    kind = choose_from(one, f"{form}_kind", "Motion", list(_FORMS)) if sines else _SINES
+    kind = choose_from(one, "setpoints_kind", "Motion", list(_FORMS)) if sines else _SINES
     titles = {name: each.title for name, each in FORMATS.items()}
-    file_format = choose_from(two, f"{form}_format", "Format", list(FORMATS), titles.__getitem__)
+    file_format = choose_from(two, "setpoints_format", "Format", list(FORMATS), titles.__getitem__)
     interval_hint = "Empty: the default of the format."
-    interval = enter_text(three, f"{form}_interval", "Interval (ms)", "", interval_hint)
+    interval = enter_text(three, "setpoints_interval", "Interval (ms)", "", interval_hint)
     numbers: list[Any] = [
-        enter_number(place, f"{form}_{key}", *entry)
+        enter_number(place, f"setpoints_{key}", *entry)
         for place, (key, entry) in zip((four, *st.columns(3)), _PLAYED.items(), strict=True)
     ]
-    label = "Superposed velocities (°/s)"
-    superposed = enter_text(st.container(), f"{form}_superposed", label, "0", _SUPERPOSED)
+    drift_entry = "setpoints_superposed", "Superposed velocities (°/s)", "0", _SUPERPOSED
+    superposed = enter_text(st.container(), *drift_entry)
     choice = (entered, kind, file_format, interval, numbers, superposed)
-    known = applied("Check on the simulated robot", f"{form} {page.digest}", choice)
+    known = applied("Check on the simulated robot", f"setpoints {page.digest} {sines}", choice)
     if known is not None:
         entered, kind, file_format, interval, numbers, superposed = known
     if known is None or not entered["gear_ratio"].strip():
@@ -142,15 +141,14 @@ def show_set_points(
         st.code("\n".join(points.comments), language=None, height=360)
 
 
-def _load_limits(keys: dict[str, str], form: str) -> None:
+def _load_limits(keys: dict[str, str]) -> None:
     """Fill the fields in from the file of limits that ``jointid setpoints`` reads."""
     hint = "The file that jointid setpoints --limits reads. Its values fill the fields below."
     label = "Limits and start pose (.toml), optional"
-    key = f"{form} limits"
-    file = st.file_uploader(label, ["toml"], key=key, help=hint, max_upload_size=1)
-    if file is None or st.session_state.get(f"{form} file") == file.file_id:
+    file = st.file_uploader(label, ["toml"], key="setpoints limits", help=hint, max_upload_size=1)
+    if file is None or st.session_state.get("setpoints file") == file.file_id:
         return
-    st.session_state[f"{form} file"] = file.file_id
+    st.session_state["setpoints file"] = file.file_id
     robot = limits_from_toml(file.getvalue(), file.name)
     for name, key in keys.items():
         value = getattr(robot, name)
@@ -202,15 +200,18 @@ def _planned(settings: MotionSettings, analysis: Analysis, show: Show) -> tuple[
     return tuple(plans)
 
 
-def show_motion_plan(page: Page, analysis: Analysis) -> None:
-    """Ask for the limits and show the expected accuracy of each motion."""
+def show_motion_plan(page: Page, analysis: Analysis, sines: PlanSettings | None = None) -> None:
+    """Ask for the limits and show the expected accuracy of each motion.
+
+    The limits of velocity and torque are those of the plan of ``sines``, if there is one.
+    """
     st.write(
         "The identified robot is simulated with a sweep and a multisine within your limits and with the "
         "noise of this study; the table shows the expected errors of K and D. A multisine on odd "
         "lines also separates nonlinear distortion from noise."
     )
     try:
-        settings = _ask(page, analysis)
+        settings = _ask(page, analysis, sines)
     except JointIdError as error:
         show_error(error)
         return
@@ -248,24 +249,29 @@ def show_motion_plan(page: Page, analysis: Analysis) -> None:
         show_error(error)
 
 
-def _ask(page: Page, analysis: Analysis) -> MotionSettings | None:
+def _ask(page: Page, analysis: Analysis, sines: PlanSettings | None) -> MotionSettings | None:
     study, n = analysis.study, analysis.fit.n
     largest = largest_motion(study.records)
     numbers = [
         enter_number(place, f"motion_{key}", *entry)
         for place, (key, entry) in zip(st.columns(4), _NUMBERS.items(), strict=True)
     ]
-    labels = ("Largest angle, ± (rad)", "Largest velocity (rad/s)", "Largest torque (N·m)")
+    labels = ["Largest angle, ± (rad)", "Largest velocity (rad/s)", "Largest torque (N·m)"]
     values = (largest.position_rad, largest.velocity_rad_s, largest.torque_Nm)
+    if sines is not None:
+        del labels[1:]
+        st.caption("Velocities and torques stay within the limits at the top of the page.")
     texts = [
         enter_text(place, f"motion {label} {page.digest[:12]}", label, ", ".join(f"{x:.3g}" for x in of))
-        for place, label, of in zip(st.columns(3), labels, values, strict=True)
+        for place, label, of in zip(st.columns(3), labels, values, strict=False)
     ]
     entered = applied("Predict", f"motions {page.digest}", (numbers, texts))
     if entered is None:
         return None
     (records, seconds, low, high), texts = entered
     limits = [numbers_in(label, text, count=n) for label, text in zip(labels, texts, strict=True)]
+    if sines is not None:
+        limits += [sines.velocity_rad_s, sines.torque_Nm]
     if min(min(each) for each in limits) <= 0:
         raise JointIdError("The largest angles, velocities and torques must be positive numbers.")
     return MotionSettings(

@@ -131,7 +131,7 @@ _MOST_FINDINGS = 3
 _MOST_TILES = 4
 """Joints; more are shown in a table."""
 _TILE_GAP = 16  # px, streamlit's
-_TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1440 px
+_TILE_WIDTH = 214  # px: room for "0.015006 ± 0.000007", and four in a row at 1366 px
 
 
 def show_heading(study: Study) -> None:

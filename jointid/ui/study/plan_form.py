@@ -163,7 +163,7 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
         "Change the records, add some, or delete some: frequency f, length t, amplitude τ and phase φ "
         "of each motor's torque. The table shows the expected accuracy."
     )
-    plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
+    plan = _own_plan(_edit_plan(found, page.digest), page, analysis, pose)
     errors = page.computed(
         ("own plan", pose, content(plan)),
         "Predicting the errors",
@@ -210,7 +210,9 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
     return {str(name): list(values) for name, values in dict(edited).items()}
 
 
-def _own_plan(columns: dict[str, list[float | None]], analysis: Analysis, pose: str) -> PlannedRecords:
+def _own_plan(
+    columns: dict[str, list[float | None]], page: Page, analysis: Analysis, pose: str
+) -> PlannedRecords:
     """Return the records of an edited plan."""
     table = {name: np.array([np.nan if v is None else v for v in c]) for name, c in columns.items()}
     if not len(table["Frequency (Hz)"]):
@@ -223,8 +225,8 @@ def _own_plan(columns: dict[str, list[float | None]], analysis: Analysis, pose: 
         np.stack([table[f"{what} {j + 1} ({unit})"] for j in range(analysis.fit.n)], axis=1)
         for what, unit in (("Torque", "N·m"), ("Phase", "°"))
     )
-    inertia = pose_inertia(analysis, pose)
-    model = planning_model(analysis.phasors, analysis.study.inertias, analysis.fit, inertia)
+    given = analysis.phasors, analysis.study.inertias, analysis.fit, pose_inertia(analysis, pose)
+    model = page.computed(("planning model", pose), "Preparing the plan", planning_model, *given)
     return planned_records(
         model.inertia,
         analysis.fit.elasticity,

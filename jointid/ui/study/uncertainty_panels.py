@@ -9,7 +9,6 @@ from jointid import Analysis, ElasticityFit, JointIdError
 from jointid.answer import (
     ERROR_BARS,
     UNSTATED_TORQUE_SCALE,
-    elasticity_quantities,
     friction_note,
     further_quantities,
     model_name,
@@ -102,7 +101,7 @@ _SLOW_DRAWS, _FAST_DRAWS = 60, 300
 
 
 def show_errors(analysis: Analysis) -> None:
-    """K and D with the parts of their errors, beside the paper's answer."""
+    """K and D with the parts of their errors."""
     show_text_table(errors_table(analysis))
     st.caption(
         f"Estimator: **{analysis.fit.method}**. {ERROR_BARS} The squares of its parts add up to its "
@@ -113,7 +112,7 @@ def show_errors(analysis: Analysis) -> None:
 
 
 def errors_table(analysis: Analysis) -> Table:
-    """One row per parameter: estimate, parts of its error, and the paper's answer."""
+    """One row per parameter: estimate and the parts of its error."""
     fit, found = analysis.fit, analysis.quantities
     header, rows = error_table(fit, analysis.unit)
     columns: dict[str, Sequence[str]] = {
@@ -121,22 +120,7 @@ def errors_table(analysis: Analysis) -> Table:
         "Estimate": [quantity.shown[0] for quantity in found],
     }
     parts = zip(map(capitalised, header), zip(*rows, strict=True), strict=True)
-    columns |= dict(list(parts)[2:])  # after name and total error
-    if "least-squares" not in analysis.fits or fit.method == "least-squares":
-        return columns
-    paper = elasticity_quantities(analysis.fits["least-squares"], analysis.unit)
-    pairs = list(zip(paper, found, strict=True))
-    known = [np.isfinite([one.error, other.error]).all() for one, other in pairs]
-    apart = [difference(one.value, other.value) for one, other in pairs]
-    return columns | {
-        "Paper's least squares": [quantity.shown[0] for quantity in paper],
-        "Difference": [text if is_known else "–" for text, is_known in zip(apart, known, strict=True)],
-    }
-
-
-def difference(other: float, value: float) -> str:
-    """Deviation of ``other`` from ``value``, in per cent of it."""
-    return signed_percent(100 * (other - value) / abs(value)) if value else "–"
+    return columns | dict(list(parts)[2:])  # after name and total error
 
 
 def signed_percent(percent: float) -> str:
