@@ -203,9 +203,9 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     "test_six_axes.py": {
         "test_heavy_friction_does_not_hide_the_springs": ("7-*",),
     },
-    "test_tolerance.py": {
+    "test_path_errors.py": {
         "test_and_with_every_option_of_the_servo": ("serial",),
-        "test_the_map_is_made_of_single_cuts": ("0.01-*",),
+        "test_mismatches_are_single_cuts": ("0.01-*",),
     },
     "test_tool_stiffness.py": {
         "test_a_slow_tool_bends_by_gravity_alone": (),

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from jointid.analysis import Analysis
+from jointid.cut.path_errors import PathErrorDistribution, path_error_distribution
 from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot, cut_robot
 from jointid.cut.servo import MotorFrictionLike, Servo
-from jointid.cut.tolerance import PathErrorDistribution, path_error_distribution
 from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
