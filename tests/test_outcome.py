@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from plants import ONE, PAPER, PARALLELOGRAM, SERIAL, THREE, THREE_SPRINGS
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm, Study, analyse, rectangle
-from jointid.cut.outcome import EVERYDAY_SERVO, cut_outcome, millimetres, study_outcome
+from jointid.cut.outcome import cut_outcome, millimetres, study_outcome
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.servo import Servo
 
@@ -202,12 +202,6 @@ class TestThePromise:
         assert outcome.after.max_contour_error_m == pytest.approx(outcome.after_m, rel=0.05)
         assert np.any(np.all(outcome.distribution.K == outcome.p95.K, axis=1))
 
-    def test_the_same_seed_draws_the_same_robots(self) -> None:
-        first, second, other = (
-            cut_outcome(robot(0.01), PATH, None, samples=5, seed=seed) for seed in (1, 1, 2)
-        )
-        assert first.after_m == second.after_m != other.after_m
-
     def test_without_a_promise_the_cut_is_still_made(self) -> None:
         outcome = cut_outcome(robot(5.0), PATH, None, servo=IDEAL)
         assert outcome.distribution is None
@@ -243,12 +237,6 @@ class TestThePromise:
         assert right.before_m < right.after_m
         assert "not better" in right.not_better
         assert not cut_outcome(robot(0.02), PATH, None, samples=30).not_better
-
-    def test_left_out_the_servo_is_the_everyday_one(self) -> None:
-        left_out, given_ = (
-            cut_outcome(robot(), PATH, None, samples=1, servo=s) for s in (None, EVERYDAY_SERVO)
-        )
-        np.testing.assert_array_equal(left_out.before.tool_m, given_.before.tool_m)
 
 
 class TestAStudy:

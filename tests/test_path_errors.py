@@ -25,7 +25,6 @@ REAL = Servo(
     delay_samples=1,
     encoder_bits=16,
     differentiated_velocity=True,
-    velocity_filter_hz=300.0,
     friction_compensation=FRICTION,
     torque_limit_Nm=[20.0, 8.0],
 )
@@ -120,14 +119,6 @@ def test_draws_have_the_covariance_that_was_given() -> None:
     np.testing.assert_allclose(drawn.std(axis=0), np.sqrt(np.diag(C)), rtol=0.1)
     assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.8, abs=0.05)
     assert abs(np.corrcoef(drawn.T)[0, 2]) < 0.15
-
-
-def test_progress_of_many_cuts() -> None:
-    seen: list[float] = []
-    errors_of_mismatch(PlanarArm.example(), rectangle(), TRUE, [[0.9], [1.0]], progress=seen.append)
-    assert seen[0] == 0.0
-    assert seen[-1] == 1.0
-    assert np.all(np.diff(seen) > 0)
 
 
 def test_bad_input_is_refused() -> None:

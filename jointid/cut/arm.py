@@ -165,14 +165,6 @@ class PlanarArm:
         links = np.stack([-h * rate[..., 1] ** 2, h * rate[..., 0] ** 2], axis=-1)
         return np.asarray(links @ self.links_from_joints)
 
-    def joint_torque(
-        self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, acceleration: ArrayLike
-    ) -> Floats:
-        """Joint torque u = M(q) q̈ + c(q, q̇), joint side, shape (..., 2), N·m."""
-        acceleration = _pairs("acceleration (rad/s²)", acceleration)
-        inertial = (self.mass_matrix(angle_rad) @ acceleration[..., None])[..., 0]
-        return np.asarray(inertial + self.coriolis(angle_rad, rate_rad_s))
-
     def joint_acceleration(
         self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, torque_Nm: ArrayLike
     ) -> Floats:

@@ -4,7 +4,6 @@ Mismatches show the required accuracy of K; draws from a fit's covariance give t
 after an identification.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypedDict, Unpack
 
@@ -34,7 +33,6 @@ class CutOptions(TypedDict, total=False):
     servo: Servo | None
     friction: MotorFrictionLike | None
     dt: float  # by default 0.5 ms
-    progress: Callable[[float], None] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +182,6 @@ def _largest_errors(
     servo: Servo | None = None,
     friction: MotorFrictionLike | None = None,
     dt: float = 5e-4,
-    progress: Callable[[float], None] | None = None,
 ) -> Floats:
     """Largest contour error of each cut, shape (runs,), m.
 
@@ -204,12 +201,10 @@ def _largest_errors(
         require_resolved(arm, K.max(axis=1), D.max(axis=1), step, plan.start_angle)
         arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction)
         with np.errstate(over="ignore", invalid="ignore"):
-            run_many(plan, arms, substeps, _share(progress, part.start / runs, count / runs))
+            run_many(plan, arms, substeps)
         tool = arm.tool_of_links(np.array([*arms.log, arms.link]).swapaxes(1, 2))
         reference = toolpath.position(np.arange(len(tool)) * step)
         contour[part] = _largest_contour_error(toolpath, tool, reference, step)
-    if progress is not None:
-        progress(1.0)
     return contour
 
 
@@ -245,12 +240,3 @@ def _beside(tool: Floats, reference: Floats, bend_m: float) -> Floats:
 
 def _length(vector: Floats) -> Floats:
     return np.asarray(np.sqrt(vector[..., 0] ** 2 + vector[..., 1] ** 2))
-
-
-def _share(
-    progress: Callable[[float], None] | None, start: float, share: float
-) -> Callable[[float], None] | None:
-    """The progress of one batch as a share of the whole."""
-    if progress is None:
-        return None
-    return lambda fraction: progress(start + share * 0.9 * fraction)
