@@ -37,7 +37,7 @@ PAPER = Robot(
     M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]], K=[43.0, 7.5], D=[0.10, 0.015]
 )
 INERTIA = Inertia(PAPER.M, PAPER.M2)
-BAND = np.array([3.0, 5, 8, 12, 17, 23, 30])
+BAND = np.array([3.0, 6, 11, 18, 30])
 HARD, PLAY, DAHL, SLOPES = (
     Gear(cubic=9000.0),
     Gear(backlash_rad=0.004),
