@@ -63,7 +63,7 @@ WORN = {
 @cache
 def measured() -> dict[str, Phasors]:
     """Phasors of the worn robots, which are integrated side by side."""
-    motions = {"noise": 0.003, "periods": 4.5, "max_step_s": 2e-4}
+    motions = {"noise": 0.003, "periods": 4.5}
     logs = simulate([(robot, paper_motions(robot, BAND, **motions)) for robot in WORN.values()])
     return {name: extract_phasors(records) for name, records in zip(WORN, logs, strict=True)}
 
