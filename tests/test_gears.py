@@ -323,7 +323,8 @@ def test_the_cut_agrees_with_an_independent_integration(gear: Gear, drive: Drive
         spring = n * (elastic + elasticity.D * turn + level * z)
         motor = (n * torque - spring) / arm.rotor_inertia_arm_kgm2
         loop = (turn - np.abs(turn) * z) / reach
-        return np.concatenate([v, w, arm.joint_acceleration(q, v, spring), motor, loop])
+        links = np.linalg.solve(arm.mass_matrix(q), spring - arm.coriolis(q, v))
+        return np.concatenate([v, w, links, motor, loop])
 
     x = np.concatenate([run.joint_angle_rad[0]] * 2 + [np.zeros(6)])
     places = [x[:2]]

@@ -182,7 +182,7 @@ def _build_links(space: pymunk.Space, arm: PlanarArm, angle: Floats) -> list[pym
         link.angle, link.position = float(at), tuple(place.tolist())
         links.append(link)
     base = pymunk.PivotJoint(space.static_body, links[0], (0.0, 0.0), (-r1, 0.0))
-    elbow = pymunk.PivotJoint(*links, (l1 - r1, 0.0), (-r2, 0.0))
+    elbow = pymunk.PivotJoint(links[0], links[1], (l1 - r1, 0.0), (-r2, 0.0))
     # No remaining bias: each step closes the gap that the straight step of a turning body opens.
     base.error_bias = elbow.error_bias = 0.0
     space.add(*links, base, elbow)
