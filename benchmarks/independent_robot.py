@@ -198,6 +198,7 @@ class Plants:
         """Acceleration of the arm per torque on it."""
         for k, robot in enumerate(robots):
             self._linear_part(robot, self.A[k], self.B[k], self.arm_force[k])
+        self.filtered = self.of("position_filter_hz") > 0
         self.B[:, self.at["torque_log"]] = 2 * np.pi * self.of("torque_filter_hz") * np.eye(n)
 
     def of(self, name: str) -> Array:
@@ -248,9 +249,7 @@ class Plants:
 
     def measured(self, x: Array) -> Array:
         """Angles as the log has them before rounding, (p, n, r)."""
-        return np.where(
-            self.of("position_filter_hz") > 0, x[:, self.at["angle_log"]], x[:, self.at["theta"]]
-        )
+        return np.where(self.filtered, x[:, self.at["angle_log"]], x[:, self.at["theta"]])
 
     def energy(self, x: Array) -> Array:
         """Kinetic and elastic energy of robots without link mode and play, shape (p, r)."""
@@ -564,10 +563,11 @@ def _closed_loop(
     angles, torques = np.zeros((samples, *shape)), np.zeros((samples, *shape))
     logged = torques.copy() if filtered.any() else torques
     index = np.arange(p)[:, None], np.arange(n)[None]
+    late = bool(lag.any())
     for k in range(samples):
         time = k / rate
         turn = omega * time + phase
-        share = np.clip(time / ramp_s, 0.0, 1.0)[:, None, None]
+        share = np.minimum(time / ramp_s, 1.0)[:, None, None]
         size = amplitude * (share * share * (3 - 2 * share))
         angles[k] = np.rint(plants.measured(x) / quantum) * quantum
         target, rate_of_target = size * np.sin(turn), size * omega * np.cos(turn)
@@ -575,17 +575,16 @@ def _closed_loop(
         if logged is not torques:
             logged[k] = np.where(filtered, x[:, plants.at["torque_log"]], torques[k])
         for part in range(sub):
-            held = torques[k]
-            if lag.any():
-                held = torques[np.maximum((k * sub + part - lag) // sub, 0), *index]
+            held = torques[np.maximum((k * sub + part - lag) // sub, 0), *index] if late else torques[k]
             x = advance(x, held)
     return angles, logged
 
 
 def _substeps(robots: Sequence[Robot], about: Experiment) -> int:
-    """Steps per sample: short enough, and all lags are whole steps."""
+    """Steps per sample: short enough for a robot that is not linear, and all lags are whole steps."""
     lags = np.concatenate([robot.lag_s for robot in robots]) * about.sample_rate_hz
-    for sub in range(about.substeps, about.substeps + 20):
+    least = 1 if all(robot.linear for robot in robots) else about.substeps
+    for sub in range(least, least + 20):
         if np.all(np.abs(lags * sub - np.rint(lags * sub)) < 1e-6):
             return sub
     raise ValueError("No whole number of steps per sample makes every lag a whole number of steps.")

@@ -25,7 +25,7 @@ from jointid import (
     simulate_records,
     track,
 )
-from jointid.cut.tolerance import tolerance_map
+from jointid.cut.path_errors import errors_of_mismatch
 
 COULOMB = np.array([0.4, 0.08])
 VISCOUS = np.array([0.002, 0.0005])
@@ -266,10 +266,11 @@ def _cut(quick: bool) -> Table:
     run = track(arm, path, TRUTH, TRUTH)
     lasts = float(run.time_s[-1])
     side = 3 if quick else 20
-    ratios = np.geomspace(1 / 3, 3, side)
+    ratio = np.geomspace(1 / 3, 3, side)
+    ratios = np.stack(np.meshgrid(ratio, ratio)).reshape(2, -1)
     timed = {
         "one cut in pymunk": lambda: track(arm, path, TRUTH, TRUTH),
-        f"tolerance map, {side} × {side} cuts": lambda: tolerance_map(arm, path, TRUTH, ratios),
+        f"{side} × {side} mismatches": lambda: errors_of_mismatch(arm, path, TRUTH, ratios),
     }
     one, many = timed
     times = interleaved(timed, against=one, rounds=2 if quick else 7, warm=False)

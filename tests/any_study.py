@@ -26,8 +26,8 @@ from jointid import (
 from jointid.answer import answer_sentence, further_quantities, without
 from jointid.arrays import Complexes, Floats
 from jointid.cut.outcome import study_outcome
+from jointid.cut.path_errors import errors_of_mismatch
 from jointid.cut.robot import cut_robot, reason_unusable
-from jointid.cut.tolerance import tolerance_map
 from jointid.exporting.identification import to_json, to_toml
 from jointid.exporting.matlab import to_mat
 from jointid.exporting.robot_models import mujoco_snippet, sdf_snippet, urdf_snippet
@@ -506,7 +506,7 @@ def _tolerance(analysis: Analysis) -> None:
     robot = cut_robot(analysis)
     from jointid.cut.rectangle import rectangle
 
-    tolerance_map(robot.arm, rectangle(), robot.elasticity, [0.5, 2.0], [0.5, 2.0])
+    errors_of_mismatch(robot.arm, rectangle(), robot.elasticity, [[0.5, 2.0], [0.5, 2.0]])
 
 
 @contextmanager

@@ -229,7 +229,7 @@ class TestAnalysisThatFails:
         self, app: AppTest, studies: dict[int, Study]
     ) -> None:
         right = studies[2].inertia
-        records = studies[2].records[:6]
+        records = studies[2].records[:4]
         wrong = replace(studies[2], records=records, inertia=Inertia(0.5 * right.M, 2 * right.M2))
         at = shown(app.run())
         at = shown(at.selectbox(key="estimator").set_value("least-squares").run())  # the quickest

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from examples import examples
@@ -23,16 +25,7 @@ bends = st.floats(0.1, 3.0)
 
 
 def values(arm: PlanarArm, **changes: object) -> dict[str, object]:
-    names = (
-        "length_m",
-        "mass_kg",
-        "centre_m",
-        "inertia_kgm2",
-        "gear_ratio",
-        "rotor_inertia_kgm2",
-        "drive",
-    )
-    return {name: getattr(arm, name) for name in names} | changes
+    return vars(arm) | changes
 
 
 @pytest.mark.parametrize(
@@ -119,18 +112,6 @@ def test_coriolis_torque_follows_from_the_energy(drive, angle, bend, w1, w2) -> 
     np.testing.assert_allclose(arm.coriolis(q, rate), expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("drive", DRIVES)
-def test_acceleration_undoes_torque(drive) -> None:
-    arm = PlanarArm.example(drive)
-    q, rate, acceleration = (
-        np.array([[0.3, 1.1], [-1.0, 2.0]]),
-        [[1.0, -2.0], [0.5, 3.0]],
-        [[4.0, 5.0]] * 2,
-    )
-    torque = arm.joint_torque(q, rate, acceleration)
-    np.testing.assert_allclose(arm.joint_acceleration(q, rate, torque), acceleration, rtol=1e-12)
-
-
 def test_out_of_reach_and_singular_points_are_refused() -> None:
     arm = PlanarArm.example()
     with pytest.raises(
@@ -161,28 +142,34 @@ def test_bad_arms_are_refused(change, message) -> None:
         PlanarArm(**values(PlanarArm.example(), **change))
 
 
-def free_motion(arm: PlanarArm, elasticity: Elasticity, end_s: float) -> np.ndarray:
-    """Angles at the end, from an independent tight integration in joint coordinates."""
+Q, PUSH_NM = np.array([0.4, 1.2]), np.array([60.0, -30.0])
+
+
+def pushed(arm: PlanarArm, elasticity: Elasticity, end_s: float) -> np.ndarray:
+    """Angles after a constant push, from an independent tight integration in joint coordinates."""
     n2 = arm.gear_ratio**2
 
     def slope(_: float, y: np.ndarray) -> np.ndarray:
         q, theta, w, v = y[:2], y[2:4], y[4:6], y[6:]
         spring = n2 * (elasticity.K * (theta - q) + elasticity.D * (v - w))
         acceleration = np.linalg.solve(arm.mass_matrix(q), spring - arm.coriolis(q, w))
-        return np.concatenate([w, v, acceleration, -spring / (n2 * arm.rotor_inertia_kgm2)])
+        return np.concatenate([w, v, acceleration, (PUSH_NM - spring) / (n2 * arm.rotor_inertia_kgm2)])
 
-    start = np.concatenate([Q, THETA, RATE, MOTOR_RATE])
+    start = np.concatenate([Q, Q, np.zeros(4)])
     return solve_ivp(slope, (0, end_s), start, method="DOP853", rtol=1e-11, atol=1e-13).y[:4, -1]
 
 
-Q, THETA = np.array([0.4, 1.2]), np.array([0.41, 1.19])
-RATE, MOTOR_RATE = np.array([0.3, -0.2]), np.array([0.25, -0.1])
-
-
-def swing(arm: PlanarArm, elasticity: Elasticity, dt: float, end_s: float) -> ArmSimulation:
-    simulation = ArmSimulation(arm, elasticity, dt, Q, THETA, RATE, MOTOR_RATE)
-    for _ in range(round(end_s / dt)):
-        simulation.step(0.0, 0.0)
+def swing(
+    arm: PlanarArm, elasticity: Elasticity, dt: float, end_s: float, push_s: float = np.inf
+) -> ArmSimulation:
+    """From rest, pushed for a while: half as much at the steps around its begin and its end."""
+    simulation, steps = (
+        ArmSimulation(arm, elasticity, dt, Q),
+        round(push_s / dt) if push_s < end_s else -1,
+    )
+    for k in range(round(end_s / dt)):
+        share = 0.5 if k in (0, steps) else float(steps < 0 or k < steps)
+        simulation.step(*(share * PUSH_NM).tolist())
     simulation.log.append(simulation.angles)
     return simulation
 
@@ -190,7 +177,7 @@ def swing(arm: PlanarArm, elasticity: Elasticity, dt: float, end_s: float) -> Ar
 @pytest.mark.parametrize("drive", DRIVES)
 def test_pymunk_converges_with_the_square_of_the_step(drive) -> None:
     arm = PlanarArm.example(drive)
-    exact = free_motion(arm, ELASTICITY, 0.5)
+    exact = pushed(arm, ELASTICITY, 0.5)
     exact[:2] = arm.link_angles(exact[:2])
     errors = [
         np.abs(swing(arm, ELASTICITY, dt, 0.5).angles - exact).max()
@@ -205,7 +192,7 @@ def test_pymunk_converges_with_the_square_of_the_step(drive) -> None:
 @pytest.mark.parametrize("drive", DRIVES)
 def test_energy_and_angular_momentum_are_kept(drive) -> None:
     arm, dt = PlanarArm.example(drive), 1e-4
-    log = np.array(swing(arm, UNDAMPED, dt, 5.0).log)
+    log = np.array(swing(arm, UNDAMPED, dt, 5.3, push_s=0.3).log)[3001:]
     q, theta = arm.joint_angles(log[1:-1, :2]), log[1:-1, 2:]
     rates = (log[2:] - log[:-2]) / (2 * dt)
     w, v = arm.joint_angles(rates[:, :2]), rates[:, 2:]
@@ -226,12 +213,15 @@ def test_energy_and_angular_momentum_are_kept(drive) -> None:
 @pytest.mark.parametrize("drive", DRIVES)
 def test_pivots_hold(drive) -> None:
     simulation = swing(PlanarArm.example(drive), ELASTICITY, 2.5e-4, 0.5)
-    assert max(simulation.pivot_gaps_m) < 1e-7
+    for joint in simulation._space.constraints:
+        gap = joint.a.local_to_world(joint.anchor_a) - joint.b.local_to_world(joint.anchor_b)
+        assert abs(gap) < 1e-7
 
 
 def test_a_sticking_motor_does_not_move() -> None:
     arm = PlanarArm.example()
-    simulation = ArmSimulation(arm, ELASTICITY, 2.5e-4, Q, coulomb_Nm=[0.5, 0.25])
+    friction = SimpleNamespace(coulomb=[0.5, 0.25], viscous=0.0)
+    simulation = ArmSimulation(arm, ELASTICITY, 2.5e-4, Q, friction)
     for _ in range(400):
         simulation.step(49.9, -22.4)  # just below 100 · 0.5 and 90 · 0.25
     assert simulation.angles[2:] == pytest.approx(Q, abs=1e-12)
@@ -242,31 +232,16 @@ def test_a_sticking_motor_does_not_move() -> None:
 
 
 def test_viscous_friction_slows_the_rotor() -> None:
-    """A rotor on a spring too soft to matter: θ̇ = θ̇0 exp(−F t / J), motor-side values on both."""
+    """A rotor on a spring too soft to matter: θ̇ = τ/F (1 − exp(−F t / J)), F and J on one side."""
     soft = Elasticity(K=[1e-9, 1e-9], D=[0.0, 0.0])
-    arm = PlanarArm.example()
-    simulation = ArmSimulation(
-        arm, soft, 2.5e-4, Q, motor_rate_rad_s=[1.0, 1.0], viscous_Nms=[0.01, 0.01]
-    )
-    for _ in range(800):
-        simulation.step(0.0, 0.0)
+    arm, friction = PlanarArm.example(), SimpleNamespace(coulomb=0.0, viscous=0.01)
+    simulation, torque = ArmSimulation(arm, soft, 2.5e-4, Q, friction), np.array([50.0, 20.0])
+    for k in range(800):
+        simulation.step(*((1.0 if k else 0.5) * torque).tolist())
     rates = [simulation.motor1_rate, simulation.motor2_rate]
-    np.testing.assert_allclose(rates, np.exp(-0.01 * 0.2 / arm.rotor_inertia_kgm2), rtol=1e-5)
-
-
-@pytest.mark.parametrize("dt", [1.001e-3, 4e-3, 0.0, -1e-4, np.nan])
-def test_steps_above_a_millisecond_are_refused(dt) -> None:
-    with pytest.raises(JointIdError, match="1 ms"):
-        ArmSimulation(PlanarArm.example(), ELASTICITY, dt, Q)
-
-
-def test_springs_too_fast_for_the_step_are_refused() -> None:
-    with pytest.raises(JointIdError, match="too long for this arm"):
-        ArmSimulation(PlanarArm.example(), Elasticity(K=[4e5, 7.5], D=[0.1, 0.0]), 2.5e-4, Q)
-    with pytest.raises(JointIdError, match="too long for this arm"):
-        ArmSimulation(PlanarArm.example(), Elasticity(K=[43.0, 7.5], D=[50.0, 0.0]), 2.5e-4, Q)
-    with pytest.raises(JointIdError, match="3 joint"):
-        ArmSimulation(PlanarArm.example(), Elasticity(K=[1.0] * 3, D=[0.0] * 3), 2.5e-4, Q)
+    final = torque / (0.01 * arm.gear_ratio**2)
+    expected = -final * np.expm1(-0.01 * 0.2 / arm.rotor_inertia_kgm2)
+    np.testing.assert_allclose(rates, expected, rtol=1e-5)
 
 
 @examples(20, derandomize=True)

@@ -262,7 +262,8 @@ def test_a_sticking_joint_stands_exactly():
         PAPER,
         [3.0, 12.0],
         excitation=Excitation(pattern="one-at-a-time", duration_s=1.0, settle_s=3.0),
-        friction=MotorFriction([0.1, 1.0]),
+        controller=Controller(sample_rate_hz=2000.0),
+        friction=MotorFriction([0.1, 1.0], step_s=5e-4),
     )
     for record in (records[0], records[2]):
         assert np.ptp(record.theta_rad[:, 1]) == 0.0
@@ -377,11 +378,12 @@ def test_a_joint_that_would_reverse_is_refused():
 
 
 def test_encoder_counts_and_noise_are_as_asked():
-    settings = {"excitation": Excitation(duration_s=1.0), "friction": MotorFriction(0.02)}
+    settings = {
+        "excitation": Excitation(duration_s=1.0, settle_s=0.1),
+        "friction": MotorFriction(0.02),
+    }
     clean = simulate_records(SERIAL, PAPER, [5.0], **settings)
-    seen = simulate_records(
-        SERIAL, PAPER, [5.0], **settings, measurement=Measurement(4096, torque_noise_Nm=[0.02, 0.05])
-    )
+    seen = simulate_records(SERIAL, PAPER, [5.0], **settings, measurement=Measurement(4096))
     for record, ideal in zip(seen, clean, strict=True):
         counts = record.theta_rad * 4096 / (2 * np.pi)
         np.testing.assert_allclose(counts, np.rint(counts), atol=1e-6)

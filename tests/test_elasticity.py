@@ -284,7 +284,7 @@ def test_errors_are_as_stated(n: int, count: int, freedom: int | None, unlike: f
     Where the noise of the records differs by a factor of sixteen and only a few periods show it, the
     error may be stated up to 1.6 times too wide, never too narrow.
     """
-    runs, base, inertia = tries(160, long=320), example(n, count=count), ROBOTS[n][0]
+    runs, base, inertia = tries(110, long=320), example(n, count=count), ROBOTS[n][0]
     noise = mild_noise(base, unlike=unlike)
     rng = np.random.default_rng(5)
     fits: dict[str, list[ElasticityFit]] = {method: [] for method in LINEAR}
@@ -311,7 +311,7 @@ def test_single_record_errors_are_as_stated() -> None:
     base = example(2, np.array([11.0]), 1)
     noise = mild_noise(base)
     fits: dict[str, list[ElasticityFit]] = {method: [] for method in LINEAR}
-    for error in circular(np.random.default_rng(6), noise, tries(120, long=500)):
+    for error in circular(np.random.default_rng(6), noise, tries(100, long=500)):
         data = noisy(base, noise, error)
         for method, of_method in fits.items():
             of_method.append(identify_elasticity(data, SERIAL, method=method))
@@ -327,7 +327,7 @@ def test_maximum_likelihood_is_unbiased_where_weighting_is_not() -> None:
     noise = mild_noise(base, 0.3)
     found: dict[str, list[np.ndarray]] = {"weighted": [], "maximum-likelihood": []}
     stated, misfit = [], []
-    for error in circular(np.random.default_rng(12), noise, tries(80, long=300)):
+    for error in circular(np.random.default_rng(12), noise, tries(60, long=300)):
         for method, answers in found.items():
             fit = identify_elasticity(noisy(base, noise, error), SERIAL, method=method)
             answers.append(answer(fit))

@@ -16,8 +16,6 @@ from jointid.fleet import Progress, Summary, analyse_fleet, read_fleet
 from jointid.fleet.content import content_digest
 from jointid.fleet.row import Row, row_of
 
-distributed = pytest.importorskip("distributed")
-
 # Dask warns, from its own threads, of ports taken by its dashboard and of workers that are restarted.
 pytestmark = [
     pytest.mark.filterwarnings("default::UserWarning:distributed"),
@@ -32,6 +30,7 @@ COUNT = 10
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
     """A scheduler with two workers, each a process of one thread."""
+    distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
@@ -60,6 +59,8 @@ def out(
     address: str, mixed: list[str | Path], tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, Summary]:
     """The table of a batch over which a worker was killed."""
+    import distributed
+
     with distributed.Client(address, set_as_default=False) as client:
         workers = list(client.run(os.getpid).values())
     killed: list[int] = []

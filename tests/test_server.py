@@ -9,7 +9,9 @@ import socket
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -39,8 +41,8 @@ def connected(server: Server) -> socket.socket:
     return socket.create_connection(("127.0.0.1", server.port), timeout=20)
 
 
-def ended_after(connection: socket.socket, trickle: Callable[[int], bytes]) -> float:
-    """Seconds until the server ends a connection that sends a few bytes ten times per second."""
+def ended_after(connection: socket.socket, trickle: Callable[[int], bytes] = lambda _: b"") -> float:
+    """Patiences until the server ends a connection that sends a few bytes ten times per second."""
     begin = time.monotonic()
     connection.settimeout(0.1)
     for step in range(200):
@@ -55,24 +57,7 @@ def ended_after(connection: socket.socket, trickle: Callable[[int], bytes]) -> f
             break
     else:
         raise AssertionError("The server keeps this connection.")
-    return time.monotonic() - begin
-
-
-def test_a_connection_without_request_ends(server: Server) -> None:
-    with connected(server) as connection:
-        assert ended_after(connection, lambda _: b"") < 3 * PATIENCE_S
-
-
-def test_a_request_that_trickles_in_ends(server: Server) -> None:
-    with connected(server) as connection:
-        connection.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n")
-        assert ended_after(connection, lambda step: b"X-%d: 1\r\n" % step) < 3 * PATIENCE_S
-
-
-def test_a_second_request_that_trickles_in_ends(server: Server) -> None:
-    with connected(server) as connection:
-        connection.sendall(b"GET /_stcore/health HTTP/1.1\r\nHost: x\r\n\r\nGET / HTTP/1.1\r\n")
-        assert ended_after(connection, lambda step: b"X-%d: 1\r\n" % step) < 4 * PATIENCE_S
+    return (time.monotonic() - begin) / PATIENCE_S
 
 
 @contextmanager
@@ -94,26 +79,33 @@ def upload(server: Server, session: Session) -> bytes:
     ).encode()
 
 
-@pytest.mark.parametrize("trickle", [b"", b"1,2,3\n"], ids=["stopped", "slow"])
-def test_an_upload_that_stalls_ends(server: Server, trickle: bytes) -> None:
+def request_that_trickles_in(server: Server, before: bytes = b"") -> float:
+    with connected(server) as connection:
+        connection.sendall(before + b"GET / HTTP/1.1\r\nHost: x\r\n")
+        return ended_after(connection, lambda step: b"X-%d: 1\r\n" % step)
+
+
+def upload_that_stalls(server: Server, trickle: bytes) -> float:
     with visiting(server) as session, connected(server) as connection:
         connection.sendall(upload(server, session) + b"time,q\n" * 9000)
-        took = ended_after(connection, lambda _: trickle)
-    assert PATIENCE_S < took < 4 * PATIENCE_S
+        return ended_after(connection, lambda _: trickle)
 
 
-def test_an_upload_at_a_slow_network_is_kept(server: Server) -> None:
+def upload_at_a_slow_network(server: Server) -> float:
+    """Not ended for three patiences."""
     with visiting(server) as session, connected(server) as connection:
         connection.sendall(upload(server, session))
         for _ in range(15):
             connection.sendall(b"time,q\n" * 3000)
-            time.sleep(0.2)
+            time.sleep(0.2 * PATIENCE_S)
         connection.settimeout(0.1)
         with pytest.raises(TimeoutError):
             connection.recv(1)
+    return 0.0
 
 
-def test_a_client_that_takes_no_response_ends(server: Server) -> None:
+def client_that_takes_no_response(server: Server) -> float:
+    """Share of the responses that it receives in the end."""
     with urllib.request.urlopen(server.address) as answer:
         (script,) = re.findall(r'src="\./(static/js/index[^"]+)"', answer.read().decode())
     with urllib.request.urlopen(f"{server.address}/{script}") as answer:
@@ -127,18 +119,45 @@ def test_a_client_that_takes_no_response_ends(server: Server) -> None:
         with suppress(ConnectionError):
             while more := connection.recv(1 << 20):  # what the system kept for it
                 received += len(more)
-    assert 0 < received < every / 2
+    return received / every
 
 
-def test_a_websocket_without_pongs_ends(server: Server) -> None:
+def websocket_without_pongs(server: Server) -> float:
     key = base64.b64encode(os.urandom(16)).decode()
     with connected(server) as connection:
         connection.sendall(
             "GET /_stcore/stream HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
             f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
         )
-        took = ended_after(connection, lambda _: b"")
-    assert PATIENCE_S < took < 5 * PATIENCE_S
+        return ended_after(connection)
+
+
+def connection_without_request(server: Server) -> float:
+    with connected(server) as connection:
+        return ended_after(connection)
+
+
+HEALTH = b"GET /_stcore/health HTTP/1.1\r\nHost: x\r\n\r\n"
+CLIENTS: dict[str, tuple[Callable[[Server], float], float, float]] = {
+    "connection without request": (connection_without_request, 0, 3),
+    "request that trickles in": (request_that_trickles_in, 0, 3),
+    "second request that trickles in": (partial(request_that_trickles_in, before=HEALTH), 0, 4),
+    "upload that stops": (partial(upload_that_stalls, trickle=b""), 1, 4),
+    "slow upload": (partial(upload_that_stalls, trickle=b"1,2,3\n"), 1, 4),
+    "upload at a slow network": (upload_at_a_slow_network, -1, 1),
+    "client that takes no response": (client_that_takes_no_response, 0, 0.5),
+    "websocket without pongs": (websocket_without_pongs, 1, 5),
+}
+"""Clients, and between which figures the answer of each must be."""
+
+
+def test_clients_that_stall_are_ended(server: Server) -> None:
+    """All at once: each waits for the server's patience to end."""
+    with ThreadPoolExecutor(len(CLIENTS)) as pool:
+        found = {name: pool.submit(client, server) for name, (client, _, _) in CLIENTS.items()}
+    shown = {name: future.result() for name, future in found.items()}
+    wrong = {name: shown[name] for name, (_, a, b) in CLIENTS.items() if not a < shown[name] < b}
+    assert not wrong
 
 
 def test_it_follows_no_files(server: Server) -> None:
@@ -152,8 +171,7 @@ def test_descriptors_come_back_after_visitors_leave(server: Server) -> None:
     with visiting(server):
         pass
     wait_for(lambda: sessions(server) == 0)
-    time.sleep(5 * PATIENCE_S)  # and those of other tests
-    before = descriptors(server)
+    before = settled(lambda: descriptors(server))  # without those of other tests
     for _ in range(2):
         visitors = [Session(server.address) for _ in range(3)]
         for visitor in visitors:
@@ -168,6 +186,16 @@ def sessions(server: Server) -> int:
     with urllib.request.urlopen(f"{server.address}/_stcore/metrics?families=active_sessions") as answer:
         (count,) = re.findall(r"^active_sessions (\d+)", answer.read().decode(), re.MULTILINE)
     return int(count)
+
+
+def settled(value: Callable[[], int]) -> int:
+    """The value once it has stayed the same for two patiences."""
+    since, now = time.monotonic(), value()
+    while time.monotonic() < since + 2 * PATIENCE_S:
+        time.sleep(0.1)
+        if (then := value()) != now:
+            since, now = time.monotonic(), then
+    return now
 
 
 def wait_for(condition: Callable[[], bool]) -> None:

@@ -17,6 +17,10 @@ from jointid.errors import JointIdError
 ZONES = (0.0, 0.001, 0.005, 0.010, 0.014)
 
 
+def top_speed(path: Toolpath) -> float:
+    return float(np.linalg.norm(path.velocity_m_s, axis=1).max())
+
+
 @pytest.mark.parametrize("zone", ZONES)
 def test_each_derivative_is_the_slope_of_the_one_before(zone) -> None:
     path, h = rectangle(zone_m=zone), 1e-5
@@ -52,13 +56,12 @@ def test_limits_are_kept(zone, speed, size, acceleration) -> None:
         speed_m_s=speed,
         acceleration_m_s2=acceleration,
     )
-    assert path.top_speed_m_s <= speed * (1 + 1e-12)
-    assert path.top_speed_m_s >= 0.9 * speed
+    assert 0.9 * speed <= top_speed(path) <= speed * (1 + 1e-12)
     assert path.peak_acceleration_m_s2 <= acceleration * (1 + 1e-12)
     changes = np.abs(np.diff(path.velocity_m_s, axis=0)).max(axis=1) > 1e-9
     assert path.duration_s[changes].min() >= 0.05 - 1e-12
     sampled = path.derivatives(np.linspace(0, path.end_s, 3000))
-    assert np.linalg.norm(sampled[1], axis=1).max() <= path.top_speed_m_s * (1 + 1e-9)
+    assert np.linalg.norm(sampled[1], axis=1).max() <= top_speed(path) * (1 + 1e-9)
     assert np.linalg.norm(sampled[2], axis=1).max() <= path.peak_acceleration_m_s2 * (1 + 1e-9)
 
 
@@ -104,7 +107,7 @@ def test_a_corner_zone_begins_and_ends_at_its_distance() -> None:
 
 def test_the_paper_cut_runs_at_full_speed_in_the_largest_zone() -> None:
     path = rectangle(zone_m=0.010)
-    assert path.top_speed_m_s == pytest.approx(0.3)
+    assert top_speed(path) == pytest.approx(0.3)
     moving = slice(1, -2)
     np.testing.assert_allclose(np.linalg.norm(path.velocity_m_s[moving], axis=1), 0.3)
     # 0.3² / 0.02 · 35/16 · √2, below the limit of 15 m/s².
@@ -184,7 +187,7 @@ def test_the_speed_that_the_message_names_is_feasible() -> None:
     with pytest.raises(JointIdError) as refused:
         rectangle(speed_m_s=0.8, zone_m=0.004)
     named = float(str(refused.value).split("Lower speed_m_s to ")[1].split(" m/s")[0])
-    assert rectangle(speed_m_s=named, zone_m=0.004).top_speed_m_s == pytest.approx(named, rel=1e-9)
+    assert top_speed(rectangle(speed_m_s=named, zone_m=0.004)) == pytest.approx(named, rel=1e-9)
 
 
 def test_a_path_of_ones_own() -> None:

@@ -230,7 +230,7 @@ def test_a_result_cannot_be_changed() -> None:
         run.tool_m = run.wanted_m
 
 
-@pytest.mark.parametrize("dt", [1.1e-3, 0.0, -1e-3, float("nan")])
+@pytest.mark.parametrize("dt", [1.001e-3, 4e-3, 0.0, -1e-4, float("nan")])
 def test_steps_above_a_millisecond_are_refused(dt) -> None:
     with pytest.raises(
         JointIdError, match=r"dt = .* s: the step must be positive and at most 0.001 s \(1 ms\)"
@@ -248,7 +248,9 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(JointIdError, match="out of reach"):
         track(arm, rectangle(centre_m=(1.5, 0.0)), TRUE)
     with pytest.raises(JointIdError, match="too long for this arm"):
-        track(arm, path, Elasticity(K=[1e6, 1e6], D=[0.0, 0.0]))
+        track(arm, path, Elasticity(K=[4e5, 7.5], D=[0.1, 0.0]))
+    with pytest.raises(JointIdError, match="too long for this arm"):
+        track(arm, path, Elasticity(K=[43.0, 7.5], D=[50.0, 0.0]))
     with pytest.raises(JointIdError, match="negative"):
         track(arm, path, TRUE, friction=SimpleNamespace(coulomb=[-1.0, 0.0], viscous=[0.0, 0.0]))
 

@@ -44,6 +44,7 @@ from jointid.verdict.steady_state import steady_from
 from jointid.verdict.wrong_data import wrong_data
 
 FREQUENCIES, TORQUES = campaign(BAND_HZ, 2)
+FEW, FEW_TORQUES = campaign(BAND_HZ[::2], 2)
 
 
 def long(*values: Any) -> Any:
@@ -72,6 +73,14 @@ def written_for_people(found: Sequence[Finding]) -> bool:
 def sound(**changes: Any) -> list[SineRecord]:
     settings: dict[str, Any] = {"noise": (1e-5, 3e-3), "periods": 20.37, "seed": 3}
     return steady_records(SERIAL, PAPER, FREQUENCIES, TORQUES, **{**settings, **changes})
+
+
+def in_two_parts(second: Elasticity, inertia: Inertia = SERIAL, **changes: Any) -> list[SineRecord]:
+    """A campaign of four frequencies, and another one of a robot with other springs or inertias."""
+    common: dict[str, Any] = {"noise": (1e-5, 3e-3), "periods": 20.37}
+    first = steady_records(SERIAL, PAPER, FEW, FEW_TORQUES, seed=3, **common)
+    torques = changes.pop("amplitude", 1) * FEW_TORQUES
+    return first + steady_records(inertia, second, FEW, torques, seed=8, **common, **changes)
 
 
 def remade(record: SineRecord, **changes: Any) -> SineRecord:
@@ -129,7 +138,10 @@ def test_data_without_noise_raise_no_alarm() -> None:
 def test_friction_of_records_without_noise_raises_no_alarm() -> None:
     """Its waveforms leave some 10⁻⁵ of the torque: far above such noise, and of no consequence."""
     friction = MotorFriction(coulomb=[0.03, 0.01], viscous=[2e-3, 5e-4])
-    records = simulate_records(SERIAL, PAPER, np.geomspace(3, 25, 5), friction=friction)
+    length = Excitation(duration_s=1.5)
+    records = simulate_records(
+        SERIAL, PAPER, np.geomspace(3, 25, 5), friction=friction, excitation=length
+    )
     found = analyse(Study(records, SERIAL))
     assert np.abs(found.fit.K / PAPER.K - 1).max() < 1e-5
     assert found.state == "usable", titles(found)
@@ -558,31 +570,22 @@ def test_right_inertias_are_not_blamed() -> None:
         assert not said(findings(case), "inertias")
 
 
-def in_two_poses(second: Elasticity) -> list[SineRecord]:
-    records = sound()
-    return records + steady_records(
-        PARALLELOGRAM, second, FREQUENCIES, TORQUES, noise=(1e-5, 3e-3), pose="there", seed=8
-    )
-
-
 def test_poses_that_disagree_are_a_finding() -> None:
     stiffer = Elasticity(K=[43.0, 7.8], D=PAPER.D)
-    case = evidence(in_two_poses(stiffer), SERIAL, poses={"there": PARALLELOGRAM}, method="weighted")
-    found = findings(case)
+    there = {"poses": {"there": PARALLELOGRAM}, "method": "weighted"}
+    apart, same = (in_two_parts(k, PARALLELOGRAM, pose="there") for k in (stiffer, PAPER))
+    found = findings(evidence(apart, SERIAL, **there))
     assert not said(found, "record")
-    (apart,) = said(found, "poses disagree on K2")
-    assert "there" in apart.detail
-    assert apart.weight == pytest.approx(10 + 0.3 / 7.65, abs=0.005)
-    case = evidence(in_two_poses(PAPER), SERIAL, poses={"there": PARALLELOGRAM}, method="weighted")
-    assert not said(findings(case), "poses")
+    (disagree,) = said(found, "poses disagree on K2")
+    assert "there" in disagree.detail
+    assert disagree.weight == pytest.approx(10 + 0.3 / 7.65, abs=0.005)
+    assert not said(findings(evidence(same, SERIAL, **there)), "poses")
 
 
 @pytest.mark.parametrize("harder", [0.03, 0.0])
 def test_gear_that_hardens_is_a_finding(harder: float) -> None:
     stiffer = Elasticity(K=[43.0 * (1 + harder), 7.5], D=PAPER.D)
-    records = sound() + steady_records(
-        SERIAL, stiffer, FREQUENCIES, 3 * TORQUES, noise=(1e-5, 3e-3), periods=20.37, seed=9
-    )
+    records = in_two_parts(stiffer, amplitude=3)
     found = said(findings(evidence(records, SERIAL, method="weighted")), "rises with the deflection")
     assert len(found) == (harder > 0)
 
@@ -995,6 +998,7 @@ def of_rubbing_arm() -> Phasors:
         PAPER,
         np.geomspace(3, 30, 5).round(2),
         excitation=Excitation(velocity_rad_s=4.0, periods=6.5),
+        controller=Controller(sample_rate_hz=2000),
         measurement=Measurement(torque_noise_Nm=0.005),
         friction=MotorFriction(coulomb=[0.3, 0.1], step_s=5e-4),
         seed=1,

@@ -73,19 +73,18 @@ class PlanarArm:
     def __post_init__(self) -> None:
         if self.drive not in _LINKS:
             raise JointIdError(f'drive = "{self.drive}": expected "parallelogram" or "serial".')
-        for name, unit in _UNITS.items():
+        for name, (unit, rule) in _FIELDS.items():
             label = f"{name} ({unit})" if unit else name
             value = finite_array(label, getattr(self, name), ndim=1)
             if value.shape != (2,):
                 raise JointIdError(
                     f"{label} has {counted(value.size, 'value')}: give one for each of the two links."
                 )
-            bad = value == 0 if name == "gear_ratio" else value < 0 if name == "centre_m" else value <= 0
+            bad = {"be positive": value <= 0, "not be negative": value < 0, "not be zero": value == 0}[
+                rule
+            ]
             if bad.any():
                 j = int(np.argmax(bad))
-                rule = {"gear_ratio": "not be zero", "centre_m": "not be negative"}.get(
-                    name, "be positive"
-                )
                 raise JointIdError(f"{name} of link {j + 1} is {value[j]:g} {unit}: it must {rule}.")
             object.__setattr__(self, name, value)
 
@@ -164,21 +163,6 @@ class PlanarArm:
         h = self.moments[2] * np.sin(phi[..., 1] - phi[..., 0])
         links = np.stack([-h * rate[..., 1] ** 2, h * rate[..., 0] ** 2], axis=-1)
         return np.asarray(links @ self.links_from_joints)
-
-    def joint_torque(
-        self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, acceleration: ArrayLike
-    ) -> Floats:
-        """Joint torque u = M(q) q̈ + c(q, q̇), joint side, shape (..., 2), N·m."""
-        acceleration = _pairs("acceleration (rad/s²)", acceleration)
-        inertial = (self.mass_matrix(angle_rad) @ acceleration[..., None])[..., 0]
-        return np.asarray(inertial + self.coriolis(angle_rad, rate_rad_s))
-
-    def joint_acceleration(
-        self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, torque_Nm: ArrayLike
-    ) -> Floats:
-        """Acceleration q̈ = M(q)⁻¹ (u − c(q, q̇)) under joint torques u, shape (..., 2), rad/s²."""
-        net = _pairs("torque_Nm", torque_Nm) - self.coriolis(angle_rad, rate_rad_s)
-        return np.asarray(np.linalg.solve(self.mass_matrix(angle_rad), net[..., None])[..., 0])
 
     def inertia(self, joint_angle_rad: ArrayLike) -> Inertia:
         """Motor-side inertia at one pose: M the rotor inertias, M2 = N⁻¹ M(q) N⁻¹."""
@@ -261,14 +245,15 @@ def require_two_joints(elasticity: Elasticity, what: str = "elasticity") -> None
         raise JointIdError(f"The {what} has {counted(elasticity.n, 'joint')}; the planar arm has 2.")
 
 
-_UNITS = {
-    "length_m": "m",
-    "mass_kg": "kg",
-    "centre_m": "m",
-    "inertia_kgm2": "kg·m²",
-    "gear_ratio": "",
-    "rotor_inertia_kgm2": "kg·m²",
+_FIELDS = {
+    "length_m": ("m", "be positive"),
+    "mass_kg": ("kg", "be positive"),
+    "centre_m": ("m", "not be negative"),
+    "inertia_kgm2": ("kg·m²", "be positive"),
+    "gear_ratio": ("", "not be zero"),
+    "rotor_inertia_kgm2": ("kg·m²", "be positive"),
 }
+"""Unit of each value and the rule for it."""
 
 
 def _pairs(name: str, value: ArrayLike) -> Floats:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array
 from jointid.cut.arm import PlanarArm, require_two_joints
+from jointid.cut.servo import MotorFrictionLike, friction_values
 from jointid.errors import JointIdError
 from jointid.gears.laws import GearLaws, GearState
 from jointid.joints import Elasticity
@@ -22,7 +23,7 @@ LONGEST_STEP_S = 1e-3
 
 
 class ArmSimulation:
-    """Two links on pivots and two rotors on springs, stepped by pymunk.
+    """Two links on pivots and two rotors on springs, at rest without deflection, stepped by pymunk.
 
     Parameters
     ----------
@@ -33,13 +34,9 @@ class ArmSimulation:
         Step, s; at most 1 ms.
     joint_angle_rad : array_like, shape (2,)
         Joint angles at time 0, rad.
-    motor_angle_rad : array_like, shape (2,), optional
-        Motor angles at time 0, reflected to the joint side, rad. By default without joint deflection.
-    joint_rate_rad_s, motor_rate_rad_s : array_like, shape (2,)
-        Rates at time 0, joint side, rad/s.
-    coulomb_Nm, viscous_Nms : array_like, shape (2,)
-        Friction at the motor, motor side: N·m and N·m·s/rad. Coulomb friction with sticking, as a
-        pymunk motor of rate zero and limited torque.
+    friction : optional
+        As in :func:`~jointid.cut.tracking.track`. Coulomb friction with sticking, as a pymunk motor of
+        rate zero and limited torque.
     gears : GearLaws, optional
         Laws of the gears in addition to K and D, joint side.
 
@@ -64,52 +61,31 @@ class ArmSimulation:
         elasticity: Elasticity,
         dt: float,
         joint_angle_rad: ArrayLike,
-        motor_angle_rad: ArrayLike | None = None,
-        joint_rate_rad_s: ArrayLike = (0.0, 0.0),
-        motor_rate_rad_s: ArrayLike = (0.0, 0.0),
-        coulomb_Nm: ArrayLike = (0.0, 0.0),
-        viscous_Nms: ArrayLike = (0.0, 0.0),
+        friction: MotorFrictionLike | None = None,
         gears: GearLaws | None = None,
     ) -> None:
         q = finite_array("joint_angle_rad", joint_angle_rad, ndim=1)
-        theta = (
-            q if motor_angle_rad is None else finite_array("motor_angle_rad", motor_angle_rad, ndim=1)
-        )
-        q_rate = finite_array("joint_rate_rad_s", joint_rate_rad_s, ndim=1)
-        theta_rate = finite_array("motor_rate_rad_s", motor_rate_rad_s, ndim=1)
         require_step(dt)
         require_two_joints(elasticity)
         require_resolved(arm, elasticity.K, elasticity.D, dt, q)
         n2 = arm.gear_ratio**2
+        coulomb, viscous = friction_values(friction)
         self._dt = float(dt)
         self._serial = arm.drive == "serial"
-        self._gears = None if gears is None else GearState(gears, theta - q)
+        self._gears = None if gears is None else GearState(gears, np.zeros(2))
         self._K1, self._K2 = (n2 * elasticity.K).tolist()
         self._D1, self._D2 = (n2 * elasticity.D).tolist()
-        self._F1, self._F2 = (n2 * finite_array("viscous_Nms", viscous_Nms, ndim=1)).tolist()
-        coulomb = np.abs(arm.gear_ratio) * finite_array("coulomb_Nm", coulomb_Nm, ndim=1)
-
-        spring = n2 * (elasticity.K * (theta - q) + elasticity.D * (theta_rate - q_rate))
-        if gears is not None:
-            spring = spring + gears.beyond_linear((theta - q)[:, None], np.zeros((2, 1)))[:, 0]
-        q_acceleration = arm.joint_acceleration(q, q_rate, spring)
-        rotor = arm.rotor_inertia_arm_kgm2
-        theta_acceleration = -(spring + n2 * np.asarray(viscous_Nms) * theta_rate) / rotor
-        angle = np.concatenate([arm.link_angles(q), theta])
-        rate = np.concatenate([arm.link_angles(q_rate), theta_rate])
-        acceleration = np.concatenate([arm.link_angles(q_acceleration), theta_acceleration])
-        # The leapfrog scheme starts half a step before time 0.
-        before = rate - 0.5 * self._dt * acceleration
-        start = angle - self._dt * before
-
+        self._F1, self._F2 = (n2 * viscous).tolist()
         self._space = pymunk.Space()
         self._space.iterations = _ITERATIONS
-        self._links, self._pivots = _build_links(self._space, arm, start[:2], before[:2], self._dt)
-        self._rotors = _build_rotors(self._space, rotor, coulomb, start[2:], before[2:])
-        self.link1, self.link2, self.motor1, self.motor2 = angle.tolist()
-        self.motor1_rate, self.motor2_rate = theta_rate.tolist()
-        self._link1_rate, self._link2_rate = rate[:2].tolist()
-        self._before: tuple[float, float, float, float] = tuple(before.tolist())
+        self._links = _build_links(self._space, arm, arm.link_angles(q))
+        self._rotors = _build_rotors(
+            self._space, arm.rotor_inertia_arm_kgm2, np.abs(arm.gear_ratio) * coulomb, q
+        )
+        self.link1, self.link2 = arm.link_angles(q).tolist()
+        self.motor1, self.motor2 = q.tolist()
+        self.motor1_rate = self.motor2_rate = self._link1_rate = self._link2_rate = 0.0
+        self._before = (0.0, 0.0, 0.0, 0.0)
         self.log: list[tuple[float, float, float, float]] = []
 
     def step(self, torque1: float, torque2: float) -> None:
@@ -151,15 +127,6 @@ class ArmSimulation:
     def angles(self) -> tuple[float, float, float, float]:
         """Absolute link angles and reflected motor angles at the present instant, rad."""
         return self.link1, self.link2, self.motor1, self.motor2
-
-    @property
-    def pivot_gaps_m(self) -> tuple[float, float]:
-        """Gaps of base and elbow pivot in pymunk, m; a check of its solver."""
-        gaps = []
-        for joint in self._pivots:
-            apart = joint.a.local_to_world(joint.anchor_a) - joint.b.local_to_world(joint.anchor_b)
-            gaps.append(float(abs(apart)))
-        return gaps[0], gaps[1]
 
 
 _ITERATIONS = 30
@@ -203,57 +170,37 @@ def require_resolved(arm: PlanarArm, K: Floats, D: Floats, dt: float, joint_angl
         )
 
 
-def _build_links(
-    space: pymunk.Space, arm: PlanarArm, angle: Floats, rate: Floats, dt: float
-) -> tuple[tuple[pymunk.Body, pymunk.Body], tuple[pymunk.PivotJoint, pymunk.PivotJoint]]:
-    """Links on their pivots, one step before time 0."""
+def _build_links(space: pymunk.Space, arm: PlanarArm, angle: Floats) -> list[pymunk.Body]:
+    """Links on their pivots at absolute angles."""
     l1 = float(arm.length_m[0])
     r1, r2 = arm.centre_m.tolist()
-    link1, link2 = (
-        pymunk.Body(m, i) for m, i in zip(arm.mass_kg.tolist(), arm.inertia_kgm2.tolist(), strict=True)
-    )
-    # The straight step of a turning body opens its pivot a little, and the next step closes it. The
-    # bodies start with that gap and the velocity that closes it; otherwise an initial jolt of the
-    # solver would cost the second order.
-    earlier = angle - dt * rate
-    place, tangent = _centres(arm, earlier, rate)
-    _, chord = _centres(arm, angle + 0.5 * dt * rate, rate)
-    for j, body in enumerate((link1, link2)):
-        body.angle, body.angular_velocity = float(angle[j]), float(rate[j])
-        x, y = (place[j] + dt * tangent[j]).tolist()
-        body.position = x, y
-        vx, vy = chord[j].tolist()
-        body.velocity = vx, vy
-    base = pymunk.PivotJoint(space.static_body, link1, (0.0, 0.0), (-r1, 0.0))
-    elbow = pymunk.PivotJoint(link1, link2, (l1 - r1, 0.0), (-r2, 0.0))
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    places = np.array([[r1, 0.0], [l1, r2]]) @ along
+    links = []
+    for mass, inertia, at, place in zip(arm.mass_kg, arm.inertia_kgm2, angle, places, strict=True):
+        link = pymunk.Body(float(mass), float(inertia))
+        link.angle, link.position = float(at), tuple(place.tolist())
+        links.append(link)
+    base = pymunk.PivotJoint(space.static_body, links[0], (0.0, 0.0), (-r1, 0.0))
+    elbow = pymunk.PivotJoint(links[0], links[1], (l1 - r1, 0.0), (-r2, 0.0))
     # No remaining bias: each step closes the gap that the straight step of a turning body opens.
     base.error_bias = elbow.error_bias = 0.0
-    space.add(link1, link2, base, elbow)
-    return (link1, link2), (base, elbow)
-
-
-def _centres(arm: PlanarArm, angle: Floats, rate: Floats) -> tuple[Floats, Floats]:
-    """Positions and velocities of the centres of mass, each (2, 2), at absolute link angles."""
-    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1) * rate[:, None]
-    reach = np.array([[arm.centre_m[0], 0.0], [arm.length_m[0], arm.centre_m[1]]])
-    return np.asarray(reach @ along), np.asarray(reach @ across)
+    space.add(*links, base, elbow)
+    return links
 
 
 def _build_rotors(
-    space: pymunk.Space, inertia: Floats, coulomb: Floats, angle: Floats, rate: Floats
-) -> tuple[pymunk.Body, pymunk.Body]:
+    space: pymunk.Space, inertia: Floats, coulomb: Floats, angle: Floats
+) -> list[pymunk.Body]:
     """Rotors as free bodies, with Coulomb friction as a brake of limited torque."""
     rotors = []
-    for value, friction, a, w in zip(
-        inertia.tolist(), coulomb.tolist(), angle.tolist(), rate.tolist(), strict=True
-    ):
-        rotor = pymunk.Body(1.0, value)
-        rotor.angle, rotor.angular_velocity = a, w
+    for value, friction, at in zip(inertia, coulomb, angle, strict=True):
+        rotor = pymunk.Body(1.0, float(value))
+        rotor.angle = float(at)
         space.add(rotor)
         if friction > 0:
             brake = pymunk.SimpleMotor(space.static_body, rotor, 0.0)
-            brake.max_force = friction
+            brake.max_force = float(friction)
             space.add(brake)
         rotors.append(rotor)
-    return rotors[0], rotors[1]
+    return rotors

@@ -22,6 +22,8 @@ _FILTER_STEP_S = 1.25e-4
 """Step of the integrated deflection; its error is below 0.1 µm at the tool."""
 _NEWTON = 4
 """Newton steps for the deflection of a nonlinear gear at each sample."""
+_SMOOTHING_RAD_S = 0.2
+"""Motor velocity over which the compensation of friction changes its sign (tanh)."""
 _SLACK = 1e-2
 """Least slope inside the play, over K, where the damping is zero."""
 
@@ -104,18 +106,12 @@ def deflection(torque: Floats, K: float, D: float, step_s: float) -> Floats:
     decay, mean = np.exp(-r), -np.expm1(-r) / r
     u = np.moveaxis(torque, -1, 0)
     before = np.concatenate([np.zeros_like(u[:1]), u[:-1]])
-    return np.moveaxis(_recursion(decay, ((1 - mean) * u + (mean - decay) * before) / K), 0, -1)
-
-
-def _recursion(decay: float, driven: Floats) -> Floats:
-    """Solution of y_k = decay y_(k−1) + driven_k from rest along the first axis, a bidiagonal system.
-
-    ``scipy.signal`` would filter as well, but its import takes a third of a second.
-    """
+    driven = ((1 - mean) * u + (mean - decay) * before) / K
+    # x_k = decay x_(k−1) + driven_k is a bidiagonal system; scipy.signal would take long to import.
     bands = np.ones((2, len(driven)))
     bands[1] = -decay
     found = solve_banded((1, 0), bands, driven.reshape(len(driven), -1), check_finite=False)
-    return np.asarray(found.reshape(driven.shape))
+    return np.moveaxis(found.reshape(driven.shape), 0, -1)
 
 
 def plan_servo(
@@ -166,12 +162,8 @@ def plan_servo(
         torque = weight * (acceleration[runs] + x[2, held]) + motion.u[0, held][runs]
     if servo.friction_compensation is not None:
         torque = torque + _compensation(arm, servo, rate_held)
-    smoothing = 1.0
     if servo.differentiated_velocity:
-        if servo.velocity_filter_hz is not None:
-            smoothing = -float(np.expm1(-2 * np.pi * servo.velocity_filter_hz * T))
-        difference = np.diff(angle, axis=0, prepend=angle[:1]) / T
-        rate = _recursion(1.0 - smoothing, smoothing * difference)
+        rate = np.diff(angle, axis=0, prepend=angle[:1]) / T
     middle = arm.inverse(0.5 * (toolpath.knot_m.min(axis=0) + toolpath.knot_m.max(axis=0)), elbow)
     J, omega = B + np.diag(arm.mass_matrix(middle)), 2 * np.pi * servo.bandwidth_hz
     ratio = np.abs(arm.gear_ratio)
@@ -182,12 +174,11 @@ def plan_servo(
         rate=rate,
         torque=torque,
         proportional=J * omega**2,
-        derivative=2 * servo.damping_ratio * J * omega,
+        derivative=2 * J * omega,
         count=np.zeros(2) if servo.encoder_bits is None else 2 * np.pi / 2**servo.encoder_bits / ratio,
         limit=np.broadcast_to(np.asarray(limit, dtype=np.float64), (2,)) * ratio,
         delay=int(servo.delay_samples),
         differentiated=servo.differentiated_velocity,
-        smoothing=smoothing,
         start_angle=motion.q[0, 0],
     )
 
@@ -244,6 +235,4 @@ def _compensation(arm: PlanarArm, servo: Servo, rate: Floats) -> Floats:
     coulomb, viscous = (value[runs] for value in friction_values(servo.friction_compensation))
     n = arm.gear_ratio[runs]
     motor_rate = n * rate
-    return np.asarray(
-        n * (coulomb * np.tanh(motor_rate / servo.compensation_smoothing_rad_s) + viscous * motor_rate)
-    )
+    return np.asarray(n * (coulomb * np.tanh(motor_rate / _SMOOTHING_RAD_S) + viscous * motor_rate))

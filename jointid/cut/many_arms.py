@@ -4,8 +4,6 @@ Same equations and leapfrog scheme as ``jointid.cut.arm_simulation.ArmSimulation
 in place of pymunk's pivots: the two agree within nanometres at the tool.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from jointid.arrays import Floats
@@ -56,11 +54,11 @@ class ManyArms:
         dt: float,
         joint_angle_rad: Floats,
         runs: int,
-        friction: MotorFrictionLike | None = None,
+        friction: MotorFrictionLike | None,
     ) -> None:
         n2 = arm.gear_ratio[:, None] ** 2
         rotor = arm.rotor_inertia_arm_kgm2[:, None]
-        coulomb, viscous = (np.zeros(2), np.zeros(2)) if friction is None else friction_values(friction)
+        coulomb, viscous = friction_values(friction)
         a, b, self._c = arm.moments
         self._dt, self._serial = dt, arm.drive == "serial"
         self._K, self._D, self._F = n2 * K, n2 * D, n2 * viscous[:, None]
@@ -101,9 +99,7 @@ class ManyArms:
         self._link_before, self._motor_before = v, w
 
 
-def run_many(
-    plan: ServoPlan, arms: ManyArms, substeps: int, progress: Callable[[float], None] | None = None
-) -> None:
+def run_many(plan: ServoPlan, arms: ManyArms, substeps: int) -> None:
     """Drive many arms along a plan, or each along its own, by the law of ``servo.run_servo``.
 
     Raises
@@ -118,6 +114,6 @@ def run_many(
     def torques(k: int) -> tuple[Floats]:
         return (law(k, arms.motor, arms.motor_rate),)
 
-    for _ in driven(len(plan.torque), torques, arms.step, substeps, progress):
+    for _ in driven(len(plan.torque), torques, arms.step, substeps):
         pass
     require_tracking(ARRAYS.largest(arms.motor - tables[0][-1]))

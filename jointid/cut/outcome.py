@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from jointid.analysis import Analysis
+from jointid.cut.path_errors import PathErrorDistribution, path_error_distribution
 from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot, cut_robot
 from jointid.cut.servo import MotorFrictionLike, Servo
-from jointid.cut.tolerance import PathErrorDistribution, path_error_distribution
 from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
@@ -108,10 +108,9 @@ def cut_outcome(
     toolpath: Toolpath,
     assumed: Elasticity | None,
     *,
-    servo: Servo | None = None,
+    servo: Servo = EVERYDAY_SERVO,
     friction: MotorFrictionLike | None = None,
     samples: int = 100,
-    seed: int = 0,
 ) -> Outcome:
     """Cut a path before and after the identification.
 
@@ -122,23 +121,17 @@ def cut_outcome(
     assumed : Elasticity or None
         K and D that the servo assumes before, motor side; None is a rigid controller.
     servo, friction
-        As in :func:`~jointid.cut.tracking.track`; the same before and after. By default
-        ``EVERYDAY_SERVO`` and no friction.
+        As in :func:`~jointid.cut.tracking.track`; the same before and after.
     samples : int
         Robots drawn from the fit's covariance.
-    seed : int
-        The same seed draws the same robots.
 
     Raises
     ------
     JointIdError
         When the path leaves the workspace, or the loop is unstable.
     """
-    servo = servo or EVERYDAY_SERVO
     before = track(robot.arm, toolpath, robot.elasticity, assumed, servo=servo, friction=friction)
-    prediction = predicted_cut(
-        robot, toolpath, servo=servo, friction=friction, samples=samples, seed=seed
-    )
+    prediction = predicted_cut(robot, toolpath, servo=servo, friction=friction, samples=samples)
     return Outcome(robot, toolpath, assumed, before, *prediction)
 
 
@@ -146,16 +139,15 @@ def predicted_cut(
     robot: CutRobot,
     toolpath: Toolpath,
     *,
-    servo: Servo | None = None,
+    servo: Servo = EVERYDAY_SERVO,
     friction: MotorFrictionLike | None = None,
     samples: int = 100,
-    seed: int = 0,
 ) -> Prediction:
     """Predict the path error after the identification, with its uncertainty.
 
     Parameters and errors as in :func:`cut_outcome`.
     """
-    identified, servo = robot.elasticity, servo or EVERYDAY_SERVO
+    identified = robot.elasticity
     p95, distribution, problem = identified, None, ""
     try:
         distribution = path_error_distribution(
@@ -164,7 +156,6 @@ def predicted_cut(
             identified,
             robot.covariance,
             samples=samples,
-            seed=seed,
             servo=servo,
             friction=friction,
         )

@@ -1,18 +1,25 @@
-"""Largest path errors of many cuts along one path, vectorised over the cuts."""
+"""Largest path errors of many cuts along one path, vectorised over the cuts.
 
-from collections.abc import Callable
-from typing import TypedDict
+Mismatches show the required accuracy of K; draws from a fit's covariance give the path error
+after an identification.
+"""
+
+from dataclasses import dataclass
+from typing import TypedDict, Unpack
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats
-from jointid.cut.arm import Elbow, PlanarArm
+from jointid.arrays import Floats, finite_array, frozen, whole_number
+from jointid.cut.arm import PlanarArm, require_two_joints
 from jointid.cut.arm_simulation import require_resolved
 from jointid.cut.feedforward import plan_servo
 from jointid.cut.many_arms import ManyArms, run_many
 from jointid.cut.servo import MotorFrictionLike, Servo
 from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import substeps_per_sample
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity
 
 _BATCH_RUNS = 512
 """Runs per batch, which keeps the arrays within some hundred megabytes."""
@@ -21,72 +28,184 @@ _STRIDE = 32
 
 
 class CutOptions(TypedDict, total=False):
-    """Optional arguments of :func:`largest_errors`."""
+    """Optional arguments of the functions here, as in :func:`~jointid.cut.tracking.track`."""
 
     servo: Servo | None
     friction: MotorFrictionLike | None
-    elbow: Elbow
-    dt: float
-    progress: Callable[[float], None] | None
+    dt: float  # by default 0.5 ms
 
 
-def largest_errors(
+@dataclass(frozen=True, eq=False)
+class PathErrorDistribution:
+    """Largest path errors of arms drawn from the uncertainty of the identified one."""
+
+    K: Floats
+    """Stiffness of the arms drawn, shape (samples, 2), N·m/rad."""
+    D: Floats
+    """Damping of the arms drawn, shape (samples, 2), N·m·s/rad."""
+    max_contour_error_m: Floats
+    """Largest contour error of each cut, shape (samples,), m."""
+    median_m: float
+    """Median of the largest contour error, m."""
+    p95_m: float
+    """95th percentile of the largest contour error, m."""
+
+
+def errors_of_mismatch(
     arm: PlanarArm,
     toolpath: Toolpath,
-    runs: int,
-    *,
-    true: tuple[Floats, Floats],
-    assumed: tuple[Floats, Floats],
-    servo: Servo | None = None,
-    friction: MotorFrictionLike | None = None,
-    elbow: Elbow = "positive",
-    dt: float = 5e-4,
-    progress: Callable[[float], None] | None = None,
-) -> tuple[Floats, Floats]:
-    """Simulate one cut with each arm.
+    elasticity: Elasticity,
+    ratios: ArrayLike,
+    **options: Unpack[CutOptions],
+) -> Floats:
+    """Simulate one cut for each pair of assumed stiffnesses; the assumed damping is the true one.
 
     Parameters
     ----------
-    arm, toolpath, servo, friction, elbow, dt, progress
-        As in :func:`~jointid.cut.tracking.track`.
-    runs : int
-    true : tuple of ndarray
-        K and D of the arms, motor side, shape (2, runs) each, or (2, 1) for equal arms.
-    assumed : tuple of ndarray
-        K and D that the servo assumes, shape (2, runs) each, or (2,) for equal servos.
+    arm, toolpath
+        The cut.
+    elasticity : Elasticity
+        The true K and D, motor side.
+    ratios : array_like, shape (2, runs)
+        K̂1 / K1 and K̂2 / K2 of each cut.
+    **options
+        See :class:`CutOptions`.
 
     Returns
     -------
-    tuple of ndarray, shape (runs,) each
-        Largest contour error and largest tracking error of each run, m.
+    ndarray, shape (runs,)
+        Largest contour error of each cut, m.
 
     Raises
     ------
     JointIdError
-        As in :func:`~jointid.cut.tracking.track`.
+        When a ratio is not positive, and as in :func:`~jointid.cut.tracking.track`.
+    """
+    require_two_joints(elasticity)
+    pairs = finite_array("ratios (K̂ / K)", ratios, ndim=2)
+    if len(pairs) != 2 or pairs.size == 0 or pairs.min() <= 0:
+        raise JointIdError(
+            f"ratios (K̂ / K), shape {pairs.shape}: give positive ratios, shape (2, runs)."
+        )
+    K, D = elasticity.K[:, None], elasticity.D[:, None]
+    assumed = (K * pairs, np.repeat(D, pairs.shape[1], axis=1))
+    return _largest_errors(arm, toolpath, pairs.shape[1], (K, D), assumed, **options)
+
+
+def path_error_distribution(
+    arm: PlanarArm,
+    toolpath: Toolpath,
+    elasticity: Elasticity,
+    covariance: ArrayLike,
+    *,
+    samples: int = 200,
+    seed: int = 0,
+    **options: Unpack[CutOptions],
+) -> PathErrorDistribution:
+    """Path error after an identification: the servo assumes the fit, arms are drawn from its covariance.
+
+    Parameters
+    ----------
+    arm, toolpath
+        The cut.
+    elasticity : Elasticity
+        The identified K and D, which the servo assumes.
+    covariance : array_like, shape (4, 4)
+        Their covariance in the order K1, K2, D1, D2, as a fit gives it.
+    samples : int
+        Number of arms from the normal distribution; draws with K ≤ 0 or D < 0 are repeated.
+    seed : int
+        The same seed gives the same arms.
+    **options
+        See :class:`CutOptions`.
+
+    Returns
+    -------
+    PathErrorDistribution
+
+    Raises
+    ------
+    JointIdError
+        When the covariance is invalid, or so large that most draws have negative stiffness or damping;
+        and as in :func:`~jointid.cut.tracking.track`.
+    """
+    require_two_joints(elasticity)
+    samples = whole_number("samples", samples, 1)
+    drawn = _draw(elasticity, covariance, samples, seed)
+    true, assumed = (drawn[:, :2].T, drawn[:, 2:].T), (elasticity.K, elasticity.D)
+    contour = _largest_errors(arm, toolpath, samples, true, assumed, **options)
+    return PathErrorDistribution(
+        K=frozen(drawn[:, :2]),
+        D=frozen(drawn[:, 2:]),
+        max_contour_error_m=frozen(contour),
+        median_m=float(np.median(contour)),
+        p95_m=float(np.percentile(contour, 95)),
+    )
+
+
+def _draw(elasticity: Elasticity, covariance: ArrayLike, samples: int, seed: int) -> Floats:
+    """Physical draws of K1, K2, D1, D2, shape (samples, 4)."""
+    C = finite_array("covariance", covariance, ndim=2)
+    if C.shape != (4, 4):
+        raise JointIdError(f"covariance has shape {C.shape}; expected (4, 4): K1, K2, D1, D2.")
+    scale = np.sqrt(np.outer(np.abs(np.diag(C)), np.abs(np.diag(C))))
+    correlation = C / np.where(scale > 0, scale, 1.0)
+    if (
+        np.any(np.diag(C) < 0)
+        or np.abs(correlation - correlation.T).max() > 1e-6
+        or np.linalg.eigvalsh(correlation).min() < -1e-6
+    ):
+        raise JointIdError("covariance must be symmetric without negative eigenvalues.")
+    # Factor the correlation, not the covariance: K² and D² differ by many powers of ten.
+    value, vector = np.linalg.eigh(correlation)
+    factor = np.sqrt(np.diag(C))[:, None] * vector * np.sqrt(np.maximum(value, 0.0))
+    mean = np.concatenate([elasticity.K, elasticity.D])
+    generator = np.random.default_rng(seed)
+    draws = mean + generator.standard_normal((4 * samples + 40, 4)) @ factor.T
+    physical = draws[(draws[:, :2] > 0).all(axis=1) & (draws[:, 2:] >= 0).all(axis=1)]
+    if 2 * len(physical) < len(draws) or len(physical) < samples:
+        raise JointIdError(
+            f"The covariance allows negative K or D in {1 - len(physical) / len(draws):.0%} of the "
+            "draws: they are not determined well enough to predict a path error. Record more, "
+            "or at frequencies nearer to the resonances."
+        )
+    return np.asarray(physical[:samples])
+
+
+def _largest_errors(
+    arm: PlanarArm,
+    toolpath: Toolpath,
+    runs: int,
+    true: tuple[Floats, Floats],
+    assumed: tuple[Floats, Floats],
+    *,
+    servo: Servo | None = None,
+    friction: MotorFrictionLike | None = None,
+    dt: float = 5e-4,
+) -> Floats:
+    """Largest contour error of each cut, shape (runs,), m.
+
+    ``true`` holds K and D of the arms, motor side, shape (2, runs) each, or (2, 1) for equal arms;
+    ``assumed`` those that the servo assumes, shape (2, runs) each, or (2,) for equal servos.
     """
     servo = servo or Servo()
     substeps = substeps_per_sample(servo, dt)
     step = servo.interval_s / substeps
-    contour, tracking = np.empty(runs), np.empty(runs)
+    contour = np.empty(runs)
     for first in range(0, runs, _BATCH_RUNS):
         part = slice(first, min(first + _BATCH_RUNS, runs))
         count = part.stop - part.start
         K, D = (x if x.shape[1] == 1 else x[:, part] for x in true)
         K_assumed, D_assumed = (x if x.ndim == 1 else x[:, part] for x in assumed)
-        plan = plan_servo(arm, toolpath, servo, K_assumed, D_assumed, elbow)
+        plan = plan_servo(arm, toolpath, servo, K_assumed, D_assumed)
         require_resolved(arm, K.max(axis=1), D.max(axis=1), step, plan.start_angle)
         arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction)
         with np.errstate(over="ignore", invalid="ignore"):
-            run_many(plan, arms, substeps, _share(progress, part.start / runs, count / runs))
+            run_many(plan, arms, substeps)
         tool = arm.tool_of_links(np.array([*arms.log, arms.link]).swapaxes(1, 2))
         reference = toolpath.position(np.arange(len(tool)) * step)
-        deviation = tool - reference[:, None]
-        tracking[part] = _length(deviation).max(axis=0)
         contour[part] = _largest_contour_error(toolpath, tool, reference, step)
-    if progress is not None:
-        progress(1.0)
-    return contour, tracking
+    return contour
 
 
 def _largest_contour_error(toolpath: Toolpath, tool: Floats, reference: Floats, step_s: float) -> Floats:
@@ -121,12 +240,3 @@ def _beside(tool: Floats, reference: Floats, bend_m: float) -> Floats:
 
 def _length(vector: Floats) -> Floats:
     return np.asarray(np.sqrt(vector[..., 0] ** 2 + vector[..., 1] ** 2))
-
-
-def _share(
-    progress: Callable[[float], None] | None, start: float, share: float
-) -> Callable[[float], None] | None:
-    """The progress of one batch as a share of the whole."""
-    if progress is None:
-        return None
-    return lambda fraction: progress(start + share * 0.9 * fraction)

@@ -13,6 +13,8 @@ from jointid.wording import counted
 
 _REACHED = 0.9
 """Share of the cutting speed that the tool must reach on some side."""
+_SHORTEST_RAMP_S = 0.050
+"""Shortest time for a change of velocity."""
 _SMALLEST_ZONE_M = 1e-9
 """Zones below this stop in the corner, m."""
 
@@ -24,7 +26,6 @@ def rectangle(
     speed_m_s: float = 0.3,
     zone_m: float = 0.010,
     acceleration_m_s2: float = 15.0,
-    shortest_ramp_s: float = 0.050,
     centre_m: ArrayLike = (1.15, 0.0),
     angle_rad: float = 0.0,
     repetitions: int = 1,
@@ -48,8 +49,6 @@ def rectangle(
         Corner zone, m; 0 stops in each corner.
     acceleration_m_s2 : float
         Largest acceleration, m/s².
-    shortest_ramp_s : float
-        Shortest time for a change of velocity, s.
     centre_m : array_like, shape (2,)
         Centre of the rectangle, m.
     angle_rad : float
@@ -75,7 +74,6 @@ def rectangle(
         "height_m": (height_m, "m"),
         "speed_m_s": (speed_m_s, "m/s"),
         "acceleration_m_s2": (acceleration_m_s2, "m/s²"),
-        "shortest_ramp_s": (shortest_ramp_s, "s"),
         "settle_s": (settle_s, "s"),
         "zone_m": (zone_m, "m"),
     }
@@ -93,7 +91,7 @@ def rectangle(
             "longer side."
         )
     zone_m = zone_m if zone_m > _SMALLEST_ZONE_M else 0.0
-    limits = _Limits(speed_m_s, acceleration_m_s2, shortest_ramp_s)
+    limits = _Limits(speed_m_s, acceleration_m_s2)
     corner = limits.corner_speed(zone_m)
     # Counter-clockwise from the longer side, where the lead-in has more room.
     first = 0 if width_m >= height_m else 1
@@ -102,9 +100,10 @@ def rectangle(
     if max(peaks) < _REACHED * speed_m_s:
         raise JointIdError(
             f"speed_m_s = {speed_m_s:g} m/s is not reached: zones of {zone_m:g} m are passed at "
-            f"{corner:.3g} m/s, and {acceleration_m_s2:g} m/s² and ramps of {shortest_ramp_s:g} s allow "
-            f"{max(peaks):.3g} m/s on the longest straight, {max(straights):.3g} m. Lower speed_m_s to "
-            f"{np.floor(max(peaks) * 1e4) / 1e4:g} m/s, or enlarge the sides or acceleration_m_s2."
+            f"{corner:.3g} m/s, and {acceleration_m_s2:g} m/s² and ramps of {_SHORTEST_RAMP_S:g} s "
+            f"allow {max(peaks):.3g} m/s on the longest straight, {max(straights):.3g} m. Lower "
+            f"speed_m_s to {np.floor(max(peaks) * 1e4) / 1e4:g} m/s, or enlarge the sides or "
+            "acceleration_m_s2."
         )
     turn = angle + (first + np.arange(5)) * np.pi / 2
     directions = np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -138,24 +137,23 @@ def rectangle(
 
 @dataclass(frozen=True)
 class _Limits:
-    """Limits of speed, acceleration and ramp time."""
+    """Limits of speed and acceleration."""
 
     speed: float
     acceleration: float
-    shortest: float
 
     def ramp_time(self, change: float) -> float:
         """Duration of a straight ramp by ``change`` m/s."""
-        return max(self.shortest, STEEPEST * change / self.acceleration)
+        return max(_SHORTEST_RAMP_S, STEEPEST * change / self.acceleration)
 
     def corner_speed(self, zone: float) -> float:
         """Highest speed at which a right-angled corner of this zone keeps the limits."""
         by_acceleration = np.sqrt(self.acceleration * 2 * zone / (STEEPEST * np.sqrt(2)))
-        return float(min(self.speed, by_acceleration, 2 * zone / self.shortest))
+        return float(min(self.speed, by_acceleration, 2 * zone / _SHORTEST_RAMP_S))
 
     def peak_speed(self, corner: float, length: float) -> float:
         """Highest speed on a straight between two corners, with a ramp up and down."""
-        slow = length / self.shortest - corner
+        slow = length / _SHORTEST_RAMP_S - corner
         fast = np.sqrt(corner**2 + length * self.acceleration / STEEPEST)
         # Where the shortest ramp binds, the acceleration does not, and the other way round.
         return float(np.clip(min(slow, fast), corner, self.speed))

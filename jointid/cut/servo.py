@@ -40,17 +40,15 @@ class Servo:
     """Settings of the joint controllers.
 
     The feedforward accounts for every option, so that with a perfect model the option causes no error:
-    it is ahead by the delay, and the reference of a differentiated velocity passes the same difference
-    and filter.
+    it is ahead by the delay, and the reference of a differentiated velocity passes the same difference.
 
     Parameters
     ----------
     sample_rate_hz : float
         Control rate, Hz. Torque is held from one sample to the next.
     bandwidth_hz : float
-        Natural frequency of the PD control on the rigid joint, Hz: kp = J ω² with J = B + diag M.
-    damping_ratio : float
-        Its damping ratio ζ: kv = 2 ζ J ω.
+        Natural frequency of the PD control on the rigid joint, critically damped, Hz: kp = J ω² and
+        kv = 2 J ω with J = B + diag M.
     delay_samples : int
         Whole samples between measurement and the torque computed from it.
     torque_limit_Nm : float or array_like, shape (2,), optional
@@ -59,13 +57,9 @@ class Servo:
         Encoder of 2^bits counts per motor turn; None is an ideal encoder.
     differentiated_velocity : bool
         Velocity from the difference of two encoder positions; otherwise measured exactly.
-    velocity_filter_hz : float, optional
-        First-order low-pass on that difference, Hz.
     friction_compensation : friction, optional
         Assumed friction, added to the torque at the reference velocity of the motor. Any object with
         ``coulomb`` and ``viscous``, for instance the friction of a fit.
-    compensation_smoothing_rad_s : float
-        Motor velocity over which the compensation changes its sign (tanh), rad/s.
 
     Raises
     ------
@@ -75,26 +69,15 @@ class Servo:
 
     sample_rate_hz: float = 4000.0
     bandwidth_hz: float = 10.0
-    damping_ratio: float = 1.0
     delay_samples: int = 0
     torque_limit_Nm: ArrayLike | None = None
     encoder_bits: int | None = None
     differentiated_velocity: bool = False
-    velocity_filter_hz: float | None = None
     friction_compensation: MotorFrictionLike | None = None
-    compensation_smoothing_rad_s: float = 0.2
 
     def __post_init__(self) -> None:
-        for name, unit in [
-            ("sample_rate_hz", "Hz"),
-            ("bandwidth_hz", "Hz"),
-            ("damping_ratio", ""),
-            ("compensation_smoothing_rad_s", "rad/s"),
-            ("velocity_filter_hz", "Hz"),
-        ]:
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, bounded_number(name, unit, value))
+        for name in ("sample_rate_hz", "bandwidth_hz"):
+            object.__setattr__(self, name, bounded_number(name, "Hz", getattr(self, name)))
         if not 50 <= self.sample_rate_hz <= 20_000:
             raise JointIdError(
                 f"sample_rate_hz = {self.sample_rate_hz:g} Hz: expected 50 Hz to 20000 Hz."
@@ -102,16 +85,11 @@ class Servo:
         whole_number("delay_samples", self.delay_samples, 0, 100)
         if self.encoder_bits is not None:
             whole_number("encoder_bits", self.encoder_bits, 4, 40)
-        if self.velocity_filter_hz is not None and not self.differentiated_velocity:
-            raise JointIdError(
-                "velocity_filter_hz filters a differentiated velocity: set differentiated_velocity too."
-            )
         if self.torque_limit_Nm is not None:
             limit = per_joint("torque_limit_Nm (N·m)", self.torque_limit_Nm, 2)
             if limit.min() <= 0:
                 raise JointIdError(f"torque_limit_Nm is {limit.min():g} N·m: it must be positive.")
-        if self.friction_compensation is not None:
-            friction_values(self.friction_compensation)
+        friction_values(self.friction_compensation)
 
     @property
     def interval_s(self) -> float:
@@ -144,8 +122,7 @@ class ServoPlan:
     delay: int
     """Samples from measurement to torque."""
     differentiated: bool
-    smoothing: float
-    """Share of the new difference in the filtered velocity; 1 without a filter."""
+    """Whether the velocity is the difference of two positions."""
     start_angle: Floats
     """Joint angles at the start, shape (2,), rad."""
 
@@ -244,25 +221,22 @@ def sampled_law(
     -------
     callable
         Torque to hold from a sample on, from sample number, motor angle and motor rate. It keeps the
-        state of velocity filter and delay, so the samples must be in order.
+        last position and the delayed torques, so the samples must be in order.
     """
     (angle, rate, feed), (kp, kv, count, limit) = tables, gains
     rounded, clipped, largest = arithmetic
     quantised, limited = bool(np.any(count)), bool(np.isfinite(limit).any())
-    differentiated, share, T = plan.differentiated, plan.smoothing, plan.interval_s
+    differentiated, T = plan.differentiated, plan.interval_s
     waiting = deque([0.0 * kp] * plan.delay)
-    speed = past = 0.0 * kp
+    past = 0.0 * kp
 
-    def torque(k: int, y: Signal, measured_rate: Signal) -> Signal:
-        nonlocal speed, past
+    def torque(k: int, y: Signal, speed: Signal) -> Signal:
+        nonlocal past
         require_tracking(largest(y - angle[k]))
         if quantised:
             y = count * rounded(y / count)
         if differentiated:
-            speed = speed + share * ((y - (past if k else y)) / T - speed)
-            past = y
-        else:
-            speed = measured_rate
+            speed, past = (y - (past if k else y)) / T, y
         waiting.append(kp * (angle[k] - y) + kv * (rate[k] - speed))
         new = feed[k] + waiting.popleft()
         return clipped(new, limit) if limited else new
@@ -275,7 +249,7 @@ def driven(
     torques: Callable[[int], tuple[Signal, ...]],
     step: Callable[..., None],
     substeps: int,
-    progress: Callable[[float], None] | None,
+    progress: Callable[[float], None] | None = None,
 ) -> Iterator[tuple[Signal, ...]]:
     """Sample the law and step the plant; yields the torques held from each sample on.
 
@@ -297,8 +271,10 @@ def driven(
         progress(1.0)
 
 
-def friction_values(friction: MotorFrictionLike) -> tuple[Floats, Floats]:
-    """Coulomb friction in N·m and viscous friction in N·m·s/rad, each (2,), checked."""
+def friction_values(friction: MotorFrictionLike | None) -> tuple[Floats, Floats]:
+    """Coulomb friction in N·m and viscous friction in N·m·s/rad, each (2,), checked; None is zero."""
+    if friction is None:
+        return np.zeros(2), np.zeros(2)
     coulomb = per_joint("coulomb friction (N·m)", friction.coulomb, 2)
     viscous = per_joint("viscous friction (N·m·s/rad)", friction.viscous, 2)
     for name, value, unit in (("coulomb", coulomb, "N·m"), ("viscous", viscous, "N·m·s/rad")):

@@ -54,8 +54,6 @@ class Toolpath:
     """Times of the knots, shape (m + 1,), s."""
     knot_m: Floats = field(init=False, repr=False)
     """Positions of the knots, shape (m + 1, 2), m."""
-    top_speed_m_s: float = field(init=False)
-    """Largest speed, m/s."""
     peak_acceleration_m_s2: float = field(init=False)
     """Largest acceleration, m/s²."""
 
@@ -85,7 +83,6 @@ class Toolpath:
             "duration_s": duration,
             "time_s": finite_array("time_s", time, ndim=1),
             "knot_m": finite_array("knot_m", knot, ndim=2),
-            "top_speed_m_s": float(np.linalg.norm(velocity, axis=1).max()),
             "peak_acceleration_m_s2": float((STEEPEST * change / duration).max()),
         }
         for name, value in values.items():

@@ -9,7 +9,7 @@ from jointid.arrays import Floats, finite_array
 from jointid.cut.arm import Elbow, PlanarArm, require_two_joints
 from jointid.cut.arm_simulation import ArmSimulation, require_step
 from jointid.cut.feedforward import plan_servo
-from jointid.cut.servo import MotorFrictionLike, Servo, friction_values, run_servo
+from jointid.cut.servo import MotorFrictionLike, Servo, run_servo
 from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
 from jointid.gears.gear import Gear, gears_with
@@ -128,16 +128,8 @@ def track(
     known = None if assumed is None else gear_laws(arm, assumed, assumed_gears)
     plan = plan_servo(arm, toolpath, servo, K, D, elbow, known)
     step = servo.interval_s / substeps
-    coulomb, viscous = (np.zeros(2), np.zeros(2)) if friction is None else friction_values(friction)
-    simulation = ArmSimulation(
-        arm,
-        elasticity,
-        step,
-        plan.start_angle,
-        coulomb_Nm=coulomb,
-        viscous_Nms=viscous,
-        gears=gear_laws(arm, elasticity, gears),
-    )
+    true = gear_laws(arm, elasticity, gears)
+    simulation = ArmSimulation(arm, elasticity, step, plan.start_angle, friction, true)
     held: Floats = np.array(run_servo(plan, simulation, substeps, progress))
     angles = np.array([*simulation.log, simulation.angles])
     time: Floats = step * np.arange(len(angles), dtype=np.float64)

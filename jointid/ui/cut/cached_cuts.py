@@ -10,8 +10,8 @@ from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
 from jointid.cut.outcome import ZONES_M, Outcome, Prediction, gear_cuts, predicted_cut
 from jointid.cut.path_deflection import PathDeflection, own_path_deflections
+from jointid.cut.path_errors import errors_of_mismatch
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
-from jointid.cut.tolerance import errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
 from jointid.ui.cut.settings import CutSettings, usual
 from jointid.ui.shared.page import Page
@@ -84,7 +84,7 @@ def offset_costs(page: Page, settings: CutSettings, robot: CutRobot) -> tuple[fl
     pairs = np.concatenate([np.ones((1, 2)), ratios.reshape(-1, 2)]).T
     found = _begin(page, "offsets", settings, errors_of_mismatch, robot.arm, robot.elasticity, pairs)
     awaited("Cutting", found)
-    errors = found.result()[0]
+    errors = found.result()
     return float(errors[0]), errors[1:].reshape(ratios.shape[:-1]).max(axis=-1)
 
 

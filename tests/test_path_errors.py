@@ -9,9 +9,9 @@ import pytest
 
 from jointid.cut import path_errors
 from jointid.cut.arm import PlanarArm
+from jointid.cut.path_errors import errors_of_mismatch, path_error_distribution
 from jointid.cut.rectangle import rectangle
 from jointid.cut.servo import Servo
-from jointid.cut.tolerance import errors_of_mismatch, path_error_distribution, tolerance_map
 from jointid.cut.tracking import track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
@@ -25,7 +25,6 @@ REAL = Servo(
     delay_samples=1,
     encoder_bits=16,
     differentiated_velocity=True,
-    velocity_filter_hz=300.0,
     friction_compensation=FRICTION,
     torque_limit_Nm=[20.0, 8.0],
 )
@@ -33,35 +32,24 @@ REAL = Servo(
 
 @pytest.mark.parametrize("drive", DRIVES)
 @pytest.mark.parametrize("zone", [0.001, 0.010])
-def test_the_map_is_made_of_single_cuts(drive, zone) -> None:
+def test_mismatches_are_single_cuts(drive, zone) -> None:
     arm, path = PlanarArm.example(drive), rectangle(zone_m=zone)
-    first, second = [0.4, 0.95, 2.0], [0.7, 1.02]
-    result = tolerance_map(arm, path, TRUE, first, second)
-    assert result.max_contour_error_m.shape == (3, 2)
-    for i, k1 in enumerate(first):
-        for j, k2 in enumerate(second):
-            run = track(arm, path, TRUE, Elasticity(K=TRUE.K * [k1, k2], D=TRUE.D))
-            assert result.max_contour_error_m[i, j] == pytest.approx(run.max_contour_error_m, abs=1e-7)
-            assert result.max_tracking_error_m[i, j] == pytest.approx(run.max_tracking_error_m, abs=1e-7)
+    ratios = np.array([[0.4, 0.95, 2.0, 0.4], [0.7, 1.02, 0.7, 1.02]])
+    for pair, error in zip(ratios.T, errors_of_mismatch(arm, path, TRUE, ratios), strict=True):
+        run = track(arm, path, TRUE, Elasticity(K=TRUE.K * pair, D=TRUE.D))
+        assert error == pytest.approx(run.max_contour_error_m, abs=1e-7)
 
 
 @pytest.mark.parametrize("drive", DRIVES)
 def test_and_with_every_option_of_the_servo(drive) -> None:
     arm, path = PlanarArm.example(drive), rectangle()
-    result = tolerance_map(arm, path, TRUE, [0.4, 1.0], servo=REAL, friction=FRICTION, dt=2.5e-4)
-    for i, j in np.ndindex(2, 2):
-        assumed = Elasticity(K=TRUE.K * [result.ratios_1[i], result.ratios_2[j]], D=TRUE.D)
+    ratios = np.array([[0.4, 1.0, 0.4, 1.0], [0.4, 0.4, 1.0, 1.0]])
+    errors = errors_of_mismatch(arm, path, TRUE, ratios, servo=REAL, friction=FRICTION, dt=2.5e-4)
+    for pair, error in zip(ratios.T, errors, strict=True):
+        assumed = Elasticity(K=TRUE.K * pair, D=TRUE.D)
         run = track(arm, path, TRUE, assumed, servo=REAL, friction=FRICTION)
         # Encoder counts and sticking amplify rounding, so no longer to nanometres.
-        assert result.max_contour_error_m[i, j] == pytest.approx(run.max_contour_error_m, abs=5e-6)
-
-
-def test_a_line_of_mismatches_is_the_diagonal_of_the_map() -> None:
-    arm, ratios = PlanarArm.example(), [1.0, 0.9, 1.1]
-    contour, tracking = errors_of_mismatch(arm, rectangle(), TRUE, ratios, friction=FRICTION)
-    full = tolerance_map(arm, rectangle(), TRUE, ratios, friction=FRICTION)
-    assert np.allclose(contour, np.diag(full.max_contour_error_m), rtol=0, atol=1e-12)
-    assert np.allclose(tracking, np.diag(full.max_tracking_error_m), rtol=0, atol=1e-12)
+        assert error == pytest.approx(run.max_contour_error_m, abs=5e-6)
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.003, -0.004])
@@ -76,19 +64,20 @@ def test_the_largest_contour_error_is_that_of_all_instants(lag, zone) -> None:
     assert np.array_equal(largest, path.distance(tool).max(axis=0))
 
 
-def test_the_default_map_has_its_valley_at_the_true_stiffness() -> None:
-    result = tolerance_map(PlanarArm.example(), rectangle(), TRUE, np.geomspace(0.5, 2.0, 9))
-    assert np.unravel_index(result.max_contour_error_m.argmin(), (9, 9)) == (4, 4)
-    assert result.max_contour_error_m[4, 4] < 1e-6
-    assert np.all(np.diff(result.max_tracking_error_m[4, 4:]) > 0)
-    assert np.all(np.diff(result.max_tracking_error_m[:5, 4]) < 0)
+def test_the_error_grows_with_the_mismatch_of_either_joint() -> None:
+    ratio = np.geomspace(0.5, 2.0, 9)
+    for ratios in ([ratio, np.ones(9)], [np.ones(9), ratio]):
+        errors = errors_of_mismatch(PlanarArm.example(), rectangle(), TRUE, ratios)
+        assert errors[4] < 1e-6
+        assert np.all(np.diff(errors[4:]) > 0)
+        assert np.all(np.diff(errors[:5]) < 0)
 
 
 def test_about_three_percent_of_stiffness_is_enough_for_a_tenth_of_a_millimetre() -> None:
     for drive in DRIVES:
-        ratios = [0.97, 1.03]
-        result = tolerance_map(PlanarArm.example(drive), rectangle(), TRUE, ratios)
-        assert 3e-5 < result.max_contour_error_m.max() < 1.3e-4
+        ratios = [[0.97, 1.03, 0.97, 1.03], [0.97, 0.97, 1.03, 1.03]]
+        errors = errors_of_mismatch(PlanarArm.example(drive), rectangle(), TRUE, ratios)
+        assert 3e-5 < errors.max() < 1.3e-4
 
 
 def test_a_certain_fit_promises_the_cut_itself() -> None:
@@ -132,26 +121,18 @@ def test_draws_have_the_covariance_that_was_given() -> None:
     assert abs(np.corrcoef(drawn.T)[0, 2]) < 0.15
 
 
-def test_progress_of_many_cuts() -> None:
-    seen: list[float] = []
-    tolerance_map(PlanarArm.example(), rectangle(), TRUE, [0.9, 1.0], progress=seen.append)
-    assert seen[0] == 0.0
-    assert seen[-1] == 1.0
-    assert np.all(np.diff(seen) > 0)
-
-
 def test_bad_input_is_refused() -> None:
     arm, path = PlanarArm.example(), rectangle()
-    with pytest.raises(JointIdError, match=r"ratios_1 .* is -1: give positive ratios"):
-        tolerance_map(arm, path, TRUE, [-1.0, 1.0])
-    with pytest.raises(JointIdError, match=r"ratios_2 .* is empty"):
-        tolerance_map(arm, path, TRUE, [1.0], [])
+    with pytest.raises(JointIdError, match=r"ratios .* give positive ratios"):
+        errors_of_mismatch(arm, path, TRUE, [[-1.0], [1.0]])
+    with pytest.raises(JointIdError, match=r"ratios .* shape \(2, 0\)"):
+        errors_of_mismatch(arm, path, TRUE, [[], []])
     with pytest.raises(JointIdError, match="1 ms"):
-        tolerance_map(arm, path, TRUE, [1.0], dt=2e-3)
+        errors_of_mismatch(arm, path, TRUE, [[1.0], [1.0]], dt=2e-3)
     with pytest.raises(JointIdError, match="1 joint"):
-        tolerance_map(arm, path, Elasticity(K=[43.0], D=[0.1]), [1.0])
+        errors_of_mismatch(arm, path, Elasticity(K=[43.0], D=[0.1]), [[1.0], [1.0]])
     with pytest.raises(JointIdError, match="unstable"):
-        tolerance_map(arm, path, TRUE, [0.5, 1.0], servo=Servo(bandwidth_hz=5000.0))
+        errors_of_mismatch(arm, path, TRUE, [[0.5], [1.0]], servo=Servo(bandwidth_hz=5000.0))
     with pytest.raises(JointIdError, match=r"expected \(4, 4\)"):
         path_error_distribution(arm, path, TRUE, np.eye(2))
     with pytest.raises(JointIdError, match="symmetric"):
