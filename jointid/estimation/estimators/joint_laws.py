@@ -282,12 +282,16 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
 
 def _slopes(p: Parameters, error: Floats) -> dict[str, list[float]]:
     """Three slopes and their torques as in catalogues; zero at joints without a significant change."""
-    bends = ("piecewise", "second_bend")
-    clear = np.any([np.abs(p[name]) > _SIGNIFICANT * error[p.layout[name]] for name in bends], axis=0)
-    K2 = p.K + p["piecewise"]
-    T1 = p.K * p["knee"]
-    found = {"K2": K2, "K3": K2 + p["second_bend"], "T1_Nm": T1, "T2_Nm": T1 + K2 * p["second_knee"]}
-    return {name: np.where(clear, values, 0.0).tolist() for name, values in found.items()}
+    clear = [
+        np.abs(p[name]) > _SIGNIFICANT * error[p.layout[name]] for name in ("piecewise", "second_bend")
+    ]
+    K2, T1 = p.K + p["piecewise"], p.K * p["knee"]
+    second = np.where(clear[1], p["second_bend"], 0.0)
+    T2 = T1 + np.where(clear[1], K2 * p["second_knee"], 0.0)
+    found = {"K2": K2, "K3": K2 + second, "T1_Nm": T1, "T2_Nm": T2}
+    return {
+        name: np.where(np.any(clear, axis=0), values, 0.0).tolist() for name, values in found.items()
+    }
 
 
 @dataclass(frozen=True, eq=False)
