@@ -281,17 +281,14 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
 
 
 def _slopes(p: Parameters, error: Floats) -> dict[str, list[float]]:
-    """Three slopes and their torques as in catalogues; zero at joints without a significant change."""
-    clear = [
-        np.abs(p[name]) > _SIGNIFICANT * error[p.layout[name]] for name in ("piecewise", "second_bend")
-    ]
+    """Three slopes and torques as in catalogues; zero at joints without a significant change."""
+    bends = ("piecewise", "second_bend")
+    first, last = (np.abs(p[bend]) > _SIGNIFICANT * error[p.layout[bend]] for bend in bends)
     K2, T1 = p.K + p["piecewise"], p.K * p["knee"]
-    second = np.where(clear[1], p["second_bend"], 0.0)
-    T2 = T1 + np.where(clear[1], K2 * p["second_knee"], 0.0)
-    found = {"K2": K2, "K3": K2 + second, "T1_Nm": T1, "T2_Nm": T2}
-    return {
-        name: np.where(np.any(clear, axis=0), values, 0.0).tolist() for name, values in found.items()
-    }
+    T2 = np.where(last, T1 + K2 * p["second_knee"], T1)
+    K3 = np.where(last, K2 + p["second_bend"], K2)
+    found = {"K2": K2, "K3": K3, "T1_Nm": T1, "T2_Nm": T2}
+    return {name: np.where(first | last, values, 0.0).tolist() for name, values in found.items()}
 
 
 @dataclass(frozen=True, eq=False)
