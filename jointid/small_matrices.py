@@ -136,6 +136,12 @@ def determined_covariance(normal: Floats) -> Floats:
     return covariance
 
 
+def finite_part(covariance: Floats) -> Floats:
+    """Covariance, shape (P, P), of the determined parameters; zero for those of infinite variance."""
+    finite = np.isfinite(np.diag(covariance))
+    return np.where(np.outer(finite, finite), covariance, 0.0)
+
+
 def one_thread() -> AbstractContextManager[object]:
     """Return a context in which BLAS uses one thread."""
     return _controller().limit(limits=1, user_api="blas")  # type: ignore[no-any-return]

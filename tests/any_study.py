@@ -56,11 +56,11 @@ from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.resampling import bootstrap, jackknife
 from jointid.uncertainty.sensitivity import prior_influence
+from jointid.uncertainty.torque_prediction import predict_torques
 from jointid.uncertainty.validation import (
     amplitude_dependence,
     compensated_phasors,
     harmonic_content,
-    predict_left_out,
     record_residuals,
 )
 
@@ -435,7 +435,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
     yield "bootstrap", lambda: bootstrap(*given, draws=3).interval()
     yield "jackknife", partial(jackknife, *given)
     yield "poses", lambda: _poses(analysis)
-    yield "prediction", lambda: left_out_prediction(predict_left_out(phasors, study.inertias[0], fit))
+    yield "prediction", lambda: left_out_prediction(predict_torques(fit))
     yield "residuals", lambda: _residuals(analysis)
     yield "harmonics", lambda: harmonic_columns(harmonic_content(phasors))
     yield "amplitudes", lambda: amplitude_dependence(fit)

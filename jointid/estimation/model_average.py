@@ -29,6 +29,8 @@ _DRAWS = 1024
 """Points of an integral over positive values: accurate to a per cent."""
 _RIDGE = 1e-12
 """Variance, over the prior's, below that of any part."""
+_RICHER_LAW = {"cubic"}, {"piecewise"}
+"""A law, and that of more parameters that imitates it."""
 _USUAL_LINK = 10.0
 """Mode of a link of a usual arm, over the joint's with free motor."""
 _USUAL = {"loss_factor": 0.05, "hysteresis": 0.05}
@@ -60,7 +62,8 @@ def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[s
             continue
         weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
         added = set(model.parts).difference(best.parts)
-        if len(added) == 1 and added <= EFFECTS.keys() and set(best.parts) < set(model.parts):
+        lost = set(best.parts).difference(model.parts)
+        if len(added) == 1 and added <= EFFECTS.keys() and (not lost or (lost, added) == _RICHER_LAW):
             gain, count = found.whole_cost(misfit) - estimate.whole_cost(misfit), estimate.p.size
             shift = estimate.elasticity - found.elasticity
             weight = max(weight, float(is_doubtful(gain, count - found.p.size, shift)))

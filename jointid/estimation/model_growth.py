@@ -121,10 +121,11 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         richer = _RICHER.get((model.reversal, model.curve), ())
         sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
         wider = [*sharper, *wider]
-    if "cubic" in model.effects and search.may_be_richer(found):
-        plain = model.without("cubic")
-        laws_instead = ["piecewise"] if "backlash" in model.parts else ["backlash", "piecewise"]
-        instead_of_cubic = [plain.with_part(law) for law in laws_instead]
+    richer = search.may_be_richer(found)
+    if "cubic" in model.effects and (richer or not search.has_motions):
+        plain = model.without("cubic")  # slopes may explain as well as it, with another K
+        others = ["backlash"] * (richer and "backlash" not in model.parts) + ["piecewise"]
+        instead_of_cubic = [plain.with_part(law) for law in others]
         wider = [*wider, *instead_of_cubic] if highest > NEARLY_ALL else [*instead_of_cubic, *wider]
     return wider
 

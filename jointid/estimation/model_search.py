@@ -10,7 +10,7 @@ from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, Parameters
+from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.model_fits import filters_before_friction, fit_model, model_waveforms
 from jointid.estimation.start_values import other_laws, with_delay, without_inertias
@@ -162,10 +162,10 @@ class Search:
         return best if best == model else self.pruned(best)
 
     def _narrower(self, model: Model) -> Iterator[Model]:
-        """The model without each part that is not certain, and with a delay in place of lags."""
+        """The model without each part that is not certain, and with a delay in place of others."""
         for part in model.parts:
             if part in self.fits.optional:
                 if not self.fits.is_certain(model, part):
                     yield model.without(part)
-                if part == "lag" and "delay" in self.fits.optional:
+                if part in ("lag", *FILTERS) and "delay" in self.fits.optional:  # all delay
                     yield model.without(part).with_part("delay")

@@ -27,7 +27,7 @@ from jointid.estimation.estimators.parameters import (
 from jointid.estimation.model_average import spread, spread_of_unseen
 from jointid.estimation.model_fits import stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
-from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, Search
+from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, Search
 from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
 from jointid.joints import Inertia
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
@@ -138,6 +138,8 @@ def _best(search: Search) -> Model:
         if better == best:
             break
         best = better
+    if not (lost or search.has_motions or search.is_spent) and search.fits.misfit(best) > POOR:
+        best = search.pruned(_climbed(search, best))  # each of several parts alone helps little
     return best
 
 

@@ -28,12 +28,15 @@ _ROUGH = 0.1
 """At the start of a fit of gear laws damping over stiffness, and hysteresis over the largest torque and
 deflection."""
 _WIDE, _NARROW, _SHARP = 0.3, 0.03, 2e-3
-"""Width of a loop, over the largest deflection, for a spring, a usual loop and mere friction."""
+"""Width of a loop, over the largest deflection, for a spring, a usual loop and mere friction, and the
+levels of the last two over the largest torque."""
 _KNEES = (0.5, 0.3), (0.2, 0.3)
 """Deflections at changes of slope over the largest: other starts of a gear with three slopes."""
 _POINTS, _LOADED, _LEAST = 128, 0.2, 1e-30
 """Samples over a period for the start of backlash, torque over its largest from which they count, and
 the least number above zero."""
+_CLEAR = 5.0
+"""Standard deviations from which a harmonic of the torque is no noise."""
 _UNEXPLAINED = 0.1
 """Relative residual of the linear estimate from which friction is looked for."""
 _OUTLIER = 0.1
@@ -90,19 +93,21 @@ def other_laws(
     """Start values for a law of the gears in place of those that led to the fit ``p``.
 
     A loop of hysteresis as wide as the deflection is a spring, and one without width is friction: such
-    fits miss the right one with small loops. Changes of slope are found from one side only.
+    fits miss the right one with small loops, and so do those with flat ones, far from the data: without
+    a level no width makes a difference. Changes of slope are found from one side only.
     """
     torque = phasors.tau + phasors.omega[:, None] ** 2 * prior.M[prior.rotor] * phasors.q
     peak, found = np.abs(torque).max(axis=0), []
     if "hysteresis" in p.layout:
         K = p.K + p["hysteresis"] / p["presliding"]
         wide, sharp = p["presliding"] * np.abs(K) > _WIDE * peak, p["presliding"] * p.K < _SHARP * peak
+        flat = np.abs(p["hysteresis"]) < _SHARP * peak
         K = np.where(wide, K, p.K)
-        if np.any(wide | sharp) and np.all(K > 0):
+        if np.any(wide | sharp | flat) and np.all(K > 0):
             values = {block.name: p[block.name] for block in p.layout.blocks}
             values["K"] = K
-            values["hysteresis"] = np.where(wide, _NARROW * peak, p["hysteresis"])
-            values["presliding"] = np.where(wide | sharp, _NARROW * peak / K, p["presliding"])
+            values["hysteresis"] = np.where(wide | flat, _NARROW * peak, p["hysteresis"])
+            values["presliding"] = np.where(wide | sharp | flat, _NARROW * peak / K, p["presliding"])
             found.append(p.layout.named(p.layout.pack(**values)))
     if "piecewise" in p.layout and "cubic" in start.layout:
         knees = [Block(name, p.K.shape, ()) for name in ("knee", "second_knee")]
@@ -125,15 +130,21 @@ def with_backlash(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     """K, D, backlash and Coulomb friction by regression of the deflection on torque, its sign and speed.
 
     Friction of the motor changes the torque and, by the arm's compliance, the deflection that follows
-    from it. A record counts by the inverse of what errors of the given inertias make of its deflection.
+    from it. A record counts by its torque, less of which may leave out a flank, over what errors of the
+    given inertias make of its deflection. Harmonics within the noise would hide the torque.
     """
     n, z = phasors.n, phasors.harmonics
     s = 1j * phasors.omega[:, None, None] * np.arange(1, z.shape[1] + 1)[:, None]
-    rotor = s * s * prior.M[prior.rotor, None] * z[..., :n]
-    torque = z[..., n:] - rotor
+    own = s * s * prior.M[prior.rotor, None]
+    variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance).real
+    noise = variance[..., n:] + np.abs(own) ** 2 * variance[..., :n]
+    rotor = own * z[..., :n]
+    clear = np.abs(z[..., n:] - rotor) ** 2 > _CLEAR**2 * noise
+    clear[:, 0] = True
+    torque = np.where(clear, z[..., n:] - rotor, 0)
     compliance = np.linalg.inv(prior.M2[prior.pose, None])
     arm = (compliance @ torque[..., None])[..., 0] / (s * s)
-    delta = z[..., :n] - arm
+    delta = np.where(clear, z[..., :n], 0) - arm
     sign = np.sign(samples_of((s * z[..., :n]).swapaxes(1, 2), _POINTS))
     own = np.diagonal(compliance, axis1=2, axis2=3) / (s * s)
     moved = own * phasors_of(sign, z.shape[1]).swapaxes(1, 2)
@@ -145,7 +156,7 @@ def with_backlash(phasors: Phasors, prior: InertiaPrior) -> Parameters:
         size = np.maximum(np.abs(f).max(axis=1, keepdims=True), _LEAST)
         spread = [np.maximum(v.std(axis=1), _LEAST) for v in (f, y, *given)]
         doubt = np.hypot(spread[2], spread[3] * spread[1] / spread[0])
-        weight = (np.abs(f) > _LOADED * size) / doubt[:, None]
+        weight = (np.abs(f) > _LOADED * size) * size / doubt[:, None]
         total = np.maximum(weight.sum(axis=1, keepdims=True), _LEAST)
         y, columns = (v - (weight * v).sum(axis=-1, keepdims=True) / total for v in (y, columns))
         unit = np.maximum(np.abs(columns).max(axis=(1, 2)), _LEAST)

@@ -16,38 +16,17 @@ from jointid.figures.style import (
     points,
 )
 from jointid.uncertainty.plan import Suggestion
-from jointid.uncertainty.validation import Prediction, RecordResiduals
+from jointid.uncertainty.torque_prediction import TorquePrediction
+from jointid.uncertainty.validation import RecordResiduals
 
 
-def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Figure:
-    """|H_jj| measured and predicted at frequencies that were left out; below, their difference."""
-    ink = colours(dark)
-    f = prediction.omega / (2 * np.pi)
-    traces: list[Trace] = []
-    for j in range(prediction.measured.shape[1]):
-        name = f"H{j + 1}{j + 1}"
-        for what, H, colour, ending, size in (
-            ("predicted", prediction.predicted, ink.identified, "-open", 13),
-            ("measured", prediction.measured, ink.measured, "", 5),
-        ):
-            hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}} 1/(kg·m²)<extra>{name} {what}</extra>"
-            marker = {"symbol": joint_symbol(j) + ending, "size": size}
-            style: Trace = {"marker": marker, "hovertemplate": hover}
-            traces.append(points(f, np.abs(H[:, j, j]), f"{name} {what}", colour, **style))
-    traces.append(
-        points(
-            f,
-            100 * prediction.relative_error,
-            "difference",
-            ink.measured,
-            yaxis="y2",
-            showlegend=False,
-            hovertemplate="%{x:.4g} Hz<br>%{y:.2g} %<extra>difference of H</extra>",
-        )
-    )
-    magnitude = log_axis("Magnitude (1/(kg·m²))", share=1.6)
-    difference = linear_axis("Difference (%)", rangemode="tozero", nticks=4)
-    return figure(traces, frequency_axis(f), magnitude, difference, height=430, dark=dark)
+def left_out_prediction(prediction: TorquePrediction, *, dark: bool = False) -> go.Figure:
+    """Relative difference of predicted and measured torques over frequency."""
+    f, difference = prediction.frequency_hz, 100 * prediction.relative_error
+    hover = "%{x:.4g} Hz<br>%{y:.2g} %<extra></extra>"
+    dots = points(f, difference, "difference", colours(dark).measured, hovertemplate=hover)
+    axis = linear_axis("Difference (%)", rangemode="tozero", nticks=4)
+    return figure([dots], frequency_axis(f), axis, height=260, dark=dark)
 
 
 def normalised_residuals(residuals: RecordResiduals, *, dark: bool = False) -> go.Figure:

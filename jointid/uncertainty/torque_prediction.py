@@ -1,4 +1,4 @@
-"""Model validation without a transfer matrix: the gears' torques at frequencies left out of the fit."""
+"""Model validation: prediction of the torques through the gears at frequencies left out of the fit."""
 
 from dataclasses import dataclass
 
@@ -21,6 +21,8 @@ _SINGULAR = 1e12
 class TorquePrediction:
     """Torque through the gears at frequencies left out of the fit of K and D."""
 
+    frequency_hz: Floats
+    """Of the records, or lines of motions, shape (r,), Hz."""
     relative_error: Floats
     """|measured − predicted| over |measured|, norms over the joints, shape (r,)."""
     score: Floats
@@ -33,7 +35,7 @@ class TorquePrediction:
 
 
 def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
-    """Cross-validation without H, for motions and several poses: b of equation (8) from a.
+    """Cross-validation: b of equation (8) from a, of sines and motions, in one pose or several.
 
     K and D are fitted to some bands of frequencies and predict the torques in the others. Inertias,
     friction, delay and effects stay as fitted to all records.
@@ -92,4 +94,4 @@ def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
         relative[out] = np.linalg.norm(deviation, axis=1) / np.linalg.norm(equations.b[out], axis=1)
     if not (np.isfinite(score).all() and np.isfinite(relative).all()):
         raise JointIdError("The noise of these records is not known well enough.")
-    return TorquePrediction(relative, score)
+    return TorquePrediction(equations.omega / (2 * np.pi), relative, score)

@@ -1,4 +1,4 @@
-"""Model validation: prediction of records left out of the fit, residuals, harmonics, nonlinearity."""
+"""Model validation: residuals, harmonics, nonlinearity."""
 
 from dataclasses import dataclass, replace
 
@@ -7,12 +7,8 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS
-from jointid.estimation.identify_elasticity import identify_elasticity
-from jointid.joints import Elasticity, Inertia, dynamic_arm_inertia, motor_response
 from jointid.phasors.extract import Phasors
-from jointid.transfer_matrix import estimate_transfer_matrix
 from jointid.wording import enumerated
 
 _DEFLECTION_RATIO = 1.3
@@ -36,115 +32,6 @@ def compensated_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
         harmonics=fit.phasors.z[:, None],
         harmonic_covariance=phasors.covariance[:, None],
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """Measured and predicted H at frequencies that were left out of the fit of K and D."""
-
-    omega: Floats
-    """Frequencies left out, shape (f,), rad/s."""
-    measured: Complexes
-    """Equations (17)-(18), friction-compensated, shape (f, n, n)."""
-    predicted: Complexes
-    """Equation (16) with K and D of the other frequencies, shape (f, n, n)."""
-    relative_error: Floats
-    """|measured − predicted| over |measured|, Frobenius norms, shape (f,)."""
-    score: Floats
-    """Squared deviation over its variance from the errors of H, K and D, shape (f,); about 1."""
-    estimates: tuple[Elasticity, ...]
-    """K and D of each fold."""
-
-    @property
-    def misfit(self) -> float:
-        """Mean score: about 1 when the model holds and the noise is as stated."""
-        return float(self.score.mean())
-
-
-def predict_left_out(
-    phasors: Phasors, inertia: Inertia, fit: ElasticityFit, *, folds: int = 2
-) -> Prediction:
-    """Cross-validation: fit to some frequencies and predict H at the others.
-
-    Uncertain inertias are fitted again as well; a linear estimator keeps the given ones.
-
-    Parameters
-    ----------
-    phasors : Phasors
-        Of one pose, n or more records per frequency.
-    inertia : Inertia
-    fit : ElasticityFit
-        Fit to the same records. Its friction, delay and effects are subtracted.
-    folds : int, default 2
-        Every ``folds``-th frequency is left out at a time, each frequency once.
-
-    Raises
-    ------
-    JointIdError
-        With fewer frequencies than twice the folds, without any measured H, or when the frequencies of a
-        fold do not determine all parameters.
-    """
-    free = compensated_phasors(phasors, fit)
-    groups = free.by_frequency()
-    if not isinstance(folds, int) or folds < 2 or len(groups) < 2 * folds:
-        raise JointIdError(
-            f"{len(groups)} frequencies and folds = {folds!r}: each fold needs at least two "
-            "frequencies, and there must be two folds or more."
-        )
-    method = fit.method if fit.method in LINEAR else "maximum-likelihood"
-    rows, estimates = [], []
-    for fold in range(folds):
-        out = np.concatenate([group for _, group in groups[fold::folds]])
-        kept = np.setdiff1d(np.arange(free.omega.size), out)
-        part = identify_elasticity(
-            free.select(kept), inertia, method=method, inertia_std=fit.prior.inertia_std
-        )
-        if not np.isfinite(np.diag(part.parameter_covariance)).all():
-            raise JointIdError(
-                f"{len(groups) - len(groups[fold::folds])} of {len(groups)} frequencies do not "
-                "determine all parameters and therefore cannot predict the others."
-            )
-        estimates.append(part.elasticity)
-        fitted, own = part.inertias[0], part.parameter_covariance
-        matrix = estimate_transfer_matrix(free.select(out))
-        predicted = motor_response(matrix.omega, fitted, part.elasticity)
-        slope = _slope_of_response(matrix.omega, fitted, part.elasticity)[..., : len(own)]
-        # The misfit of the model inflates both errors.
-        covariance = matrix.covariance * fit.inflation
-        own = own * fit.inflation / part.inflation
-        covariance = covariance + slope @ own @ slope.conj().swapaxes(1, 2)
-        deviation = (matrix.H - predicted).reshape(len(predicted), -1, 1)
-        floor = 1e-12 * np.abs(predicted).max((1, 2)) ** 2
-        covariance += floor[:, None, None] * np.eye(deviation.shape[1])
-        squares = (deviation.conj() * np.linalg.solve(covariance, deviation)).real.sum((1, 2))
-        with np.errstate(divide="ignore"):  # motors that do not move
-            error = np.linalg.norm(deviation[..., 0], axis=1) / np.linalg.norm(matrix.H, axis=(1, 2))
-        rows.append((matrix.omega, matrix.H, predicted, error, squares / deviation.shape[1]))
-    order = np.argsort(np.concatenate([row[0] for row in rows]))
-    omega, measured, predicted, error, score = (
-        np.concatenate(part)[order] for part in zip(*rows, strict=True)
-    )
-    return Prediction(omega, measured, predicted, error, score, tuple(estimates))
-
-
-def _slope_of_response(omega: Floats, inertia: Inertia, elasticity: Elasticity) -> Complexes:
-    """Derivative of the elements of H by K, D, M and the lower triangle of M2, shape (f, n², P)."""
-    n, s = inertia.n, 1j * omega
-    H = motor_response(omega, inertia, elasticity)
-    # H⁻¹ = M + S⁻¹ with ∂S = −s² ∂spring/spring² gives ∂H = −s² (H S⁻¹) e eᵀ (S⁻¹ H) ∂spring/spring².
-    share = np.eye(n) - H * inertia.M  # H S⁻¹ = I − H M
-    other = np.eye(n) - inertia.M[:, None] * H
-    spring = elasticity.K + s[:, None] * elasticity.D
-    by_K = -np.einsum("fij,fjk,fj->fikj", share, other, (s**2)[:, None] / spring**2)
-    by_D, by_M = s[:, None, None, None] * by_K, -np.einsum("fij,fjk->fikj", H, H)
-    # S = M2⁻¹ + s²/spring gives ∂H = −(H S⁻¹ M2⁻¹) ∂M2 (M2⁻¹ S⁻¹ H).
-    rows, columns = np.tril_indices(n)
-    arm = np.linalg.inv(dynamic_arm_inertia(omega, inertia))
-    left, right = share @ arm, (arm @ other).swapaxes(1, 2)
-    by_M2 = -left[:, :, None, rows] * right[:, None, :, columns]
-    by_M2 -= np.where(rows == columns, 0, left[:, :, None, columns] * right[:, None, :, rows])
-    slope = np.concatenate([by_K, by_D, by_M, by_M2], axis=3)
-    return np.asarray(slope.reshape(omega.size, n * n, -1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -228,22 +228,22 @@ class JointLaws:
 
     def arm_friction(self, torque: Complexes, arm: Complexes) -> Complexes:
         """Phasors of sign θ̇_a, shape (r, H, n), for the arm's compliance A⁻¹, shape (r, H, n, n)."""
-        f, H = np.where(self.clear, torque, 0), torque.shape[1]
-        velocity = self.s[..., None] * (arm @ f[..., None])[..., 0]
-        signs = _sign(samples_of(velocity.swapaxes(1, 2), _points(H)))
-        return phasors_of(signs, H).swapaxes(1, 2)
+        signs = _sign(self._arm_velocity(torque, arm))
+        return phasors_of(signs, torque.shape[1]).swapaxes(1, 2)
 
     def arm_friction_slope(self, torque: Complexes, arm: Complexes) -> SignSlope:
         """Derivative of the phasors of sign θ̇_a by those of θ̇_a, both of them for the torque f."""
-        f, H = np.where(self.clear, torque, 0), torque.shape[1]
-        velocity = self.s[..., None] * (arm @ f[..., None])[..., 0]
-        return SignSlope.at(samples_of(velocity.swapaxes(1, 2), _points(H)), H)
+        return SignSlope.at(self._arm_velocity(torque, arm), torque.shape[1])
+
+    def _arm_velocity(self, torque: Complexes, arm: Complexes) -> Floats:
+        f = np.where(self.clear, torque, 0)[..., None]
+        velocity = self.s[..., None] * (arm @ f)[..., 0]
+        return samples_of(velocity.swapaxes(1, 2), _points(torque.shape[1]))
 
     def presliding(self, bristle: Floats, H: int) -> Complexes:
         """Phasors of z(θ) for presliding angles, shape (n,); shape (r, H, n)."""
-        return phasors_of(dahl(self.angle, 1 / np.maximum(bristle, _LEAST_ANGLE)[:, None]), H).swapaxes(
-            1, 2
-        )
+        z = dahl(self.angle, 1 / np.maximum(bristle, _LEAST_ANGLE)[:, None])
+        return phasors_of(z, H).swapaxes(1, 2)
 
     def presliding_slope(self, bristle: Floats, shape: Complexes) -> Complexes:
         """Derivative of the phasors ``shape`` of z(θ) by the presliding angles, shape (r, H, n)."""
@@ -268,7 +268,7 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
                 clear &= p[judge] > 0
             found[target] = np.where(clear, p[name], 0.0).tolist()
     if "piecewise" in p.layout:
-        found |= _slopes(p, error)
+        found |= _slopes(p, covariance)
     return tuple(
         Gear(
             K=max(float(p.K[j]), 0.0),
@@ -280,13 +280,17 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
     )
 
 
-def _slopes(p: Parameters, error: Floats) -> dict[str, list[float]]:
-    """Three slopes and their torques as in catalogues; zero at joints without a significant change."""
-    bends = ("piecewise", "second_bend")
-    clear = np.any([np.abs(p[name]) > _SIGNIFICANT * error[p.layout[name]] for name in bends], axis=0)
-    K2 = p.K + p["piecewise"]
-    T1 = p.K * p["knee"]
-    found = {"K2": K2, "K3": K2 + p["second_bend"], "T1_Nm": T1, "T2_Nm": T1 + K2 * p["second_knee"]}
+def _slopes(p: Parameters, covariance: Floats) -> dict[str, list[float]]:
+    """Three slopes and torques as in catalogues; zero at joints without a significant change."""
+    first, last = (np.arange(p.vector.size)[p.layout[bend]] for bend in ("piecewise", "second_bend"))
+    bends, variance = p.vector[[first, last]], np.diag(covariance)[[first, last]]
+    change = np.vstack([bends, bends.sum(axis=0)])  # each may be uncertain, and not their sum
+    doubt = np.vstack([variance, variance.sum(axis=0) + 2 * covariance[first, last]])
+    clear = np.any(change**2 > _SIGNIFICANT**2 * np.maximum(doubt, 0), axis=0)
+    K2, T1 = p.K + bends[0], p.K * p["knee"]
+    seen = np.isfinite(variance[1])
+    K3, T2 = (np.where(seen, x, y) for x, y in ((K2 + bends[1], K2), (T1 + K2 * p["second_knee"], T1)))
+    found = {"K2": K2, "K3": K3, "T1_Nm": T1, "T2_Nm": T2}
     return {name: np.where(clear, values, 0.0).tolist() for name, values in found.items()}
 
 

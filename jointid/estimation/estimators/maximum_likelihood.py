@@ -35,6 +35,7 @@ from jointid.phasors.extract import Phasors
 from jointid.small_matrices import (
     INSEPARABLE,
     determined_covariance,
+    finite_part,
     positive_inverse,
     unit_diagonal,
 )
@@ -244,8 +245,7 @@ def _prior_part(problem: Problem, p: Floats, covariance: Floats) -> Floats:
 
     With the information A of the data and B of the prior, C = (A + B)⁻¹ = C A C + C B C.
     """
-    finite = np.isfinite(np.diag(covariance))
-    C = np.where(np.outer(finite, finite), covariance, 0.0)
+    C = finite_part(covariance)
     part = C @ problem.pull(p)[1] @ C
     np.fill_diagonal(part, np.maximum(np.diag(part), 0.0))  # rounding
     return np.asarray(part)

@@ -13,7 +13,7 @@ from jointid.estimation.estimators.problem import Problem, friction_advance, mot
 from jointid.estimation.estimators.residual import Residual
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.motion.free_friction import FreeFriction, Projection
-from jointid.small_matrices import inverse, whitener
+from jointid.small_matrices import finite_part, inverse, whitener
 
 _RESOLVED = 1.0
 """Dynamic stiffness of the arm over K from which a motion's torsion curve has a line of its spectrum."""
@@ -178,11 +178,12 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
     covariance, prior_part : ndarray, shape (P, P)
         Covariance of the estimate, and the part that the prior makes; noise makes the rest.
     """
-    noise = np.where(np.isfinite(covariance), covariance - prior_part, 0.0)
+    finite = finite_part(covariance)
+    noise = finite - prior_part
     records, own = len(residual.rows), 2 * residual.at.problem.n
     if records < _LEAST_RECORDS or not np.all(np.diag(noise)[:own] > 0):
         return covariance
-    shift, expected = _shifts(residual, np.where(np.isfinite(covariance), covariance, 0.0))
+    shift, expected = _shifts(residual, finite)
     scatter = records / (records - 1) * ((shift - shift.mean(axis=0)) ** 2).sum(axis=0)
     W = whitener(noise[:own, :own])
     pulls, share = shift[:, :own] @ W.T, W @ expected[:, :own, :own] @ W.T
@@ -206,11 +207,10 @@ def repeated_covariance(residual: WhitenedResidual, covariance: Floats) -> tuple
     problem = residual.at.problem
     if problem.repeated is None:
         return np.zeros_like(covariance), 0.0
-    n, finite = problem.n, np.isfinite(np.diag(covariance))
+    n, C = problem.n, finite_part(covariance)
     errors = (residual.W @ residual.at.E[..., :n]) * np.sqrt(problem.repeated)[:, None, None]
     whole = residual.projection.whitened(residual.heard_columns)
     pulls = (errors.conj().swapaxes(2, 3) @ whole).reshape(-1, whole.shape[3])
-    C = np.where(np.outer(finite, finite), covariance, 0.0)
     share = 2 * float((np.abs(errors) ** 2).sum()) / max(problem.rows, 1)
     return 2 * C @ (pulls.conj().T @ pulls).real @ C, share
 

@@ -29,9 +29,7 @@ from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.torque_prediction import TorquePrediction, predict_torques
 from jointid.uncertainty.validation import (
     HarmonicContent,
-    Prediction,
     harmonic_content,
-    predict_left_out,
     record_residuals,
 )
 from jointid.verdict.rules_model import EXPLAINED
@@ -169,14 +167,9 @@ def _label(study: Study, k: int) -> str:
     return study.motion_records[k].label or f"Motion {k + 1}"
 
 
-def _predicted(page: Page, analysis: Analysis) -> Prediction | TorquePrediction:
-    """H of one pose; of motions and several poses, which have no single H, the torques of the gears."""
-    study, fit = analysis.study, analysis.fit
+def _predicted(page: Page, analysis: Analysis) -> TorquePrediction:
     doing = "Fitting half of the frequencies, predicting the other"
-    if study.motion_records or any(inertia is not study.inertias[0] for inertia in study.inertias):
-        return page.computed("prediction", doing, predict_torques, fit)
-    given = analysis.phasors, study.inertias[0], fit
-    return page.computed("prediction", doing, predict_left_out, *given)
+    return page.computed("prediction", doing, predict_torques, analysis.fit)
 
 
 def show_prediction(page: Page, analysis: Analysis) -> None:
@@ -191,13 +184,13 @@ def show_prediction(page: Page, analysis: Analysis) -> None:
     show_note(_sentence(prediction))
 
 
-def _sentence(prediction: Prediction | TorquePrediction) -> str:
+def _sentence(prediction: TorquePrediction) -> str:
     """Size of the deviation, judged as the verdict judges the misfit of all records."""
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
-    what = "gear torques" if isinstance(prediction, TorquePrediction) else "motor accelerations"
     text = (
-        f"Fitted to half of the frequencies, K and D predict the {what} at the others within {apart} %"
+        "Fitted to half of the frequencies, K and D predict the gear torques at the others within "
+        f"{apart} %"
     )
     sigmas = f"({times} σ; noise alone: up to {limit} σ)."
     if prediction.misfit <= EXPLAINED:
@@ -217,9 +210,8 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
         show_info(error)
     else:
         show_note(_sentence(prediction))
-        if isinstance(prediction, Prediction):
-            what = "Measured and predicted H over frequency, and their relative difference"
-            page.show("left_out", partial(left_out_prediction, prediction), what)
+        what = "Relative difference of measured and predicted torques over frequency"
+        page.show("left_out", partial(left_out_prediction, prediction), what)
 
     st.markdown("**Residual of each record**")
     residuals = record_residuals(analysis.phasors, analysis.fit)
