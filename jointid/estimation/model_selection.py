@@ -27,7 +27,7 @@ from jointid.estimation.estimators.parameters import (
 from jointid.estimation.model_average import spread, spread_of_unseen
 from jointid.estimation.model_fits import stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
-from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, Search
+from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, Search
 from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
 from jointid.joints import Inertia
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
@@ -175,8 +175,11 @@ def _fit_first(search: Search) -> None:
         laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
     if search.may_rub:
         laws += [(rubbing, "backlash", begin) for begin in (with_backlash, by_motion)]
+    if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
+        laws.append((fits.least(list(fits.tried)), "backlash", with_backlash))
+        search.slow_fits -= 1  # not one of those that compare
     for model, law, begin in laws:
-        if search.is_lost and law in fits.optional:
+        if (search.is_lost or search.has_motions) and law in fits.optional:
             search.fit(model.with_part(law), begin(search.phasors, search.prior))
 
 
