@@ -238,6 +238,11 @@ class Fits:
             stiffer = (p.K + p["piecewise"]) / np.maximum(p.K, np.finfo(float).tiny)
             if np.any((stiffer > _BEND) | (stiffer < 1 / _BEND)):
                 return False
+        if part == "cubic":  # beyond this torque its slope is _BEND times K, as of backlash
+            K, cubic = np.maximum(estimate.named.K, 0.0), np.maximum(size, np.finfo(float).tiny)
+            bent = (_BEND + 2) / 3 * K * np.sqrt((_BEND - 1) / 3 * K / cubic)
+            if np.any(estimate.phasors.torque_size.max(axis=0) > bent):
+                return False
         if part in EFFECTS and EFFECTS[part].positive:
             if np.any(size < -_SIGNIFICANT * sigma):
                 return False

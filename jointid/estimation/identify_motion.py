@@ -17,6 +17,7 @@ from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.model_fits import evaluated, fit_model, stepped
 from jointid.estimation.model_selection import choose_model
@@ -167,17 +168,17 @@ def _with_first_noise(
     """
     if not phasors.motion.any():
         return phasors, start, None
+    if "coulomb" in start.layout:
+        brake = np.maximum(start["coulomb"], 0.0)
+        bounded = (each and replace(each, unknown_Nm=brake, known={}) for each in phasors.segments)
+        phasors = replace(phasors, segments=tuple(bounded))
     fits: list[tuple[Model, LikelihoodEstimate]] = []
     few, own = _few(phasors, prior)
     noise = _noise(few, own)
-    for reversal in (None, 0.0, 0.03, 0.1)["coulomb" in start.layout :]:
-        model = Model(reversal, delay=False)
-        best = fits[-1][1] if fits else None
+    for model in (Model(None, delay=False), Model(0.0, delay=False))["coulomb" in start.layout :]:
         with contextlib.suppress(JointIdError):
-            if best and stepped(few, own, best, noise, model)[1] > _BETTER * best.misfit:
-                break
-            found = fit_model(few, own, best.named if best and reversal else start, noise, model)
-            if best and (found.misfit > _BETTER * best.misfit or not rubs(found)):
+            found = fit_model(few, own, start, noise, model)
+            if fits and (found.misfit > _BETTER * fits[0][1].misfit or not rubs(found)):
                 break
             fits.append((model, found))
     if not fits:
@@ -232,6 +233,7 @@ def _with_noise(
     share = np.where(residual.at.problem.used, left_of_noise / rows, 0)
     clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
     share = np.where(clear, share, np.nan)
+    left, size = _without_bounded(residual, left, share, size)
     torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E)
     usual: Floats = np.mean([*torques.values()], axis=0)
     shown = [segment.unknown_Nm for segment in phasors.segments if segment is not None]
@@ -249,6 +251,26 @@ def _with_noise(
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=unknown, known={})
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
+
+
+def _without_bounded(
+    residual: WhitenedResidual, left: Complexes, share: Floats, size: Floats
+) -> tuple[Complexes, Floats]:
+    """Residual with the variance of noise alone, and the size of bounded friction over the stated.
+
+    The residual ``left`` (r, H, n) keeps a ``share`` (r, n) of its degrees of freedom; ``size`` is that
+    of a complement.
+    """
+    friction = residual.at.problem.friction
+    if friction is None or not friction.spread.any():
+        return left, size
+    V = np.einsum("rhjj->rhj", residual.at.V).real
+    part = np.divide(friction.spread, V, out=np.zeros_like(V), where=V > 0)
+    kept = np.where(share > 0, share, np.nan)[:, None]
+    shown = np.nansum(part * np.abs(left) ** 2 / np.where(V > 0, V, 1.0) / kept, axis=(0, 1))
+    stated = np.nansum(part + 0 * kept, axis=(0, 1))
+    size = np.where(stated > 0, np.sqrt(shown / np.where(stated > 0, stated, 1.0)), size)
+    return left * np.sqrt(1 - part), size
 
 
 def _differ(one: Phasors, other: Phasors) -> bool:

@@ -28,6 +28,9 @@ _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
 NEARLY_ALL = 0.9
 """Score over the cost from which a part is fitted in place of a law, or before others that are."""
+_LARGE = 0.1
+"""Score over the cost from which a part is fitted to motions that leave no more than noise: their noise
+is that of the residual, which a missing part raises."""
 _CLIMB = 0.7
 """Ratio of misfits of motions below which further laws wait for the scores beside the leading model."""
 _TRIED_LAWS = 2
@@ -103,9 +106,10 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     found = search.fits.estimate(model)
     if found is None:
         return []
-    if search.is_again and model.reversal is not None and not search.may_be_richer(found):
-        return []  # filters and lags would absorb what sticking leaves
     clear, scored = _clear_parts(search, model, found), search.scores(model)
+    if search.is_again and model.reversal is not None and not search.may_be_richer(found):
+        # Filters and lags would absorb what sticking leaves.
+        clear = [part for part in clear if scored[part].gain > _LARGE * found.cost]
     explained = found.misfit <= EXPLAINED
     laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]
     tried = [part for part in clear if part in laws or part not in LAWS]
@@ -121,10 +125,10 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         richer = _RICHER.get((model.reversal, model.curve), ())
         sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
         wider = [*sharper, *wider]
-    richer = search.may_be_richer(found)
-    if "cubic" in model.effects and (richer or not search.has_motions):
+    may_be_richer = search.may_be_richer(found)
+    if "cubic" in model.effects and (may_be_richer or not search.has_motions):
         plain = model.without("cubic")  # slopes may explain as well as it, with another K
-        others = ["backlash"] * (richer and "backlash" not in model.parts) + ["piecewise"]
+        others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
         instead_of_cubic = [plain.with_part(law) for law in others]
         wider = [*wider, *instead_of_cubic] if highest > NEARLY_ALL else [*instead_of_cubic, *wider]
     return wider
@@ -167,6 +171,6 @@ def _is_promising(search: Search, model: Model, score: Score, part: str) -> bool
     if found is None or not model.with_part(part).is_slow:
         return True
     if search.has_motions and not search.may_be_richer(found):
-        return False  # it takes a minute
+        return score.gain > _LARGE * found.cost
     sigma = np.sqrt(np.diag(found.elasticity_covariance))
     return not search.fits.is_explained(model) or bool(np.any(np.abs(score.possible[1]) > sigma))

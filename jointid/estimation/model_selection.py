@@ -177,8 +177,11 @@ def _fit_first(search: Search) -> None:
         laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
     if search.may_rub:
         laws += [(rubbing, "backlash", begin) for begin in (with_backlash, by_motion)]
+    if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
+        laws.append((fits.least(list(fits.tried)), "backlash", with_backlash))
+        search.slow_fits -= 1  # not one of those that compare
     for model, law, begin in laws:
-        if search.is_lost and law in fits.optional:
+        if (search.is_lost or search.has_motions) and law in fits.optional:
             search.fit(model.with_part(law), begin(search.phasors, search.prior))
 
 

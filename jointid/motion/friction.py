@@ -62,6 +62,16 @@ class FrictionWaveforms:
     """Time constants of the filters of the positions that the velocities are freed of, (n,), s."""
 
     @cached_property
+    def spread(self) -> Floats:
+        """Variance of the bounded friction, shape (r, H, n), (N·m)²; zero where a complement has it."""
+        found = np.zeros(self.coulomb.shape)
+        if not self.free.bases:
+            for row, joints in enumerate(self.bounded):
+                for j, own in enumerate(joints):
+                    found[row, : len(own), j] = (np.abs(own) ** 2).sum(axis=1)
+        return found
+
+    @cached_property
     def free(self) -> FreeFriction:
         """Free friction waveforms around the reversals."""
         equations = self.known[..., None] & ~self.stationary[:, None]

@@ -57,7 +57,7 @@ def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
         found += [
             _row(segment, samples, variance, record, name)
             for part in parts
-            for segment, samples in _segments(part, band, variance, limits, record.band_hz is not None)
+            for segment, samples in _segments(part, band, variance, limits, record)
         ]
         if not any(row.segments[0].record == index for row in found if row.segments[0]):
             raise JointIdError(
@@ -94,10 +94,10 @@ def _noise(parts: list[UniformPart], band: tuple[float, float], M: Floats) -> tu
 
 
 def _segments(
-    part: UniformPart, band: tuple[float, float], variance: Floats, limits: Floats, fixed: bool
+    part: UniformPart, band: tuple[float, float], variance: Floats, limits: Floats, record: MotionRecord
 ) -> list[tuple[Segment, Floats]]:
     """Segments of equal length with their samples (2n, N); a fixed band is used to its lowest line."""
-    n, N = part.theta.shape
+    (n, N), fixed = part.theta.shape, record.band_hz is not None
     samples = np.concatenate([part.theta, part.tau])
     velocity, noise, blur = smooth_velocity(part.theta, part.interval_s, variance[:n])
     whole = N * part.interval_s
@@ -125,6 +125,7 @@ def _segments(
             least_torque_variance=limits[0],
             most_torque_variance=limits[1],
             held=part.held,
+            torque_delay_s=record.torque_delay_s,
             lowest=lowest,
             highest=highest,
         )

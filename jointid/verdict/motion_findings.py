@@ -5,10 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Inertia
-from jointid.phasors.coherence import coherence
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.verdict.evidence import Evidence, Finding, percent, some, warning
@@ -23,8 +21,6 @@ _RESTS, _LOOSELY = 0.35, 0.01
 """Share of the time at rest, and relative standard error of K, from which a joint is reported."""
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
 """Time in which a motor moves, s; the quantile of its moves that counts as fast; a rest over it."""
-_COHERENT = 0.5
-"""Median coherence within the band, below which torque and motion hardly belong together."""
 
 
 def motion_findings(
@@ -49,7 +45,7 @@ def motion_findings(
     evidence = Evidence(tuple(records), inertias, fit.phasors, fit, {})
     motions = tuple(record for record in records if isinstance(record, MotionRecord))
     of_motions = Evidence(motions, inertias, phasors.select(np.zeros(0, int)), fit, {})
-    found = [*_incoherent(evidence), *not_physical(evidence), *counted_twice(of_motions)]
+    found = [*not_physical(evidence), *counted_twice(of_motions)]
     sines = [k for k, record in enumerate(records) if isinstance(record, SineRecord)]
     if linear := fits.get("weighted"):
         chosen = tuple(record for record in records if isinstance(record, SineRecord))
@@ -65,33 +61,6 @@ def motion_findings(
     if not any(finding.level in ("problem", "warning") for finding in found):
         found.append(all_well(fit))
     return tuple(sorted(found, key=lambda finding: -finding.weight))
-
-
-def _incoherent(evidence: Evidence) -> Iterator[Finding]:
-    """Records in which torque and motion hardly belong together."""
-    for count, record in enumerate(evidence.records, start=1):
-        if not isinstance(record, MotionRecord):
-            continue
-        try:
-            found = coherence(record)
-        except JointIdError:
-            continue  # too short to tell
-        low, high = record.band_hz or (0.0, 0.1 / record.interval_s)
-        inside = (found.frequency_hz >= low) & (found.frequency_hz <= high)
-        inside &= np.any(found.above_floor > 10, axis=1)
-        if not inside.any():
-            continue
-        share = np.median(found.coherence[inside], axis=0)
-        j = int(np.argmin(share))
-        if share[j] < _COHERENT:
-            yield warning(
-                f"Torque and motion of joint {j + 1} are hardly coherent",
-                f"In {record.label or f'record {count}'} the torques explain {percent(share[j])} "
-                "of the motion (median over the band). The rest is friction, disturbance or noise.",
-                "Use larger motions, or check that torque and angle belong to the same motor and share "
-                "a clock.",
-                0.3,
-            )
 
 
 def _resting(evidence: Evidence) -> Iterator[Finding]:

@@ -20,7 +20,7 @@ from jointid.estimation.estimators.parameters import (
     ParameterLayout,
     Parameters,
 )
-from jointid.motion.end_terms import EndTerms, deflection_beyond, motor_motion, row_groups, torque_images
+from jointid.motion.end_terms import EndTerms, HeldTorque, deflection_beyond, motor_motion, row_groups
 from jointid.motion.free_friction import FreeFriction
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
@@ -65,7 +65,7 @@ class Problem:
     ends: EndTerms | None = None
     motion: Complexes | None = None  # (2, r, H, n), velocity and acceleration of motions
     repeated: Floats | None = None  # (r, n), part of the angles' variance that adds up over periods
-    images: Complexes | float = 0.0  # (r, H, 1), angle per torque over rotor inertia, s²
+    held: HeldTorque | None = None
     law_noise: tuple[Complexes, Complexes, Floats] | None = None  # of ``WoundGears.noise``, (r, H, n)
 
     @property
@@ -261,7 +261,7 @@ def make_problem(
         ends=EndTerms.of(phasors, s),
         motion=motion,
         repeated=repeated if repeated.any() else None,
-        images=torque_images(phasors),
+        held=HeldTorque.of(phasors, s),
         prior=prior,
         friction=friction,
         layout=layout,
@@ -331,10 +331,11 @@ def ideal_compliance(prior: InertiaPrior, M2: Floats, gravity: Floats, s: Comple
 
 def held_torque_angle(problem: Problem, p: Parameters) -> Complexes | float:
     """Angle of the motors by the images of the held torque, shape (r, H, n), rad."""
-    if problem.ends is None:
+    if problem.held is None:
         return 0.0
     torque = problem.z[..., problem.n :] * p.torque_scale
-    return np.asarray(problem.images * torque / problem.rotor_inertia(p)[problem.prior.rotor, None])
+    later = (p.delay + p.effect("lag")) * np.ones(problem.n)
+    return problem.held.angle(torque, later) / problem.rotor_inertia(p)[problem.prior.rotor, None]
 
 
 def loss_stiffness(problem: Problem) -> Complexes:

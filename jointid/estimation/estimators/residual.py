@@ -107,6 +107,8 @@ class Residual:
                 law = np.asarray(wound.law.swapaxes(1, 2)), law[1]
         r = torque - _through(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
+        if problem.friction is not None:
+            V += problem.friction.spread[..., None, :] * np.eye(n)
         if problem.law_noise is not None:
             V += (X * problem.law_noise[2][..., None, :]) @ X.conj().swapaxes(2, 3)
         return cls(
