@@ -247,7 +247,7 @@ def _with_noise(
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
-            segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=unknown, known={})
+            segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=unknown)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
 
