@@ -175,12 +175,6 @@ class Projection:
         half = rows.shape[1] // 2
         return np.asarray((rows[:, :half] + 1j * rows[:, half:]).reshape(*self.W.shape[:3], -1))
 
-    def costs(self, values: Complexes, rows: Floats) -> Floats:
-        """Part of every bin, (r, H), in the square of the rows (r, m, 1) of values (r, H, n, 1)."""
-        if self.complement:
-            return np.asarray((values.conj() * self.complement.weighted(rows)).real.sum(axis=(2, 3)))
-        return np.asarray((np.abs(self.whitened(rows)) ** 2).sum(axis=(2, 3)))
-
     def first_sizes(self, values: Complexes, count: int) -> Floats:
         """Amplitudes (r, count) of the first of the further columns in values (r, H, n, 1)."""
         found = np.zeros((len(values), count))
