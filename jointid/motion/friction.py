@@ -154,9 +154,9 @@ def _of_segments(phasors: Phasors, window: float, curve: bool) -> FrictionWavefo
         coulomb[sines], fading[sines], stationary[sines] = own.coulomb, own.curve, own.stationary
         unknown[sines] = own.unknown
     for row, segment in segments.items():
-        found = segment_friction(segment, window, widths)
-        coulomb[row, : segment.highest], fading[row, : segment.highest] = found.coulomb, found.curve
-        stationary[row], unknown[row], sizes[row] = found.stationary, found.unknown, segment.unknown_Nm
+        found, bins = segment_friction(segment, window, widths), slice(segment.highest)
+        coulomb[row, bins], fading[row, bins], unknown[row], stationary[row] = found
+        sizes[row] = segment.unknown_Nm
     return FrictionWaveforms(coulomb, fading, unknown.tolist(), sizes, stationary)
 
 

@@ -1,7 +1,5 @@
 """Friction of a segment at its bins: the sign of the velocity, and free friction at its pauses."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.special import spherical_jn
 
@@ -24,22 +22,9 @@ _STATIONARY = 0.5
 """Share of the largest velocity with unknown sign from which a joint counts as stationary."""
 
 
-@dataclass(frozen=True, eq=False)
-class SegmentFriction:
-    """Friction of one segment per unit of each parameter, at H bins."""
-
-    coulomb: Complexes
-    """Of sign θ̇, shape (H, n)."""
-    curve: Complexes
-    """Of sign θ̇ · exp(−|θ̇|/w) for each width w, shape (H, n, c)."""
-    unknown: Waveforms
-    """Polynomials over the stretches of every joint with unknown friction; those of the shorter
-    stretches are bounded."""
-    stationary: np.ndarray
-    """Whether a joint's motion is within its noise, shape (n,)."""
-
-
-def segment_friction(segment: Segment, window: float, widths: Floats) -> SegmentFriction:
+def segment_friction(
+    segment: Segment, window: float, widths: Floats
+) -> tuple[Complexes, Complexes, Waveforms, np.ndarray]:
     """Transforms of the friction waveforms of a segment.
 
     Parameters
@@ -50,6 +35,17 @@ def segment_friction(segment: Segment, window: float, widths: Floats) -> Segment
         its noise: the motor may stick there.
     widths : ndarray, shape (n, c)
         Decay velocities of a friction curve, rad/s.
+
+    Returns
+    -------
+    coulomb : ndarray, shape (H, n)
+        Of sign θ̇.
+    curve : ndarray, shape (H, n, c)
+        Of sign θ̇ · exp(−|θ̇|/w) for each width w.
+    unknown : Waveforms
+        Polynomials over the stretches with unknown friction; those of the shorter ones are bounded.
+    stationary : ndarray, shape (n,)
+        Whether a joint's motion is within its noise.
     """
     v = segment.velocity
     blur, largest = _MARGIN * segment.velocity_noise, np.abs(v).max(axis=1)
@@ -61,8 +57,7 @@ def segment_friction(segment: Segment, window: float, widths: Floats) -> Segment
         segment.known[slow] = _unknown(segment, thresholds, blur)
     if signs not in segment.known:
         segment.known[signs] = _of_signs(segment, np.where(stationary, np.inf, blur), late, widths)
-    coulomb, curve = segment.known[signs]
-    return SegmentFriction(coulomb, curve, segment.known[slow], stationary)
+    return (*segment.known[signs], segment.known[slow], stationary)
 
 
 def _unknown(segment: Segment, thresholds: Floats, blur: Floats) -> Waveforms:
