@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
@@ -148,21 +147,21 @@ def _polynomial(
     spectra: Sequence[tuple[Floats, Complexes, Complexes]], centre: float, half: float, order: int
 ) -> tuple[Complexes, Complexes, float]:
     """The same by polynomials of one order."""
-    rows, values, ends = [], [], []
+    rows, values, torques = [], [], []
     for f, acceleration, torque in spectra:
         near = np.abs(f - centre) <= half
         if near.sum() <= order:
             continue
         x = np.vander((f[near] - centre) / half, order + 1, increasing=True)
-        rows.append((torque[near, :, None] * x[:, None]).reshape(len(x), torque.shape[1] * (order + 1)))
-        values.append(acceleration[near])
-        ends.append(x)
+        left = np.linalg.qr(x, mode="complete")[0][:, order + 1 :].T  # what the ends do not reach
+        rows.append(left @ (torque[near, :, None] * x[:, None]).reshape(len(x), -1))
+        values.append(left @ acceleration[near])
+        torques.append(torque[near])
     too_few = f"At {centre:.4g} Hz the records have too few spectral lines: record longer."
     if not rows:
         raise JointIdError(too_few)
     A, y = np.concatenate(rows), np.concatenate(values)
     n = y.shape[1]
-    A = np.hstack([A, block_diag(*ends)])
     freedom = len(A) - A.shape[1]
     if freedom < n + 1:
         raise JointIdError(too_few)
@@ -182,8 +181,8 @@ def _polynomial(
     H = found[constant].T
     if np.all(np.diag(noise).real * np.diag(spread).real > np.abs(_UNKNOWN * np.diag(H)) ** 2):
         raise JointIdError(f"At {centre:.4g} Hz the motion does not exceed the noise.")
-    torques = A[:, constant] / size[constant]
-    condition = np.linalg.cond(torques) if n > 1 else 1.0
+    T = np.concatenate(torques)
+    condition = np.linalg.cond(T / np.linalg.norm(T, axis=0)) if n > 1 else 1.0
     return H, covariance, float(condition)
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid.motion import free_friction
-from jointid.motion.complement import Basis, Complement
+from jointid.motion.complement import Complement, Waveforms
 from jointid.motion.free_friction import FreeFriction, real_rows
 from jointid.small_matrices import inverse, lifted, positive_inverse, root, whitener
 
@@ -53,10 +53,10 @@ def test_free_shapes_are_taken_out_whatever_their_number(seed: int, most: int) -
     mixing = np.array([[2.0, 0, 0], [0.3j, 0.5, 0], [1.0, -0.2, 1.5]])
     W = np.broadcast_to(mixing, (r, H, n, n)).astype(complex)
     V = np.linalg.inv(W.conj().swapaxes(2, 3) @ W)
-    none = [[np.zeros((H, 0), complex)] * n] * r
+    none, every = [np.zeros((H, 0), complex)] * n, np.ones((H, n), bool)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(free_friction, "_MOST", most)
-        free = FreeFriction.of(shown, np.ones((r, H, n), bool), none)
+        free = FreeFriction.of([Waveforms(own, none, every) for own in shown], np.zeros((r, n)), H)
     projection = free.projection(W, V)
     values = rng.standard_normal((r, H, n, 3)) + 1j * rng.standard_normal((r, H, n, 3))
     left, whole = projection.rows(values), real_rows(W @ values)
@@ -81,7 +81,7 @@ def test_waveforms_of_known_size_are_noise() -> None:
     V = np.eye(n) * np.array([1.0, 4.0, 0.25]) + 0.1 * np.ones((H, n, n)) + 0j
     bounded = [rng.standard_normal((H, 2)) + 1j * rng.standard_normal((H, 2)) for _ in range(n)]
     none = [np.zeros((H, 0), complex)] * n
-    basis = Basis.of(none, np.ones((H, n), bool), bounded)
+    basis = Waveforms(none, bounded, np.ones((H, n), bool)).basis
     r = rng.standard_normal((1, H, n, 1)) + 1j * rng.standard_normal((1, H, n, 1))
     rows = Complement.of((basis,), V[None]).rows(r)
     whole = np.zeros((2 * H * n, 2 * H * n))  # twice the covariance of the real rows

@@ -123,12 +123,13 @@ def _identified(
     _require_motion(phasors)
     prior = given.of_rows(source)
     whole = phasors, prior
-    if _are_many(phasors):
-        phasors, prior = _few(phasors, prior)
-    phasors, start, first = _with_first_noise(phasors, prior, motion_start(*whole))
+    rows, many = _few(phasors, prior), _are_many(phasors)
+    if many:
+        phasors, prior, rows = phasors.select(rows), prior.of_rows(rows), np.arange(rows.size)
+    phasors, start, first = _with_first_noise(phasors, prior, rows, motion_start(*whole), many)
     search = partial(choose_model, friction=friction, delay=delay, gear=gear)
-    few, own = (phasors, prior) if first else _few(phasors, prior)
-    choice = search(few, own, start, noise=_noise(few, own), first=first)
+    few, own = _selected(phasors, prior, rows)
+    choice = search(few, own, start, noise=_noise(few, own), first=first if many else None)
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
     if few is not phasors or _differ(again, phasors):
         phasors, found = again, choice.estimate
@@ -150,21 +151,21 @@ def _identified(
         lines, inertias, noise=Noise(covariance[:, None], lines.degrees_of_freedom)
     )
     fit = likelihood_fit("auto", choice, estimate, equations, prior, fitted.torsion_curves())
-    rows = [int(np.argmax(source == k)) for k in range(len(records))]
+    first_rows = [int(np.argmax(source == k)) for k in range(len(records))]
     return replace(
         fit,
         phasors=lines,
         prior=given,
-        inertias=tuple(estimate.inertias[row] for row in rows),
+        inertias=tuple(estimate.inertias[row] for row in first_rows),
     )
 
 
 def _with_first_noise(
-    phasors: Phasors, prior: InertiaPrior, start: Parameters
+    phasors: Phasors, prior: InertiaPrior, rows: np.ndarray, start: Parameters, many: bool
 ) -> tuple[Phasors, Floats | Parameters, Model | None]:
-    """Phasors with the noise that a fit with simple friction leaves, and its parameters.
+    """Phasors with the noise that a fit of some rows with simple friction leaves, and its parameters.
 
-    And its model, where the noise was found several times.
+    And its model. With ``many`` equations the noise is found several times.
     """
     if not phasors.motion.any():
         return phasors, start, None
@@ -173,7 +174,7 @@ def _with_first_noise(
         bounded = (each and replace(each, unknown_Nm=brake, known={}) for each in phasors.segments)
         phasors = replace(phasors, segments=tuple(bounded))
     fits: list[tuple[Model, LikelihoodEstimate]] = []
-    few, own = _few(phasors, prior)
+    few, own = _selected(phasors, prior, rows)
     noise = _noise(few, own)
     for model in (Model(None, delay=False), Model(0.0, delay=False))["coulomb" in start.layout :]:
         with contextlib.suppress(JointIdError):
@@ -184,14 +185,13 @@ def _with_first_noise(
     if not fits:
         return phasors, start, None
     model, found = fits[-1]
-    many = _are_many(phasors)
     phasors = _with_noise(phasors, prior, model, found)
     for _ in range(_NOISES if many else 1):
         with contextlib.suppress(JointIdError):  # of the fit before, the weights were far off
             found = replace(found, p=stepped(phasors, prior, found, _noise(phasors, prior), model)[0])
             phasors = _with_noise(phasors, prior, model, found)
     near = found.named if "coulomb" in found.layout else found.elasticity
-    return phasors, near, model if many else None
+    return phasors, near, model
 
 
 def _are_many(phasors: Phasors) -> bool:
@@ -200,17 +200,22 @@ def _are_many(phasors: Phasors) -> bool:
     return phasors.n > 2 and equations > _MANY
 
 
-def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
-    """Evenly spread segments of long motions around one pose, of every joint's motion, and all sines."""
+def _few(phasors: Phasors, prior: InertiaPrior) -> np.ndarray:
+    """Rows of evenly spread segments of motions around one pose, of every joint's motion, and sines."""
     moves = np.flatnonzero(phasors.motion)
     if moves.size <= _FEW or len(prior.M2) > 1:
-        return phasors, prior
+        return np.arange(phasors.omega.size)
     power = np.sum(np.abs(phasors.harmonics[moves, :, : phasors.n]) ** 2, axis=1)
     joint = np.argmax(power / np.maximum(power.max(axis=0), np.finfo(float).tiny), axis=1)
     each = max(2, _FEW // np.unique(joint).size)
     of_joints = (moves[joint == j] for j in np.unique(joint))
     chosen = [rows[:: -(-rows.size // each)] for rows in of_joints]
-    rows = np.sort(np.concatenate([np.flatnonzero(~phasors.motion), *chosen]))
+    return np.sort(np.concatenate([np.flatnonzero(~phasors.motion), *chosen]))
+
+
+def _selected(phasors: Phasors, prior: InertiaPrior, rows: np.ndarray) -> tuple[Phasors, InertiaPrior]:
+    if rows.size == phasors.omega.size:
+        return phasors, prior
     return phasors.select(rows), prior.of_rows(rows)
 
 
@@ -249,7 +254,7 @@ def _with_noise(
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
-            segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=unknown, known={})
+            segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=unknown)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
 

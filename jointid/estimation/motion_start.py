@@ -18,7 +18,8 @@ from jointid.phasors.extract import Phasors
 
 _DEGREE = 5
 """Of the polynomial in s by which motors and arm differ at the ends of a segment."""
-_STEPS = 8
+_STEPS, _NEAR = 8, 0.1
+"""Most steps, and the step in standard errors that ends them."""
 _SLOWEST = 2.0
 """Largest D ω/K at the highest frequency."""
 _RIDGE = 1e-10
@@ -92,6 +93,8 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
         slow = np.clip(slow, 0.0, _SLOWEST / fastest)
         friction = friction + rub
         payload += float(step[4 * n :].sum())
+        if np.abs(step * scale).max() < _NEAR * np.sqrt(misfit):
+            break
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
     K = np.where(yielding > 0, 1 / np.where(yielding > 0, yielding, 1.0), own * middle**2)
     own, sizes = slice(2 * n, 4 * n), friction.ravel() * scale[2 * n : 4 * n]

@@ -8,8 +8,10 @@ Association 72, 1977). With many motors it is far smaller than r, and than their
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag, cho_solve, cholesky, qr, solve_triangular
@@ -23,29 +25,28 @@ _RIDGE = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class Basis:
-    """Orthonormal torques of one record that no free waveform holds."""
+class Waveforms:
+    """Unknown friction of every joint in one record, at H bins."""
 
-    torques: Complexes
-    """Rows of bins, shape (C, H); as real rows [Re, Im] they are orthonormal."""
-    joint: np.ndarray
-    """Joint of each, ascending, shape (C,)."""
-    freed: Floats
-    """Rank of the waveforms of every joint, shape (n,)."""
-    bounded: tuple[Floats, ...]
-    """Covariance of its other waveforms, of known size, in its torques, each (c, c)."""
+    free: Sequence[Complexes]
+    """Torques of any size, each (H, k)."""
+    bounded: Sequence[Complexes]
+    """Those of known size, each (H, c) per unit of their standard deviation."""
+    known: np.ndarray
+    """Which bins are equations of which joint, shape (H, n)."""
 
-    @classmethod
-    def of(
-        cls, waveforms: Sequence[Complexes], known: np.ndarray, bounded: Sequence[Complexes]
-    ) -> Basis:
-        """Basis for the waveforms (H', k) of every joint at the known bins, shape (H, n).
+    @property
+    def count(self) -> int:
+        """Number of free waveforms; their rank may be smaller."""
+        return sum(each.shape[1] for each in self.free)
 
-        The ``bounded`` ones, of unit standard deviation, are not free.
-        """
-        parts, freed, spread = [], np.zeros(known.shape[1]), []
-        for j, (shapes, others) in enumerate(zip(waveforms, bounded, strict=True)):
-            used = np.flatnonzero(known[:, j])
+    @cached_property
+    def basis(self) -> Basis:
+        """What the free waveforms leave: the same in all fits."""
+        n = len(self.free)
+        parts, freed, spread = [], np.zeros(n), []
+        for j, (shapes, others) in enumerate(zip(self.free, self.bounded, strict=True)):
+            used = np.flatnonzero(self.known[:, j])
             left = np.eye(2 * used.size)
             if used.size and shapes.shape[1]:
                 rows = np.concatenate([shapes[used].real, shapes[used].imag])
@@ -53,27 +54,51 @@ class Basis:
                 Q, R, _ = qr(rows, pivoting=True, check_finite=False)
                 freed[j] = np.count_nonzero(np.abs(np.diag(R)) > np.sqrt(DEPENDENT))
                 left = Q[:, int(freed[j]) :].T
-            part = np.zeros((len(left), len(known)), complex)
+            part = np.zeros((len(left), len(self.known)), complex)
             part[:, used] = left[:, : used.size] + 1j * left[:, used.size :]
             parts.append(part)
             sizes = left @ np.concatenate([others[used].real, others[used].imag])
             spread.append(2 * sizes @ sizes.T)
-        joint = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-        return cls(np.concatenate(parts), joint, freed, tuple(spread))
+        joint = np.repeat(np.arange(n), [len(part) for part in parts])
+        return Basis(np.concatenate(parts), joint, freed, tuple(spread))
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Orthonormal torques of one record that no free waveform holds."""
+
+    torques: Complexes
+    """Rows of its bins, shape (C, H); as real rows [Re, Im] they are orthonormal."""
+    joint: np.ndarray
+    """Joint of each, ascending, shape (C,)."""
+    freed: Floats
+    """Rank of the waveforms of every joint, shape (n,)."""
+    bounded: tuple[Floats, ...]
+    """Covariance of its waveforms of known size, in its torques, each (c, c)."""
+
+    def sized(self, sizes: Floats) -> Basis:
+        """The basis with bounded waveforms of other standard deviations, shape (n,)."""
+        return replace(
+            self, bounded=tuple(s * s * each for s, each in zip(sizes, self.bounded, strict=True))
+        )
+
+    def of_joints(self) -> Iterator[slice]:
+        """Place of every joint's torques."""
+        edges = np.searchsorted(self.joint, np.arange(self.freed.size + 1)).tolist()
+        return itertools.starmap(slice, itertools.pairwise(edges))
 
     def moved(self, factor: Complexes) -> Basis:
         """Basis for the waveforms times phase factors, shape (H, n)."""
-        return replace(self, torques=self.torques * factor.T[self.joint])
+        return replace(self, torques=self.torques * factor.T[self.joint, : self.torques.shape[1]])
 
     def covariance(self, V: Complexes) -> Floats:
         """Upper triangle of twice the covariance (C, C) of real rows, for that of bins, (H, n, n)."""
         S = np.zeros((self.joint.size, self.joint.size))
-        between = np.ascontiguousarray(V.transpose(1, 2, 0))
-        for i, row in enumerate(between):
-            first, end = np.searchsorted(self.joint, [i, i + 1])
-            later = row[self.joint[first:]] * self.torques[first:]
-            S[first:end, first:] = self.torques[first:end].view(float) @ later.view(float).T
-            S[first:end, first:end] += self.bounded[i]
+        between = np.ascontiguousarray(V.transpose(1, 2, 0)[..., : self.torques.shape[1]])
+        for own, row, bounded in zip(self.of_joints(), between, self.bounded, strict=True):
+            later = row[self.joint[own.start :]] * self.torques[own.start :]
+            S[own, own.start :] = self.torques[own].view(float) @ later.view(float).T
+            S[own, own] += bounded
         return S
 
 
@@ -102,10 +127,9 @@ class Complement:
         most = max(basis.joint.size for basis in self.bases)
         found = np.zeros((len(values), most, values.shape[3]))
         for place, basis, U, value in zip(found, self.bases, self.roots, values, strict=True):
-            bins = np.ascontiguousarray(value.transpose(1, 2, 0)).view(float)
+            bins = np.ascontiguousarray(value[: basis.torques.shape[1]].transpose(1, 2, 0)).view(float)
             own = np.empty((basis.joint.size, values.shape[3]))
-            for j, of_joint in enumerate(bins):
-                used = slice(*np.searchsorted(basis.joint, [j, j + 1]))
+            for used, of_joint in zip(basis.of_joints(), bins, strict=True):
                 own[used] = basis.torques[used].view(float) @ of_joint.T
             place[: len(own)] = solve_triangular(U, own, trans="T", check_finite=False)
         return found
@@ -118,9 +142,8 @@ class Complement:
         found = np.zeros((*self.V.shape[:3], rows.shape[2]), complex)
         for place, basis, U, own in zip(found, self.bases, self.roots, rows, strict=True):
             solved = solve_triangular(U, own[: basis.joint.size], check_finite=False)
-            for j in range(place.shape[1]):
-                used = slice(*np.searchsorted(basis.joint, [j, j + 1]))
-                place[:, j] = basis.torques[used].T @ solved[used]
+            for j, used in enumerate(basis.of_joints()):
+                place[: basis.torques.shape[1], j] = basis.torques[used].T @ solved[used]
         return found
 
     def noise_left(self, rows: Floats) -> tuple[Floats, Floats]:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from jointid.arrays import Complexes, Floats
-from jointid.motion.complement import DEPENDENT, Basis, Complement
+from jointid.motion.complement import DEPENDENT, Basis, Complement, Waveforms
 from jointid.small_matrices import inverse
 
 _MANY = 48
@@ -39,29 +39,25 @@ class FreeFriction:
     """Number of waveforms; their rank may be smaller."""
 
     @classmethod
-    def of(
-        cls,
-        records: Sequence[Sequence[Complexes]],
-        known: np.ndarray,
-        bounded: Sequence[Sequence[Complexes]],
-    ) -> FreeFriction:
-        """Collect the waveforms (H', k) of every joint of the records, each with its own H' and k.
+    def of(cls, records: Sequence[Waveforms], sizes: Floats, H: int) -> FreeFriction:
+        """Collect the waveforms of the records, each at its own first bins of H.
 
-        ``known``, shape (r, H, n), tells which equations there are. The complement takes the ``bounded``
-        waveforms of unit standard deviation as noise.
+        ``sizes``, shape (r, n), are the standard deviations of the bounded ones; the complement takes
+        them as noise.
         """
-        counts = np.array([sum(each.shape[1] for each in own) for own in records], dtype=int)
-        if counts.max(initial=0) > _MOST and known.shape[2] > 2:
-            bases = tuple(map(Basis.of, records, known, bounded))
-            return cls(bases=bases, shapes=int(counts.sum()))
-        sizes = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
+        counts = np.array([own.count for own in records], dtype=int)
+        n = sizes.shape[1]
+        if counts.max(initial=0) > _MOST and n > 2:
+            bases = (own.basis.sized(size) for own, size in zip(records, sizes, strict=True))
+            return cls(bases=tuple(bases), shapes=int(counts.sum()))
+        doublings = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
         groups = []
-        for size in np.unique(sizes[counts > 0]).tolist():
-            members = np.flatnonzero((sizes == size) & (counts > 0))
-            padded = np.zeros((members.size, *known.shape[1:], counts[members].max()), complex)
+        for doubling in np.unique(doublings[counts > 0]).tolist():
+            members = np.flatnonzero((doublings == doubling) & (counts > 0))
+            padded = np.zeros((members.size, H, n, counts[members].max()), complex)
             for place, member in zip(padded, members.tolist(), strict=True):
                 first = 0
-                for j, own in enumerate(records[member]):
+                for j, own in enumerate(records[member].free):
                     place[: len(own), j, first : first + own.shape[1]] = own
                     first += own.shape[1]
             groups.append((members, padded))
@@ -178,12 +174,6 @@ class Projection:
             return np.asarray(self.W @ (self.complement.V @ self.complement.weighted(rows)))
         half = rows.shape[1] // 2
         return np.asarray((rows[:, :half] + 1j * rows[:, half:]).reshape(*self.W.shape[:3], -1))
-
-    def costs(self, values: Complexes, rows: Floats) -> Floats:
-        """Part of every bin, (r, H), in the square of the rows (r, m, 1) of values (r, H, n, 1)."""
-        if self.complement:
-            return np.asarray((values.conj() * self.complement.weighted(rows)).real.sum(axis=(2, 3)))
-        return np.asarray((np.abs(self.whitened(rows)) ** 2).sum(axis=(2, 3)))
 
     def first_sizes(self, values: Complexes, count: int) -> Floats:
         """Amplitudes (r, count) of the first of the further columns in values (r, H, n, 1)."""

@@ -15,6 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.motion.complement import Waveforms
 from jointid.motion.free_friction import FreeFriction
 from jointid.motion.reversals import segment_friction
 from jointid.phasors.extract import Phasors
@@ -49,12 +50,10 @@ class FrictionWaveforms:
     curve: Complexes
     """Of sign θ̇ · exp(−|θ̇|/w) for several widths w, shape (r, H, n, c): friction that rises or falls
     with speed, in addition to Coulomb friction."""
-    shapes: list[Sequence[Complexes]]
-    """Free waveforms (H', k) of every joint of the records."""
-    bounded: list[Sequence[Complexes]]
-    """The same of friction within the Coulomb friction, N·m, in their standard deviations."""
-    known: np.ndarray
-    """Whether a bin is an equation, shape (r, H)."""
+    unknown: Sequence[Waveforms]
+    """Unknown friction of every record: free, or within the Coulomb friction."""
+    sizes: Floats
+    """Standard deviation of the latter, shape (r, n), N·m."""
     stationary: np.ndarray
     """Whether the joint's motion is within its noise, shape (r, n): its friction is then unknown over
     the whole period, and its residual carries no information."""
@@ -74,8 +73,7 @@ class FrictionWaveforms:
     @cached_property
     def free(self) -> FreeFriction:
         """Free friction waveforms around the reversals."""
-        equations = self.known[..., None] & ~self.stationary[:, None]
-        return FreeFriction.of(self.shapes, equations, self.bounded)
+        return FreeFriction.of(self.unknown, self.sizes, self.coulomb.shape[1])
 
 
 def friction_waveforms(
@@ -123,8 +121,8 @@ def friction_waveforms(
     stationary = share > _STATIONARY
 
     signs = np.where(stationary[..., None], 0.0, np.sign(velocity))
-    known, none = np.any(phasors.harmonics != 0, axis=2), [[np.zeros((H, 0), complex)] * n] * len(rate)
-    free: list[Sequence[Complexes]] = [*none]
+    known, none = np.any(phasors.harmonics != 0, axis=2), [np.zeros((H, 0), complex)] * n
+    free: list[Sequence[Complexes]] = [none] * len(rate)
     if window > 0:
         threshold = np.where(stationary, np.inf, share * largest)
         free = _freed(velocity, signs, threshold, known.sum(axis=1), H)
@@ -136,7 +134,9 @@ def friction_waveforms(
         with np.errstate(divide="ignore", invalid="ignore"):
             fades = signs * np.nan_to_num(np.exp(-np.abs(velocity) / width))
         fading[..., c] = phasors_of(fades, H).swapaxes(1, 2)
-    return FrictionWaveforms(coulomb, fading, free, [*none], known, stationary)
+    equations = known[..., None] & ~stationary[:, None]
+    unknown = [Waveforms(own, none, used) for own, used in zip(free, equations, strict=True)]
+    return FrictionWaveforms(coulomb, fading, unknown, np.zeros(stationary.shape), stationary)
 
 
 def _unfiltered(phasors: Phasors, position_filter: Floats) -> Phasors:
@@ -157,20 +157,17 @@ def _of_segments(phasors: Phasors, window: float, curve: bool) -> FrictionWavefo
     largest = np.max([np.abs(each.velocity).max(axis=1) for each in segments.values()], axis=0)
     widths = np.outer(largest, _WIDTHS if curve else ())
     coulomb, fading = np.zeros((r, H, n), complex), np.zeros((r, H, n, widths.shape[1]), complex)
-    stationary = np.zeros((r, n), bool)
-    free: list[Sequence[Complexes]] = [[]] * r
-    bounded = [*free]
+    stationary, sizes = np.zeros((r, n), bool), np.zeros((r, n))
+    unknown = np.empty(r, object)
     if sines.size:
         own = friction_waveforms(phasors.select(sines), window, curve=curve)
         coulomb[sines], fading[sines], stationary[sines] = own.coulomb, own.curve, own.stationary
-        for row, *shapes in zip(sines.tolist(), own.shapes, own.bounded, strict=True):
-            free[row], bounded[row] = shapes
+        unknown[sines] = own.unknown
     for row, segment in segments.items():
-        found = segment_friction(segment, window, widths)
-        coulomb[row, : segment.highest], fading[row, : segment.highest] = found.coulomb, found.curve
-        stationary[row], free[row], bounded[row] = found.stationary, found.free, found.bounded
-    known = np.any(phasors.harmonics != 0, axis=2)
-    return FrictionWaveforms(coulomb, fading, free, bounded, known, stationary)
+        found, bins = segment_friction(segment, window, widths), slice(segment.highest)
+        coulomb[row, bins], fading[row, bins], unknown[row], stationary[row] = found
+        sizes[row] = segment.unknown_Nm
+    return FrictionWaveforms(coulomb, fading, unknown.tolist(), sizes, stationary)
 
 
 def _freed(

@@ -1,11 +1,10 @@
 """Friction of a segment at its bins: the sign of the velocity, and free friction at its pauses."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.special import spherical_jn
 
 from jointid.arrays import Complexes, Floats
+from jointid.motion.complement import Waveforms
 from jointid.phasors.segment import Segment, bins_of
 
 _RESOLVED = 0.5
@@ -23,23 +22,9 @@ _STATIONARY = 0.5
 """Share of the largest velocity with unknown sign from which a joint counts as stationary."""
 
 
-@dataclass(frozen=True, eq=False)
-class SegmentFriction:
-    """Friction of one segment per unit of each parameter, at H bins."""
-
-    coulomb: Complexes
-    """Of sign θ̇, shape (H, n)."""
-    curve: Complexes
-    """Of sign θ̇ · exp(−|θ̇|/w) for each width w, shape (H, n, c)."""
-    free: tuple[Complexes, ...]
-    """Polynomials over the stretches of every joint with unknown friction, each (H, k)."""
-    bounded: tuple[Complexes, ...]
-    """Those of the shorter stretches, which are not free, in standard deviations, N·m."""
-    stationary: np.ndarray
-    """Whether a joint's motion is within its noise, shape (n,)."""
-
-
-def segment_friction(segment: Segment, window: float, widths: Floats) -> SegmentFriction:
+def segment_friction(
+    segment: Segment, window: float, widths: Floats
+) -> tuple[Complexes, Complexes, Waveforms, np.ndarray]:
     """Transforms of the friction waveforms of a segment.
 
     Parameters
@@ -50,42 +35,64 @@ def segment_friction(segment: Segment, window: float, widths: Floats) -> Segment
         its noise: the motor may stick there.
     widths : ndarray, shape (n, c)
         Decay velocities of a friction curve, rad/s.
+
+    Returns
+    -------
+    coulomb : ndarray, shape (H, n)
+        Of sign θ̇.
+    curve : ndarray, shape (H, n, c)
+        Of sign θ̇ · exp(−|θ̇|/w) for each width w.
+    unknown : Waveforms
+        Polynomials over the stretches with unknown friction; those of the shorter ones are bounded.
+    stationary : ndarray, shape (n,)
+        Whether a joint's motion is within its noise.
     """
-    key = window, widths.tobytes()
-    if key not in segment.known:
-        segment.known[key] = _friction(segment, window, widths)
-    found: SegmentFriction = segment.known[key]
-    return found
+    v = segment.velocity
+    blur, largest = _MARGIN * segment.velocity_noise, np.abs(v).max(axis=1)
+    stationary = (blur > _STATIONARY * largest) | (largest == 0)
+    late: Floats = segment.turn_rad_s * np.ones(len(v))
+    slow, signs = (window,), (widths.tobytes(), late.tobytes())
+    if slow not in segment.known:
+        thresholds = np.where(stationary, np.inf, np.maximum(window * largest, blur))
+        segment.known[slow] = _unknown(segment, thresholds, blur)
+    if signs not in segment.known:
+        segment.known[signs] = _of_signs(segment, np.where(stationary, np.inf, blur), late, widths)
+    return (*segment.known[signs], segment.known[slow], stationary)
 
 
-def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFriction:
+def _unknown(segment: Segment, thresholds: Floats, blur: Floats) -> Waveforms:
+    """Friction that is unknown at velocities within thresholds (n,); infinite of a motor that rests."""
+    H, v = segment.highest, segment.velocity
+    inside = np.arange(1, H + 1) >= segment.lowest
+    moves = np.isfinite(thresholds)
+    most = int(2 * _MOST * np.count_nonzero(inside))
+    parts = [
+        _polynomials(_stretches(v[j], thresholds[j], blur[j]), v.shape[1], H, most)
+        if moves[j]
+        else (np.zeros((H, 0), complex),) * 2
+        for j in range(len(v))
+    ]
+    free, bounded = zip(*((a * inside[:, None], b * inside[:, None]) for a, b in parts), strict=True)
+    return Waveforms(free, bounded, inside[:, None] & moves)
+
+
+def _of_signs(
+    segment: Segment, blur: Floats, late: Floats, widths: Floats
+) -> tuple[Complexes, Complexes]:
+    """Coulomb friction (H, n) and its curve (H, n, c) by the signs of the velocities beyond ``blur``."""
     v, H = segment.velocity, segment.highest
     n, N = v.shape
-    blur, late = _MARGIN * segment.velocity_noise, segment.turn_rad_s * np.ones(n)
     latest = segment.velocity_blur_s * np.ones(n) / segment.interval_s
-    largest = np.abs(v).max(axis=1)
-    stationary = (blur > _STATIONARY * largest) | (largest == 0)
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
-    free, bounded = ([np.zeros((H, 0), complex)] * n for _ in range(2))
-    size = segment.unknown_Nm * np.ones(n)
-    inside = (np.arange(1, H + 1) >= segment.lowest)[:, None]
-    for j in np.flatnonzero(~stationary).tolist():
-        stretches = _stretches(v[j], max(window * largest[j], blur[j]), blur[j])
-        whole, rest = _polynomials(stretches, N, H, int(2 * _MOST * (H - segment.lowest + 1)))
-        free[j], bounded[j] = whole * inside, rest * inside * size[j]
+    for j in np.flatnonzero(np.isfinite(blur)).tolist():
         turns, signs = reversals(v[j], blur[j], late[j], latest[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
-        fades = (
-            np.expm1(-np.abs(v[j]) / widths[j][:, None]) * signs[np.searchsorted(turns, np.arange(N))]
-        )
-        curve[:, j] = coulomb[:, j, None] + bins_of(fades, H).T
-    return SegmentFriction(
-        coulomb=coulomb * inside,
-        curve=curve * inside[..., None],
-        free=tuple(free),
-        bounded=tuple(bounded),
-        stationary=stationary,
-    )
+        if widths.size:
+            fades = np.expm1(-np.abs(v[j]) / widths[j][:, None])
+            fades *= signs[np.searchsorted(turns, np.arange(N))]
+            curve[:, j] = coulomb[:, j, None] + bins_of(fades, H).T
+    inside = (np.arange(1, H + 1) >= segment.lowest)[:, None]
+    return coulomb * inside, curve * inside[..., None]
 
 
 def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Floats, Floats]:

@@ -1,6 +1,7 @@
 """Velocity of the motors at every sample, for friction."""
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.ndimage import uniform_filter1d
 
 from jointid.arrays import Floats
@@ -30,8 +31,10 @@ def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple
     blur : ndarray, shape (n,)
         Velocity over half the jump of the acceleration, at the instant of the jump, s.
     """
-    N = theta.shape[1]
-    # Reflected about its ends, the signal is periodic, with a continuous velocity.
+    samples, N = theta.shape[1], next_fast_len(theta.shape[1] - 1) + 1
+    # Reflected about its ends, the signal is periodic, with a continuous velocity; reflected farther
+    # about the last sample, its length suits the Fourier transform.
+    theta = np.concatenate([theta, 2 * theta[:, -1:] - theta[:, samples - N - 1 : -1][:, ::-1]], axis=1)
     line = np.linspace(0, 1, N)
     level = theta - theta[:, :1] - (theta[:, -1:] - theta[:, :1]) * line
     periodic = np.concatenate([level, -level[:, -2:0:-1]], axis=1)
@@ -54,4 +57,4 @@ def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple
     share = np.divide(kept, whole, out=np.zeros_like(whole), where=whole > 0)
     lost = np.where(np.arange(omega.size) < main, 0.0, 1 - share)[:, 1:]
     blur = 2 / np.pi * ((lost / omega[1:] ** 2).sum(axis=1) * omega[1] + 1 / omega[-1])
-    return np.asarray(velocity + mean[:, None]), np.asarray(np.sqrt(left)), blur
+    return np.asarray(velocity + mean[:, None])[:, :samples], np.asarray(np.sqrt(left)), blur

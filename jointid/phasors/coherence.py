@@ -65,7 +65,8 @@ def coherence(record: JointRecord) -> Coherence:
     pieces -= pieces.mean(axis=1, keepdims=True)
     lines = np.fft.rfft(pieces * np.hanning(length)[:, None], axis=1)[:, 2:-1]
     frequency = np.asarray(np.fft.rfftfreq(length, record.interval_s)[2:-1], float)
-    power = np.einsum("sfi,sfj->fij", lines, lines.conj())
+    lines = np.ascontiguousarray(lines.transpose(1, 2, 0))
+    power = lines @ lines.conj().swapaxes(1, 2)
     qq = np.einsum("fjj->fj", power[:, :n, :n]).real
     cross, torque = power[:, :n, n:], power[:, n:, n:]
     least = 1e-12 * np.trace(torque, axis1=1, axis2=2).real + np.finfo(float).tiny

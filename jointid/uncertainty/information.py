@@ -205,8 +205,8 @@ def planning_model(
     scale = np.full(1, fit.inflation)
     if fit.method not in LINEAR:
         vector = fit.parameters.vector
-        _, _, normal = quadratic(measured, vector, np.ones(measured.s.shape[1]))
-        scale = Misfit.at(measured, vector, normal).scale
+        residual = WhitenedResidual.of(measured, vector, np.ones(measured.s.shape[1]))
+        scale = Misfit.of(residual, vector, quadratic(residual, vector)[2]).scale
     noise = fit.equations.noise  # weighted as in the estimator
     density = noise.covariance[:, 0] * (phasors.duration_s * noise.inverse_bias)[:, None, None]
     groups = phasors.by_frequency()

@@ -32,16 +32,16 @@ _TOLERANCE = 1e-2
 
 
 def minimised(
-    problem: Problem, p: Floats, scale: Floats, *, roughly: bool = False
+    problem: Problem, p: Floats, scale: Floats, *, damping: float = 1e-3, roughly: bool = False
 ) -> tuple[Floats, Floats]:
     """Levenberg-Marquardt; returns the parameters and the normal matrix Σ JᵀJ there.
 
     It ends when a step is below ``_TOLERANCE`` standard errors, inflated by the misfit; ``roughly``,
     for a model that does not explain the data, when the cost hardly falls.
     """
-    damping, idle = 1e-3, 0
+    idle = 0
     least = _ROUGH_IDLE if roughly else _IDLE
-    cost, gradient, normal = quadratic(problem, p, scale)
+    cost, gradient, normal = quadratic(WhitenedResidual.of(problem, p, scale), p)
     slow = any(name in problem.layout for name in GEAR_LAWS)
     left, stuck = (_LAW_EVALUATIONS, _LAW_STUCK) if slow else (_EVALUATIONS, _STUCK)
     harder = 10
@@ -80,7 +80,7 @@ def minimised(
 def one_step(problem: Problem, p: Floats) -> tuple[Floats, float]:
     """Parameters after a step towards the optimum, and the misfit there to second order."""
     residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
-    cost, gradient, normal = _quadratic_at(residual, p)
+    cost, gradient, normal = quadratic(residual, p)
     size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     unit = normal / np.outer(size, size) + _LEAST_DAMPING * np.eye(p.size)
     step = -np.linalg.solve(unit, gradient / size) / size
@@ -97,18 +97,14 @@ def _attempt(
             residual = WhitenedResidual.of(problem, p, scale)
             if not residual.cost + penalty(problem, p) <= most:
                 return None
-            cost, gradient, normal = _quadratic_at(residual, p)
+            cost, gradient, normal = quadratic(residual, p)
         except np.linalg.LinAlgError:
             return None
     return (cost, gradient, normal) if np.isfinite(cost) and np.isfinite(normal).all() else None
 
 
-def quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats]:
+def quadratic(residual: WhitenedResidual, p: Floats) -> tuple[float, Floats, Floats]:
     """Cost, half its gradient, and normal matrix, the prior's part included."""
-    return _quadratic_at(WhitenedResidual.of(problem, p, scale), p)
-
-
-def _quadratic_at(residual: WhitenedResidual, p: Floats) -> tuple[float, Floats, Floats]:
     problem = residual.at.problem
     rows, columns = residual.rows.reshape(-1), residual.columns().reshape(-1, p.size)
     deviation, weight = problem.pull(p)

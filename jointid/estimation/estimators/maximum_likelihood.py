@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtrc
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
@@ -40,6 +41,10 @@ from jointid.small_matrices import (
     unit_diagonal,
 )
 
+_NEAR = 1e-6
+"""Damping from which the fit with weights by harmonic begins: the optimum without them is near."""
+_CHANCE = 1e-3
+"""Probability of the misfit of a band by noise from which it is the model's."""
 _LOST = 100.0
 """Misfit of a model with a law of the gears that is not fitted again with weights by harmonic."""
 
@@ -124,12 +129,15 @@ def maximum_likelihood(
     _require_rows(problem, p)
     p, normal = minimised(problem, p, scale)
     problem = with_law_noise(problem, p)
-    first = Misfit.at(problem, p, normal)
+    fitted = WhitenedResidual.of(problem, p, scale)
+    misfit = first = Misfit.of(fitted, p, normal)
     scale = first.scale
     slow = not set(GEAR_LAWS).isdisjoint(effects)
-    if not (slow and first.cost > _LOST * first.expected_cost > 0):
-        p, normal = minimised(problem, p, scale, roughly=first.cost > POOR * first.expected_cost > 0)
-    fitted = WhitenedResidual.of(problem, p, scale)
+    if np.any(scale > 1) and not (slow and first.cost > _LOST * first.expected_cost > 0):
+        poor = first.cost > POOR * first.expected_cost > 0
+        p, normal = minimised(problem, p, scale, damping=_NEAR, roughly=poor)
+    if np.any(scale > 1):
+        fitted = WhitenedResidual.of(problem, p, scale)
     q, tau = fitted.compensated()
     harmonics = phasors.harmonics
     if problem.ends is not None:  # of motions, every bin is a phasor of its own
@@ -151,7 +159,8 @@ def maximum_likelihood(
         if name in problem.layout:  # a motor that never reverses shows none
             own = np.arange(p.size)[problem.layout[name]]
             covariance[own, own] = np.where(np.diag(normal)[own] > 0, covariance[own, own], 0.0)
-    misfit = Misfit.at(problem, p, normal)
+    if np.any(scale > 1):
+        misfit = Misfit.of(WhitenedResidual.of(problem, p, np.ones_like(scale)), p, normal)
     by_prior = _prior_part(problem, p, covariance)
     repeated, share = repeated_covariance(fitted, covariance)
     covariance = widened_covariance(fitted, covariance, by_prior) + repeated
@@ -189,29 +198,34 @@ class Misfit:
     """Effective degrees of freedom of the free friction."""
     scale: Floats
     """Factor on each harmonic's variance, its misfit, at least 1, (r, H): a harmonic that the model
-    does not explain gets less weight."""
+    does not explain gets less weight. The noise of motions is that of the residual: a band of their bins
+    gets less where its misfit is significant."""
     fundamental: tuple[float, float]
     """Misfit of the fundamentals, corrected for the parameters, and their degrees of freedom."""
 
     @classmethod
-    def at(cls, problem: Problem, p: Floats, normal: Floats) -> Misfit:
-        """Evaluate the residual at parameters with the normal matrix ``normal``, shape (P, P)."""
-        residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+    def of(cls, residual: WhitenedResidual, p: Floats, normal: Floats) -> Misfit:
+        """From the residual in units of its noise and the normal matrix, shape (P, P)."""
+        problem = residual.at.problem
         rank, determined = residual.projection.rank(), _determined_by_data(problem, p, normal)
         by_harmonic = residual.misfit_by_harmonic(rank)
         main = problem.main
-        rows = 2 * problem.by_group(problem.used.sum(axis=1)[:, None] * problem.known)[main]
-        rows *= 1 - rank / max(problem.rows, 1)
+        every = 2 * problem.by_group(problem.used.sum(axis=1)[:, None] * problem.known)
+        every *= 1 - rank / max(problem.rows, 1)
+        rows = every[main]
         measured = float(rows.sum())
         left = measured - determined
         left = left if left >= 1 else 0.0
         by_harmonic[main] = by_harmonic[main] * measured / left if left else 1.0
         fundamental = float(by_harmonic[main] @ rows) / measured if measured else 1.0
+        worse = by_harmonic > 1
+        if problem.ends is not None:
+            worse &= chdtrc(every, by_harmonic * every) < _CHANCE
         return cls(
             cost=residual.cost,
             expected_cost=float(max((problem.rows - rank - determined) / 2, 0.0)),
             rank=rank,
-            scale=np.maximum(1.0, by_harmonic)[problem.group],
+            scale=np.where(worse, by_harmonic, 1.0)[problem.group],
             fundamental=(fundamental, left),
         )
 

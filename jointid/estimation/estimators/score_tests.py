@@ -15,6 +15,7 @@ from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import with_law_noise
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
 
@@ -73,7 +74,8 @@ def scores(
     if any(name in fitted for name in GEAR_LAWS):
         problem = with_law_noise(problem, p)
     with np.errstate(all="ignore"):
-        _, gradient, normal = quadratic(problem, p, np.ones(problem.s.shape[1]))
+        residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+        _, gradient, normal = quadratic(residual, p)
     if not np.isfinite(normal).all():
         return {}
     size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))

@@ -109,10 +109,16 @@ class WhitenedResidual:
         return self.free.projection(self.W * heard[..., None, None], self.at.V).rows(J)
 
     def misfit_by_harmonic(self, rank: int) -> Floats:
-        """Cost over expected cost of each group of rows, (G,); rank is that of the free friction."""
+        """Cost over expected cost of each group of rows, (G,); rank is that of the free friction.
+
+        Coordinates of a complement belong to no bin: its groups have the misfit of all.
+        """
         problem = self.at.problem
-        squares = self.projection.costs(self.at.r[..., None], self.rows[..., None])
         measured = problem.used.sum(axis=1)[:, None] * problem.known
+        if self.projection.complement:
+            squares = measured * (self.cost / max(float(measured.sum()), 1.0))
+        else:
+            squares = (self.rows**2).reshape(len(self.rows), 2, -1, problem.n).sum(axis=(1, 3))
         squares, measured = (problem.by_group(each) for each in (squares, measured))
         left = 1 - rank / max(problem.rows, 1)
         return np.asarray(squares / np.maximum(measured * left, 1.0))
