@@ -171,7 +171,7 @@ def _with_first_noise(
         return phasors, start, None
     if "coulomb" in start.layout:
         brake = np.maximum(start["coulomb"], 0.0)
-        bounded = (each and replace(each, unknown_Nm=brake, known={}) for each in phasors.segments)
+        bounded = (each and replace(each, unknown_Nm=brake) for each in phasors.segments)
         phasors = replace(phasors, segments=tuple(bounded))
     fits: list[tuple[Model, LikelihoodEstimate]] = []
     few, own = _selected(phasors, prior, rows)

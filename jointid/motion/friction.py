@@ -65,9 +65,9 @@ class FrictionWaveforms:
         """Variance of the bounded friction, shape (r, H, n), (N·m)²; zero where a complement has it."""
         found = np.zeros(self.coulomb.shape)
         if not self.free.bases:
-            for row, joints in enumerate(self.bounded):
-                for j, own in enumerate(joints):
-                    found[row, : len(own), j] = (np.abs(own) ** 2).sum(axis=1)
+            for place, own, sizes in zip(found, self.unknown, self.sizes, strict=True):
+                for j, waveforms in enumerate(own.bounded):
+                    place[: len(waveforms), j] = sizes[j] ** 2 * (np.abs(waveforms) ** 2).sum(axis=1)
         return found
 
     @cached_property
