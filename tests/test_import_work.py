@@ -111,8 +111,7 @@ def test_a_job_tells_its_share_and_stops() -> None:
     assert job.share == 0.25
     job.stopped.set()
     go.set()
-    assert job.ended.wait(5)
-    assert isinstance(job.outcome, StoppedError)
+    assert isinstance(job.outcome.exception(5), StoppedError)
 
 
 def test_the_search_tells_a_growing_share_and_can_be_ended() -> None:

@@ -95,14 +95,11 @@ def entries_of(key: str, table: importing.LogTable) -> tuple[Entries, bool]:
     guess = guessed(key, table)
     bases: dict[str, importing.Mapping] = st.session_state.setdefault(_BASE, {})
     guessed_from: dict[str, str] = st.session_state.setdefault(_FIRST, {})
-    if table.signature not in bases:
-        known = _known(table.signature)
-        bases[table.signature] = known or guess.mapping
-        if known is not None:
-            guessed_from[table.signature] = ""
+    known = _known(table.signature)
+    base = bases.setdefault(table.signature, known or guess.mapping)
     version = st.session_state.get(_VERSION, 0)
-    entries = Entries(table, guess, bases[table.signature], f"{table.signature} {version}")
-    return entries, guessed_from.setdefault(table.signature, key) != key
+    entries = Entries(table, guess, base, f"{table.signature} {version}")
+    return entries, guessed_from.setdefault(table.signature, "" if known else key) != key
 
 
 def offer_fresh_guess(key: str, table: importing.LogTable) -> None:

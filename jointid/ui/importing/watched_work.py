@@ -7,6 +7,7 @@ which finds the job still running; results are cached for all sessions.
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from typing import Generic, TypeVar
 
 import streamlit as st
@@ -34,18 +35,15 @@ class Job(Generic[T]):
 
     def __init__(self, task: Callable[[Progress], T]) -> None:
         self.share, self.began = 0.0, time.monotonic()
-        self.ended, self.stopped = threading.Event(), threading.Event()
-        self.outcome: T | BaseException | None = None
-        self._task = task
-        threading.Thread(target=self._run, daemon=True).start()
+        self.stopped = threading.Event()
+        self.outcome: Future[T] = Future()
+        threading.Thread(target=self._run, args=(task,), daemon=True).start()
 
-    def _run(self) -> None:
+    def _run(self, task: Callable[[Progress], T]) -> None:
         try:
-            self.outcome = self._task(self._tick)
+            self.outcome.set_result(task(self._tick))
         except BaseException as error:  # the page that waits judges it
-            self.outcome = error
-        finally:
-            self.ended.set()
+            self.outcome.set_exception(error)
 
     def _tick(self, share: float) -> None:
         self.share = share
@@ -86,7 +84,7 @@ class Watch:
                 jobs.pop(other).stopped.set()  # started with entries that have changed
             jobs[key] = Job(task)
         job = jobs[key]
-        if not job.stopped.is_set() and not job.ended.wait(SHOWN_AFTER_S):
+        if not job.stopped.is_set() and wait([job.outcome], SHOWN_AFTER_S).not_done:
             self._show_progress(key, label, job)
         if job.stopped.is_set():
             with self._place.container(horizontal=True, vertical_alignment="center"):
@@ -94,12 +92,11 @@ class Watch:
                 st.button("Resume", key=f"resume_{key}", on_click=jobs.clear)
             raise StoppedError("Stopped.")
         jobs.pop(key, None)
-        outcome = job.outcome
-        if isinstance(outcome, BaseException) and not isinstance(outcome, JointIdError):
-            raise outcome
+        error = job.outcome.exception()
+        if error is not None and not isinstance(error, JointIdError):
+            raise error
         self._fresh += 1
-        assert outcome is not None
-        return outcome
+        return error or job.outcome.result()
 
     def _at_file(self, before: str) -> str:
         return f"{before} file {self._number} of {self._total}" if self._total > 1 else ""
@@ -109,7 +106,7 @@ class Watch:
         with self._place.container():
             bar, button = st.progress(0.0), st.empty()
         stoppable = False
-        while not job.ended.wait(_POLL_S):
+        while wait([job.outcome], _POLL_S).not_done:
             elapsed = time.monotonic() - began
             done = self._fresh + job.share
             text = f"{label}{self._at_file(',')}"

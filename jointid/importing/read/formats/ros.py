@@ -94,22 +94,23 @@ class _Topic:
         self.of_joints, self._file = of_joints, file
         self._stamps, self.recorded = array("q"), array("q")
         self._numbers: dict[str, tuple[array[int], array[float]]] = {}
+        self._held = 0
 
     def add(self, message: Any, recorded_ns: int) -> None:
         for name, value in _joint_fields(message) if self.of_joints else _fields("", message):
             places, values = self._numbers.setdefault(name, (array("q"), array("d")))
             places.append(len(self.recorded))
             values.append(value)
-        if len(self._numbers) > _MOST_NUMBERS:
-            raise JointIdError(
-                f"{self._file}: its messages name more than {_MOST_NUMBERS} numbers: record the state "
-                "of one robot."
-            )
+            self._held += 1
+            if len(self._numbers) > _MOST_NUMBERS:
+                raise JointIdError(
+                    f"{self._file}: its messages name more than {_MOST_NUMBERS} numbers: record the "
+                    "state of one robot."
+                )
+        require_few_values(self._file, self._held)
         stamp = getattr(getattr(message, "header", None), "stamp", None)
         self._stamps.append(stamp.sec * 1_000_000_000 + stamp.nanosec if stamp is not None else 0)
         self.recorded.append(recorded_ns)
-        if len(self.recorded) & 0xFFF == 0:
-            require_few_values(self._file, sum(len(values) for _, values in self._numbers.values()))
 
     def signals(self, ticks: Sequence[int], start_ns: int, topic: str = "") -> list[Signal]:
         """Every number at the times of its messages since a start, under the name of the topic."""
