@@ -4,6 +4,7 @@ import struct
 from collections.abc import Iterable
 from hashlib import blake2b
 from typing import Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -24,6 +25,16 @@ def study_digest(study: Study) -> str:
     It depends on every bit of samples, frequencies, timing, inertias with their uncertainty, nominal
     values, names, robot and date.
     """
+    if study not in _digests:
+        _digests[study] = _computed(study)
+    return _digests[study]
+
+
+_digests: WeakKeyDictionary[Study, str] = WeakKeyDictionary()
+"""Of studies in memory, which do not change."""
+
+
+def _computed(study: Study) -> str:
     state = blake2b(digest_size=16)
     _texts(state, (study.name, study.origin, study.description))
     inertias = [study.inertia, *study.poses.values()]
