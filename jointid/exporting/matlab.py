@@ -50,8 +50,7 @@ def to_mat(analysis: Analysis) -> bytes:
         contents["transfer_without_friction_and_delay"] = _transfer(free)
     if analysis.state != NOT_USABLE:
         with suppress(JointIdError):  # an unphysical estimate has no model
-            model = state_space(analysis.inertia(), analysis.fit.elasticity)
-            contents["model"] = {"A": model.A, "B": model.B, "C": model.C, "D": model.D}
+            contents["model"] = state_space(analysis.inertia(), analysis.fit.elasticity)._asdict()
     file = BytesIO()
     savemat(file, contents, long_field_names=True, do_compression=True)  # type: ignore[arg-type]
     data = file.getvalue()

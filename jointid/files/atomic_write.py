@@ -47,13 +47,18 @@ def new_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
 
 def write_file(path: Path, data: bytes) -> None:
     """Write a file atomically. Raises JointIdError when it cannot be written."""
-    if not path.parent.is_dir():
-        raise JointIdError(f"{path.parent} is not a folder: make it first, or choose another path.")
+    require_folder(path)
     try:
         with new_file(path) as file:
             file.write(data)
     except OSError as error:
         raise write_error(path, error) from error
+
+
+def require_folder(path: Path) -> None:
+    """Raise JointIdError when the folder of a new file does not exist."""
+    if not path.parent.is_dir():
+        raise JointIdError(f"{path.parent} is not a folder: make it first, or choose another path.")
 
 
 def write_error(path: Path, error: OSError) -> JointIdError:

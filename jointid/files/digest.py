@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Iterable
 from hashlib import blake2b
-from typing import Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -14,16 +14,22 @@ from jointid.records import MotionRecord, SineRecord
 from jointid.study import INERTIA_STD, Study
 
 
-class _Hash(Protocol):
-    def update(self, data: bytes | memoryview, /) -> None: ...
-
-
 def study_digest(study: Study) -> str:
     """Return a key, 32 hexadecimal digits (blake2b), for caching the results of a study.
 
     It depends on every bit of samples, frequencies, timing, inertias with their uncertainty, nominal
     values, names, robot and date.
     """
+    if study not in _digests:
+        _digests[study] = _computed(study)
+    return _digests[study]
+
+
+_digests: WeakKeyDictionary[Study, str] = WeakKeyDictionary()
+"""Of studies in memory, which do not change."""
+
+
+def _computed(study: Study) -> str:
     state = blake2b(digest_size=16)
     _texts(state, (study.name, study.origin, study.description))
     inertias = [study.inertia, *study.poses.values()]
@@ -65,20 +71,20 @@ def study_digest(study: Study) -> str:
     return state.hexdigest()
 
 
-def _texts(state: _Hash, texts: Iterable[str]) -> None:
+def _texts(state: blake2b, texts: Iterable[str]) -> None:
     for text in texts:
         data = text.encode("utf-8", "surrogatepass")
         state.update(struct.pack("<q", len(data)) + data)
     state.update(b"\xff")
 
 
-def _arrays(state: _Hash, arrays: Iterable[Floats]) -> None:
+def _arrays(state: blake2b, arrays: Iterable[Floats]) -> None:
     for array in arrays:
         _array(state, array)
     state.update(b"\xff")
 
 
-def _array(state: _Hash, array: Floats) -> None:
+def _array(state: blake2b, array: Floats) -> None:
     """Hash shape and values, these in Fortran order: records are stored so, and no copy is needed."""
     state.update(struct.pack(f"<{array.ndim + 1}q", array.ndim, *array.shape))
     state.update(np.ascontiguousarray(array.T).data.cast("B"))

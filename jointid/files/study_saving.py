@@ -15,7 +15,7 @@ import numpy as np
 import tomli_w
 
 from jointid.errors import JointIdError
-from jointid.files.atomic_write import locked, new_file, remove_left_over, write_error
+from jointid.files.atomic_write import locked, new_file, remove_left_over, require_folder, write_error
 from jointid.files.container_limits import MAX_TOTAL_BYTES, mebibytes
 from jointid.files.record_tables import write_record_table
 from jointid.files.study_keys import (
@@ -207,13 +207,6 @@ def _held(folder: Path) -> Iterator[None]:
             os.close(handle)
 
 
-def _recover(target: Path) -> None:
-    """Restore the study that a killed write moved; remove it if the write had succeeded."""
-    for old in target.parent.glob(f".{glob.escape(target.name)}.*.old"):
-        with suppress(OSError):
-            shutil.rmtree(old) if target.exists() else old.rename(target)
-
-
 def _write_zip(study: Study, file: BinaryIO, record_format: str) -> None:
     total = 0
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -238,11 +231,11 @@ def _checked_target(path: str | os.PathLike[str], overwrite: bool) -> Path:
     """Real path of the target, if a study may be written there."""
     try:
         target = Path(os.path.realpath(path))
-        if not target.parent.is_dir():
-            raise JointIdError(
-                f"{target.parent} is not a folder: make it first, or choose another path."
-            )
-        _recover(target)
+        require_folder(target)
+        # Restore the study that a killed write moved; remove it if the write had succeeded.
+        for old in target.parent.glob(f".{glob.escape(target.name)}.*.old"):
+            with suppress(OSError):
+                shutil.rmtree(old) if target.exists() else old.rename(target)
         if target.exists():
             _require_replaceable(target, overwrite)
     except JointIdError:

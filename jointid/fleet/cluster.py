@@ -163,7 +163,7 @@ def _read(reader: Child, job: Job) -> Job | Done:
     """Return the job with its study's bytes, or its result when that is known already."""
     if isinstance(job.source, bytes):
         return job
-    answer, data = ask_child(reader, job, {"do": "pack", "path": str(job.source)})
+    answer, data = ask_child(reader, job, "pack")
     if "content" in answer:
         return replace(job, source=data, known="", content=answer["content"])
     return Done(job, from_plain(answer["row"]) if "row" in answer else None)

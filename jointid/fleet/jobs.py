@@ -45,18 +45,16 @@ def do_job(child: Child, job: Job) -> Done:
 
     Raises JointIdError when no process can be started.
     """
-    path, body = (str(job.source), b"") if isinstance(job.source, Path) else ("", job.source)
-    answer, _ = ask_child(child, job, {"do": "analyse", "path": path, "content": job.content}, body)
+    answer, _ = ask_child(child, job, "analyse")
     return Done(job, from_plain(answer["row"]) if "row" in answer else None)
 
 
-def ask_child(
-    child: Child, job: Job, request: dict[str, str], body: bytes = b""
-) -> tuple[dict[str, Any], bytes]:
-    """Send a request about a job; the answer holds a row, "unchanged", or the requested data."""
-    about = {"study": job.study, "method": job.method, "known": job.known}
+def ask_child(child: Child, job: Job, what: str) -> tuple[dict[str, Any], bytes]:
+    """Send a job; the answer holds a row, "unchanged", or the requested data."""
+    path, body = (str(job.source), b"") if isinstance(job.source, Path) else ("", job.source)
+    about = {name: getattr(job, name) for name in ("study", "method", "known", "content")}
     try:
-        return child.ask(request | about, body)
+        return child.ask({"do": what, "path": path} | about, body)
     except Ended as ended:
         failure = TIME if ended.late else CRASH
         return {"row": to_plain(failed_row(job.study, job.method, failure, str(ended)))}, b""

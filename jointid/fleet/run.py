@@ -12,6 +12,7 @@ from jointid.background.child_process import Limits as Limits
 from jointid.errors import JointIdError
 from jointid.estimation.identify_elasticity import require_method
 from jointid.files.application import __version__
+from jointid.files.atomic_write import require_folder
 from jointid.fleet.jobs import Job, Local
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import Row
@@ -130,8 +131,7 @@ def analyse_fleet(
         raise JointIdError("workers applies to this computer, scheduler to a cluster: give one of them.")
     begin, target = time.perf_counter(), Path(os.path.abspath(out))
     found = find_studies(studies)
-    if not target.parent.is_dir():
-        raise JointIdError(f"{target.parent} is not a folder: make it first, or choose another path.")
+    require_folder(target)
     with closing(Journal(journal_path(target))) as journal:
         before = _rows_before(target, journal, fresh)
         same = {

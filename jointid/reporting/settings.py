@@ -11,7 +11,7 @@ from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.application import __version__
 from jointid.files.digest import study_digest
-from jointid.records import MotionRecord, SineRecord
+from jointid.records import SineRecord
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.study import Study
 from jointid.wording import UNDETERMINED, minus, plain, significant
@@ -89,9 +89,11 @@ def record_rows(study: Study) -> Table:
     """One row for all records of equal frequency, pose and length."""
     alike: dict[tuple[str, ...], list[str]] = {}
     for number, record in enumerate(study.records, start=1):
+        periods = significant(record.periods, 4) if isinstance(record, SineRecord) else "–"
         row = (
             record.pose or "–",
-            *_excitation(record),
+            record.excitation.removesuffix(" Hz"),
+            periods,
             significant(record.samples * record.interval_s, 4),
             plain(round(1 / record.interval_s, 2)),
         )
@@ -103,13 +105,6 @@ def record_rows(study: Study) -> Table:
     more = len(table) - 1 - _MAX_ROWS
     rows = tuple(table[1 : _MAX_ROWS + 1])
     return Table(table[0], rows, f"And {more} more rows, see the study." if more > 0 else "")
-
-
-def _excitation(record: SineRecord | MotionRecord) -> tuple[str, str]:
-    """Frequency and periods of a sine; the band of another motion."""
-    if isinstance(record, SineRecord):
-        return plain(record.frequency_hz), significant(record.periods, 4)
-    return record.excitation.removesuffix(" Hz"), "–"
 
 
 def digit_blocks(analysis: Analysis) -> Iterator[Block]:

@@ -6,7 +6,6 @@ from jointid.errors import JointIdError
 from jointid.setpoints import ros2, tables, urscript
 from jointid.setpoints.experiment import Motion
 from jointid.setpoints.file_format import Format, SetPoints
-from jointid.setpoints.head import head
 from jointid.setpoints.limit_check import check_limits
 from jointid.setpoints.played import Peaks, PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits
@@ -55,8 +54,7 @@ def set_points(
         slopes = np.diff(written, order, axis=0) / step**order
         points += [Peaks.of(quantity, "set points", time, each) for each in (exact, slopes)]
     rows = check_limits(played, robot, points)
-    lines = head(played, robot, chosen, time.size, interval, rows, study)
-    return SetPoints(interval, values, motion, robot, rows, experiment.scale, lines, chosen.write)
+    return SetPoints(chosen, interval, values, motion, robot, played, rows, study)
 
 
 def _require_possible(

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from jointid.setpoints.file_format import Format, SetPoints
 
 
-def _table(points: SetPoints, counter: str, axis: str, decimals: int) -> Iterator[str]:
+def _table(points: SetPoints, counter: str, axis: str) -> Iterator[str]:
     """CSV with a counter, the time and one column per axis, whose name holds its number at "#"."""
     yield from points.comments
     axes = range(1, points.values.shape[1] + 1)
@@ -18,17 +18,17 @@ def _table(points: SetPoints, counter: str, axis: str, decimals: int) -> Iterato
             [
                 str(k),
                 f"{k * points.interval_ms:.9g}",
-                *(f"{value:.{decimals}f}" for value in row.tolist()),
+                *(f"{value:.{points.format.decimals}f}" for value in row.tolist()),
             ]
         )
 
 
-CSV = Format("csv", "CSV", ".csv", lambda points: _table(points, "sample", "axis_#_rad", 9))
+CSV = Format("csv", "CSV", ".csv", lambda points: _table(points, "sample", "axis_#_rad"))
 EGM = Format(
     name="egm",
     title="ABB EGM",
     ending=".egm.csv",
-    write=lambda points: _table(points, "seqno", "joint_#_deg", 7),
+    write=lambda points: _table(points, "seqno", "joint_#_deg"),
     intervals_ms=(4.0, 8.0, 12.0, 16.0, 20.0, 24.0),
     axes=(6, 7),
     degrees=True,
@@ -43,7 +43,7 @@ RSI = Format(
     name="rsi",
     title="KUKA RSI",
     ending=".rsi.csv",
-    write=lambda points: _table(points, "cycle", "A#_deg", 7),
+    write=lambda points: _table(points, "cycle", "A#_deg"),
     intervals_ms=(4.0, 12.0),
     axes=(4, 5, 6),
     degrees=True,
