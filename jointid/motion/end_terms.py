@@ -111,17 +111,6 @@ def deflection_beyond(phasors: Phasors, arm: Floats, K: Floats) -> Complexes:
     return found
 
 
-def torque_images(phasors: Phasors) -> Complexes | float:
-    """Response to the images of the held torque, shape (r, H, 1); zero for sines."""
-    if not phasors.motion.any():
-        return 0.0
-    images = np.zeros((*phasors.harmonics.shape[:2], 1), complex)
-    for row, segment in zip(images, phasors.segments, strict=True):
-        if segment is not None:
-            row[: segment.highest, 0] = segment.images(segment.highest)
-    return images
-
-
 def row_groups(phasors: Phasors, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Group of each row (r, H): a sine's harmonic, or a band of a motion's bins.
 

@@ -10,7 +10,7 @@ from jointid.arrays import Complexes, Floats
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Samples of a stretch, for friction and the torque's images, which its phasors do not hold."""
+    """Samples of a stretch, for friction, which its phasors do not hold."""
 
     record: int
     """Index of the motion record that it comes from."""
@@ -31,8 +31,6 @@ class Segment:
     """The square of what sampling itself leaves of the torques, shape (n,), (N·m)²."""
     most_torque_variance: Floats
     """The most that the variance of each sample of the torques can be by noise, shape (n,), (N·m)²."""
-    held: bool
-    """Whether the torque is held from sample to sample."""
     lowest: int
     """First bin of its band."""
     highest: int
@@ -53,20 +51,6 @@ class Segment:
     def duration_s(self) -> float:
         """Period of the Fourier series, s."""
         return self.samples * self.interval_s
-
-    def images(self, bins: int) -> Complexes:
-        """Angle per torque over rotor inertia by the images of the held torque, shape (bins,), s².
-
-        The steps of the torque move the rotor beyond the band; sampled, that motion appears in the band.
-        A rotor under a held torque has the exact pulse response T²(z + 1)/(2(z − 1)²); the part that the
-        torque in the band explains is 1/s².
-        """
-        if not self.held:
-            return np.zeros(bins, complex)
-        T = self.interval_s
-        s = 2j * np.pi * np.arange(1, bins + 1) / self.duration_s
-        z, held = np.exp(s * T), -np.expm1(-s * T) / (s * T)
-        return np.asarray(T**2 * (z + 1) / (2 * (z - 1) ** 2) / held - 1 / (s * s))
 
 
 def bins_of(samples: Floats, bins: int) -> Complexes:
