@@ -217,9 +217,9 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     n, count = records[0].n, len(fits[0].harmonics)
     omega = np.array([record.omega for record in records])
     timing = np.ones((len(records), count, 2 * n), complex)
-    delay_s = np.array([record.torque_delay_s for record in records])
-    hold_s = np.array([record.interval_s if record.torque_hold else 0.0 for record in records])
-    angular = omega[:, None] * np.arange(1, count + 1)
+    delay_s: Floats = np.array([record.torque_delay_s for record in records])
+    hold_s: Floats = np.array([record.interval_s if record.torque_hold else 0.0 for record in records])
+    angular: Floats = omega[:, None] * np.arange(1, count + 1)
     timing[:, :, n:] = _torque_timing(angular, hold_s[:, None], delay_s[:, None])[:, :, None]
     z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
     covariance: Complexes = np.array([fit.covariance for fit in fits], dtype=np.complex128)
