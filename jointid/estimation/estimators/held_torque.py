@@ -60,6 +60,13 @@ class HeldTorque:
                 passed = passed * ((1 + s * T if name == "torque_filter" else 1) / (1 + self.s * T))
         return np.asarray(passed.sum(axis=0))
 
+    def filter_gain(self, p: Parameters, s: Complexes) -> Complexes:
+        """Acting over logged torque by a filter, shape (r, H, n): 1/(1 + sT), or its inverse, T < 0."""
+        if "torque_filter" not in p.layout:
+            return np.ones_like(s)
+        rate, T = self.filter_rate(p, s), p["torque_filter"]
+        return np.where(T < 0, 1 - rate * T, 1 / (1 + rate * np.abs(T)))
+
     def filter_rate(self, p: Parameters, s: Complexes) -> Complexes:
         """Rate of change of a torque by which its filter acts, over the torque, shape (r, H, n).
 

@@ -85,10 +85,7 @@ class Residual:
         for j in range(n):
             compliance[..., j, j] += 1 / gear[..., j]
         X = inverse(compliance)
-        lag: Complexes = np.exp(-s * (p.delay + p.effect("lag")) * np.ones(n))
-        if "torque_filter" in problem.layout:
-            rate, T = problem.held.filter_rate(p, s), p["torque_filter"]
-            lag *= np.where(T < 0, 1 - rate * T, 1 / (1 + rate * np.abs(T)))
+        lag = np.exp(-s * (p.delay + p.effect("lag")) * np.ones(n)) * problem.held.filter_gain(p, s)
         advance = np.asarray(1 + s * p.effect("position_filter") * np.ones(n))
         own = motor_stiffness(problem, p)
         E = _balance(own, lag * p.torque_scale)
