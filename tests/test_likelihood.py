@@ -27,7 +27,7 @@ from jointid import (
     motor_response,
     simulate_records,
 )
-from jointid.estimation.candidates import Model
+from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
@@ -455,3 +455,20 @@ def test_a_rival_model_widens_the_errors_by_its_weight(behind: float, weight: fl
     shift = np.array([1.0, -0.02])
     found = spread(fits, best, estimates[best], {})  # type: ignore[arg-type]
     np.testing.assert_allclose(found, weight / (1 + weight) * np.outer(shift, shift), atol=1e-12)
+
+
+@pytest.mark.parametrize(("errors", "significant"), [(4.95, False), (5.05, True)])
+def test_an_optional_part_must_differ_from_zero_by_five_standard_errors(
+    errors: float, significant: bool
+) -> None:
+    """A delay of that many standard errors, by its variance, without a fit that lacks it."""
+    sensors = Measurement(torque_noise_Nm=0.01)
+    records = simulate_records(PARALLELOGRAM, PAPER, [5.0, 12.0, 20.0], measurement=sensors, seed=1)
+    phasors = extract_phasors(records)
+    start = weighted(spring_equations(phasors, PARALLELOGRAM)).p
+    model = Model(None, delay=True)
+    found = maximum_likelihood(phasors, PARALLELOGRAM, start, delay=True)
+    place, covariance = found.layout["delay"], found.covariance.copy()
+    covariance[place, place] = (found.p[place] / errors) ** 2 / max(1.0, found.misfit)
+    fits = Fits(("delay",), 100, {model: replace(found, covariance=covariance)})
+    assert fits.part_is_significant(model, fits.tried[model], "delay") is significant

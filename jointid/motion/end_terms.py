@@ -111,49 +111,6 @@ def deflection_beyond(phasors: Phasors, arm: Floats, K: Floats) -> Complexes:
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class HeldTorque:
-    """Motion by the images of a held torque.
-
-    The steps of the torque move the rotor beyond the band; sampled, that motion appears in the band. A
-    rotor under a torque that is held from d intervals T after its sample, 0 ≤ d < 1, has the exact pulse
-    response T²(z/(z − 1)² − (d + ½)/(z − 1) + d²/(2z)); the part that the torque in the band explains is
-    1/s².
-    """
-
-    s: Complexes
-    """Shape (m, H, 1)."""
-    rows: np.ndarray
-    """Segments with a held torque, shape (m,)."""
-    interval_s: Floats
-    """Shape (m, 1, 1)."""
-    delay_s: Floats
-    """Delay that is in the phasors of the torque already, shape (m, 1, 1), s."""
-
-    @classmethod
-    def of(cls, phasors: Phasors, s: Complexes) -> HeldTorque | None:
-        """The held torques of phasors; None without any."""
-        found = {k: each for k, each in enumerate(phasors.segments) if each is not None and each.held}
-        if not found:
-            return None
-        rows = np.array([*found])
-        timing = [(each.interval_s, each.torque_delay_s) for each in found.values()]
-        interval, delay = np.array(timing).T[..., None, None]
-        return cls(s[rows, :, None], rows, interval, delay)
-
-    def angle(self, torque: Complexes, later_s: Floats) -> Complexes:
-        """Angle times the rotor inertia, (r, H, n), for phasors of the torque that act later, (n,)."""
-        s, T = self.s, self.interval_s
-        late = (self.delay_s + later_s) / T
-        whole = np.floor(late)
-        d, z = late - whole, np.exp(s * T)
-        pulse = T**2 * (z / (z - 1) ** 2 - (d + 0.5) / (z - 1) + d**2 / (2 * z)) * z**-whole
-        held = -np.expm1(-s * T) / (s * T) * np.exp(-s * self.delay_s)
-        found = np.zeros_like(torque)
-        found[self.rows] = (pulse / held - np.exp(-s * later_s) / (s * s)) * torque[self.rows]
-        return found
-
-
 def row_groups(phasors: Phasors, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Group of each row (r, H): a sine's harmonic, or a band of a motion's bins.
 

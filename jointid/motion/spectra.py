@@ -55,7 +55,7 @@ def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
         parts = uniform_parts(record, index, name)
         band, variance, limits = _band_and_noise(record, parts, M[index])
         found += [
-            _row(segment, samples, variance, record, name)
+            _row(segment, samples, variance, record, name, part.held)
             for part in parts
             for segment, samples in _segments(part, band, variance, limits, record)
         ]
@@ -124,8 +124,6 @@ def _segments(
             repeated_variance=limits[2],
             least_torque_variance=limits[0],
             most_torque_variance=limits[1],
-            held=part.held,
-            torque_delay_s=record.torque_delay_s,
             lowest=lowest,
             highest=highest,
         )
@@ -134,13 +132,13 @@ def _segments(
 
 
 def _row(
-    segment: Segment, samples: Floats, variance: Floats, record: MotionRecord, name: str
+    segment: Segment, samples: Floats, variance: Floats, record: MotionRecord, name: str, held: bool
 ) -> Phasors:
     n, H, T = record.n, segment.highest, segment.interval_s
     z = bins_of(samples, H).T[None]
     s = 2j * np.pi * np.arange(1, H + 1) / segment.duration_s
     timing = np.exp(-s * record.torque_delay_s)
-    if segment.held:
+    if held:
         timing = timing * -np.expm1(-s * T) / (s * T)
     z[:, :, n:] *= timing[:, None]
     z[:, : segment.lowest - 1] = 0
@@ -166,4 +164,6 @@ def _row(
         frequency_found_hz=np.array([1 / segment.duration_s]),
         labels=(name,),
         segments=(segment,),
+        hold_s=np.array([T * held]),
+        torque_delay_s=np.array([record.torque_delay_s]),
     )

@@ -73,10 +73,18 @@ class Phasors:
     """Part of the variances in ``harmonic_covariance`` from rounding that repeats with the motion, which
     differs by record, shape (r, H, 2n)."""
 
+    hold_s: Floats = field(default_factory=lambda: np.zeros(0))
+    """Time for which each torque sample is held, shape (r,), s; 0 where it is not."""
+    torque_delay_s: Floats = field(default_factory=lambda: np.zeros(0))
+    """Delay of the torque that ``tau`` is corrected for, shape (r,), s."""
+
     def __post_init__(self) -> None:
-        if not self.harmonic_rounding.size:
-            object.__setattr__(self, "harmonic_rounding", np.zeros(self.harmonics.shape))
         rows = np.full(np.size(self.omega), None, dtype=object)
+        zeros = np.zeros(rows.size)
+        shapes = {"harmonic_rounding": self.harmonics, "hold_s": zeros, "torque_delay_s": zeros}
+        for name, like in shapes.items():
+            if not getattr(self, name).size:
+                object.__setattr__(self, name, np.zeros(like.shape))
         if len(self.segments):
             rows[:] = self.segments
         object.__setattr__(self, "segments", rows)
@@ -209,7 +217,10 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     n, count = records[0].n, len(fits[0].harmonics)
     omega = np.array([record.omega for record in records])
     timing = np.ones((len(records), count, 2 * n), complex)
-    timing[:, :, n:] = _torque_timing(records, omega[:, None] * np.arange(1, count + 1))[:, :, None]
+    delay_s: Floats = np.array([record.torque_delay_s for record in records])
+    hold_s: Floats = np.array([record.interval_s if record.torque_hold else 0.0 for record in records])
+    angular: Floats = omega[:, None] * np.arange(1, count + 1)
+    timing[:, :, n:] = _torque_timing(angular, hold_s[:, None], delay_s[:, None])[:, :, None]
     z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
     covariance: Complexes = np.array([fit.covariance for fit in fits], dtype=np.complex128)
     covariance += _rounding(fits)
@@ -246,6 +257,8 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         frequency_found_hz=frequencies_found(records, fits, *local),
         labels=tuple(r.label or f"record {i}" for i, r in enumerate(records, start=1)),
         harmonic_rounding=rounding * np.abs(timing) ** 2,
+        hold_s=hold_s,
+        torque_delay_s=delay_s,
     )
 
 
@@ -307,12 +320,10 @@ def _visible(fits: Sequence[SineFit]) -> np.ndarray:
     return np.asarray(visible[:, 1:].any(axis=(1, 2)))
 
 
-def _torque_timing(records: Sequence[SineRecord], omega: Floats) -> Complexes:
+def _torque_timing(omega: Floats, hold_s: Floats, delay_s: Floats) -> Complexes:
     """Acting torque over sampled torque, shape (r, H): a hold of T delays by T/2 and attenuates."""
-    delay = np.array([record.torque_delay_s for record in records])
-    hold = np.array([record.interval_s if record.torque_hold else 0.0 for record in records])
-    held = np.sinc(omega * hold[:, None] / (2 * np.pi))  # numpy's sinc(x) is sin(πx)/(πx)
-    return np.asarray(held * np.exp(-1j * omega * (delay + hold / 2)[:, None]))
+    held = np.sinc(omega * hold_s / (2 * np.pi))  # numpy's sinc(x) is sin(πx)/(πx)
+    return np.asarray(held * np.exp(-1j * omega * (delay_s + hold_s / 2)))
 
 
 def _local(fits: Sequence[SineFit]) -> tuple[Complexes, np.ndarray, np.ndarray]:

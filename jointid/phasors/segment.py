@@ -31,10 +31,6 @@ class Segment:
     """The square of what sampling itself leaves of the torques, shape (n,), (N·m)²."""
     most_torque_variance: Floats
     """The most that the variance of each sample of the torques can be by noise, shape (n,), (N·m)²."""
-    held: bool
-    """Whether the torque is held from sample to sample."""
-    torque_delay_s: float
-    """Time after its sample at which the torque acts, s."""
     lowest: int
     """First bin of its band."""
     highest: int

@@ -124,13 +124,15 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
 
 def _best_fit(evidence: Evidence) -> ElasticityFit:
     """Fit that the rules assess: the best model, since a model that fits excludes wrong data."""
-    if evidence.fit.method == "auto" or _physical_misfit(evidence.fit) < GOOD:
-        return evidence.fit
+    fit = evidence.fit
+    searched = fit.method == "auto" or (fit.method == "weighted" and fit.candidates)  # none fitted
+    if searched or _physical_misfit(fit) < GOOD:
+        return fit
     try:
         best = identify_elasticity(evidence.phasors, evidence.inertias)
     except JointIdError:
-        return evidence.fit
-    return best if _physical_misfit(best) < GOOD else evidence.fit
+        return fit
+    return best if _physical_misfit(best) < GOOD else fit
 
 
 def _scale_misfit(fit: ElasticityFit) -> float:

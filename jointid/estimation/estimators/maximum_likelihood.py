@@ -149,6 +149,7 @@ def maximum_likelihood(
         tau=tau[:, 0],
         covariance=phasors.harmonic_covariance[:, 0],
         harmonics=harmonics,
+        hold_s=np.zeros(len(tau)),
     )
     named = problem.layout.named(p)
     if not prior.blocks():

@@ -9,6 +9,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.estimation.estimators.held_torque import HeldTorque
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_laws import JointLaws
 from jointid.estimation.estimators.noise import Noise
@@ -20,7 +21,7 @@ from jointid.estimation.estimators.parameters import (
     ParameterLayout,
     Parameters,
 )
-from jointid.motion.end_terms import EndTerms, HeldTorque, deflection_beyond, motor_motion, row_groups
+from jointid.motion.end_terms import EndTerms, deflection_beyond, motor_motion, row_groups
 from jointid.motion.free_friction import FreeFriction
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
@@ -62,10 +63,10 @@ class Problem:
     link_std: Floats  # of the prior of link flexibility, (n,)
     group: np.ndarray  # (r, H), the misfit of each group of rows is its own
     main: np.ndarray  # (G,), groups of the fundamentals of sines and of all bins of motions
+    held: HeldTorque
     ends: EndTerms | None = None
     motion: Complexes | None = None  # (2, r, H, n), velocity and acceleration of motions
     repeated: Floats | None = None  # (r, n), part of the angles' variance that adds up over periods
-    held: HeldTorque | None = None
     law_noise: tuple[Complexes, Complexes, Floats] | None = None  # of ``WoundGears.noise``, (r, H, n)
 
     @property
@@ -329,15 +330,6 @@ def ideal_compliance(prior: InertiaPrior, M2: Floats, gravity: Floats, s: Comple
     return inverse(np.asarray(squared * M2[prior.pose, None] + gravity[prior.pose, None]))
 
 
-def held_torque_angle(problem: Problem, p: Parameters) -> Complexes | float:
-    """Angle of the motors by the images of the held torque, shape (r, H, n), rad."""
-    if problem.held is None:
-        return 0.0
-    torque = problem.z[..., problem.n :] * p.torque_scale
-    later = (p.delay + p.effect("lag")) * np.ones(problem.n)
-    return problem.held.angle(torque, later) / problem.rotor_inertia(p)[problem.prior.rotor, None]
-
-
 def loss_stiffness(problem: Problem) -> Complexes:
     """Dynamic stiffness over K of a loss factor of 1, shape (r, H, 1).
 
@@ -348,3 +340,11 @@ def loss_stiffness(problem: Problem) -> Complexes:
     s = problem.s
     reference = np.exp(np.log(np.abs(s[problem.known & problem.main[problem.group]])).mean())
     return np.asarray(1j + 2 / np.pi * np.log(np.abs(s) / reference))[..., None]
+
+
+def gear_torque(
+    X: Complexes, arm: Complexes, q: Complexes, law: tuple[Complexes, Complexes]
+) -> Complexes:
+    """Torque through the gears, X (q − w + A⁻¹P), shape (r, H, n)."""
+    w, P = law
+    return np.asarray((X @ (q - w + (arm @ P[..., None])[..., 0])[..., None])[..., 0])

@@ -26,7 +26,7 @@ from jointid.estimation.estimators.problem import (
     Problem,
     arm_compliance,
     friction_advance,
-    held_torque_angle,
+    gear_torque,
     loss_stiffness,
     motor_friction,
     motor_stiffness,
@@ -61,6 +61,8 @@ class Residual:
     """e^{-sδ} of each joint, shape (r, H, n)."""
     advance: Complexes
     """Position over logged position, shape (r, H, n)."""
+    images: Complexes
+    """Angle of the motors by the images of a held torque, shape (r, H, n), rad."""
     friction: Complexes
     """Friction at the motors without its free part, shape (r, H, n), N·m."""
     torque: Complexes
@@ -83,7 +85,7 @@ class Residual:
         for j in range(n):
             compliance[..., j, j] += 1 / gear[..., j]
         X = inverse(compliance)
-        lag = np.exp(-s * (p.delay + p.effect("lag")) * np.ones(n)) * _filtered(s, p)
+        lag = np.exp(-s * (p.delay + p.effect("lag")) * np.ones(n)) * problem.held.filter_gain(p, s)
         advance = np.asarray(1 + s * p.effect("position_filter") * np.ones(n))
         own = motor_stiffness(problem, p)
         E = _balance(own, lag * p.torque_scale)
@@ -92,8 +94,10 @@ class Residual:
             E += X @ (by_torque[..., None] * E + by_moved[..., None] * _moved(E, arm))
         E[..., :n] = (E[..., :n] - X) * advance[..., None, :]
         CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
-        q = (problem.z[..., :n] - held_torque_angle(problem, p)) * advance
-        torque = lag * p.torque_scale * problem.z[..., n:] - own * q
+        drive = lag * p.torque_scale * problem.z[..., n:]
+        images = problem.held.images(p, s) * drive / problem.rotor_inertia(p)[problem.prior.rotor, None]
+        q = (problem.z[..., :n] - images) * advance
+        torque = drive - own * q
         friction = motor_friction(problem, p)
         torque -= friction
         waveform, law, wound = torque, (np.zeros_like(q), np.zeros_like(q)), None
@@ -105,21 +109,21 @@ class Residual:
             wound = problem.laws.wound(waveform, moved, gear, p)
             if wound is not None:
                 law = np.asarray(wound.law.swapaxes(1, 2)), law[1]
-        r = torque - _through(X, arm, q, law)
+        r = torque - gear_torque(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
         if problem.friction is not None:
             V += problem.friction.spread[..., None, :] * np.eye(n)
         if problem.law_noise is not None:
             V += (X * problem.law_noise[2][..., None, :]) @ X.conj().swapaxes(2, 3)
         return cls(
-            problem, p, r, V, E, CE, gear, arm, X, lag, advance, friction, torque, waveform, law, wound
-        )
+            problem, p, r, V, E, CE, gear, arm, X, lag, advance, images, friction, torque, waveform, law,
+            wound,
+        )  # fmt: skip
 
     def without_ends(self) -> tuple[Complexes, Complexes]:
         """Torque through the gears and motor angles, those of motions without the terms of the ends."""
-        problem = self.problem
-        q = (problem.z[..., : problem.n] - held_torque_angle(problem, self.p)) * self.advance
-        return _without_ends(problem, self.p, self.torque, q, motor_stiffness(problem, self.p))
+        own = motor_stiffness(self.problem, self.p)
+        return _without_ends(self.problem, self.p, self.torque, self._before_filter(self.problem.z), own)
 
     def ideal_torque(self) -> Complexes:
         """Torque of equation (1) at the fitted motor angle, shape (r, h, n), N·m.
@@ -140,8 +144,11 @@ class Residual:
     @property
     def position(self) -> Complexes:
         """Motor angle, freed of a filter, shape (r, h, n) like the ideal torque, rad."""
-        angle = self.problem.z[..., : self.problem.n] - held_torque_angle(self.problem, self.p)
-        return np.asarray((angle * self.advance)[:, : self.fundamentals])
+        return self._before_filter(self.problem.z)[:, : self.fundamentals]
+
+    def _before_filter(self, signals: Complexes) -> Complexes:
+        """Motor angle in signals (r, H, 2n), freed of images and a filter, shape (r, H, n), rad."""
+        return np.asarray((signals[..., : self.problem.n] - self.images) * self.advance)
 
     def by_position_filter(self, friction: Complexes) -> Complexes:
         """Change of a friction torque (r, H, n) with the time constants of the position filter."""
@@ -162,8 +169,8 @@ class Residual:
         """
         problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
         s = problem.s[..., None]
-        q = (smooth[..., :n] - held_torque_angle(problem, p)) * self.advance
-        f = _through(self.X, self.arm, q, self.law)
+        q = self._before_filter(smooth)
+        f = gear_torque(self.X, self.arm, q, self.law)
         J = np.zeros((*self.r.shape, layout.size), complex)
         by_gear = -self.X / self.gear[..., None, :] * (f / self.gear)[..., None, :]  # ∂r/∂κ_j
         stiffness = {"K": 1 + p.effect("loss_factor") * loss_stiffness(problem), "D": s}
@@ -224,19 +231,21 @@ class Residual:
         """Derivatives of the torque through a gear by its own motor's parameters, each (r, H, n)."""
         problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
         s = problem.s[..., None]
-        q = (smooth[..., :n] - held_torque_angle(problem, p)) * self.advance
+        q = self._before_filter(smooth)
         tau = smooth[..., n:] * self.lag
         lag = -s * tau * p.torque_scale
         columns = {
             "viscous": -s * q,
             "delay": lag,
             "lag": lag,
-            "torque_filter": lag / (1 + s * np.abs(p.effect("torque_filter"))),
             "torque_scale": tau,
             "position_filter": -motor_stiffness(problem, p) * s * smooth[..., :n]
             - self.by_position_filter(self.friction),
             "M": -s * s * q,
         }
+        if "torque_filter" in layout:
+            rate = problem.held.filter_rate(p, s)
+            columns["torque_filter"] = rate / s * lag / (1 + rate * np.abs(p["torque_filter"]))
         earlier = friction_advance(problem, p)
         if problem.friction is not None:
             columns["coulomb"] = -problem.friction.coulomb * earlier
@@ -338,15 +347,3 @@ def _without_ends(
         np.where(moved, torque + own * q - inertial - viscous, torque),
         np.where(moved, acceleration / problem.s[..., None] ** 2, q),
     )
-
-
-def _filtered(s: Complexes, p: Parameters) -> Complexes | float:
-    """Factor of a torque filter, 1/(1 + sT), or 1 − sT where T is negative."""
-    T = p.effect("torque_filter")
-    return np.where(np.asarray(T) < 0, 1 - s * T, 1 / (1 + s * np.abs(T)))
-
-
-def _through(X: Complexes, arm: Complexes, q: Complexes, law: tuple[Complexes, Complexes]) -> Complexes:
-    """Torque through the gears, X (q − w + A⁻¹P), shape (r, H, n)."""
-    w, P = law
-    return np.asarray((X @ (q - w + (arm @ P[..., None])[..., 0])[..., None])[..., 0])
