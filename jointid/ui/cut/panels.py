@@ -234,7 +234,8 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
     what = f"Cut with {servo} (path error {before}) and with identified values ({after})"
     with st.container(border=True):
         left, words = st.columns([1, 4], vertical_alignment="center")
-        left.html(picture(cuts, what, around, "max-width:9rem"))
+        small = "max-width:9rem"
+        left.html(page.drawn("overview", lambda dark: picture(cuts, what, around, small)))
         with words:
             st.header(headline(outcome), anchor=False)
             st.html(

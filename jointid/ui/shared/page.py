@@ -34,7 +34,9 @@ h2 { font-size: 1.75rem !important; }
 [data-testid="stLayoutWrapper"]:has(> .st-key-progress) {  /* in view wherever the page is scrolled */
   position: sticky; top: 3.75rem; z-index: 9; background: Canvas; }
 [data-testid="stMain"] [data-testid="stPageLink-NavLink"] p { text-decoration: underline; }
-.modebar { top: auto !important; bottom: 2px; }  /* clear of the legend */
+/* the toolbar below the figure, clear of the legend */
+.modebar-container { height: 100%% !important; pointer-events: none; }
+.modebar { top: auto !important; bottom: 2px; pointer-events: auto; }
 @media (max-width: 640px) {  /* two cards in a row on a phone; a value and its error in two lines */
   [role="tablist"] { flex-wrap: wrap; }  /* every tab in view */
   .modebar-container { display: none; }  /* always shown on a touch screen, over the legend */
