@@ -215,78 +215,53 @@ def test_mjcf_agrees_with_pinocchio(tmp_path: Path) -> None:
     assert other.inertia(q[0]).M[0] == pytest.approx(40 / 200**2)
 
 
-BAD_FILES = {
+FILES = {"a.urdf": URDF, "a.xml": MJCF, "a.toml": SIX_AXES}
+DOCUMENT_TYPE = '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd"><!ENTITY b "&x;&x;">]>'
+WELD = '<equality><weld body1="slide"/></equality><asset>'
+BAD_PARTS = {
+    "external entity": ("a.urdf", "<robot name", DOCUMENT_TYPE + "<robot name", "document type"),
+    "billion laughs": ("a.xml", "<mujoco", DOCUMENT_TYPE + "<mujoco", "document type"),
+    "mass is text": ("a.urdf", '"20"', '"heavy"', "mass.*'heavy'"),
+    "mass is negative": ("a.urdf", '"20"', '"-20"', "-20: it must not be negative"),
+    "axis is zero": ("a.urdf", "0 1 1", "0 0 0", "j1.*0 0 0"),
+    "unknown parent": ("a.urdf", 'parent link="base"', 'parent link="bass"', 'parent link "bass"'),
+    "floating": ("a.urdf", '"continuous"', '"floating"', "joint j2 is floating"),
+    "two of one name": ("a.urdf", 'joint name="j2" type', 'joint name="j1" type', 'the name "j1"'),
+    "half an inertial": ("a.urdf", 'ixx="1.2"', "", "link upper.*all six"),
+    "include": ("a.xml", "<asset>", '<include file="/etc/passwd"/><asset>', "include"),
+    "closed loop": ("a.xml", "<asset>", WELD, "loops"),
+    "mass from a mesh": ("a.xml", 'type="box"', 'type="mesh" mesh="shell"', "body fore.*inertial"),
+    "two joints": ("a.xml", '<joint name="j2"/>', '<joint name="j2"/><joint name="j4"/>', "2 joints"),
+    "ball": ("a.xml", 'type="slide"', 'type="ball"', "j3 is ball"),
+    "frame": ("a.xml", '<geom type="mesh" mesh="shell"/>', "<frame/>", "<frame>"),
+    "scaled mass": ("a.xml", "meshdir=", "settotalmass=", "settotalmass"),
+    "no mass": ("a.toml", "mass = 100.0", "", "number 3: mass is missing"),
+    "unknown key": ("a.toml", "mass = 100.0", "mas = 100.0", 'unknown key "mas"'),
+    "no gear": ("a.toml", "gear_ratio = 215.0", "gear_ratio = 0", "number 4: gear_ratio is 0"),
+    "impossible inertia": ("a.toml", "[10.0, 9.5, 2.0", "[10.0, -9.5, 2.0", "negative principal"),
+    "short center": ("a.toml", "[-0.02, -0.02, -0.08]", "[0.1]", "center has 1 value"),
+    "base": ("a.toml", "x 180 deg", "upside down", "rotation"),
+    "counterbalance": ("a.toml", "joint = 2", "joint = 7", "joints 1 to 6"),
+    "payload": ("a.toml", "mass = 120.0", "mass = -1.0", "payload.*mass = -1"),
+}
+"""Name of the file, what is replaced in it by what, and the message."""
+BAD_TEXTS = {
     "not xml": ("a.urdf", URDF[:300], "line"),
     "other root": ("a.urdf", MJCF, "expected <robot>"),
-    "external entity": (
-        "a.urdf",
-        '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + URDF[21:],
-        "document type",
-    ),
-    "billion laughs": (
-        "a.xml",
-        '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>' + MJCF,
-        "document type",
-    ),
-    "mass is text": ("a.urdf", URDF.replace('"20"', '"heavy"'), "mass.*'heavy'"),
-    "mass is negative": ("a.urdf", URDF.replace('"20"', '"-20"'), "-20: it must not be negative"),
-    "axis is zero": ("a.urdf", URDF.replace("0 1 1", "0 0 0"), "j1.*0 0 0"),
-    "unknown parent": (
-        "a.urdf",
-        URDF.replace('parent link="base"', 'parent link="bass"'),
-        'parent link "bass"',
-    ),
-    "floating": ("a.urdf", URDF.replace('"continuous"', '"floating"'), "joint j2 is floating"),
-    "two of one name": (
-        "a.urdf",
-        URDF.replace('joint name="j2" type', 'joint name="j1" type'),
-        'the name "j1"',
-    ),
-    "half an inertial": ("a.urdf", URDF.replace('ixx="1.2"', ""), "link upper.*all six"),
-    "include": ("a.xml", MJCF.replace("<asset>", '<include file="/etc/passwd"/><asset>'), "include"),
-    "closed loop": (
-        "a.xml",
-        MJCF.replace("<asset>", '<equality><weld body1="slide"/></equality><asset>'),
-        "loops",
-    ),
-    "mass from a mesh": (
-        "a.xml",
-        MJCF.replace('type="box"', 'type="mesh" mesh="shell"'),
-        "body fore.*inertial",
-    ),
-    "two joints": (
-        "a.xml",
-        MJCF.replace('<joint name="j2"/>', '<joint name="j2"/><joint name="j4"/>'),
-        "2 joints",
-    ),
-    "ball": ("a.xml", MJCF.replace('type="slide"', 'type="ball"'), "j3 is ball"),
-    "frame": ("a.xml", MJCF.replace('<geom type="mesh" mesh="shell"/>', "<frame/>"), "<frame>"),
-    "scaled mass": ("a.xml", MJCF.replace("meshdir=", "settotalmass="), "settotalmass"),
     "not toml": ("a.toml", "[[link", "TOML"),
-    "no mass": ("a.toml", SIX_AXES.replace("mass = 100.0", ""), "number 3: mass is missing"),
-    "unknown key": ("a.toml", SIX_AXES.replace("mass = 100.0", "mas = 100.0"), 'unknown key "mas"'),
-    "no gear": (
-        "a.toml",
-        SIX_AXES.replace("gear_ratio = 215.0", "gear_ratio = 0"),
-        "number 4: gear_ratio is 0",
-    ),
-    "impossible inertia": (
-        "a.toml",
-        SIX_AXES.replace("[10.0, 9.5, 2.0", "[10.0, -9.5, 2.0"),
-        "negative principal",
-    ),
-    "short center": ("a.toml", SIX_AXES.replace("[-0.02, -0.02, -0.08]", "[0.1]"), "center has 1 value"),
-    "base": ("a.toml", SIX_AXES.replace("x 180 deg", "upside down"), "rotation"),
     "both gears": ("a.toml", "coupling = [[1.0]]\n" + SIX_AXES, "coupling"),
-    "counterbalance": ("a.toml", SIX_AXES.replace("joint = 2", "joint = 7"), "joints 1 to 6"),
-    "payload": ("a.toml", SIX_AXES.replace("mass = 120.0", "mass = -1.0"), "payload.*mass = -1"),
     "other file": ("a.stl", "solid", r"\.urdf"),
     "too large": ("a.urdf", " " * (5 << 20), "limit"),
+}
+BAD_FILES = BAD_TEXTS | {
+    fault: (name, FILES[name].replace(old, new), message)
+    for fault, (name, old, new, message) in BAD_PARTS.items()
 }
 
 
 @pytest.mark.parametrize(("name", "text", "message"), BAD_FILES.values(), ids=BAD_FILES)
 def test_a_bad_file_is_named_with_its_fault(name: str, text: str, message: str) -> None:
+    assert text not in FILES.values() or (name, text) == ("a.urdf", MJCF)
     with pytest.raises(JointIdError, match=message) as raised:
         RobotModel.parse(name, text.encode())
     assert name in str(raised.value)
