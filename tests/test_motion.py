@@ -12,7 +12,7 @@ from examples import tries
 from benchmarks.motion import CELL, MANUTEC, SINGLE, Motion, simulate
 from jointid import ElasticityFit, Inertia, JointIdError, MotionRecord, SineRecord, identify_motion
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
-from jointid.motion import free_friction
+from jointid.motion import end_terms, free_friction
 from jointid.motion.noise import repeated_variances, sensor_variances
 from jointid.motion.reversals import reversals
 from jointid.motion.sampling import UniformPart, uniform_parts
@@ -222,6 +222,7 @@ def test_bands_of_many_joints_have_the_misfit_of_noise(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(WhitenedResidual, "misfit_by_harmonic", kept)
     monkeypatch.setattr(free_friction, "_MOST", 16)
+    monkeypatch.setattr(end_terms, "_ROWS", 30)
     robot = replace(MANUTEC, coulomb=[0.05, 0.02, 0.05], viscous=[1e-3, 5e-4, 1e-3])
     moved = simulate([(robot, Motion("random", records=2, duration_s=6.0, seed=4))])[0]
     fit = identify_motion(moved, Inertia(robot.M, robot.M2))
