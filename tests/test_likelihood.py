@@ -38,6 +38,7 @@ from jointid.estimation.estimators.parameters import LAWS as NONLINEAR
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
 from jointid.estimation.estimators.score_tests import Score, scores
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.model_average import positive_moments, spread, spread_by_prior
 from jointid.estimation.model_selection import choose_model
 from jointid.motion.friction import friction_waveforms
@@ -400,10 +401,12 @@ def test_the_gradient_is_that_of_the_cost(
     if "link" in effects:
         p[layout["link"]] = 1e-9
     scale = np.linspace(1, 2, 9)
-    _, gradient, _ = quadratic(problem, p, scale)
+    _, gradient, _ = quadratic(WhitenedResidual.of(problem, p, scale), p)
     for k in range(p.size):
         step = 1e-5 * p[k] * np.eye(p.size)[k]
-        ahead, behind = (quadratic(problem, p + sign * step, scale)[0] for sign in (1, -1))
+        ahead, behind = (
+            quadratic(WhitenedResidual.of(problem, at, scale), at)[0] for at in (p + step, p - step)
+        )
         assert (ahead - behind) / (4e-5 * p[k]) == pytest.approx(gradient[k], rel=1e-4), layout.labels[k]
 
 

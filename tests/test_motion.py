@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from examples import tries
 
-from benchmarks.motion import CELL, SINGLE, Motion, simulate
+from benchmarks.motion import CELL, MANUTEC, SINGLE, Motion, simulate
 from jointid import ElasticityFit, Inertia, JointIdError, MotionRecord, SineRecord, identify_motion
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
+from jointid.motion import end_terms, free_friction
 from jointid.motion.noise import repeated_variances, sensor_variances
 from jointid.motion.reversals import reversals
 from jointid.motion.sampling import UniformPart, uniform_parts
@@ -219,6 +221,25 @@ def test_many_short_reversals_leave_equations() -> None:
     assert np.abs(fit.friction.coulomb / 0.011 - 1).max() < 0.1
     assert np.all(np.abs(fit.estimate / SINGLE.answer - 1) < [0.005, 0.02])
     assert np.all(np.abs(fit.estimate - SINGLE.answer) < 4 * fit.standard_error)
+
+
+def test_bands_of_many_joints_have_the_misfit_of_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In coordinates that free friction does not reach, no band of bins loses its weight."""
+    found: list[np.ndarray] = []
+    misfits = WhitenedResidual.misfit_by_harmonic
+
+    def kept(residual: WhitenedResidual, rank: int) -> np.ndarray:
+        found.append(misfits(residual, rank))
+        return found[-1]
+
+    monkeypatch.setattr(WhitenedResidual, "misfit_by_harmonic", kept)
+    monkeypatch.setattr(free_friction, "_MOST", 16)
+    monkeypatch.setattr(end_terms, "_ROWS", 30)
+    robot = replace(MANUTEC, coulomb=[0.05, 0.02, 0.05], viscous=[1e-3, 5e-4, 1e-3])
+    moved = simulate([(robot, Motion("random", records=2, duration_s=6.0, seed=4))])[0]
+    fit = identify_motion(moved, Inertia(robot.M, robot.M2))
+    assert np.all(np.abs(found[-1][found[-1] != 0] - 1) < 0.5)
+    assert np.all(np.abs(fit.estimate - robot.answer) < 4 * fit.standard_error)
 
 
 def test_errors_hold_rounding_that_repeats() -> None:
