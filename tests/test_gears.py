@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,6 +28,8 @@ from jointid import (
     track,
 )
 from jointid.cut.arm import Drive
+from jointid.estimation.estimators.joint_laws import fitted_gears
+from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.figures.springs import torsion_curve
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, sine_stiffness
 from jointid.gears.laws import GearLaws
@@ -248,6 +251,23 @@ def test_a_doubt_between_laws_asks_for_a_second_amplitude(stiffening: Elasticity
     advice = second_amplitude(replace(stiffening, candidates=(best, rival)))
     assert "backlash" in advice
     assert "half the amplitude" in advice
+
+
+def test_slopes_count_by_their_sum_and_without_what_no_record_shows() -> None:
+    """Two uncertain changes whose sum is certain are a law; an undetermined third slope is none."""
+    layout = ParameterLayout.of(2, effects=["piecewise"])
+    values = {"K": [50.0, 50.0], "piecewise": [6.0, 9.0], "second_bend": [-1.0, 25.0]}
+    p = layout.named(layout.pack(**values, knee=[0.01, 0.01], second_knee=[0.002, 0.08]))
+    covariance = 1e-6 * np.eye(layout.size)
+    first, last = (layout[name].start for name in ("piecewise", "second_bend"))
+    covariance[[first, last], [first, last]] = 5.0
+    covariance[[first, last], [last, first]] = -4.99
+    covariance[last + 1, last + 1] = np.inf
+    curves = [SimpleNamespace(amplitude_rad=np.full(1, 0.02), amplitude_Nm=np.ones(1))] * 2
+    sure, unseen = fitted_gears(p, covariance, curves)
+    assert (sure.kind, unseen.kind) == ("piecewise", "piecewise")
+    assert (sure.K2, sure.K3) == (56.0, 55.0)
+    assert (unseen.K2, unseen.K3, unseen.T2_Nm) == (59.0, 59.0, unseen.T1_Nm)
 
 
 def test_hysteresis_is_no_damping() -> None:

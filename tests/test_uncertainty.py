@@ -195,7 +195,7 @@ def test_bootstrap_sees_the_bias_of_least_squares() -> None:
     true_bias = np.mean([np.r_[f.K, f.D] for f in draws], axis=0) - np.r_[PAPER.K, PAPER.D]
     start = noisy(clean, covariance, np.zeros(clean.z.shape))
     fit = identify_elasticity(start, SERIAL, method="least-squares")
-    found = bootstrap(start, SERIAL, fit, draws=2000).bias
+    found = bootstrap(start, SERIAL, fit, draws=300).bias
     scatter = np.std([np.r_[f.K, f.D] for f in draws], axis=0)
     clear = np.abs(true_bias) > 0.3 * scatter
     assert clear.any()

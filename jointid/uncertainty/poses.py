@@ -41,14 +41,9 @@ class PoseFits:
         return np.asarray(np.sqrt(np.einsum("mpp->mp", self.covariance)))
 
     @property
-    def mean(self) -> Floats:
-        """Mean over the poses, weighted by their covariances, shape (2n,)."""
-        return self._common()[0]
-
-    @property
     def spread(self) -> Floats:
-        """Largest less smallest estimate of each parameter over its mean, shape (2n,)."""
-        return np.asarray(np.ptp(self.estimates, axis=0) / np.abs(self.mean))
+        """Largest less smallest estimate of each parameter over their mean, shape (2n,)."""
+        return np.asarray(np.ptp(self.estimates, axis=0) / np.abs(self.estimates.mean(axis=0)))
 
     @property
     def significance(self) -> Floats:
@@ -65,11 +60,6 @@ class PoseFits:
     @property
     def probability(self) -> float:
         """p-value of the poses' differences under agreement, by χ²; 1 for a single pose."""
-        _, squares, degrees_of_freedom = self._common()
-        return float(chdtrc(degrees_of_freedom, squares)) if degrees_of_freedom else 1.0
-
-    def _common(self) -> tuple[Floats, float, int]:
-        """Mean of all poses, χ² of the distances from it, and its degrees of freedom."""
         m, own = self.estimates.shape
         shift = self.shared.reshape(m * own, -1)
         covariance = shift @ shift.T
@@ -77,8 +67,8 @@ class PoseFits:
             covariance[k * own : (k + 1) * own, k * own : (k + 1) * own] = part
         W = whitener(covariance)
         A, b = W @ np.tile(np.eye(own), (m, 1)), W @ self.estimates.ravel()
-        mean = positive_inverse(A.T @ A) @ A.T @ b
-        return mean, float(((b - A @ mean) ** 2).sum()), (m - 1) * own
+        left = b - A @ (positive_inverse(A.T @ A) @ A.T @ b)
+        return float(chdtrc((m - 1) * own, left @ left)) if m > 1 else 1.0
 
 
 def fits_by_pose(

@@ -17,7 +17,6 @@ import numpy as np
 from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.estimators.joint_equations import pseudo_inverse
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
@@ -147,28 +146,22 @@ def bootstrap(
     root = _root(noise.covariance) * np.sqrt(fit.inflation)
     root *= np.any(phasors.harmonics != 0, axis=2)[..., None, None]
     centre = _explained(phasors, fit)
-    if fit.method in ("least-squares", "explicit"):
-        table, failed = _paper_estimates(centre, fit, _circular(rng, root[:, 0], draws)), 0
+    prior = fit.prior.like(inertia, phasors.q.shape)
+    friction = None if fit.friction is None else chosen_friction(phasors, fit)
+    found = []
+    for k in range(draws):
+        drawn = _with_noise(centre, _circular(rng, root), rng)
+        given = prior if fit.method in LINEAR else prior.redrawn(rng, fit.parameters)
+        with contextlib.suppress(JointIdError), one_thread():
+            found.append(refit(drawn, given, fit, friction=friction).elasticity)
         if progress is not None:
-            progress(1.0)
-    else:
-        prior = fit.prior.like(inertia, phasors.q.shape)
-        friction = None if fit.friction is None else chosen_friction(phasors, fit)
-        found = []
-        for k in range(draws):
-            drawn = _with_noise(centre, _circular(rng, root, 1)[0], rng)
-            given = prior if fit.method in LINEAR else prior.redrawn(rng, fit.parameters)
-            with contextlib.suppress(JointIdError), one_thread():
-                found.append(refit(drawn, given, fit, friction=friction).elasticity)
-            if progress is not None:
-                progress((k + 1) / draws)
-        failed = draws - len(found)
-        if len(found) < max(2, draws / 2):
-            raise JointIdError(
-                f"Only {len(found)} of {draws} draws of the noise allow an estimate: the records are "
-                "too noisy for error bars. Record longer, or move the joints more."
-            )
-        table = np.array(found)
+            progress((k + 1) / draws)
+    if len(found) < max(2, draws / 2):
+        raise JointIdError(
+            f"Only {len(found)} of {draws} draws of the noise allow an estimate: the records are too "
+            "noisy for error bars. Record longer, or move the joints more."
+        )
+    table = np.array(found)
     if fit.method in LINEAR:
         shift = prior_influence(fit).shift
         shift = np.where(np.isfinite(shift), shift, 0.0)
@@ -177,7 +170,7 @@ def bootstrap(
         estimates=table,
         standard_error=np.where(np.isfinite(fit.standard_error), table.std(axis=0, ddof=1), np.inf),
         bias=table.mean(axis=0) - fit.estimate,
-        failed=failed,
+        failed=draws - len(found),
     )
 
 
@@ -197,11 +190,11 @@ def _root(covariance: Complexes) -> Complexes:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0))[..., None, :])
 
 
-def _circular(rng: np.random.Generator, root: Complexes, size: int) -> Complexes:
-    """Circular complex normal errors, shape (size, ..., 2n)."""
-    shape = (size, *root.shape[:-1])
+def _circular(rng: np.random.Generator, root: Complexes) -> Complexes:
+    """Circular complex normal errors, shape (..., 2n)."""
+    shape = (*root.shape[:-1], 1)
     white = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
-    return np.asarray(np.einsum("...ab,s...b->s...a", root, white))
+    return np.asarray((root @ white)[..., 0])
 
 
 def _with_noise(phasors: Phasors, error: Complexes, rng: np.random.Generator) -> Phasors:
@@ -211,7 +204,8 @@ def _with_noise(phasors: Phasors, error: Complexes, rng: np.random.Generator) ->
     covariance = phasors.harmonic_covariance - rounding
     for record in np.flatnonzero(phasors.degrees_of_freedom < _EXACT):
         degrees = max(int(phasors.degrees_of_freedom[record]), 1)
-        draws = _circular(rng, _root(covariance[record]), degrees)
+        roots = np.repeat(_root(covariance[record])[None], degrees, axis=0)
+        draws = _circular(rng, roots)
         covariance[record] = np.einsum("sha,shb->hab", draws, draws.conj()) / degrees
     covariance += rounding
     # Leakage of harmonics over an incomplete period is not noise and stays.
@@ -224,13 +218,3 @@ def _with_noise(phasors: Phasors, error: Complexes, rng: np.random.Generator) ->
         covariance=covariance[:, 0] + leaked,
         harmonic_covariance=covariance,
     )
-
-
-def _paper_estimates(phasors: Phasors, fit: ElasticityFit, error: Complexes) -> Floats:
-    """The paper's estimator for all draws (s, r, 2n), shape (s, 2n)."""
-    equations = fit.equations
-    z = phasors.z + error
-    a = np.einsum("rij,srj->sri", equations.of_a, z)
-    b = np.einsum("rij,srj->sri", equations.of_b, z)
-    estimates = pseudo_inverse(equations.omega, a, b, explicit=fit.method == "explicit")
-    return np.concatenate(estimates, axis=1)

@@ -222,22 +222,19 @@ class JointLaws:
         self, wound: WoundGears, torque: Floats, moved: Floats
     ) -> tuple[Complexes, Complexes, Floats]:
         """``WoundGears.noise`` with all arrays (r, H, n)."""
-        variances = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (torque, moved))
-        first, second, rest = wound.noise(*variances)
+        first, second, rest = wound.noise(torque.swapaxes(1, 2), moved.swapaxes(1, 2))
         return first.swapaxes(1, 2), second.swapaxes(1, 2), rest.swapaxes(1, 2)
 
     def arm_friction(self, torque: Complexes, arm: Complexes) -> Complexes:
         """Phasors of sign θ̇_a, shape (r, H, n), for the arm's compliance A⁻¹, shape (r, H, n, n)."""
-        signs = _sign(self._arm_velocity(torque, arm))
-        return phasors_of(signs, torque.shape[1]).swapaxes(1, 2)
+        return phasors_of(_sign(self._arm_velocity(torque, arm)), torque.shape[1]).swapaxes(1, 2)
 
     def arm_friction_slope(self, torque: Complexes, arm: Complexes) -> SignSlope:
         """Derivative of the phasors of sign θ̇_a by those of θ̇_a, both of them for the torque f."""
         return SignSlope.at(self._arm_velocity(torque, arm), torque.shape[1])
 
     def _arm_velocity(self, torque: Complexes, arm: Complexes) -> Floats:
-        f = np.where(self.clear, torque, 0)[..., None]
-        velocity = self.s[..., None] * (arm @ f)[..., 0]
+        velocity = self.s[..., None] * (arm @ np.where(self.clear, torque, 0)[..., None])[..., 0]
         return samples_of(velocity.swapaxes(1, 2), _points(torque.shape[1]))
 
     def presliding(self, bristle: Floats, H: int) -> Complexes:
