@@ -193,6 +193,36 @@ def test_friction_is_chosen_by_itself() -> None:
     assert np.all(relative_error(fit) < [0.005, 0.005, 0.01, 0.01])
 
 
+def test_joints_that_move_in_turn_with_friction() -> None:
+    """The joint at rest sticks and slips, its reversals hidden by the encoder; friction is bounded."""
+    rubs = replace(CELL, coulomb=[0.05, 0.01], viscous=[2e-3, 4e-4])
+    motions = (
+        Motion("random", 1, duration_s, seed=1, one_joint=j) for j, duration_s in enumerate([6, 4])
+    )
+    turns = [simulate([(rubs, motion)])[0][0] for motion in motions]
+    fit = identify_motion(turns, GIVEN, inertia_std=0.05)
+    assert np.all(relative_error(fit) < [0.005, 0.005, 0.01, 0.01])
+    assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
+    assert fit.misfit < 1.5
+
+
+def test_hardening_is_found_under_heavy_friction() -> None:
+    """Noise and free friction explain nearly all that a linear gear leaves: the score tells."""
+    hard = {"cubic": [20_000.0, 0.0], "coulomb": [0.1, 0.05], "viscous": [2e-3, 4e-4]}
+    rubbing = simulate([(replace(CELL, **hard), replace(SHORT, noise_Nm=0.02))])[0]
+    fit = identify_motion(rubbing, GIVEN, inertia_std=0.05)
+    assert fit.gears[0].kind == "hardening"
+    assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
+
+
+def test_a_delay_moves_the_images_of_the_torque() -> None:
+    """At a low sample rate, the steps of a late torque reach the next sample in part."""
+    motion = replace(SHORT, sample_rate_hz=250.0, band_hz=(2.0, 30.0))
+    fit = identify_motion(records(motion, lag_s=1e-3), GIVEN)
+    assert fit.delay == pytest.approx(1e-3, rel=5e-3)
+    assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
+
+
 @pytest.mark.parametrize(("noise_steps", "periods"), [(0.0, 8.0), (2.0, 1.0)])
 def test_rounding_that_repeats_in_every_period_counts_as_one_error(
     noise_steps: float, periods: float

@@ -239,9 +239,8 @@ class Fits:
             if np.any((stiffer > _BEND) | (stiffer < 1 / _BEND)):
                 return False
         if part == "cubic":  # beyond this torque its slope is _BEND times K, as of backlash
-            K, cubic = np.maximum(estimate.named.K, 0.0), np.maximum(size, np.finfo(float).tiny)
-            bent = (_BEND + 2) / 3 * K * np.sqrt((_BEND - 1) / 3 * K / cubic)
-            if np.any(estimate.phasors.torque_size.max(axis=0) > bent):
+            soft = ((_BEND + 2) / 3) ** 2 * (_BEND - 1) / 3 * np.maximum(estimate.named.K, 0.0) ** 3
+            if np.any(estimate.phasors.torque_size.max(axis=0) ** 2 * size > soft):
                 return False
         if part in EFFECTS and EFFECTS[part].positive:
             if np.any(size < -_SIGNIFICANT * sigma):

@@ -40,8 +40,8 @@ the noise."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
-"""Least share of a joint's equations in a segment that free friction leaves, and the share from which
-the segment shows the noise; without such segments those with the largest share do."""
+"""Least share of a joint's equations in a segment that free friction leaves, and that from which the
+segment shows the noise; without such segments those with the largest share do."""
 
 
 def identify_motion(
@@ -170,8 +170,8 @@ def _with_first_noise(
     if not phasors.motion.any():
         return phasors, start, None
     if "coulomb" in start.layout:
-        brake = np.maximum(start["coulomb"], 0.0)
-        bounded = (each and replace(each, unknown_Nm=brake) for each in phasors.segments)
+        size = np.maximum(start["coulomb"], 0.0)
+        bounded = [each and replace(each, unknown_Nm=size) for each in phasors.segments]
         phasors = replace(phasors, segments=tuple(bounded))
     fits: list[tuple[Model, LikelihoodEstimate]] = []
     few, own = _selected(phasors, prior, rows)
@@ -261,13 +261,8 @@ def _with_noise(
 def _without_bounded(
     residual: WhitenedResidual, left: Complexes, share: Floats, size: Floats
 ) -> tuple[Complexes, Floats]:
-    """Residual with the variance of noise alone, and the size of bounded friction over the stated.
-
-    The residual ``left`` (r, H, n) keeps a ``share`` (r, n) of its degrees of freedom; ``size`` is that
-    of a complement.
-    """
-    friction = residual.at.problem.friction
-    if friction is None or not friction.spread.any():
+    """Residual (r, H, n) with the variance of noise alone, and the size of bounded friction."""
+    if (friction := residual.at.problem.friction) is None or not friction.spread.any():
         return left, size
     V = np.einsum("rhjj->rhj", residual.at.V).real
     part = np.divide(friction.spread, V, out=np.zeros_like(V), where=V > 0)

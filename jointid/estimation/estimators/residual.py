@@ -17,11 +17,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.joint_laws import SignSlope
-from jointid.estimation.estimators.parameters import (
-    ARM_EFFECTS,
-    GEAR_LAWS,
-    Parameters,
-)
+from jointid.estimation.estimators.parameters import ARM_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.problem import (
     Problem,
     arm_compliance,
