@@ -125,10 +125,10 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         richer = _RICHER.get((model.reversal, model.curve), ())
         sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
         wider = [*sharper, *wider]
-    may_be_richer = search.may_be_richer(found)
-    if "cubic" in model.effects and (may_be_richer or not search.has_motions):
+    is_open = search.may_be_richer(found)
+    if "cubic" in model.effects and (is_open or not search.has_motions):
         plain = model.without("cubic")  # slopes may explain as well as it, with another K
-        others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
+        others = ["backlash"] * (is_open and "backlash" not in model.parts) + ["piecewise"]
         instead_of_cubic = [plain.with_part(law) for law in others]
         wider = [*wider, *instead_of_cubic] if highest > NEARLY_ALL else [*instead_of_cubic, *wider]
     return wider
