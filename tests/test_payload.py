@@ -18,6 +18,7 @@ from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.exporting.identification import to_json, to_toml
 from jointid.exporting.matlab import to_mat
 from jointid.phasors.extract import extract_phasors
@@ -119,10 +120,12 @@ def test_the_gradient_is_that_of_the_cost() -> None:
     problem = make_problem(phasors, prior, fitted_layout(prior, None, delay=False), PAPER.K, None, noise)
     p = 1.01 * problem.start(ParameterLayout.of(2).named(TRUTH))
     scale = np.ones(problem.s.shape[1])
-    _, gradient, _ = quadratic(problem, p, scale)
+    _, gradient, _ = quadratic(WhitenedResidual.of(problem, p, scale), p)
     for k in range(p.size):
         step = 1e-5 * p[k] * np.eye(p.size)[k]
-        ahead, behind = (quadratic(problem, p + sign * step, scale)[0] for sign in (1, -1))
+        ahead, behind = (
+            quadratic(WhitenedResidual.of(problem, at, scale), at)[0] for at in (p + step, p - step)
+        )
         assert (ahead - behind) / (4e-5 * p[k]) == pytest.approx(gradient[k], rel=1e-4)
 
 

@@ -33,8 +33,9 @@ def errors(phasors: Phasors, std: float) -> tuple[np.ndarray, np.ndarray, np.nda
         phasors, Inertia(SERIAL.M * off[:2], M2), method="maximum-likelihood", inertia_std=std
     )
     problem, p = fitted_problem(phasors, fit), fit.parameters.vector
-    _, _, normal = quadratic(problem, p, np.ones(problem.s.shape[1]))
-    residual = WhitenedResidual.of(problem, p, Misfit.at(problem, p, normal).scale)
+    residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+    misfit = Misfit.of(residual, p, quadratic(residual, p)[2])
+    residual = WhitenedResidual.of(problem, p, misfit.scale)
     C = fit.parameter_covariance
     weight = problem.pull(p)[1]
     wide = widened_covariance(residual, C, (C * weight) @ C)

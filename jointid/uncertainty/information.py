@@ -14,6 +14,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.held_torque import HeldTorque
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance
 from jointid.estimation.estimators.maximum_likelihood import Misfit
@@ -106,6 +107,7 @@ class PlanningModel:
             friction=self._waveforms(omega, signals, C, duration_s) if has_friction else None,
             group=np.broadcast_to(np.arange(orders.size), s.shape),
             main=np.arange(orders.size) == 0,
+            held=HeldTorque.of(s, np.zeros(r), np.zeros(r)),
             laws=laws and laws.planned(s, signals[..., :n]),
         )
         scale = np.broadcast_to(self.problem.layout.named(self.p).torque_scale, n)

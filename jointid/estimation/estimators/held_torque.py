@@ -14,7 +14,6 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.parameters import Parameters
-from jointid.phasors.extract import Phasors
 
 _ORDERS = np.array([1, -1, 2, -2, 3, -3])
 """k of the images; the further ones add 1 % of these."""
@@ -36,16 +35,19 @@ class HeldTorque:
     """Known delay, shape (r, 1, 1), s."""
 
     @classmethod
-    def of(cls, phasors: Phasors, s: Complexes) -> HeldTorque:
-        """Images of phasors at s, shape (r, H); of no order where no torque is held."""
-        hold = phasors.hold_s[:, None, None]
+    def of(cls, s: Complexes, hold_s: Floats, delay_s: Floats) -> HeldTorque:
+        """Images of records at s, shape (r, H), with hold and delay of shape (r,).
+
+        Of no order where no torque is held.
+        """
+        hold = hold_s[:, None, None]
         orders = _ORDERS if hold.any() else _ORDERS[:0]
         T = np.where(hold > 0, hold, 1.0)
         per_turn = T / orders[:, None, None, None]
         image = s[..., None] + 2j * np.pi / per_turn
         seen = (hold > 0) & (np.abs(s[..., None]) * T < np.pi)
         response = np.divide(s[..., None], image**3, out=np.zeros_like(image), where=seen)
-        return cls(hold, image, response, per_turn, phasors.torque_delay_s[:, None, None])
+        return cls(hold, image, response, per_turn, delay_s[:, None, None])
 
     def images(self, p: Parameters, s: Complexes) -> Complexes:
         """Angle by the images per acting torque over rotor inertia, shape (r, H, n), s².

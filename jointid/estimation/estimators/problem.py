@@ -262,7 +262,7 @@ def make_problem(
         ends=EndTerms.of(phasors, s),
         motion=motion,
         repeated=repeated if repeated.any() else None,
-        held=HeldTorque.of(phasors, s),
+        held=HeldTorque.of(s, phasors.hold_s, phasors.torque_delay_s),
         prior=prior,
         friction=friction,
         layout=layout,
