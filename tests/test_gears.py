@@ -147,7 +147,7 @@ def test_colours_of_the_curve_rise_with_frequency_or_amplitude(stiffening: Elast
         by: [trace.name for trace in torsion_curve(stiffening, 0, colour_by=by).data if trace.showlegend]
         for by in ("frequency", "amplitude")
     }
-    assert ends["frequency"][0] == "3 Hz"
+    assert ends["frequency"][0] == "from 3 Hz"
     largest = ends["amplitude"][1]
     assert largest == f"{curve.amplitude_Nm.max():.3g} N·m"
     assert float(ends["amplitude"][0].split()[0]) < float(largest.split()[0])

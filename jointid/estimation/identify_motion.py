@@ -243,7 +243,8 @@ def _with_noise(
     usual: Floats = np.mean([*torques.values()], axis=0)
     shown = [segment.unknown_Nm for segment in phasors.segments if segment is not None]
     braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
-    unknown = shown[0] * np.minimum(size, 1.0) if np.any(shown[0]) else braked
+    most = np.maximum(shown[0], braked)  # friction at rest is no larger than Coulomb friction
+    unknown = np.minimum(shown[0] * size, most) if np.any(shown[0]) else braked
     phasors, prior = of or (phasors, prior)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
     for row, segment in enumerate(phasors.segments):
