@@ -149,8 +149,8 @@ def test_colours_of_the_curve_rise_with_frequency_or_amplitude(stiffening: Elast
     }
     assert ends["frequency"][0] == "from 3 Hz"
     largest = ends["amplitude"][1]
-    assert largest == f"{curve.amplitude_Nm.max():.3g} N·m"
-    assert float(ends["amplitude"][0].split()[0]) < float(largest.split()[0])
+    assert largest == f"to {curve.amplitude_Nm.max():.3g} N·m"
+    assert float(ends["amplitude"][0].split()[1]) < float(largest.split()[1])
 
 
 def test_backlash_and_damping_are_told_apart() -> None:
