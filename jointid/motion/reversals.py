@@ -53,7 +53,9 @@ def segment_friction(
     late: Floats = segment.turn_rad_s * np.ones(len(v))
     slow, signs = (window, late.tobytes()), (widths.tobytes(), late.tobytes())
     if slow not in segment.known:
-        least = blur + late  # smoothing hides where a motor comes to rest
+        # Smoothing hides where a motor comes to rest; the stretches hold whole samples anyway.
+        by_sampling = 2 / np.pi**2 * segment.interval_s
+        least = blur + late * np.maximum(1 - by_sampling / segment.velocity_blur_s, 0.0)
         thresholds = np.where(stationary, np.inf, np.maximum(window * largest, least))
         segment.known[slow] = _unknown(segment, thresholds, least)
     if signs not in segment.known:
