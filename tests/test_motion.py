@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from functools import cache
 
@@ -11,6 +12,9 @@ from examples import tries
 
 from benchmarks.motion import CELL, MANUTEC, SINGLE, Motion, simulate
 from jointid import ElasticityFit, Inertia, JointIdError, MotionRecord, SineRecord, identify_motion
+from jointid.estimation.candidates import Model
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.motion import end_terms, free_friction
 from jointid.motion.noise import repeated_variances, sensor_variances
@@ -18,8 +22,10 @@ from jointid.motion.reversals import reversals
 from jointid.motion.sampling import UniformPart, uniform_parts
 from jointid.motion.spectra import motion_phasors
 from jointid.motion.velocity import smooth_velocity
+from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import bins_of
 
+identify_motion_module = importlib.import_module("jointid.estimation.identify_motion")
 GIVEN = Inertia(CELL.M, CELL.M2)
 TRUE = CELL.answer
 SHORT = Motion("random", duration_s=5.0, seed=3)
@@ -191,6 +197,25 @@ def test_friction_is_chosen_by_itself() -> None:
     assert fit.friction is not None
     assert np.abs(fit.friction.coulomb / [0.05, 0.01] - 1).max() < 0.1
     assert np.all(relative_error(fit) < [0.005, 0.005, 0.01, 0.01])
+
+
+def test_unknown_friction_is_no_larger_than_coulomb_friction(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a lag and a filter leave, before they are in the model, is no friction."""
+    found, whole = [], identify_motion_module._with_noise
+
+    def bounded(phasors: Phasors, prior: InertiaPrior, model: Model, fit: LikelihoodEstimate) -> Phasors:
+        after = whole(phasors, prior, model, fit)
+        most = np.zeros(2) if model.reversal is None else np.maximum(fit.named["coulomb"], 0)
+        found.append(np.subtract(after.segments[0].unknown_Nm, most))
+        return after
+
+    monkeypatch.setattr(identify_motion_module, "_with_noise", bounded)
+    sweep = replace(SHORT, kind="sweep", sample_rate_hz=250.0, encoder_counts=2**17)
+    late = records(sweep, position_filter_hz=200.0, lag_s=2e-3)
+    fit = identify_motion(late, GIVEN, inertia_std=0.05)
+    assert len(found) >= 2
+    assert np.max(found) <= 0
+    assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
 
 
 def test_joints_that_move_in_turn_with_friction() -> None:

@@ -21,9 +21,9 @@ from jointid.phasors.extract import Phasors
 _UNSEEN_K, _UNSEEN_D = 5e-4, 1.5e-3
 """Relative error of K and D, per unit of Coulomb friction over torque, that is not in the noise:
 truncated harmonics, motion between samples. Measured on simulated robots."""
-_TURNING_K, _TURNING_D = 1e-3, 2e-3
-"""The same of motions, for the square of that ratio: instants of the reversals that smoothing shifts;
-those that noise shifts are in the residual, which shows the noise. Measured likewise."""
+_TURNING_K, _TURNING_D = 3e-3, 6e-3
+"""The same of motions, for the square of that ratio: rests are alike at all reversals, so that the error
+of their friction does not average; the residual shows what noise makes there. Measured likewise."""
 
 
 @dataclass(frozen=True, eq=False)

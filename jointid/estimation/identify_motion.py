@@ -128,10 +128,10 @@ def _identified(
         phasors, prior, rows = phasors.select(rows), prior.of_rows(rows), np.arange(rows.size)
     phasors, start, first = _with_first_noise(phasors, prior, rows, motion_start(*whole), many)
     search = partial(choose_model, friction=friction, delay=delay, gear=gear)
-    few, own = _selected(phasors, prior, rows)
+    few, own = phasors.select(rows), prior.of_rows(rows)
     choice = search(few, own, start, noise=_noise(few, own), first=first if many else None)
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
-    if few is not phasors or _differ(again, phasors):
+    if rows.size < phasors.omega.size or _differ(again, phasors):
         phasors, found = again, choice.estimate
         if isinstance(found, LikelihoodEstimate):
             search = partial(search, first=choice.model)
@@ -146,17 +146,15 @@ def _identified(
         estimate = fit_model(phasors, prior, estimate.named, _noise(phasors, prior), choice.model)
     noise = _noise(phasors, prior)
     fitted = evaluated(phasors, prior, choice.model, estimate, noise, estimate.scale)
-    lines, inertias, covariance = _lines(estimate, phasors, noise)
-    equations = spring_equations(
-        lines, inertias, noise=Noise(covariance[:, None], lines.degrees_of_freedom)
-    )
+    lines, inertias = _lines(estimate, phasors, noise)
+    noise = Noise(lines.harmonic_covariance, lines.degrees_of_freedom)
+    equations = spring_equations(lines, inertias, noise=noise)
     fit = likelihood_fit("auto", choice, estimate, equations, prior, fitted.torsion_curves())
-    first_rows = [int(np.argmax(source == k)) for k in range(len(records))]
     return replace(
         fit,
         phasors=lines,
         prior=given,
-        inertias=tuple(estimate.inertias[row] for row in first_rows),
+        inertias=tuple(estimate.inertias[row] for row in np.unique(source, return_index=True)[1]),
     )
 
 
@@ -173,18 +171,17 @@ def _with_first_noise(
         size = np.maximum(start["coulomb"], 0.0)
         bounded = [each and replace(each, unknown_Nm=size) for each in phasors.segments]
         phasors = replace(phasors, segments=tuple(bounded))
-    fits: list[tuple[Model, LikelihoodEstimate]] = []
-    few, own = _selected(phasors, prior, rows)
+    found: LikelihoodEstimate | None = None
+    few, own = phasors.select(rows), prior.of_rows(rows)
     noise = _noise(few, own)
-    for model in (Model(None, delay=False), Model(0.0, delay=False))["coulomb" in start.layout :]:
+    for each in (Model(None, delay=False), Model(0.0, delay=False))["coulomb" in start.layout :]:
         with contextlib.suppress(JointIdError):
-            found = fit_model(few, own, start, noise, model)
-            if fits and (found.misfit > _BETTER * fits[0][1].misfit or not rubs(found)):
+            richer = fit_model(few, own, start, noise, each)
+            if found is not None and (richer.misfit > _BETTER * found.misfit or not rubs(richer)):
                 break
-            fits.append((model, found))
-    if not fits:
+            model, found = each, richer
+    if found is None:
         return phasors, start, None
-    model, found = fits[-1]
     phasors = _with_noise(phasors, prior, model, found)
     for _ in range(_NOISES if many else 1):
         with contextlib.suppress(JointIdError):  # of the fit before, the weights were far off
@@ -196,8 +193,7 @@ def _with_first_noise(
 
 def _are_many(phasors: Phasors) -> bool:
     """Whether segments of many joints are enough to find the model, and all would take long."""
-    equations = 2 * int(np.count_nonzero(phasors.harmonics[..., : phasors.n]))
-    return phasors.n > 2 and equations > _MANY
+    return phasors.n > 2 and bool(2 * np.count_nonzero(phasors.harmonics[..., : phasors.n]) > _MANY)
 
 
 def _few(phasors: Phasors, prior: InertiaPrior) -> np.ndarray:
@@ -213,12 +209,6 @@ def _few(phasors: Phasors, prior: InertiaPrior) -> np.ndarray:
     return np.sort(np.concatenate([np.flatnonzero(~phasors.motion), *chosen]))
 
 
-def _selected(phasors: Phasors, prior: InertiaPrior, rows: np.ndarray) -> tuple[Phasors, InertiaPrior]:
-    if rows.size == phasors.omega.size:
-        return phasors, prior
-    return phasors.select(rows), prior.of_rows(rows)
-
-
 def _with_noise(
     phasors: Phasors,
     prior: InertiaPrior,
@@ -229,9 +219,8 @@ def _with_noise(
     """Phasors, or others, ``of``, with the noise of motions that a fitted model leaves in them."""
     if not phasors.motion.any() or isinstance(estimate, JointIdError):
         return phasors
-    noise = _noise(phasors, prior)
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
-    residual = evaluated(phasors, prior, model, estimate, noise, unweighted)
+    residual = evaluated(phasors, prior, model, estimate, _noise(phasors, prior), unweighted)
     left = residual.at.r - residual.free_friction()
     rows = 2.0 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
     left_of_noise, size = residual.projection.noise_left(residual.rows, rows)
@@ -241,10 +230,10 @@ def _with_noise(
     left, size = _without_bounded(residual, left, share, size)
     torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E)
     usual: Floats = np.mean([*torques.values()], axis=0)
-    shown = [segment.unknown_Nm for segment in phasors.segments if segment is not None]
+    stated = next(segment.unknown_Nm for segment in phasors.segments if segment is not None)
     braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
-    most = np.maximum(shown[0], braked)  # friction at rest is no larger than Coulomb friction
-    unknown = np.minimum(shown[0] * size, most) if np.any(shown[0]) else braked
+    # No larger than the level of friction, whatever else the model lacks there.
+    unknown = np.where(stated > 0, np.minimum(stated * size, braked), braked)
     phasors, prior = of or (phasors, prior)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
     for row, segment in enumerate(phasors.segments):
@@ -266,11 +255,11 @@ def _without_bounded(
     if (friction := residual.at.problem.friction) is None or not friction.spread.any():
         return left, size
     V = np.einsum("rhjj->rhj", residual.at.V).real
-    part = np.divide(friction.spread, V, out=np.zeros_like(V), where=V > 0)
-    kept = np.where(share > 0, share, np.nan)[:, None]
-    shown = np.nansum(part * np.abs(left) ** 2 / np.where(V > 0, V, 1.0) / kept, axis=(0, 1))
-    stated = np.nansum(part + 0 * kept, axis=(0, 1))
-    size = np.where(stated > 0, np.sqrt(shown / np.where(stated > 0, stated, 1.0)), size)
+    V = np.where(V > 0, V, np.inf)
+    part = friction.spread / V
+    shown = np.nansum(part * np.abs(left) ** 2 / V / share[:, None], axis=(0, 1))
+    stated = np.nansum(part * (share > 0)[:, None], axis=(0, 1))
+    size = np.sqrt(np.divide(shown, stated, out=size**2, where=stated > 0))
     return left * np.sqrt(1 - part), size
 
 
@@ -284,8 +273,8 @@ def _differ(one: Phasors, other: Phasors) -> bool:
 
 def _lines(
     estimate: LikelihoodEstimate, phasors: Phasors, noise: Noise
-) -> tuple[Phasors, list[Inertia], Complexes]:
-    """Compensated phasors with a row for each sine and each bin, their inertias and covariances."""
+) -> tuple[Phasors, list[Inertia]]:
+    """Compensated phasors with a row for each sine and each bin, and their inertias."""
     clean, n = estimate.phasors, phasors.n
     known = np.any(phasors.harmonics != 0, axis=2) & phasors.motion[:, None]
     known[:, 0] |= ~phasors.motion
@@ -307,7 +296,7 @@ def _lines(
         frequency_found_hz=phasors.omega[row] * (bins + 1) / (2 * np.pi),
         segments=(),
     )
-    return lines, [estimate.inertias[k] for k in row], covariance
+    return lines, [estimate.inertias[k] for k in row]
 
 
 def _phasors(records: list[MotionRecord | SineRecord], M: Floats) -> tuple[Phasors, np.ndarray]:

@@ -32,7 +32,7 @@ def segment_friction(
     segment : Segment
     window : float
         Friction is unknown around a reversal where |θ̇| is below this share of its largest, or within
-        its noise: the motor may stick there.
+        the errors of its noise and smoothing: the motor may stick there.
     widths : ndarray, shape (n, c)
         Decay velocities of a friction curve, rad/s.
 
@@ -51,10 +51,13 @@ def segment_friction(
     blur, largest = _MARGIN * segment.velocity_noise, np.abs(v).max(axis=1)
     stationary = (blur > _STATIONARY * largest) | (largest == 0)
     late: Floats = segment.turn_rad_s * np.ones(len(v))
-    slow, signs = (window,), (widths.tobytes(), late.tobytes())
+    slow, signs = (window, late.tobytes()), (widths.tobytes(), late.tobytes())
     if slow not in segment.known:
-        thresholds = np.where(stationary, np.inf, np.maximum(window * largest, blur))
-        segment.known[slow] = _unknown(segment, thresholds, blur)
+        # Smoothing hides where a motor comes to rest; the stretches hold whole samples anyway.
+        by_sampling = 2 / np.pi**2 * segment.interval_s
+        least = blur + late * np.maximum(1 - by_sampling / segment.velocity_blur_s, 0.0)
+        thresholds = np.where(stationary, np.inf, np.maximum(window * largest, least))
+        segment.known[slow] = _unknown(segment, thresholds, least)
     if signs not in segment.known:
         segment.known[signs] = _of_signs(segment, np.where(stationary, np.inf, blur), late, widths)
     return (*segment.known[signs], segment.known[slow], stationary)
