@@ -12,14 +12,9 @@ from jointid.phasors.periods import pairs
 
 def dahl(delta: Floats, sharpness: Floats) -> Floats:
     """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
-    move = _moves(delta)
+    move = np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
     decay = np.exp(-np.abs(move) * sharpness[..., 0])
     return np.moveaxis(_periodic(decay, np.sign(move) * (1 - decay)), 0, -1)
-
-
-def _moves(delta: Floats) -> Floats:
-    """Moves to the next sample, first axis time."""
-    return np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
 
 
 def _periodic(decay: Floats, drive: Floats) -> Floats:
