@@ -170,6 +170,8 @@ def _is_promising(search: Search, model: Model, score: Score, part: str) -> bool
     found = search.fits.estimate(model)
     if found is None or not model.with_part(part).is_slow:
         return True
+    if not search.may_explain(model, part):
+        return False
     if search.has_motions and not search.may_be_richer(found):
         return score.gain > _LARGE * found.cost
     sigma = np.sqrt(np.diag(found.elasticity_covariance))

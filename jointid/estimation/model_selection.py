@@ -182,7 +182,10 @@ def _fit_first(search: Search) -> None:
         search.slow_fits -= 1  # not one of those that compare
     for model, law, begin in laws:
         if (search.is_lost or search.has_motions) and law in fits.optional:
-            search.fit(model.with_part(law), begin(search.phasors, search.prior))
+            wider = model.with_part(law)
+            search.fit(wider, begin(search.phasors, search.prior))
+            if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
+                del fits.tried[wider]  # growth beside a law that explains nothing takes long
 
 
 def _climbed(search: Search, model: Model) -> Model:
@@ -197,10 +200,13 @@ def _climbed(search: Search, model: Model) -> Model:
         found, scored = fits.estimate(model), search.scores(model)
         if found is None or not scored:
             break
-        parts = sorted(scored, key=lambda name: -scored[name].gain)
+        parts = sorted(
+            (part for part in scored if search.may_explain(model, part)),
+            key=lambda name: -scored[name].gain,
+        )
         nearly = [part for part in parts if scored[part].gain > NEARLY_ALL * scored[parts[0]].gain]
         wider = [model.with_part(part) for part in nearly]
-        for law in set(GEAR_LAWS).intersection(model.effects):  # the first law may be a wrong one
+        for law in set(GEAR_LAWS).intersection(model.effects if parts else ()):  # it may be a wrong one
             wider.append(model.without(law).with_part(parts[0]))
         if not wider:  # no part lowers the cost
             break

@@ -11,7 +11,7 @@ from scipy.linalg import lu_factor, lu_solve
 from jointid.arrays import Complexes, Floats
 from jointid.gears.gear import Gear
 from jointid.gears.laws import GearLaws
-from jointid.gears.torque_spread import dahl, inner, smooth_spread, whole_spread
+from jointid.gears.torque_spread import dahl, inner, spread
 from jointid.phasors.periods import phasors_of, samples_of
 
 _POINTS = 8
@@ -155,8 +155,9 @@ class WoundGears:
 
     def _spread(self, m: int) -> Floats:
         _, slope, samples = beyond_linear(self.laws, self.delta, self.points)
-        H = self.stiffness.shape[2]
-        return whole_spread(self.laws, slope, _thinned(samples, H), m, H)
+        H, of = self.stiffness.shape[2], np.ones(slope.shape[:2], bool)
+        whole = spread(self.laws, slope, _thinned(samples, H), m, H, of)
+        return whole.reshape(*of.shape, *whole.shape[1:])
 
     @cached_property
     def inverse(self) -> Floats:
@@ -261,10 +262,7 @@ def _inverse(
 ) -> Floats:
     """``WoundGears.inverse`` of some gears in some records, due (r, n), at samples of the deflection."""
     m = solved.shape[2] - 1
-    if laws.hysteretic:
-        whole = whole_spread(laws, slope, _thinned(samples, H), m, m)[due]
-    else:
-        whole = smooth_spread(slope[due], m, m)
+    whole = spread(laws, slope, _thinned(samples, H), m, m, due)
     inward = _inward(kappa[due], whole, solved[due])
     precision = np.float64 if m < _MANY else np.float32
     return np.asarray(np.linalg.inv(inward.astype(precision)), np.float64)

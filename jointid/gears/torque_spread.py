@@ -3,22 +3,18 @@
 from functools import lru_cache
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from jointid.arrays import Floats
+from jointid.arrays import Complexes, Floats
 from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import pairs
 
 
 def dahl(delta: Floats, sharpness: Floats) -> Floats:
     """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
-    move = _moves(delta)
+    move = np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
     decay = np.exp(-np.abs(move) * sharpness[..., 0])
     return np.moveaxis(_periodic(decay, np.sign(move) * (1 - decay)), 0, -1)
-
-
-def _moves(delta: Floats) -> Floats:
-    """Moves to the next sample, first axis time."""
-    return np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
 
 
 def _periodic(decay: Floats, drive: Floats) -> Floats:
@@ -29,16 +25,18 @@ def _periodic(decay: Floats, drive: Floats) -> Floats:
     samples = len(drive)
     length = int(np.ceil(np.sqrt(samples)))
     blocks = -(-samples // length)
-    spare = ((0, blocks * length - samples),)
-    decay = np.pad(decay, spare + ((0, 0),) * (decay.ndim - 1), constant_values=1.0)
-    drive = np.pad(drive, spare + ((0, 0),) * (drive.ndim - 1))
-    decay, drive = (x.reshape(blocks, length, *x.shape[1:]).swapaxes(0, 1) for x in (decay, drive))
+
+    def split(x: Floats, rest: float) -> Floats:
+        filled = np.full((blocks * length, *x.shape[1:]), rest)
+        filled[:samples] = x
+        return filled.reshape(blocks, length, *x.shape[1:]).swapaxes(0, 1)
+
+    decay, drive = split(decay, 1.0), split(drive, 0.0)
     z = np.zeros((length + 1, *drive.shape[1:]))
-    left = np.ones((length + 1, *decay.shape[1:]))
     for k in range(length):
         np.multiply(decay[k], z[k], out=z[k + 1])
         z[k + 1] += drive[k]
-        np.multiply(decay[k], left[k], out=left[k + 1])
+    left = np.cumprod(np.concatenate([np.ones_like(decay[:1]), decay]), axis=0)
     start = np.zeros((blocks + 1, *z.shape[2:]))
     for k in range(blocks):
         start[k + 1] = left[-1, k] * start[k] + z[-1, k]
@@ -62,47 +60,54 @@ def _waves(H: int, points: int) -> tuple[Floats, Floats]:
     return waves, np.ascontiguousarray(waves.T * weight)
 
 
-def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
-    """As ``smooth_spread``, for the torque of the hysteresis, which depends on all moves before.
+def _loop_spread(
+    level: Floats, sharpness: Floats, delta: Floats, m: int, H: int
+) -> tuple[Floats, Floats]:
+    """Slope of the torque of the hysteresis, and its spread by the moves before, beside that slope's.
 
-    While δ moves in one direction s from a reversal, 1 − sz decays with it: with z' at the reversal and
-    g = dz/dδ = sharpness (1 − sz), z' = g δ' + decay · y, and y = z' − g δ' just after the reversal
-    lasts until the next one.
+    Shapes (g,) of g gears, (g, t) of δ. While δ moves in one direction s from a reversal, 1 − sz decays
+    with it: with z' at the reversal and g = dz/dδ = sharpness (1 − sz), z' = g δ' + decay · y, and
+    y = z' − g δ' just after the reversal lasts until the next one.
     """
-    waves, weights = _waves(H, delta.shape[-1])
-    z, s = dahl(delta, laws.sharpness), np.sign(delta - np.roll(delta, 1, axis=-1))
+    points = delta.shape[1]
+    waves, weights = _waves(H, points)
+    z, s = dahl(delta, sharpness[:, None]), np.sign(delta - np.roll(delta, 1, axis=1))
     s[s == 0] = 1.0
-    slope = laws.sharpness * (1 - s * z)
-    found = smooth_spread(laws.level * slope, m, H)
-    shape = delta.shape[:-1]
-    level, sharpness = (np.broadcast_to(x[..., 0], shape) for x in (laws.level, laws.sharpness))
-    for place in np.ndindex(shape):
-        turns = np.flatnonzero(s[place] != np.roll(s[place], 1))
-        if level[place] and turns.size:
-            order = np.roll(np.arange(delta.shape[-1]), -turns[0])
-            length = np.diff(turns, append=turns[0] + order.size)
-            moved = delta[place][order] - np.repeat(delta[place][turns - 1], length)
-            decay = np.exp(-np.abs(moved) * sharpness[place])
-            starts = turns - turns[0]
-            parts = np.add.reduceat(decay[:, None] * weights[order], starts)
-            jump = 2 * (sharpness[place] * s[place][turns] * z[place][turns - 1])[:, None]
-            drive = jump * waves[inner(m, H)][:, turns - 1].T
-            y = _periodic(decay[starts + length - 1, None], np.roll(drive, -1, axis=0))
-            found[place] += level[place] * (y.T @ parts)
-    return found
+    turns = s != np.roll(s, 1, axis=1)
+    turns[:, 0] |= ~turns.any(axis=1)
+    order = (turns.argmax(axis=1)[:, None] + np.arange(points)) % points  # begins with a reversal
+    starts = np.flatnonzero(np.take_along_axis(turns, order, axis=1))
+    ends = np.append(starts[1:], delta.size) - 1
+    gear, at = starts // points, order.ravel()[starts]
+    origin = np.repeat(delta[gear, at - 1], ends + 1 - starts).reshape(delta.shape)
+    moved = np.abs(np.take_along_axis(delta, order, axis=1) - origin)
+    decay = np.exp(-moved * sharpness[:, None]).ravel()
+    shape = starts.size, points
+    parts = csr_array((decay, order.ravel(), np.append(starts, delta.size)), shape=shape) @ weights
+    jump = 2 * (sharpness[gear] * s[gear, at] * z[gear, at - 1])[:, None]
+    count = turns.sum(axis=1)
+    turn = np.arange(starts.size) - (np.cumsum(count) - count)[gear]
+    kept, drive, lasting = (
+        np.full((count.max(), delta.shape[0], size), rest)
+        for size, rest in ((1, 1.0), (1 + 2 * m, 0.0), (1 + 2 * H, 0.0))
+    )
+    kept[turn, gear, 0], lasting[turn, gear] = decay[ends], level[gear, None] * parts
+    drive[(turn - 1) % count[gear], gear] = jump * waves[inner(m, H)].T[at - 1]
+    y = _periodic(kept, drive)
+    slope = (level * sharpness)[:, None] * (1 - s * z)
+    return slope, y.transpose(1, 2, 0) @ lasting.swapaxes(0, 1)
 
 
-def smooth_spread(slope: Floats, m: int, H: int) -> Floats:
-    """Parts of the torque by those of the deflection's mean and first m harmonics, for a slope.
+def _slope_spread(c: Complexes, m: int, H: int) -> Floats:
+    """As ``spread``, for a slope's Fourier coefficients 0 ... m + H.
 
     A product of two waves is one of the sum and one of the difference of their orders: the slope's own
     Fourier coefficients hold all of it.
     """
-    c = np.fft.rfft(slope, axis=-1)[..., : m + H + 1] / slope.shape[-1]
     k, h = np.arange(1, m + 1)[:, None], np.arange(1, H + 1)
     apart, sign, together = np.abs(h - k), np.sign(h - k), h + k
     re, im = np.ascontiguousarray(c.real), np.ascontiguousarray(c.imag)
-    found = np.empty((*slope.shape[:-1], 1 + 2 * m, 1 + 2 * H))
+    found = np.empty((*c.shape[:-1], 1 + 2 * m, 1 + 2 * H))
     sines, cosines = slice(1, 1 + m), slice(1 + m, None)
     found[..., 0, 0], found[..., 0, 1 : 1 + H], found[..., 0, 1 + H :] = (
         re[..., 0], -2 * im[..., 1 : 1 + H], 2 * re[..., 1 : 1 + H]
@@ -115,7 +120,23 @@ def smooth_spread(slope: Floats, m: int, H: int) -> Floats:
     return found
 
 
-def whole_spread(laws: GearLaws, slope: Floats, samples: Floats, m: int, H: int) -> Floats:
-    """As ``smooth_spread``, with that of the hysteresis."""
-    spread = smooth_spread(slope, m, H)
-    return spread + _loop_spread(laws, samples, m, H) if laws.hysteretic else spread
+def spread(laws: GearLaws, slope: Floats, samples: Floats, m: int, H: int, of: np.ndarray) -> Floats:
+    """Parts of the torque by those of the deflection's mean and first m harmonics, (g, 1 + 2m, 1 + 2H).
+
+    Of the g gears and records in ``of``, shape (r, n), for the slope without the hysteresis, and samples
+    of the deflection, each shape (r, n, t).
+    """
+    c = _fourier(slope[of], m + H)
+    level, sharpness = (np.broadcast_to(x[..., 0], of.shape) for x in (laws.level, laws.sharpness))
+    loops = of & (level != 0)
+    if not loops.any():
+        return _slope_spread(c, m, H)
+    of_loops, lasting = _loop_spread(level[loops], sharpness[loops], samples[loops], m, H)
+    c[loops[of]] += _fourier(of_loops, m + H)
+    found = _slope_spread(c, m, H)
+    found[loops[of]] += lasting
+    return found
+
+
+def _fourier(samples: Floats, highest: int) -> Complexes:
+    return np.asarray(np.fft.rfft(samples, axis=-1)[..., : highest + 1] / samples.shape[-1])
