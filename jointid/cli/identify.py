@@ -67,7 +67,7 @@ def _print_tables(analysis: Analysis) -> None:
     print(f"\n{ERROR_BARS} Its parts:")
     header, rows = error_table(fit)
     print_table(header, rows, right=tuple(range(1, len(header))))
-    print("Inertias and torque scales, σ = standard deviation of the given value:")
+    print("Inertias and torque scales, σ = standard deviation of the less certain value:")
     print_table(PRIOR_HEADER, [row.cells for row in analysis.priors], right=(1, 2, 4))
     if analysis.study.torque_std is None:
         print(UNSTATED_TORQUE_SCALE)

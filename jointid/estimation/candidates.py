@@ -238,10 +238,6 @@ class Fits:
             stiffer = (p.K + p["piecewise"]) / np.maximum(p.K, np.finfo(float).tiny)
             if np.any((stiffer > _BEND) | (stiffer < 1 / _BEND)):
                 return False
-        if part == "cubic":  # beyond this torque its slope is _BEND times K, as of backlash
-            soft = ((_BEND + 2) / 3) ** 2 * (_BEND - 1) / 3 * np.maximum(estimate.named.K, 0.0) ** 3
-            if np.any(estimate.phasors.torque_size.max(axis=0) ** 2 * size > soft):
-                return False
         if part in EFFECTS and EFFECTS[part].positive:
             if np.any(size < -_SIGNIFICANT * sigma):
                 return False

@@ -82,13 +82,13 @@ def torsion_table(analysis: Analysis) -> str:
     header = ["joint", "record", "pose", "frequency_hz", "deflection_rad", "torque_Nm"]
     header += ["deflection_std_rad", "torque_std_Nm", "law_Nm"]
     rows: list[list[object]] = []
-    records = analysis.study.records
+    labels = analysis.phasors.labels  # of sines; a motion has segments
     for j, (curve, gear) in enumerate(zip(analysis.fit.torsion_curves, analysis.fit.gears, strict=True)):
         law = gear.torque(curve.deflection_rad)
         for r, frequency in enumerate(curve.frequency_hz.tolist()):
             name, pose = f"segment {r + 1}", ""
-            if len(records) == len(curve.frequency_hz):
-                name, pose = analysis.phasors.labels[r], records[r].pose or ""
+            if len(labels) == len(curve.frequency_hz):
+                name, pose = labels[r], analysis.study.records[r].pose or ""
             noise = float(curve.deflection_noise_rad[r]), float(curve.torque_noise_Nm[r])
             points = np.stack([curve.deflection_rad[r], curve.torque_Nm[r], law[r]], axis=1)[::_EVERY]
             rows += [[j + 1, name, pose, frequency, x, y, *noise, f] for x, y, f in points.tolist()]

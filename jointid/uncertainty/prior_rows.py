@@ -33,9 +33,9 @@ class PriorRow:
 
     @property
     def disagreement(self) -> float | None:
-        """Fitted minus given value in standard deviations of the given one; None without any."""
+        """Fitted minus given value in standard deviations of the less certain; None without any."""
         known = self.is_fitted and 0 < self.given_std < np.inf and np.isfinite(self.fitted_std)
-        return (self.fitted - self.given) / self.given_std if known else None
+        return (self.fitted - self.given) / max(self.given_std, self.fitted_std) if known else None
 
     @property
     def cells(self) -> list[str]:
@@ -54,7 +54,7 @@ class PriorRow:
 
 
 PRIOR_HEADER = ["", "given", "fitted", "unit", "fitted − given"]
-"""Header of the table of ``PriorRow.cells``; σ is the standard deviation of the given value."""
+"""Header of the table of ``PriorRow.cells``; σ is the standard deviation of the less certain one."""
 
 
 def prior_rows(fit: ElasticityFit, poses: Sequence[str] = ()) -> tuple[PriorRow, ...]:
@@ -92,7 +92,7 @@ def prior_rows(fit: ElasticityFit, poses: Sequence[str] = ()) -> tuple[PriorRow,
 
 
 def disagreements(fit: ElasticityFit) -> Floats:
-    """Disagreement of every fitted value with the given one, in standard deviations of the latter."""
+    """Disagreement of every fitted value with the given one, in standard deviations."""
     return np.array([abs(row.disagreement or 0.0) for row in prior_rows(fit)])
 
 

@@ -143,9 +143,10 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
 
 
 def _significance(row: PriorRow, exact: bool) -> float:
-    """Difference of fitted and given value, in standard deviations of the uncertain one."""
-    scale = row.fitted_std if exact else row.given_std
-    return abs(row.fitted - row.given) / scale if scale > 0 else 0.0
+    """Difference of fitted and given value, in standard deviations of the less certain one."""
+    if not exact:
+        return abs(row.disagreement or 0.0)
+    return abs(row.fitted - row.given) / row.fitted_std if row.fitted_std > 0 else 0.0
 
 
 def _far_off(evidence: Evidence) -> Iterator[Finding]:
