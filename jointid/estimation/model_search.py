@@ -21,9 +21,9 @@ LOST = 100.0
 """Misfit from which the search is repeated from other start values."""
 DOUBTFUL = 3.0
 """Misfit from which a model is fitted from other start values, too."""
-_MOST, _PHASE = 0.5, 0.2
-"""Score over the cost from which a part, and a delay, is fitted with a law to data that are lost:
-of right parts in simulated studies it was 0.7 and more, of torques of other records at most 0.33."""
+_MOST, _SOME = 0.5, 0.15
+"""Score over the cost from which a part is fitted with a law to data that are lost: most of it, but
+some of a delay, which turns the phase far, and of another law, as that of heavy rotors (0.19)."""
 POOR = 10.0
 """Misfit of a model that does not explain the data."""
 MOST_EFFECTS = 3
@@ -101,15 +101,11 @@ class Search:
         return found.misfit > EXPLAINED or fundamental_chance(found) < CHANCE
 
     def may_explain(self, model: Model, part: str) -> bool:
-        """Whether a fit with one more part is worth its time: a slow one far from all data is rarely.
-
-        The score of a right part explains most of the cost even there; that of a delay or filter, which
-        turns the phase far, less.
-        """
+        """Whether a fit with one more part is worth its time: a slow one far from all data is rarely."""
         found = self.fits.estimate(model)
         if found is None or found.misfit < LOST or not model.with_part(part).is_slow:
             return True
-        least = _PHASE if part in ("delay", "lag", *FILTERS) else _MOST
+        least = _SOME if part in ("delay", "lag", *FILTERS, *GEAR_LAWS) else _MOST
         return self.scores(model)[part].gain > least * found.cost
 
     def free_start(self) -> tuple[Parameters, ...]:
