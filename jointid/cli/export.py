@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -109,11 +110,18 @@ def export(
         if ending in _AT_JOINT and ratio is None:
             raise typer.BadParameter(f"{file.name} has joint-side values: give --gear-ratio 100,90")
     writers = _writers(ratio)
+    empty = {} if analysis.transfer_matrices else {".H.csv": analysis.transfer_problem}
+    if not analysis.study.sine_records:
+        empty[".phasors.csv"] = "the study has no sine records."
+    for file in [file for file, ending in endings.items() if ending in empty]:
+        print(f"{file.name} is not written: {empty[endings.pop(file)]}", file=sys.stderr)
     for file, ending in endings.items():
         content = writers[ending](analysis)
         write_file(file, content if isinstance(content, bytes) else content.encode())
     warn_if_unusable(analysis)
-    written(output, as_json)
+    written(list(endings), as_json)
+    if not endings:
+        raise typer.Exit(1)
 
 
 def _ending(file: Path) -> str:

@@ -155,18 +155,11 @@ def show_inertias(analysis: Analysis) -> None:
     k, e = np.unravel_index(np.argmax(np.abs(percent)), percent.shape)
     st.write(
         f"Largest influence: {found.names[e]} adds ± {significant(abs(float(percent[k, e])), 2)} % to "
-        f"{names[k]}. The table shows the change of each estimate in % when a given value is larger by "
-        "its standard deviation. Near zero, the records determine the value better than its prior does."
+        f"{names[k]}. The table shows the change of each estimate when a given value is larger by its "
+        "standard deviation. Near zero, the records determine the value better than its prior does."
     )
-    columns = {name: [_signed(x) for x in row] for name, row in zip(names, percent, strict=True)}
+    columns = {name: [signed_percent(x) for x in row] for name, row in zip(names, percent, strict=True)}
     show_text_table({"": list(found.names)} | columns)
-
-
-def _signed(percent: float) -> str:
-    if not np.isfinite(percent):
-        return UNDETERMINED
-    text = f"{abs(percent):.2f}"
-    return "0" if float(text) == 0 else ("+" if percent > 0 else "−") + text
 
 
 def show_checks(page: Page, analysis: Analysis) -> None:
