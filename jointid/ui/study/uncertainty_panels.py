@@ -133,11 +133,8 @@ def signed_percent(percent: float) -> str:
 
 def show_inertias(analysis: Analysis) -> None:
     """Inertias and torque scales as given and as fitted, and the change of K and D by each."""
-    heads, cells = (
-        map(capitalised, PRIOR_HEADER),
-        zip(*(row.cells for row in analysis.priors), strict=True),
-    )
-    show_text_table(dict(zip(heads, cells, strict=True)))
+    cells = zip(*(row.cells for row in analysis.priors), strict=True)
+    show_text_table(dict(zip(map(capitalised, PRIOR_HEADER), cells, strict=True)))
     st.caption(
         "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation σ that the "
         "study states. Fitted: together with K and D."
