@@ -8,7 +8,7 @@ from typing import Any, get_args
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, JointIdError, RobotModel, Study
+from jointid import Analysis, JointIdError, RobotModel
 from jointid.analysis import NOT_USABLE, analyse_arm_side
 from jointid.answer import gear_terms
 from jointid.exporting import torsion_table
@@ -151,7 +151,8 @@ def show_arm_side(page: Page) -> None:
     j = choose_segment("Joint", joints, "arm_side_joint", format_func=lambda j: f"Joint {j + 1}")
     k = measured[0]
     if len(measured) > 1:
-        k = choose_segment("Record", measured, "arm_side_record", format_func=lambda k: _label(study, k))
+        names = {k: study.motion_records[k].label or f"Motion {k + 1}" for k in measured}
+        k = choose_segment("Record", measured, "arm_side_record", format_func=names.__getitem__)
     record = study.motion_records[k]
     assert record.arm_rad is not None
     predicted = page.computed(("followed", model, k), "Predicting the deflection", fit.predict, record)
@@ -162,10 +163,6 @@ def show_arm_side(page: Page) -> None:
         f"Deflection of the gear of joint {j + 1} over time, measured and fitted",
         key="gear_deflection",
     )
-
-
-def _label(study: Study, k: int) -> str:
-    return study.motion_records[k].label or f"Motion {k + 1}"
 
 
 def _predicted(page: Page, analysis: Analysis) -> TorquePrediction:
