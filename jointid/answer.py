@@ -274,10 +274,10 @@ def _stiffnesses(fit: ElasticityFit, nominal: Elasticity | None, unit: Stiffness
         found = [quantity.shown for quantity in elasticity_quantities(fit, unit)[: fit.n]]
         if fit.n > _FEW:
             values = enumerated([value for value, _ in found])
-            return f"Joints 1 to {fit.n} have stiffnesses of {values} {found[0][1]}, {unit.side}"
-        verb = "has a stiffness" if fit.n == 1 else "have stiffnesses"
-        parts = [" ".join(shown) for shown in found]
-        return f"{capitalised(enumerated(joints))} {verb} of {enumerated(parts)}, {unit.side}"
+            return f"The stiffnesses of joints 1 to {fit.n} are {values} {found[0][1]}, {unit.side}"
+        first, *others = (" ".join(shown) for shown in found)
+        more = "".join(f", of joint {j} {value}" for j, value in enumerate(others, start=2))
+        return f"The stiffness of joint 1 is {first}{more}, {unit.side}"
     differences = [_difference(fit, nominal, j) for j in range(fit.n)]
     texts = [kind.format(size) for kind, size, _ in differences]
     if fit.n > 1 and len(set(texts)) == 1:

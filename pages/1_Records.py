@@ -9,7 +9,7 @@ from jointid.figures import coherences, spectra, waveforms
 from jointid.phasors.sine_fit import fit_sines
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.data_quality import show_distortion, show_quality
+from jointid.ui.study.data_quality import HARMONICS, show_distortion, show_quality
 
 page = open_page(
     "Records",
@@ -53,7 +53,7 @@ def show_spectra() -> None:
         "Spectra of angle and torque of joint {0}",
     )
     if is_sine:
-        st.caption("Friction shows at the harmonics 2, 3, 5 and 7 of the excitation.")
+        st.caption(HARMONICS)
 
 
 def show_coherence() -> None:

@@ -80,7 +80,7 @@ def test_a_difference_within_the_uncertainty_is_none() -> None:
 
 def test_without_a_nominal_stiffness() -> None:
     assert answer_sentence(fit([43.0, 7.5])) == (
-        "Joint 1 and joint 2 have stiffnesses of 43.000 ± 0.010 N·m/rad and 7.500 ± 0.010 N·m/rad, seen "
+        "The stiffness of joint 1 is 43.000 ± 0.010 N·m/rad, of joint 2 7.500 ± 0.010 N·m/rad, seen "
         "from the motor."
     )
 

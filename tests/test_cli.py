@@ -366,6 +366,15 @@ def test_export_writes_every_kind(study: Path, here: Path) -> None:
     assert "is not a folder" in refused(1, "export", study, "-o", "none/r.json")
 
 
+def test_export_writes_no_table_without_rows(here: Path) -> None:
+    motions = ROOT / "sample_data/motions.zip"
+    result = run.invoke(app, ["export", str(motions), "-o", "r.phasors.csv", "-o", "r.json", "--json"])
+    assert result.exit_code == 0
+    assert result.stderr == "r.phasors.csv is not written: the study has no sine records.\n"
+    assert json.loads(result.stdout) == {"written": ["r.json"]}
+    assert [path.name for path in here.iterdir()] == ["r.json"]
+
+
 def test_export_says_that_the_answer_is_a_problem(studies: dict[int, Study], here: Path) -> None:
     good = studies[1]
     reversed_torque = [replace(record, tau_Nm=-record.tau_Nm) for record in good.records]

@@ -61,6 +61,15 @@ def test_the_page_compares_two_studies(app: AppTest) -> None:
     assert at.header[0].value.startswith("The stiffnesses differ by at most")
 
 
+def test_the_headline_names_a_study_that_is_usable_with_care(app: AppTest, first: Analysis) -> None:
+    doubled = replace(first.study, records=[*first.study.records, first.study.records[0]])
+    at = upload(app.run(), doubled, "doubled.zip").switch_page("pages/11_Compare.py").run()
+    at = at.selectbox(key="compare_study").set_value("paper").run()
+    assert not at.exception, at.exception[0].stack_trace
+    said = at.header[0].value.replace("\N{NO-BREAK SPACE}", " ")
+    assert said.endswith(", but doubled.zip is usable with care only")
+
+
 def test_differences_are_shown_in_the_unit_and_on_the_side_of_the_answer(first: Analysis) -> None:
     units = StiffnessUnit.named("N·m/arcmin at the joint", np.array([100.0, -90.0]))
     rows = compare(first.fit, first.fit, units=(units, units))

@@ -201,3 +201,16 @@ def test_the_reader_of_contributing_reads_its_format(tmp_path: Path) -> None:
     path.write_bytes(log[:-1])
     with pytest.raises(jointid.JointIdError, match="cut short"):
         names["READER"].read("run.p7", str(path))
+
+
+def test_the_text_reader_of_contributing_reads_its_format(tmp_path: Path) -> None:
+    names: dict[str, Any] = {}
+    for code in SNIPPET.findall((ROOT / "CONTRIBUTING.md").read_text("utf-8")):
+        exec(code, names)
+    path = tmp_path / "run.txt"
+    path.write_bytes(b"PLANT8 500 Hz\r\nq;tau\r\n1.5;-2\r\n2.5;3\r\n")
+    (table,) = names["TEXT_READER"].read("run.txt", str(path))
+    assert table.column("time").values.tolist() == [0.0, 1 / 500]
+    assert table.column("q").values.tolist() == [1.5, 2.5]
+    assert table.column("tau").values.tolist() == [-2.0, 3.0]
+    assert names["TEXT_READER"].recognises(path.read_bytes())

@@ -100,10 +100,8 @@ class TestErrorBars:
     def test_the_prediction_of_left_out_records_is_beside_the_answer(
         self, app: AppTest, joints: int
     ) -> None:
-        said = next(
-            c.value for c in opened(app, "app.py", joints).caption if "Fitted to half" in c.value
-        )
-        found = re.search(r"within (\S+) %, .* \((\S+) σ;", said)
+        said = next(c.value for c in opened(app, "app.py", joints).caption if "Cross-check" in c.value)
+        found = re.search(r"within (\S+) %, (\S+) × the noise", said)
         assert found is not None
         assert 0 < float(found[1]) < 5
         assert 0.3 < float(found[2]) < 3
@@ -124,7 +122,7 @@ def test_every_page_about_several_poses(app: AppTest, studies: dict[int, Study])
     records = [replace(r, pose="ab"[i // 2 % 2]) for i, r in enumerate(study.records)]
     several = replace(study, records=records, poses=dict.fromkeys("ab", study.inertia))
     at = upload(app.run(), several, "poses.zip")
-    (said,) = [c.value for c in at.caption if "Fitted to half" in c.value]
+    (said,) = [c.value for c in at.caption if "Cross-check" in c.value]
     within = re.search(r"predict the gear torques at the others within (\S+) %", said)
     assert within is not None
     assert float(within[1]) < 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -45,14 +46,12 @@ def report(
     written(files, as_json)
 
 
-Writer = Callable[[Analysis], str | bytes]
-
-
-def _writers(gear_ratio: list[float] | None) -> dict[str, Writer]:
+def _writers(gear_ratio: list[float] | None) -> dict[str, Callable[[Analysis], str | bytes]]:
     """Writer of a file by the ending of its name; those at the joint only with gear ratios."""
     from jointid.files.study_files import pack_study
 
-    writers: dict[str, Writer] = {
+    snippets = exporting.mujoco_snippet, exporting.urdf_snippet, exporting.sdf_snippet
+    return {
         ".phasors.csv": exporting.phasor_table,
         ".H.csv": exporting.transfer_matrix_table,
         ".torsion.csv": exporting.torsion_table,
@@ -62,13 +61,12 @@ def _writers(gear_ratio: list[float] | None) -> dict[str, Writer]:
         ".toml": exporting.to_toml,
         ".mat": exporting.to_mat,
         ".zip": lambda analysis: pack_study(analysis.study),
+        **{e: partial(exporting.code_listing, language=name) for e, name in exporting.ENDINGS.items()},
+        **{
+            ending: partial(snippet, gear_ratio=gear_ratio or [])
+            for ending, snippet in zip(_AT_JOINT, snippets, strict=True)
+        },
     }
-    for ending, language in exporting.ENDINGS.items():
-        writers[ending] = partial(exporting.code_listing, language=language)
-    snippets = exporting.mujoco_snippet, exporting.urdf_snippet, exporting.sdf_snippet
-    for ending, snippet in zip(_AT_JOINT, snippets, strict=True):
-        writers[ending] = partial(snippet, gear_ratio=gear_ratio or [])
-    return writers
 
 
 _AT_JOINT = (".xml", ".urdf", ".sdf")
@@ -109,11 +107,18 @@ def export(
         if ending in _AT_JOINT and ratio is None:
             raise typer.BadParameter(f"{file.name} has joint-side values: give --gear-ratio 100,90")
     writers = _writers(ratio)
+    empty = {} if analysis.transfer_matrices else {".H.csv": analysis.transfer_problem}
+    if not analysis.study.sine_records:
+        empty[".phasors.csv"] = "the study has no sine records."
+    for file in [file for file, ending in endings.items() if ending in empty]:
+        print(f"{file.name} is not written: {empty[endings.pop(file)]}", file=sys.stderr)
     for file, ending in endings.items():
         content = writers[ending](analysis)
         write_file(file, content if isinstance(content, bytes) else content.encode())
     warn_if_unusable(analysis)
-    written(output, as_json)
+    written(list(endings), as_json)
+    if not endings:
+        raise typer.Exit(1)
 
 
 def _ending(file: Path) -> str:

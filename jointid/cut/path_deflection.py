@@ -17,7 +17,6 @@ from jointid.cut.outcome import millimetres
 from jointid.cut.rectangle import rectangle
 from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
-from jointid.joints import Elasticity
 from jointid.robot_models.model import RobotModel
 
 MEANING = (
@@ -108,7 +107,9 @@ def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[P
                 float(path.change(path.gravity, compliance)),
                 float(path.change(path.inertia, compliance)),
                 float(path.change(both, compliance)),
-                _left(path, both, study.nominal, compliance),
+                None
+                if study.nominal is None
+                else float(path.change(both, compliance - 1 / study.nominal.K)),
                 float(np.quantile(path.change(both, 1 / draws - compliance), 0.95)),
             )
         )
@@ -139,10 +140,6 @@ def meaning(analysis: Analysis) -> str:
     """Description of the robot and of its deflections."""
     pose = next(iter(analysis.study.pose_angles_rad), "")
     return MEANING.format(pose=f" “{pose}”" if pose else "")
-
-
-def _left(path: JointPath, torque: Floats, assumed: Elasticity | None, true: Floats) -> float | None:
-    return None if assumed is None else float(path.change(torque, true - 1 / assumed.K))
 
 
 def joint_path(robot: RobotModel, q: ArrayLike, path: Toolpath) -> JointPath:

@@ -121,7 +121,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         + (
             "and those of the robot are drawn from their uncertainty: of "
             f"{outcome.distribution.K.shape[0]} robots, 95 % stay {below} "
-            "in the largest corner zone; the robot at this limit is shown."
+            f"in the largest corner zone, {1e3 * ZONES_M[-1]:g} mm; the robot at this limit is shown."
             if outcome.distribution is not None
             else f"and the robot has exactly these. {outcome.problem}"
         )

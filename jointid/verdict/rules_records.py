@@ -283,7 +283,7 @@ def loop_below_steps(evidence: Evidence) -> Iterator[Finding]:
                 f"The encoder is coarse for the hysteresis of gear {j + 1}",
                 f"Its step of {number(float(steps[j]), 2)} rad is "
                 f"{percent(float(steps[j]) / gear.presliding_rad)} of the presliding deflection. "
-                "Its noise turns the computed loop back: K may be a few per cent off.",
+                "Its noise distorts the computed loop: K may be a few per cent off.",
                 "Use a finer encoder.",
                 _LOOP_SHIFT,
             )

@@ -86,8 +86,8 @@ def _controller_peak(
     return note(
         f"The peak of joint {j + 1} at {number(frequency[worst])} Hz belongs to the controller "
         f"of {whose}",
-        f"Acceleration over torque of {evidence.phasors.labels[records[worst]]} alone peaks there "
-        f"at {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak. "
+        f"In the record {evidence.phasors.labels[records[worst]]} alone, acceleration over torque peaks "
+        f"there at {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak. "
         f"The elastic resonance is the peak at {elastic} Hz, which both show.",
         "No action needed: K and D are fitted jointly. Do not read them off the response of a single "
         "record.",

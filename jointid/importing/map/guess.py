@@ -266,9 +266,10 @@ def _side(role: str, pair: _Pair) -> _Said:
         (is_effort, JOINT, False, "An effort is given at the joint by convention."),
         (WORDS["behind"] & words, JOINT, False, "The name indicates joint, link or output."),
     )
+    assumed = "Assumed from the column name: positions are at the joint. Confirm."
     of_effort = "Where the torque is an effort, the position is the joint's by convention."
     position = (
-        (WORDS["joint"] & words, JOINT, False, "The name indicates joint or axis."),
+        (WORDS["joint"] & words, JOINT, False, assumed),
         (unit == "deg", JOINT, False, "Controllers show joint angles in degrees."),
         (is_effort, JOINT, False, of_effort),
         (unit == "counts", MOTOR, False, "Counts usually come from the motor's encoder."),

@@ -246,7 +246,8 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             if of.rule == "relative":
                 arm = (
                     "the example arm, because this robot's geometry is not known. Its springs are "
-                    "scaled; their ratios and uncertainties are those of this study"
+                    "scaled so that the ratios of nominal to identified values and the relative errors "
+                    "equal those of this study"
                 )
             st.caption(
                 "A rectangle of 28 × 45 mm with corner zones of 10 mm at 300 mm/s, cut by "

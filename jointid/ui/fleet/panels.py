@@ -78,7 +78,7 @@ def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
             )
     st.caption(
         "Solid line: median. Dotted lines: the robust spread to either side, 1.48 times the median "
-        "distance from the median. Crosses: outliers; arrows: beyond the figure."
+        "distance from the median. Crosses: outliers; ◄ and ►: outliers beyond the figure."
     )
 
 
@@ -177,9 +177,9 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
             columns[f"{spread.name} a year (%)"] = [_per_year(drifts[name][k]) for name in robots]
         table(columns, height=300)
         st.caption(
-            "Median of the slopes between all pairs of studies (Theil and Sen) over the level, ± one "
-            "standard error from the scatter around the line. Of many robots, some seem to drift by "
-            f"chance: a drift below {_CLEAR:g} standard errors does not count."
+            "Median of the slopes between all pairs of studies (Theil and Sen), in % of the trend at the"
+            " median date, ± one standard error from the scatter around the line. Of many robots, some "
+            f"seem to drift by chance: a drift below {_CLEAR:g} standard errors does not count."
         )
 
 
@@ -204,7 +204,8 @@ def _drift_in_words(drift: Drift) -> str:
         return f": at least {MIN_VALUES} dates are needed for a trend"
     if abs(change) < _CLEAR * error:
         return f"has no drift beyond its scatter, ± {significant(error, 2)} % a year"
-    return f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % a year"
+    by = f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % a year"
+    return f"{by}, relative to the trend at the median date"
 
 
 def _per_year(drift: Drift) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError
-from jointid.analysis import NOT_USABLE
+from jointid.analysis import NOT_USABLE, WITH_CARE
 from jointid.answer import AT_MOTOR
 from jointid.figures import compared_models
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
@@ -90,9 +90,13 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     except JointIdError as error:
         show_error(error)
         st.stop()
-    unusable = [pair for pair in ((page, first), (other, second)) if pair[1].state == NOT_USABLE]
+    pairs = ((page, first), (other, second))
+    unusable = [pair for pair in pairs if pair[1].state == NOT_USABLE]
     if not unusable:
-        st.header(unbroken(_sentence(rows, page, other)), anchor=False)
+        doubtful = [markdown_escape(p.key) for p, each in pairs if each.state == WITH_CARE]
+        doubts = [f"{name} is usable with care only" for name in dict.fromkeys(doubtful)]
+        said = [_sentence(rows, page, other), *([enumerated(doubts)] if doubts else [])]
+        st.header(unbroken(", but ".join(said)), anchor=False)
     for whose, each in unusable:
         show_error(f"{whose.key}: {each.headline}")
     show_note(f"First: {page.key}, {first.state}. Second: {other.key}, {second.state}.")

@@ -27,6 +27,11 @@ from jointid.wording import minus, significant, with_error
 
 _ROUNDING_S = 1e-9
 """Below a nanosecond, uneven time steps are rounding of the times."""
+HARMONICS = (
+    "Odd harmonics show friction, a hardening gear or backlash; their phases tell friction from the "
+    "gear. Even ones show friction that depends on the direction, or gravity or a one-sided load "
+    "across backlash."
+)
 
 
 def show_quality(page: Page) -> None:
@@ -88,8 +93,8 @@ def show_distortion(record: JointRecord) -> None:
     table({"": names} | {name: [_figure(100 * x) for x in level] for name, level in levels})
     st.caption(
         f"A multisine on odd lines, period {found.period_s:.4g} s. Amplitude of lines without "
-        "excitation over that of excited ones. Odd lines above the noise show friction or a hardening "
-        "gear, even ones backlash or a one-sided load."
+        "excitation over that of excited ones. Odd lines above the noise show friction, a hardening "
+        "gear or backlash, even ones friction that depends on the direction, or a one-sided load."
     )
 
 
@@ -181,14 +186,15 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
     if i == j and n > 1 and page.study.of_pose(pose).any():
         left, right = st.columns(2)
         with left:
-            st.markdown(f"**One record alone** (Figure 3): acceleration over torque of joint {i + 1}")
+            response = f"acceleration over torque of joint {i + 1}"
+            st.markdown(f"**One record alone** (Figure 3 of the paper): {response}")
             page.show(
                 f"alone {i} {pose} {view}",
                 partial(single_record, analysis, i, **drawn),
                 f"Acceleration over torque of joint {i + 1} from single records, over frequency",
             )
         with right:
-            figure_number = {0: " (Figure 4)", 1: " (Figure 5)"}.get(i, "")
+            figure_number = {0: " (Figure 4 of the paper)", 1: " (Figure 5 of the paper)"}.get(i, "")
             st.markdown(f"**All records together**{figure_number}: {name}")
             page.show(f"H {i} {j} {pose} {view}", draw, what)
         caption = "A peak seen only in one record alone comes from the other joints' controllers."

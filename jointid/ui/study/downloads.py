@@ -155,7 +155,7 @@ def show_simulator_files(analysis: Analysis, stem: str) -> None:
         except JointIdError as error:
             show_error(error)
     else:
-        st.caption("These files need the gear ratios; an error in a ratio enters squared.")
+        st.caption("These files need the gear ratios; K at the joint depends on their squares.")
 
 
 def show_study_files(study: Study, stem: str) -> None:

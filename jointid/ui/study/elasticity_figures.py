@@ -8,7 +8,7 @@ from typing import Any, get_args
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, JointIdError, RobotModel, Study
+from jointid import Analysis, JointIdError, RobotModel
 from jointid.analysis import NOT_USABLE, analyse_arm_side
 from jointid.answer import gear_terms
 from jointid.exporting import torsion_table
@@ -24,6 +24,7 @@ from jointid.figures.uncertainty import left_out_prediction, normalised_residual
 from jointid.ui.shared.charts import NO_POSE, choose_segment, download, plot, table
 from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
+from jointid.ui.study.data_quality import HARMONICS
 from jointid.ui.study.overview import freed_note
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.torque_prediction import TorquePrediction, predict_torques
@@ -150,7 +151,8 @@ def show_arm_side(page: Page) -> None:
     j = choose_segment("Joint", joints, "arm_side_joint", format_func=lambda j: f"Joint {j + 1}")
     k = measured[0]
     if len(measured) > 1:
-        k = choose_segment("Record", measured, "arm_side_record", format_func=lambda k: _label(study, k))
+        names = {k: study.motion_records[k].label or f"Motion {k + 1}" for k in measured}
+        k = choose_segment("Record", measured, "arm_side_record", format_func=names.__getitem__)
     record = study.motion_records[k]
     assert record.arm_rad is not None
     predicted = page.computed(("followed", model, k), "Predicting the deflection", fit.predict, record)
@@ -161,10 +163,6 @@ def show_arm_side(page: Page) -> None:
         f"Deflection of the gear of joint {j + 1} over time, measured and fitted",
         key="gear_deflection",
     )
-
-
-def _label(study: Study, k: int) -> str:
-    return study.motion_records[k].label or f"Motion {k + 1}"
 
 
 def _predicted(page: Page, analysis: Analysis) -> TorquePrediction:
@@ -189,16 +187,13 @@ def _sentence(prediction: TorquePrediction) -> str:
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
     text = (
-        "Fitted to half of the frequencies, K and D predict the gear torques at the others within "
-        f"{apart} %"
+        "Cross-check: K and D from half of the frequencies predict the gear torques at the others "
+        f"within {apart} %, {times} × the noise (limit {limit})."
     )
-    sigmas = f"({times} σ; noise alone: up to {limit} σ)."
-    if prediction.misfit <= EXPLAINED:
-        return f"{text}, as expected from noise {sigmas}"
-    return (
-        f"{text}, more than noise explains {sigmas} The model lacks an effect, or these records show "
-        "less than the whole fit takes into account."
+    doubt = (
+        " The model lacks an effect, or these records show less than the whole fit takes into account."
     )
+    return text + doubt * (prediction.misfit > EXPLAINED)
 
 
 def show_model_holds(page: Page, analysis: Analysis) -> None:
@@ -234,8 +229,8 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
         return
     st.markdown("**Harmonics of the torques**")
     st.caption(
-        "Over the fundamental. A linear gear has none. Odd harmonics indicate friction, even ones "
-        "backlash or a one-sided load; –: within the noise."
+        "Over the fundamental; –: within the noise. Without friction, a linear gear has none. "
+        + HARMONICS
     )
     table({"Record": list(analysis.phasors.labels)} | harmonic_columns(content))
 

@@ -35,7 +35,7 @@ from jointid.ui.shared.results import run_in_background
 from jointid.wording import plain
 
 _RECORDS = {
-    "Sines, all joints, a new phase in each record": "orthogonal",
+    "Sines, all joints, different phases in each record": "orthogonal",
     "Sines, one joint at a time, the others held": "one-at-a-time",
     "Sweeps": "sweep",
     "Multisines on odd lines": "multisine",

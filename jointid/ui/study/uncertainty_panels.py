@@ -133,11 +133,8 @@ def signed_percent(percent: float) -> str:
 
 def show_inertias(analysis: Analysis) -> None:
     """Inertias and torque scales as given and as fitted, and the change of K and D by each."""
-    heads, cells = (
-        map(capitalised, PRIOR_HEADER),
-        zip(*(row.cells for row in analysis.priors), strict=True),
-    )
-    show_text_table(dict(zip(heads, cells, strict=True)))
+    cells = zip(*(row.cells for row in analysis.priors), strict=True)
+    show_text_table(dict(zip(map(capitalised, PRIOR_HEADER), cells, strict=True)))
     st.caption(
         "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation σ that the "
         "study states. Fitted: together with K and D."
@@ -155,18 +152,11 @@ def show_inertias(analysis: Analysis) -> None:
     k, e = np.unravel_index(np.argmax(np.abs(percent)), percent.shape)
     st.write(
         f"Largest influence: {found.names[e]} adds ± {significant(abs(float(percent[k, e])), 2)} % to "
-        f"{names[k]}. The table shows the change of each estimate in % when a given value is larger by "
-        "its standard deviation. Near zero, the records determine the value better than its prior does."
+        f"{names[k]}. The table shows the change of each estimate when a given value is larger by its "
+        "standard deviation. Near zero, the records determine the value better than its prior does."
     )
-    columns = {name: [_signed(x) for x in row] for name, row in zip(names, percent, strict=True)}
+    columns = {name: [signed_percent(x) for x in row] for name, row in zip(names, percent, strict=True)}
     show_text_table({"": list(found.names)} | columns)
-
-
-def _signed(percent: float) -> str:
-    if not np.isfinite(percent):
-        return UNDETERMINED
-    text = f"{abs(percent):.2f}"
-    return "0" if float(text) == 0 else ("+" if percent > 0 else "−") + text
 
 
 def show_checks(page: Page, analysis: Analysis) -> None:
