@@ -16,7 +16,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.parameters import Parameters
 
 _ORDERS = np.array([1, -1, 2, -2, 3, -3])
-"""k of the images; the further ones add 1 % of these."""
+"""k of the images. Without the further ones and without the gear, their sum is exact to 2 to 4 %."""
 
 
 @dataclass(frozen=True, eq=False)
