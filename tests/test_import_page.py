@@ -65,7 +65,7 @@ def page(app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTe
 
 @pytest.fixture
 def seen(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
-    """The facts of each study that the page would make; it is told that they are refused."""
+    """The facts of each study that the page would make; each is refused."""
     found: list[dict[str, Any]] = []
 
     def refuse(_: object, __: object, inertia: Inertia, **facts: Any) -> None:

@@ -107,7 +107,8 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     if found is None:
         return []
     clear, scored = _clear_parts(search, model, found), search.scores(model)
-    if search.is_again and model.reversal is not None and not search.may_be_richer(found):
+    may_be_richer = search.may_be_richer(found)
+    if search.is_again and model.reversal is not None and not may_be_richer:
         # Filters and lags would absorb what sticking leaves.
         clear = [part for part in clear if scored[part].gain > _LARGE * found.cost]
     explained = found.misfit <= EXPLAINED
@@ -121,14 +122,13 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         instead = (part for part in clear if scored[part].gain > NEARLY_ALL * found.cost)
         wider += [bare.with_part(part) for part in instead if part not in LAWS]
     highest = scored[clear[0]].gain / found.cost if clear else 0.0
-    if model.reversal is not None and search.may_be_richer(found):
+    if model.reversal is not None and may_be_richer:
         richer = _RICHER.get((model.reversal, model.curve), ())
         sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
         wider = [*sharper, *wider]
-    is_open = search.may_be_richer(found)
-    if "cubic" in model.effects and (is_open or not search.has_motions):
+    if "cubic" in model.effects and (may_be_richer or not search.has_motions):
         plain = model.without("cubic")  # slopes may explain as well as it, with another K
-        others = ["backlash"] * (is_open and "backlash" not in model.parts) + ["piecewise"]
+        others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
         instead_of_cubic = [plain.with_part(law) for law in others]
         wider = [*wider, *instead_of_cubic] if highest > NEARLY_ALL else [*instead_of_cubic, *wider]
     return wider
