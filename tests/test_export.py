@@ -178,7 +178,7 @@ def test_H_without_friction_stands_beside_H_as_measured(analyses: dict[int, Anal
     found = replace(
         plain,
         fit=replace(plain.fit, friction=friction),
-        freed_transfer_matrices={
+        compensated_transfer_matrices={
             "": replace(raw, omega=raw.omega[1:], H=1.25 * raw.H[1:], covariance=raw.covariance[1:])
         },
     )

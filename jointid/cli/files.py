@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from jointid.importing.robot_inertia import KnownRobot
 
 
-def loaded(path: Path) -> Study:
+def load_named(path: Path) -> Study:
     """Read a study, or the sample of that name where no file or folder has it."""
     from jointid.files.study_files import load_study
 
@@ -34,11 +34,11 @@ def loaded(path: Path) -> Study:
     return load_study(sample)
 
 
-def analysed(path: Path, method: str, **changes: Any) -> Analysis:
+def analyse_file(path: Path, method: str, **changes: Any) -> Analysis:
     """Read a study, change its deviations as given, and run the whole method on it."""
     from jointid.analysis import analyse
 
-    study = replace(loaded(path), **changes)
+    study = replace(load_named(path), **changes)
     with progress("Analysing"):
         return analyse(study, method=method)
 
@@ -51,12 +51,12 @@ def robot_from(path: Path) -> KnownRobot:
         with path.open("rb") as file:
             text = file.read(1 << 21)
         return robot_from_toml(text, path.name, lambda name: (path.parent / name).read_bytes())
-    study = loaded(path)
+    study = load_named(path)
     deviations = study.inertia_std, study.torque_std
     return KnownRobot(study.inertia, study.poses, study.nominal, study.name, *deviations)
 
 
-def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ()) -> None:
+def require_new_output(path: Path, overwrite: bool, reads: Iterable[Path | None] = ()) -> None:
     """Refuse, before any work, an existing output without ``overwrite``, and any input as output."""
     target = Path(os.path.realpath(path))
     for source in (Path(os.path.realpath(read)) for read in reads if read is not None):

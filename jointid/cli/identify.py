@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from jointid.analysis import Analysis
-from jointid.cli.files import analysed, loaded
-from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, given, named
+from jointid.cli.files import analyse_file, load_named
+from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, named, without_none
 from jointid.cli.output import print_json, print_table, progress
 
 
@@ -20,8 +20,8 @@ def identify(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Identify stiffness and damping of every joint."""
-    deviations = given(inertia_std=inertia_std, torque_std=torque_std)
-    analysis = analysed(study, method, **deviations)
+    deviations = without_none(inertia_std=inertia_std, torque_std=torque_std)
+    analysis = analyse_file(study, method, **deviations)
     if as_json:
         from jointid.exporting.identification import to_document
 
@@ -91,7 +91,7 @@ def arm_side(
 
     model = None if robot is None else RobotModel.load(robot)
     with progress("Evaluating the sensors"):
-        fit = analyse_arm_side(loaded(study), model)
+        fit = analyse_arm_side(load_named(study), model)
     if as_json:
         names = ("K", "standard_error", "skew_s", "skew_error_s", "residual_rad")
         values = {name: getattr(fit, name).tolist() for name in names}

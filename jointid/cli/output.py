@@ -63,7 +63,7 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
         )
 
 
-def made(study: Study, path: Path, as_json: bool, **more: Any) -> None:
+def print_new_study(study: Study, path: Path, as_json: bool, **more: Any) -> None:
     """Print the contents of a new study."""
     from jointid.files.digest import study_digest
 
@@ -80,7 +80,7 @@ def made(study: Study, path: Path, as_json: bool, **more: Any) -> None:
     print_json({"study": str(path), "digest": digest, "joints": n, "records": records} | more)
 
 
-def written(files: list[Path], as_json: bool) -> None:
+def print_written(files: list[Path], as_json: bool) -> None:
     """Print the names of the written files."""
     if as_json:
         print_json({"written": [str(file) for file in files]})

@@ -186,24 +186,10 @@ class PlanarArm:
         return np.asarray(links @ self.links_from_joints)
 
     def inverse(self, tool_m: ArrayLike, elbow: Elbow = "positive") -> Floats:
-        """Inverse kinematics: joint angles for tool points.
+        """Inverse kinematics: joint angles q, shape (..., 2), rad, for tool points (..., 2), m.
 
-        Parameters
-        ----------
-        tool_m : array_like, shape (..., 2)
-            Tool positions, m.
-        elbow : {"positive", "negative"}
-            Sign of the angle of link 2 relative to link 1.
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            Joint angles q, rad; link 1 between −π and π.
-
-        Raises
-        ------
-        JointIdError
-            When a point is out of reach, or the arm is nearly singular there.
+        ``elbow`` is the sign of the angle of link 2 relative to link 1; that of link 1 lies between −π
+        and π. Raises JointIdError when a point is out of reach, or the arm is nearly singular there.
         """
         if elbow not in _SIGN:
             raise JointIdError(f'elbow = "{elbow}": expected "positive" or "negative".')

@@ -51,15 +51,8 @@ def deflection_ellipse(
 ) -> go.Figure:
     """Tool deflection under a force of one size turned through all directions, worst one drawn.
 
-    Parameters
-    ----------
-    stiffness : ToolStiffness
-        With the identified K.
-    force_N : float
-    nominal : ToolStiffness, optional
-        With the nominal K.
-    axes : sequence of str
-        Names of the two axes; for a spatial compliance these are its two softest directions.
+    ``stiffness`` is that of the identified, ``nominal`` that of the nominal K; ``axes`` name the two
+    axes, for a spatial compliance its two softest directions.
     """
     ink = colours(dark)
     _, directions = stiffness.principal

@@ -13,7 +13,7 @@ from jointid.figures.style import (
     linear_axis,
     plain_text,
     points,
-    upright,
+    vertical_line,
 )
 from jointid.fleet.spread import Drift, Spread
 from jointid.wording import with_error
@@ -28,13 +28,7 @@ _WIDE = 6.0
 
 
 def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
-    """Number of studies by value; the median, its robust spread, and outliers.
-
-    Parameters
-    ----------
-    spread : Spread
-        Of at least one value.
-    """
+    """Number of studies by value, one or more; the median, its robust spread, and outliers."""
     ink = colours(dark)
     low, high = _range(spread)
     inside = (spread.value >= low) & (spread.value <= high)
@@ -48,10 +42,10 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
     traces = [studies | {"marker": {"color": ink.identified, "opacity": 0.85, "line": edge}}]
     if spread.outliers.any():
         traces.append(_outliers(spread, low, high, ink.measured))
-    shapes = [upright(spread.median, ink.measured)]
+    shapes = [vertical_line(spread.median, ink.measured)]
     if np.isfinite(spread.spread) and spread.spread > 0:
         for side in (-1, 1):
-            shapes.append(upright(spread.median + side * spread.spread, ink.measured, dash="dot"))
+            shapes.append(vertical_line(spread.median + side * spread.spread, ink.measured, dash="dot"))
     x = linear_axis(f"{spread.name} ({unit})", range=[low, high], nticks=6)
     y = linear_axis("Studies", rangemode="tozero", tick0=0, dtick=_whole_step(int(height.max())))
     return figure(traces, x, y, height=270, dark=dark, shapes=shapes, bargap=0, showlegend=True)
@@ -62,13 +56,7 @@ def drift_over_time(
 ) -> go.Figure:
     """Every dated study of a fleet over time, one robot with its error bars and its line.
 
-    Parameters
-    ----------
-    spread : Spread
-    all_times_s : ndarray, shape (m,)
-        When each of its studies was measured, s since 1970; NaN where that is not stated.
-    shown : Drift, optional
-        The robot to show.
+    ``all_times_s``, shape (m,), are the dates of the studies, s since 1970, NaN where not stated.
     """
     ink, unit = colours(dark), UNITS[spread.name[0]]
     low, high = _range(spread)

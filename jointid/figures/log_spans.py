@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 
 from jointid.arrays import Floats
 from jointid.figures.style import Shape, Trace, colours, figure, line, linear_axis, span
-from jointid.figures.waveforms import thinned
+from jointid.figures.waveforms import downsampled
 from jointid.importing import MappedLog, Mapping, Segment
 from jointid.importing.columns.units import QUANTITIES
 
@@ -26,16 +26,8 @@ def log_spans(
 ) -> go.Figure:
     """Draw angle and torque of every joint over time, with the segments as coloured spans.
 
-    Parameters
-    ----------
-    log : MappedLog
-        Long logs are drawn by the extremes of every stretch.
-    kept, dropped : sequence of Segment
-        Used ones are blue and solid, others grey and dashed; their frequencies are in the top row.
-    mapping : Mapping, optional
-        Signals whose scale it assumes are drawn in the unit of their column.
-    dark : bool, default False
-        For a dark background.
+    Used ones are blue and solid, others grey and dashed; their frequencies are in the top row. Signals
+    whose scale ``mapping`` assumes are drawn in the unit of their column.
     """
     ink = colours(dark)
     rows = [row for j in range(log.n) for row in _rows(log, j, mapping)]
@@ -53,7 +45,7 @@ def log_spans(
         traces.append(line(log.time_s[[0, -1]], np.zeros(2), "", "rgba(0,0,0,0)", showlegend=False))
     for number, (title, values) in enumerate(rows, start=2):
         axes.append(linear_axis(title, nticks=6))
-        x, y = thinned(log.time_s, values)
+        x, y = downsampled(log.time_s, values)
         style: Trace = {"line": {"width": 1.1}, "showlegend": False, "yaxis": f"y{number}"}
         traces.append(line(x, y, title, ink.measured, hovertemplate="%{x:.5g} s: %{y:.4g}", **style))
     across = linear_axis("Time (s)", range=[float(log.time_s[0]), float(log.time_s[-1])])

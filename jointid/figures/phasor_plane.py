@@ -11,16 +11,7 @@ from jointid.wording import significant, with_error
 def phasor_plane(
     phasors: Phasors, *, torque: bool = False, chosen: int | None = None, dark: bool = False
 ) -> go.Figure:
-    """Polar plot of the angles' or the torques' phasors of all records; the chosen record as arrows.
-
-    Parameters
-    ----------
-    phasors : Phasors
-    torque : bool
-        Torques instead of angles.
-    chosen : int, optional
-        Index of the record to draw as arrows.
-    """
+    """Polar plot of the angles' or the torques' phasors of all records; the chosen record as arrows."""
     ink = colours(dark)
     values = phasors.tau if torque else phasors.q
     quantity, unit = ("Torque", "N·m") if torque else ("Angle", "rad")

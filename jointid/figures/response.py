@@ -10,9 +10,9 @@ from jointid.arrays import Floats
 from jointid.figures.response_curves import (
     Curve,
     Source,
+    compensated_or_measured,
     element_curves,
     element_name,
-    freed_or_measured,
     identified,
     magnitude_limits,
     measured,
@@ -45,17 +45,9 @@ VIEWS: tuple[View, ...] = get_args(View)
 def element_response(
     analysis: Analysis, i: int, j: int, *, pose: str = "", dark: bool = False, view: View = VIEWS[0]
 ) -> go.Figure:
-    """Draw H_ij: measured points with ± one standard error, models as lines.
+    """Draw H_ij: measured points with ± one standard error, models as lines, see ``element_curves``.
 
-    See ``element_curves`` for the points.
-
-    Parameters
-    ----------
-    analysis : Analysis
-    i, j : int
-        Joint that accelerates and joint whose torque acts, from 0.
-    pose : str
-        "" for records without a pose.
+    Joint i accelerates and the torque of joint j acts, from 0; the pose is "" for records without one.
     """
     limits = magnitude_limits(analysis, pose, i) if i == j else None
     return _drawn(element_curves(analysis, pose, i, j), dark, limits, view)
@@ -76,7 +68,7 @@ def model_over_measurement(
     analysis: Analysis, joint: int, *, pose: str = "", dark: bool = False
 ) -> go.Figure:
     """Small plot of |H_jj|: friction- and delay-compensated measurement, and the models."""
-    matrix, removed = freed_or_measured(analysis, pose)
+    matrix, removed = compensated_or_measured(analysis, pose)
     name = f"measured{removed and ', ' + removed}"
     curves = [
         *model_curves(analysis, pose, joint, joint),
@@ -90,20 +82,13 @@ def compared_models(
 ) -> go.Figure:
     """Plot |H_jj| of two studies, each with its model as a line and its measurement as points.
 
-    Parameters
-    ----------
-    analyses : tuple of Analysis
-        Both with a transfer matrix; their first poses are drawn.
-    names : tuple of str
-        Names of the studies.
-    joint : int
-        From 0.
+    Both have a transfer matrix, and their first poses are drawn; the joint counts from 0.
     """
     curves, limits = [], []
     sources: tuple[Source, Source] = ("identified", "other")
     for analysis, name, source in zip(analyses, map(plain_text, names), sources, strict=True):
         pose = next(iter(analysis.transfer_matrices))
-        matrix, _ = freed_or_measured(analysis, pose)
+        matrix, _ = compensated_or_measured(analysis, pose)
         if (model := identified(analysis, pose, joint, joint)) is not None:
             curves.append(Curve(f"{name}, model", source, model))
         found = measured(matrix, joint, joint)

@@ -74,12 +74,12 @@ def removed_effects(analysis: Analysis) -> str:
     return "" if analysis.state == NOT_USABLE else without(analysis.fit)
 
 
-def freed_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
+def compensated_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
     """Return the transfer matrix to compare with the model, and the effects removed, in words."""
     removed = removed_effects(analysis)
-    if not removed or pose not in analysis.freed_transfer_matrices:
+    if not removed or pose not in analysis.compensated_transfer_matrices:
         return analysis.transfer_matrices[pose], ""
-    return analysis.freed_transfer_matrices[pose], removed
+    return analysis.compensated_transfer_matrices[pose], removed
 
 
 def single_records(analysis: Analysis, pose: str, joint: int) -> list[Response]:
@@ -126,7 +126,7 @@ def element_curves(analysis: Analysis, pose: str, i: int, j: int) -> list[Curve]
     are equal.
     """
     curves = model_curves(analysis, pose, i, j)
-    raw, (freed, removed) = analysis.transfer_matrices[pose], freed_or_measured(analysis, pose)
+    raw, (freed, removed) = analysis.transfer_matrices[pose], compensated_or_measured(analysis, pose)
     if i != j:
         for row, column, symbol in ((i, j, "circle"), (j, i, "square-open")):
             name = f"measured {element_name(row, column)}{removed and ', ' + removed}"
@@ -173,7 +173,7 @@ def magnitude_limits(analysis: Analysis, pose: str, joint: int) -> tuple[float, 
     at most.
     """
     sizes = [np.abs(curve.response.H) for curve in model_curves(analysis, pose, joint, joint)]
-    for matrices in (analysis.transfer_matrices, analysis.freed_transfer_matrices):
+    for matrices in (analysis.transfer_matrices, analysis.compensated_transfer_matrices):
         if pose in matrices:
             sizes.append(np.abs(matrices[pose].H[:, joint, joint]))
     single = np.abs(single_record_response(analysis.phasors)[analysis.study.of_pose(pose), joint])
@@ -187,18 +187,9 @@ def magnitude_limits(analysis: Analysis, pose: str, joint: int) -> tuple[float, 
 
 
 def phase_deg(response: Response, model: Response | None) -> Floats:
-    """Return the phase on the branch nearest to the model's, so that no point jumps by 360°.
+    """Return the phase on the branch nearest to the model's, or to 90°, shape (f,), degrees.
 
-    Parameters
-    ----------
-    response : Response
-    model : Response, optional
-        Without it the branch is that about 90°.
-
-    Returns
-    -------
-    ndarray, shape (f,)
-        Degrees.
+    No point then jumps by 360°.
     """
     angle = np.degrees(np.angle(response.H))
     centre: Floats | float = 90.0

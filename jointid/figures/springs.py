@@ -32,18 +32,7 @@ def dynamic_stiffness(
     unit: StiffnessUnit = AT_MOTOR,
     dark: bool = False,
 ) -> go.Figure:
-    """b/a of one joint, record by record: its real part should be flat at K, its imaginary part ωD.
-
-    Parameters
-    ----------
-    fit : ElasticityFit
-    joint : int
-        From 0.
-    nominal : Elasticity, optional
-        Nominal values, drawn as well.
-    unit : StiffnessUnit, optional
-        Of both parts.
-    """
+    """b/a of one joint, from 0, by record: its real part should be flat at K, its imaginary part ωD."""
     ink, scale = colours(dark), unit.of_gear(joint)
     equations = fit.equations
     f = equations.omega / (2 * np.pi)
@@ -108,15 +97,7 @@ def torsion_curve(
 ) -> go.Figure:
     """Torque of one gear over its deflection, a period of every record, and the fitted elastic law.
 
-    Parameters
-    ----------
-    fit : ElasticityFit
-    joint : int
-        From 0.
-    colour_by : {"frequency", "amplitude"}
-        Quantity behind the colours of the records.
-    unit : StiffnessUnit, optional
-        Its side and its angle.
+    The joint counts from 0; the records are coloured by frequency or amplitude.
     """
     ink, curve, gear = colours(dark), fit.torsion_curves[joint], fit.gears[joint]
     scale = unit.of_gear(joint)
@@ -176,14 +157,7 @@ def stiffness_over_amplitude(
 ) -> go.Figure:
     """Torque over deflection of every record's fundamental against its torque amplitude, by pose.
 
-    Parameters
-    ----------
-    fit : ElasticityFit
-    joint : int
-        From 0.
-    poses : sequence of str
-        Pose of each record; by default all the same.
-    unit : StiffnessUnit, optional
+    The joint counts from 0; ``poses`` are those of the records, by default all the same.
     """
     ink, curve, gear = colours(dark), fit.torsion_curves[joint], fit.gears[joint]
     scale = unit.of_gear(joint)

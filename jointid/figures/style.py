@@ -61,7 +61,7 @@ def colours(dark: bool) -> Colours:
     return DARK if dark else LIGHT
 
 
-class Drawn(go.Figure):  # type: ignore[misc]
+class SerialisedFigure(go.Figure):  # type: ignore[misc]
     """A finished figure: its arrays are written as text once, not whenever a page shows it."""
 
     @cached_property
@@ -126,7 +126,7 @@ def figure(
             "font": {"color": ink},
         },
     }
-    return Drawn({"data": list(traces), "layout": base | layout})
+    return SerialisedFigure({"data": list(traces), "layout": base | layout})
 
 
 def plain_text(text: str, *, most: int = 80) -> str:
@@ -160,7 +160,9 @@ def points(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
     return trace
 
 
-def upright(x: float, colour: str, *, width: float = 1.5, dash: str = "solid", **more: Any) -> Shape:
+def vertical_line(
+    x: float, colour: str, *, width: float = 1.5, dash: str = "solid", **more: Any
+) -> Shape:
     """Return a vertical line over the whole height of a figure."""
     stroke = {"color": colour, "width": width, "dash": dash}
     return {"type": "line", "x0": x, "x1": x, "line": stroke} | _FULL_HEIGHT | more

@@ -20,7 +20,7 @@ from jointid.figures.style import (
     plain_text,
     points,
     span,
-    upright,
+    vertical_line,
 )
 from jointid.phasors.coherence import coherence
 from jointid.phasors.spectrum import amplitude_spectrum
@@ -41,18 +41,10 @@ def waveforms(
     periods: float | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """Motor angle over motor torque of one joint, as logged, with the fitted sine.
+    """Motor angle over motor torque of one joint, from 0, as logged, with the fitted sine.
 
-    Parameters
-    ----------
-    record : JointRecord
-    joint : int
-        Index of the joint, from 0.
-    fitted : ndarray, shape (N, 2n), optional
-        ``SineFit.at`` at the record's times.
-    periods : float, optional
-        Show that many periods, of another motion than a sine seconds, from the start of the used part;
-        by default the whole record.
+    ``fitted``, shape (N, 2n), is ``SineFit.at`` at the record's times. ``periods`` shows that many
+    periods, of another motion than a sine seconds, from the start of the used part.
     """
     ink = colours(dark)
     last = record.time_s.size
@@ -74,7 +66,7 @@ def waveforms(
             "hovertemplate": hover,
             "showlegend": row == 1,
         }
-        x, y = thinned(time, signal)
+        x, y = downsampled(time, signal)
         if periods is None or x.size > 400:
             width: Trace = {"line": {"width": 3 if fitted is not None else 1.2}, **faint}
             traces.append(line(x, y, "logged", ink.measured, **width, **shared))
@@ -84,7 +76,7 @@ def waveforms(
         if fitted is not None:
             curve = fitted[part, joint + (row - 1) * record.n]
             thin: Trace = {"line": {"width": 1.2, "dash": "dash"}}
-            x, y = thinned(time, curve)
+            x, y = downsampled(time, curve)
             traces.append(line(x, y, "fitted sine", ink.identified, **thin, **shared))
     shapes = []
     if periods is None and record.start > 0:
@@ -110,7 +102,8 @@ def gear_deflection(
     ]
     style: Trace = {"line": {"width": 1.2}, "hovertemplate": "%{x:.4f} s<br>%{y:.4g} mrad"}
     traces = [
-        line(*thinned(time_s, y), name, colour, yaxis=axis, **style) for name, y, colour, axis in curves
+        line(*downsampled(time_s, y), name, colour, yaxis=axis, **style)
+        for name, y, colour, axis in curves
     ]
     axes = linear_axis("Deflection (mrad)", share=2.0), linear_axis("Difference (mrad)")
     return figure(traces, linear_axis("Time (s)"), *axes, height=430, dark=dark)
@@ -119,12 +112,8 @@ def gear_deflection(
 def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure:
     """Amplitude spectra of angle and torque of one joint.
 
-    Of a sine, the excitation and its harmonics are marked; of another motion, its band.
-
-    Raises
-    ------
-    JointIdError
-        When the record is too short for a spectrum.
+    Of a sine, the excitation and its harmonics are marked; of another motion, its band. Raises
+    JointIdError when the record is too short for a spectrum.
     """
     ink = colours(dark)
     used = slice(record.start, None)
@@ -137,7 +126,7 @@ def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure
         shown = np.array([shown[0], min(shown[1], float(frequency[-1]))])
         inside = (frequency >= shown[0] / 1.2) & (frequency <= shown[1] * 1.2)
         a = amplitude[inside]
-        x, y = thinned(
+        x, y = downsampled(
             frequency[inside], np.maximum(a, 1e-9 * (a.max(initial=0.0) or 1.0)), peaks_only=True
         )
         hover = f"%{{x:.4g}} Hz<br>{quantity} amplitude %{{y:.3g}} {unit}<extra></extra>"
@@ -154,7 +143,7 @@ def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure
         mark: Trace = {"line": {"width": 2, "dash": dash}, "hoverinfo": "skip"}
         traces.append(line(nowhere, nowhere, name, colour, yaxis="y1", **mark))
         for f in (h * sine for h in orders if h * sine < shown[1]):
-            marks.append(upright(f, colour, width=width, dash=dash, layer="below"))
+            marks.append(vertical_line(f, colour, width=width, dash=dash, layer="below"))
     axes = [
         _decades(f"{quantity} ({unit})", traces, f"y{row}")
         for row, (quantity, unit) in enumerate(_QUANTITIES, start=1)
@@ -165,10 +154,7 @@ def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure
 def coherences(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure:
     """Share of one motor's motion that is linear in all torques, and its level over the noise floor.
 
-    Raises
-    ------
-    JointIdError
-        When the record is too short.
+    Raises JointIdError when the record is too short.
     """
     ink, found = colours(dark), coherence(record)
     traces = []
@@ -213,17 +199,9 @@ def _band_shapes(record: JointRecord, colour: str) -> list[Any]:
 
 
 def raw_columns(columns: Mapping[str, Floats], *, dark: bool = False) -> go.Figure:
-    """Every column against the first, or against the row when there is only one; whatever is in it.
+    """Every column, shape (N,), against the first, or against the row when there is only one.
 
-    Parameters
-    ----------
-    columns : mapping of str to ndarray, shape (N,)
-        NaN leaves a gap.
-
-    Raises
-    ------
-    JointIdError
-        When there is no column.
+    NaN leaves a gap. Raises JointIdError when there is no column.
     """
     if not columns:
         raise JointIdError("There is no column of numbers to show.")
@@ -237,7 +215,7 @@ def raw_columns(columns: Mapping[str, Floats], *, dark: bool = False) -> go.Figu
         time = np.interp(np.arange(time.size), np.flatnonzero(known), time[known])
     traces = []
     for row, name in enumerate(shown, start=1):
-        x, y = thinned(time, np.asarray(columns[name], float))
+        x, y = downsampled(time, np.asarray(columns[name], float))
         style: Trace = {"yaxis": f"y{row}", "line": {"width": 1.2}, "showlegend": False}
         traces.append(line(x, y, plain_text(name), ink.measured, **style))
     axes = [linear_axis(plain_text(name, most=_LONGEST_TITLE), nticks=6) for name in shown]
@@ -247,7 +225,7 @@ def raw_columns(columns: Mapping[str, Floats], *, dark: bool = False) -> go.Figu
     return figure(traces, across, *axes, height=60 + panel * len(shown), dark=dark)
 
 
-def thinned(x: Floats, y: Floats, *, peaks_only: bool = False) -> tuple[Floats, Floats]:
+def downsampled(x: Floats, y: Floats, *, peaks_only: bool = False) -> tuple[Floats, Floats]:
     """Keep the smallest and the largest value of every stretch, so that no spike is lost."""
     if y.size <= _MOST_POINTS:
         return np.ascontiguousarray(x), np.ascontiguousarray(y)
