@@ -82,23 +82,6 @@ def compensated_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatr
     return analysis.compensated_transfer_matrices[pose], removed
 
 
-def single_records(analysis: Analysis, pose: str, joint: int) -> list[Response]:
-    """Return acceleration over torque of a joint from each record alone, one response per series."""
-    rows = analysis.study.of_pose(pose)
-    frequency = analysis.phasors.omega[rows] / (2 * np.pi)
-    response = single_record_response(analysis.phasors)[rows, joint]
-    series = analysis.phasors.select(rows).series()
-    return [Response(frequency[index], response[index]) for index in series]
-
-
-def nominal(analysis: Analysis, pose: str, i: int, j: int) -> Response | None:
-    """Return H_ij of the nominal K and D with the given inertias; None when the study has none."""
-    if analysis.study.nominal is None:
-        return None
-    given = analysis.study.poses[pose] if pose else analysis.study.inertia
-    return _model(analysis, pose, i, j, given, analysis.study.nominal)
-
-
 def identified(analysis: Analysis, pose: str, i: int, j: int) -> Response | None:
     """Return H_ij of the identified model with its inertias; None for an unphysical estimate."""
     try:
@@ -109,9 +92,11 @@ def identified(analysis: Analysis, pose: str, i: int, j: int) -> Response | None
 
 
 def model_curves(analysis: Analysis, pose: str, i: int, j: int) -> list[Curve]:
-    """Return nominal and identified H_ij, where they exist."""
-    curves = []
-    if (assumed := nominal(analysis, pose, i, j)) is not None:
+    """Return nominal H_ij, with the given inertias, and identified H_ij, where they exist."""
+    study, curves = analysis.study, []
+    if study.nominal is not None:
+        given = study.poses[pose] if pose else study.inertia
+        assumed = _model(analysis, pose, i, j, given, study.nominal)
         curves.append(Curve("nominal model", "nominal", assumed))
     if (found := identified(analysis, pose, i, j)) is not None:
         curves.append(Curve("identified model", "identified", found))
@@ -140,10 +125,12 @@ def element_curves(analysis: Analysis, pose: str, i: int, j: int) -> list[Curve]
 
 def single_record_curves(analysis: Analysis, pose: str, joint: int) -> list[Curve]:
     """Return the models of H_jj, then acceleration over torque of a joint from each record alone."""
-    curves = model_curves(analysis, pose, joint, joint)
-    responses = single_records(analysis, pose, joint)
-    for k, response in enumerate(responses):
-        name = f"record {k + 1} of each frequency" if len(responses) > 1 else "each record alone"
+    curves, rows = model_curves(analysis, pose, joint, joint), analysis.study.of_pose(pose)
+    frequency = analysis.phasors.omega[rows] / (2 * np.pi)
+    H, series = single_record_response(analysis.phasors), analysis.phasors.select(rows).series()
+    for k, index in enumerate(series):
+        name = f"record {k + 1} of each frequency" if len(series) > 1 else "each record alone"
+        response = Response(frequency[index], H[rows, joint][index])
         curves.append(Curve(name, "measured", response, f"{joint_symbol(k)}-open"))
     return curves
 
