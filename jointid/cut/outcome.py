@@ -219,8 +219,7 @@ def remaining_error_text(
     named = enumerated([name for name, acts in causes.items() if acts] or ["the controller's rate"])
     text = (
         f"The remaining error, {left}, comes from {named}, not from the springs: within the error bars "
-        f"of K and D it changes by {millimetres(outcome.spread_m)} (95th percentile shown); the page "
-        "Cut, tab Accuracy of K, shows the cost of an error of K."
+        f"of K and D it changes by {millimetres(outcome.spread_m)} (95th percentile shown)."
     )
     if outcome.before_m < outcome.after_m:
         text += " The smaller error before is a coincidence: the wrong springs cancel a part of it."

@@ -113,7 +113,8 @@ def promise(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str
     if outcome.distribution is None:
         return "The robot has exactly the identified springs; their error is not known."
     if not outcome.springs_matter:
-        return remaining_error_text(outcome, servo, friction)
+        text = remaining_error_text(outcome, servo, friction)
+        return f"{text} The tab Accuracy of K shows the cost of an error of K."
     return (
         "K and D of the robot differ from the identified ones within their error bars: the path error "
         f"stays {_below(outcome.after_m)} with a probability of 95 %, "
