@@ -243,7 +243,7 @@ def test_without_python_control_the_message_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "control", None)
-    with pytest.raises(JointIdError, match=r"pip install jointid\[control\]"):
+    with pytest.raises(JointIdError, match=r'pip install "jointid\[control\]"'):
         control_state_space(PARALLELOGRAM, PAPER)
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jointid.analysis import Analysis
+from jointid.analysis import Analysis, analyse
 from jointid.cli.output import progress
 from jointid.errors import JointIdError
 from jointid.files.application import sample_studies
@@ -36,8 +36,6 @@ def load_named(path: Path) -> Study:
 
 def analyse_file(path: Path, method: str, **changes: Any) -> Analysis:
     """Read a study, change its deviations as given, and run the whole method on it."""
-    from jointid.analysis import analyse
-
     study = replace(load_named(path), **changes)
     with progress("Analysing"):
         return analyse(study, method=method)

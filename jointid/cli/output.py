@@ -7,13 +7,11 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from jointid.analysis import NOT_USABLE, Analysis
 from jointid.study import Study
 from jointid.wording import counted
-
-if TYPE_CHECKING:
-    from jointid.analysis import Analysis
 
 
 def print_json(document: dict[str, Any]) -> None:
@@ -41,8 +39,6 @@ def print_table(header: list[str], rows: list[list[str]], *, right: tuple[int, .
 
 def warn_if_unusable(analysis: Analysis) -> None:
     """State on standard error that an answer is not usable, and where the reason is."""
-    from jointid.analysis import NOT_USABLE
-
     if analysis.state == NOT_USABLE:
         print(f"{analysis.headline} See jointid identify.", file=sys.stderr)
 
