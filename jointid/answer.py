@@ -134,7 +134,7 @@ class Quantity:
 
 def elasticity_quantities(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[Quantity, ...]:
     """K1 ... Kn and D1 ... Dn with the total standard error."""
-    values = (unit.shown(np.concatenate([fit.K, fit.D])), unit.shown(fit.standard_error))
+    values = (unit.shown(fit.estimate), unit.shown(fit.standard_error))
     return _quantities(elasticity_labels(fit.n), *values, unit.units(fit.n))
 
 

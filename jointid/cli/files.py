@@ -12,6 +12,7 @@ from jointid.analysis import Analysis, analyse
 from jointid.cli.output import progress
 from jointid.errors import JointIdError
 from jointid.files.application import sample_studies
+from jointid.parsing.checked_toml import MAX_TOML_BYTES
 from jointid.study import Study
 from jointid.wording import listed, nearest
 
@@ -46,12 +47,17 @@ def robot_from(path: Path) -> KnownRobot:
     from jointid.importing.robot_inertia import KnownRobot, robot_from_toml
 
     if path.suffix.lower() == ".toml":
-        with path.open("rb") as file:
-            text = file.read(1 << 21)
-        return robot_from_toml(text, path.name, lambda name: (path.parent / name).read_bytes())
+        beside = path.parent
+        return robot_from_toml(read_toml(path), path.name, lambda name: (beside / name).read_bytes())
     study = load_named(path)
     deviations = study.inertia_std, study.torque_std
     return KnownRobot(study.inertia, study.poses, study.nominal, study.name, *deviations)
+
+
+def read_toml(path: Path) -> bytes:
+    """Read a TOML file, of a larger one as much as the parser refuses."""
+    with path.open("rb") as file:
+        return file.read(MAX_TOML_BYTES + 1)
 
 
 def require_new_output(path: Path, overwrite: bool, reads: Iterable[Path | None] = ()) -> None:

@@ -18,7 +18,7 @@ from jointid.analysis import NOT_USABLE, Analysis
 from jointid.arrays import Floats, per_joint
 from jointid.errors import JointIdError
 from jointid.exporting.identification import answer_text, origin_text
-from jointid.wording import UNDETERMINED
+from jointid.wording import UNDETERMINED, printable
 
 
 class ArmSide(NamedTuple):
@@ -265,4 +265,4 @@ def _error(error: float) -> str:
 
 def _comment(text: str) -> str:
     """Text that is valid in an XML comment."""
-    return "".join(c if c.isprintable() else " " for c in text).replace("--", "- -")
+    return printable(text).replace("--", "- -")
