@@ -20,7 +20,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, set_fields
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.wording import counted
@@ -86,7 +86,7 @@ class PlanarArm:
             if bad.any():
                 j = int(np.argmax(bad))
                 raise JointIdError(f"{name} of link {j + 1} is {value[j]:g} {unit}: it must {rule}.")
-            object.__setattr__(self, name, value)
+            set_fields(self, **{name: value})
 
     @classmethod
     def example(cls, drive: Drive = "parallelogram") -> Self:

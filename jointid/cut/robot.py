@@ -164,8 +164,8 @@ def reason_unusable(analysis: Analysis) -> str:
         if finding.level == "problem":
             return f"The answer cannot be used for a cut. Resolve this finding first: {finding.title}."
     fit = analysis.fit
-    value = np.concatenate([fit.elasticity.K, fit.elasticity.D])  # refuses unphysical values
-    error = fit.standard_error
+    value = np.concatenate([fit.elasticity.K, fit.elasticity.D])
+    error = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     wide = np.flatnonzero(~(error <= _HARDLY_KNOWN * np.abs(value)))
     if wide.size == 0:
         return ""

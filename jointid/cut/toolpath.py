@@ -13,7 +13,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, set_fields
 from jointid.errors import JointIdError
 
 _STEP = Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
@@ -77,16 +77,15 @@ class Toolpath:
         moves = 0.5 * (velocity[:-1] + velocity[1:]) * duration[:, None]
         knot = start + np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
         change = np.linalg.norm(np.diff(velocity, axis=0), axis=1)
-        values = {
-            "start_m": start,
-            "velocity_m_s": velocity,
-            "duration_s": duration,
-            "time_s": finite_array("time_s", time, ndim=1),
-            "knot_m": finite_array("knot_m", knot, ndim=2),
-            "peak_acceleration_m_s2": float((STEEPEST * change / duration).max()),
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        set_fields(
+            self,
+            start_m=start,
+            velocity_m_s=velocity,
+            duration_s=duration,
+            time_s=finite_array("time_s", time, ndim=1),
+            knot_m=finite_array("knot_m", knot, ndim=2),
+            peak_acceleration_m_s2=float((STEEPEST * change / duration).max()),
+        )
 
     @property
     def end_s(self) -> float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, set_fields
 from jointid.cut.arm import Elbow, PlanarArm, require_two_joints
 from jointid.cut.arm_simulation import ArmSimulation, require_step
 from jointid.cut.feedforward import plan_servo
@@ -56,7 +56,7 @@ class TrackingRun:
             value = finite_array(name, getattr(self, name), ndim=len(shape))
             if value.shape != shape:
                 raise JointIdError(f"{name} has shape {value.shape}; expected {shape}.")
-            object.__setattr__(self, name, value)
+            set_fields(self, **{name: value})
 
     @property
     def max_contour_error_m(self) -> float:
