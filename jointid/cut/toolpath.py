@@ -29,19 +29,8 @@ _CHORDS = 400
 class Toolpath:
     """A path in the plane with its time law, from rest to rest.
 
-    Parameters
-    ----------
-    start_m : array_like, shape (2,)
-        Where the tool starts, m.
-    velocity_m_s : array_like, shape (m + 1, 2)
-        Velocity vectors at the knots between the m pieces, m/s; the first and the last are zero.
-    duration_s : array_like, shape (m,)
-        Duration of each piece, s.
-
-    Raises
-    ------
-    JointIdError
-        When the shapes disagree, a duration is not positive, or the path does not begin and end at rest.
+    Takes array_like values. Raises JointIdError when the shapes disagree, a duration is not positive, or
+    the path does not begin and end at rest.
     """
 
     start_m: Floats
