@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from jointid import RobotModel
 from jointid.analysis import NOT_USABLE, Analysis, analyse_arm_side
 from jointid.answer import (
     ERROR_BARS,
@@ -16,7 +17,6 @@ from jointid.answer import (
 from jointid.cli.files import analyse_file, load_named
 from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, named, without_none
 from jointid.cli.output import print_json, print_table, progress
-from jointid.robot_models.model import RobotModel
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.wording import plain
