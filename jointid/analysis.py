@@ -32,6 +32,8 @@ from jointid.verdict.rules_model import MODEL_LIMITS
 from jointid.wording import plain, significant
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
+_HARDLY_SMALLER = 0.9
+"""Share of the worst error that may remain after useful planned records."""
 STATES = (USABLE, WITH_CARE, NOT_USABLE)
 """States of an answer, best first."""
 
@@ -51,7 +53,7 @@ class Analysis:
     """Equations (2)-(4) of the sine records, in their order; no rows without any."""
     transfer_matrices: Mapping[str, TransferMatrix]
     """Equations (16)-(18) by pose, "" for records without one; poses without a solution are missing."""
-    freed_transfer_matrices: Mapping[str, TransferMatrix]
+    compensated_transfer_matrices: Mapping[str, TransferMatrix]
     """The same, friction-compensated: friction and delay of ``fit`` subtracted from the torque."""
     transfer_problem: str
     """Reason why a pose has no transfer matrix, with the remedy; empty otherwise."""
@@ -131,7 +133,7 @@ class Analysis:
         """
         if any(finding.code == "model limits" for finding in self.findings):
             return f"{MODEL_LIMITS}: more records of the same kind do not help. First remove the cause."
-        if worst[-1] > 0.9 * worst[0]:
+        if worst[-1] > _HARDLY_SMALLER * worst[0]:
             return "These records hardly reduce the worst error: more of the same kind do not help."
         return ""
 
@@ -200,7 +202,7 @@ def _analyse(study: Study, method: str) -> Analysis:
         study=study,
         phasors=phasors,
         transfer_matrices=MappingProxyType(transfer_matrices),
-        freed_transfer_matrices=MappingProxyType(freed),
+        compensated_transfer_matrices=MappingProxyType(freed),
         transfer_problem=problem,
         fit=fits[method],
         fits=MappingProxyType(fits),

@@ -17,6 +17,10 @@ from jointid.estimation.estimators.parameters import EFFECTS, elasticity_labels
 from jointid.joints import Elasticity
 from jointid.wording import capitalised, decimal_place, enumerated, listed, significant, with_error
 
+_AGREEING = 2.0
+"""Standard errors within which values agree: 95 % of normal errors."""
+_PER_CENT = (0.67, 1.5)
+"""Ratios of stiffnesses between which the difference is given in per cent."""
 _AGREEMENT = 0.01
 """Stiffnesses that differ by at most 1 % count as equal: the path error is then below 0.1 mm."""
 
@@ -130,7 +134,7 @@ class Quantity:
 
 def elasticity_quantities(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[Quantity, ...]:
     """K1 ... Kn and D1 ... Dn with the total standard error."""
-    values = (unit.shown(np.concatenate([fit.K, fit.D])), unit.shown(fit.standard_error))
+    values = (unit.shown(fit.estimate), unit.shown(fit.standard_error))
     return _quantities(elasticity_labels(fit.n), *values, unit.units(fit.n))
 
 
@@ -158,7 +162,7 @@ def friction_note(fit: ElasticityFit) -> str:
     negative = [f"joint {j + 1}" for j in np.flatnonzero(viscous < 0)]
     if not negative:
         return ""
-    if np.all(viscous > -2 * error):
+    if np.all(viscous > -_AGREEING * error):
         return f"The negative viscous friction of {enumerated(negative)} agrees with 0."
     return (
         f"The viscous friction of {enumerated(negative)} is negative: friction falls with speed "
@@ -258,7 +262,7 @@ def answer_sentence(
     ``nominal`` holds K and D in the controller at present; ``torque_stated`` is whether the uncertainty
     of the torque scale is part of the errors. If not, the sentence says so.
     """
-    unknown = [j for j in range(fit.n) if not fit.K[j] > 2 * fit.standard_error[j]]
+    unknown = [j for j in range(fit.n) if not fit.K[j] > _AGREEING * fit.standard_error[j]]
     if unknown:
         which = enumerated([f"joint {j + 1}" for j in unknown])
         return f"These records do not determine the stiffness of {which}: see the findings."
@@ -317,9 +321,9 @@ def _difference(fit: ElasticityFit, nominal: Elasticity, j: int) -> tuple[str, s
     """Kind of the difference of a stiffness from the nominal one, its size in words, its size."""
     ratio = float(fit.K[j] / nominal.K[j])
     error = float(fit.standard_error[j] / nominal.K[j])
-    if abs(ratio - 1) <= max(_AGREEMENT, 2 * error):
+    if abs(ratio - 1) <= max(_AGREEMENT, _AGREEING * error):
         return "has its nominal stiffness", "", 0.0
-    if 0.67 < ratio < 1.5:
+    if _PER_CENT[0] < ratio < _PER_CENT[1]:
         percent = 100 * abs(ratio - 1)
         kind = f"is {{}} % {'stiffer' if ratio > 1 else 'softer'} than nominal"
         return kind, _two_digits(percent, 100 * error), percent
@@ -338,7 +342,7 @@ def change_from(value: float, error: float, reference: float) -> str:
     if reference <= 0 or not np.isfinite(error):
         return "–"
     ratio = value / reference - 1
-    if abs(ratio) <= 2 * error / reference:
+    if abs(ratio) <= _AGREEING * error / reference:
         return "agrees"
     size = f"{100 * abs(ratio):.0f}" if abs(ratio) >= 0.1 else significant(100 * abs(ratio), 2)
     return f"{'+' if ratio > 0 else '−'}{size} %"

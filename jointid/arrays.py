@@ -77,6 +77,12 @@ def whole_number(name: str, value: object, least: int, most: float = np.inf) -> 
     raise JointIdError(f"{name} = {value!r}: expected a whole number {allowed}.")
 
 
+def set_fields(instance: object, **values: object) -> None:
+    """Set fields of a frozen dataclass, in its constructor."""
+    for name, value in values.items():
+        object.__setattr__(instance, name, value)
+
+
 def frozen(array: Floats) -> Floats:
     """Return a read-only copy."""
     copy = array.copy()

@@ -1,6 +1,9 @@
-"""The one error that a user of jointid meets."""
+"""The one error that a user of jointid meets, also where an optional library is missing."""
 
 from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
 
 _MOST = 3000
 """Most characters of a message; names from files can make it any length."""
@@ -54,3 +57,17 @@ def _shortened(message: str) -> str:
     if len(message) <= _MOST:
         return message
     return f"{message[: _MOST - 1000]} … {message[-900:]}"
+
+
+def import_optional(module: str, package: str, needed_for: str, extra: str = "import") -> Any:
+    """Import a module of an optional library.
+
+    Raises JointIdError when it is not installed; the message names the package.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise JointIdError(
+            f"{needed_for} need the package {package}, which is not installed. "
+            f'Install it with: pip install "jointid[{extra}]" (or: pip install {package}).'
+        ) from error

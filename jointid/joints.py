@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag, eigh
 
-from jointid.arrays import Complexes, Floats, finite_array, frozen
+from jointid.arrays import Complexes, Floats, finite_array, frozen, set_fields
 from jointid.errors import JointIdError
 from jointid.small_matrices import inverse
 from jointid.wording import counted
@@ -65,16 +65,15 @@ class Inertia:
         known = _symmetric("added", "known part of M2", added, n)
         if known.any():
             _require_positive_definite("M2 − added (M2 is the total)", arm - known)
-        checked = {
-            "M": rotor,
-            "M2": arm,
-            "added": known,
-            "gravity": _symmetric("gravity", "stiffness of gravity", gravity, n, "N·m/rad"),
-            "shared": _symmetric("shared", "change of M2", shared, n),
-            "shared_gravity": _symmetric("shared_gravity", "its change", shared_gravity, n, "N·m/rad"),
-        }
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        set_fields(
+            self,
+            M=rotor,
+            M2=arm,
+            added=known,
+            gravity=_symmetric("gravity", "stiffness of gravity", gravity, n, "N·m/rad"),
+            shared=_symmetric("shared", "change of M2", shared, n),
+            shared_gravity=_symmetric("shared_gravity", "its change", shared_gravity, n, "N·m/rad"),
+        )
 
     @property
     def n(self) -> int:
@@ -168,8 +167,7 @@ class Elasticity:
                 f"D{j + 1} = {damping[j]:g} N·m·s/rad: damping must not be negative "
                 "(a negative one would feed energy into the arm)."
             )
-        object.__setattr__(self, "K", stiffness)
-        object.__setattr__(self, "D", damping)
+        set_fields(self, K=stiffness, D=damping)
 
     @property
     def n(self) -> int:

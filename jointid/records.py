@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, set_fields
 from jointid.errors import JointIdError
 from jointid.wording import counted
 
@@ -65,7 +65,8 @@ class JointRecord:
             raise JointIdError(f"start_s = {begin:g} s lies after the last sample at {time[-1]:g} s.")
         used = time[start:]
         interval = float((used[-1] - used[0]) / (used.size - 1)) if used.size > 1 else 0.0
-        self._set(
+        set_fields(
+            self,
             time_s=time,
             theta_rad=theta,
             tau_Nm=tau,
@@ -75,10 +76,6 @@ class JointRecord:
             interval_s=interval,
             jitter_s=float(np.abs(used - used[0] - interval * np.arange(used.size)).max()),
         )
-
-    def _set(self, **values: object) -> None:
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
 
     @property
     def n(self) -> int:
@@ -119,7 +116,7 @@ class SineRecord(JointRecord, _OfOneFrequency):
         frequency = float(finite_array("frequency_hz", self.frequency_hz, ndim=0))
         if frequency <= 0:
             raise JointIdError(f"frequency_hz = {frequency:g} Hz: must be positive.")
-        self._set(frequency_hz=frequency)
+        set_fields(self, frequency_hz=frequency)
         super().__post_init__()
         used, interval = self.time_s.size - self.start, self.interval_s
         if used * interval * frequency < 1 - 1e-9:
@@ -172,7 +169,7 @@ class MotionRecord(JointRecord):
                 f"A motion record needs at least {_FEWEST} samples, this one has {self.samples}: "
                 "record longer, or correct start_s."
             )
-        self._set(arm_rad=self._checked_arm(), band_hz=self._checked_band())
+        set_fields(self, arm_rad=self._checked_arm(), band_hz=self._checked_band())
 
     @property
     def excitation(self) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, set_fields
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior, checked_std
 from jointid.joints import Elasticity, Inertia
@@ -77,7 +77,7 @@ class Study:
             raise JointIdError("The study holds no records: add at least one experiment.")
         if not all(isinstance(record, SineRecord | MotionRecord) for record in self.records):
             raise JointIdError("records: expected SineRecord and MotionRecord values only.")
-        object.__setattr__(self, "records", tuple(self.records))
+        set_fields(self, records=tuple(self.records))
         self._take_poses_from_model()
         if any(not isinstance(name, str) or not name.strip() for name in self.poses):
             raise JointIdError("A pose has no name: give it one, such as stretched.")
@@ -87,9 +87,9 @@ class Study:
             )
         _require_date(self.date)
         self._check_remarks()
-        object.__setattr__(self, "inertia_std", checked_std("inertia_std", self.inertia_std))
+        set_fields(self, inertia_std=checked_std("inertia_std", self.inertia_std))
         if self.torque_std is not None:
-            object.__setattr__(self, "torque_std", checked_std("torque_std", self.torque_std))
+            set_fields(self, torque_std=checked_std("torque_std", self.torque_std))
         records = [(r.label or f"record {k}", r) for k, r in enumerate(self.records, start=1)]
         for what, joints in [*records, ("nominal", self.nominal), *self.poses.items()]:
             self._require_joints(what, joints)
@@ -162,17 +162,17 @@ class Study:
             value = getattr(self, name)
             if not isinstance(value, list | tuple) or not all(isinstance(text, str) for text in value):
                 raise JointIdError(f"{name} = {value!r:.60}: expected a list of texts.")
-            object.__setattr__(self, name, tuple(value))
+            set_fields(self, **{name: tuple(value)})
         if self.gear_ratio is not None:
             ratio = finite_array("gear_ratio (motor turns per joint turn)", self.gear_ratio, ndim=1)
             if ratio.shape != (self.inertia.n,) or not ratio.all():
                 raise JointIdError(
                     f"gear_ratio = {ratio.tolist()}: give one per joint ({self.inertia.n}), not 0."
                 )
-            object.__setattr__(self, "gear_ratio", ratio)
+            set_fields(self, gear_ratio=ratio)
         if self.gear_temperature_C is not None:
             celsius = float(finite_array("gear_temperature_C (°C)", self.gear_temperature_C, ndim=0))
-            object.__setattr__(self, "gear_temperature_C", celsius)
+            set_fields(self, gear_temperature_C=celsius)
 
     def _take_poses_from_model(self) -> None:
         """Complete ``poses`` by the joint angles of ``pose_angles_rad``."""
@@ -189,8 +189,7 @@ class Study:
                     f"{f'Pose {name}' if name else 'inertia'} has joint angles and another M2 than the "
                     "robot's model there: leave one of them out."
                 )
-        object.__setattr__(self, "poses", MappingProxyType(poses))
-        object.__setattr__(self, "pose_angles_rad", MappingProxyType(angles))
+        set_fields(self, poses=MappingProxyType(poses), pose_angles_rad=MappingProxyType(angles))
 
     def of_pose(self, pose: str) -> np.ndarray:
         """Mask of the sine records in a pose, shape (r,); "" selects those without one."""

@@ -139,6 +139,11 @@ def unbroken(text: str) -> str:
     return _WITHIN_NUMBER.sub("\N{NO-BREAK SPACE}", text)
 
 
+def printable(text: str) -> str:
+    """Return text with a blank for each unprintable character."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
 def minus(text: str) -> str:
     """Return a number's text with the minus sign in place of hyphens."""
     return text.replace("-", "−")

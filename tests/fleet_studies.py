@@ -110,7 +110,7 @@ def with_poison(folder: Path) -> dict[str, str]:
 _COMMAND = """
 import runpy, signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
-runpy.run_module("jointid.cli", run_name="__main__", alter_sys=True)
+runpy.run_module("jointid", run_name="__main__", alter_sys=True)
 """
 
 

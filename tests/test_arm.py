@@ -169,7 +169,7 @@ def swing(
     )
     for k in range(round(end_s / dt)):
         share = 0.5 if k in (0, steps) else float(steps < 0 or k < steps)
-        simulation.step(*(share * PUSH_NM).tolist())
+        simulation.step(share * PUSH_NM[:, None])
     simulation.log.append(simulation.angles)
     return simulation
 
@@ -223,12 +223,12 @@ def test_a_sticking_motor_does_not_move() -> None:
     friction = SimpleNamespace(coulomb=[0.5, 0.25], viscous=0.0)
     simulation = ArmSimulation(arm, ELASTICITY, 2.5e-4, Q, friction)
     for _ in range(400):
-        simulation.step(49.9, -22.4)  # just below 100 · 0.5 and 90 · 0.25
+        simulation.step(np.array([[49.9], [-22.4]]))  # just below 100 · 0.5 and 90 · 0.25
     assert simulation.angles[2:] == pytest.approx(Q, abs=1e-12)
     for _ in range(400):
-        simulation.step(55.0, -10.0)
-    assert simulation.motor1 > Q[0] + 1e-4
-    assert simulation.motor2 == pytest.approx(Q[1], abs=1e-12)
+        simulation.step(np.array([[55.0], [-10.0]]))
+    assert simulation.angles[2] > Q[0] + 1e-4
+    assert simulation.angles[3] == pytest.approx(Q[1], abs=1e-12)
 
 
 def test_viscous_friction_slows_the_rotor() -> None:
@@ -237,11 +237,10 @@ def test_viscous_friction_slows_the_rotor() -> None:
     arm, friction = PlanarArm.example(), SimpleNamespace(coulomb=0.0, viscous=0.01)
     simulation, torque = ArmSimulation(arm, soft, 2.5e-4, Q, friction), np.array([50.0, 20.0])
     for k in range(800):
-        simulation.step(*((1.0 if k else 0.5) * torque).tolist())
-    rates = [simulation.motor1_rate, simulation.motor2_rate]
+        simulation.step((1.0 if k else 0.5) * torque[:, None])
     final = torque / (0.01 * arm.gear_ratio**2)
     expected = -final * np.expm1(-0.01 * 0.2 / arm.rotor_inertia_kgm2)
-    np.testing.assert_allclose(rates, expected, rtol=1e-5)
+    np.testing.assert_allclose(simulation.motor_rate[:, 0], expected, rtol=1e-5)
 
 
 @examples(20, derandomize=True)

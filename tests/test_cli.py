@@ -204,7 +204,7 @@ def test_a_fault_of_ours_says_so(study: Path, monkeypatch: pytest.MonkeyPatch) -
         raise ZeroDivisionError("somewhere deep")
 
     monkeypatch.delenv("JOINTID_DEBUG", raising=False)
-    monkeypatch.setattr("jointid.analysis.analyse", fails)
+    monkeypatch.setattr("jointid.cli.files.analyse", fails)
     message = refused(1, "identify", study)
     assert "Internal error, ZeroDivisionError: somewhere deep" in message
 

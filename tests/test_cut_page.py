@@ -276,7 +276,7 @@ class TestWhatTheBrowserIsSent:
         assert time[-1] == pytest.approx(outcome.before.time_s[-1])
         assert np.diff(time).max() <= 1.001e-3
         for first, wanted in (
-            (1, outcome.before.wanted_m),
+            (1, outcome.before.reference_m),
             (3, outcome.before.tool_m),
             (5, outcome.after.tool_m),
         ):
@@ -302,14 +302,14 @@ class TestWhatTheBrowserIsSent:
         assert data["magnifications"][:3] == [1, 2, 5]
         far, near = data["reach_m"]
         for run, reach in ((outcome.before, far), (outcome.after, near)):
-            apart = np.hypot(*(run.tool_m - run.wanted_m).T)
+            apart = np.hypot(*(run.tool_m - run.reference_m).T)
             assert reach == pytest.approx(apart.max())
         most = data["magnifications"][-1]
         assert most * near <= data["room_m"] <= 0.0084 + 1e-9
         x, y, width, height = data["window_m"]
         for run, reach in ((outcome.before, far), (outcome.after, near)):
             fits = [factor for factor in data["magnifications"] if factor * reach <= data["room_m"]]
-            drawn = run.wanted_m + max(fits, default=1) * (run.tool_m - run.wanted_m)
+            drawn = run.reference_m + max(fits, default=1) * (run.tool_m - run.reference_m)
             assert np.all(drawn > [x, y])
             assert np.all(drawn < [x + width, y + height])
 

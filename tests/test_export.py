@@ -178,7 +178,7 @@ def test_H_without_friction_stands_beside_H_as_measured(analyses: dict[int, Anal
     found = replace(
         plain,
         fit=replace(plain.fit, friction=friction),
-        freed_transfer_matrices={
+        compensated_transfer_matrices={
             "": replace(raw, omega=raw.omega[1:], H=1.25 * raw.H[1:], covariance=raw.covariance[1:])
         },
     )
@@ -243,7 +243,7 @@ def test_without_python_control_the_message_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "control", None)
-    with pytest.raises(JointIdError, match=r"pip install jointid\[control\]"):
+    with pytest.raises(JointIdError, match=r'pip install "jointid\[control\]"'):
         control_state_space(PARALLELOGRAM, PAPER)
 
 

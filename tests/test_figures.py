@@ -24,7 +24,7 @@ from jointid.figures import (
     waveforms,
 )
 from jointid.figures.style import DARK, LIGHT, frequency_axis, plain_text
-from jointid.figures.waveforms import thinned
+from jointid.figures.waveforms import downsampled
 from jointid.ui.study.data_quality import phasor_table
 from jointid.verdict.evidence import problem
 
@@ -137,7 +137,7 @@ def test_where_friction_was_found_the_freed_measurement_stands_beside_the_raw_on
     found = replace(
         plain,
         fit=replace(plain.fit, friction=Friction(np.ones(2), np.zeros(2), np.zeros(4))),
-        freed_transfer_matrices={"": replace(raw, H=1.1 * raw.H)},
+        compensated_transfer_matrices={"": replace(raw, H=1.1 * raw.H)},
     )
     figure = element_response(found, 0, 0)
     full, hollow = trace(figure, "without friction"), trace(figure, "as measured")
@@ -250,7 +250,7 @@ def test_thinning_loses_no_spike() -> None:
     x = np.arange(1_000_003.0)
     y = np.sin(x / 1e4)
     y[[777_777, 123_456]] = 9.0, -9.0
-    few_x, few_y = thinned(x, y)
+    few_x, few_y = downsampled(x, y)
     assert few_y.size <= 2002
     assert (few_y.max(), few_y.min()) == (9.0, -9.0)
     assert few_x[np.argmax(few_y)] == 777_777

@@ -691,7 +691,7 @@ def test_the_command_refuses_what_makes_no_sense(paths: list[Path], tmp_path: Pa
 @pytest.mark.parametrize("address", ["x", pytest.param("tls://127.0.0.1:9", marks=pytest.mark.long)])
 def test_an_address_that_is_none_is_one_message(paths: list[Path], tmp_path: Path, address: str) -> None:
     pytest.importorskip("distributed")
-    command = [sys.executable, "-m", "jointid.cli", "batch", str(paths[0]), "--scheduler", address]
+    command = [sys.executable, "-m", "jointid", "batch", str(paths[0]), "--scheduler", address]
     command += ["-o", str(tmp_path / "r.parquet")]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
     assert ended.returncode == 1

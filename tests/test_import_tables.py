@@ -33,10 +33,10 @@ from log_makers import (
 from jointid import JointIdError
 from jointid.arrays import Floats
 from jointid.background.child_process import Limits
+from jointid.errors import import_optional
 from jointid.importing import LogColumn, LogTable, read_log, read_logs
 from jointid.importing.columns import log_table
 from jointid.importing.columns.units import split_unit
-from jointid.importing.read import reader
 from jointid.importing.read.formats import excel as workbooks
 from jointid.importing.read.reader_process import ReaderProcess
 
@@ -416,7 +416,7 @@ def test_reader_that_takes_too_long_is_ended(tmp_path: Path) -> None:
 def test_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(JointIdError, match=r'pip install "jointid\[import\]"'):
-        reader.import_optional("h5py", "h5py", "HDF5 files")
+        import_optional("h5py", "h5py", "HDF5 files")
 
 
 def test_signature_goes_by_names_and_units() -> None:

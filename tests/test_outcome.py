@@ -156,7 +156,7 @@ class TestKnownAnswers:
         outcome = cut_outcome(robot(drive=drive), PATH, PAPER, servo=IDEAL, samples=3)
         assert outcome.before_m < 2 * MICROMETRE
         assert outcome.after_m < 2 * MICROMETRE
-        np.testing.assert_array_equal(outcome.before.wanted_m, outcome.after.wanted_m)
+        np.testing.assert_array_equal(outcome.before.reference_m, outcome.after.reference_m)
 
     def test_k_within_one_per_cent_and_d_within_five(self) -> None:
         found = robot()

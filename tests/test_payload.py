@@ -22,7 +22,7 @@ from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.exporting.identification import to_json, to_toml
 from jointid.exporting.matlab import to_mat
 from jointid.phasors.extract import extract_phasors
-from jointid.simulation.campaign import Campaign, simulate_campaign, wrongly_given
+from jointid.simulation.campaign import Campaign, simulate_campaign, with_inertia_error
 
 PAYLOAD = np.array([[0.0012, 0.0005], [0.0005, 0.0009]])
 TRUTH = np.concatenate([PAPER.K, PAPER.D])
@@ -131,14 +131,14 @@ def test_the_gradient_is_that_of_the_cost() -> None:
 
 def test_given_inertias_are_off_as_asked() -> None:
     for seed in range(5):
-        given = wrongly_given(PARALLELOGRAM.with_added(PAYLOAD), 0.3, seed)
+        given = with_inertia_error(PARALLELOGRAM.with_added(PAYLOAD), 0.3, seed)
         assert np.abs(given.M / PARALLELOGRAM.M - 1) == pytest.approx(0.3)
         assert given.added.tolist() == PAYLOAD.tolist()
         own = (given.M2 - PAYLOAD) / PARALLELOGRAM.M2
         assert np.abs(np.diag(own) - 1) == pytest.approx(0.3)
-    assert len({tuple(wrongly_given(PARALLELOGRAM, 0.3, seed).M) for seed in range(20)}) == 4
+    assert len({tuple(with_inertia_error(PARALLELOGRAM, 0.3, seed).M) for seed in range(20)}) == 4
     with pytest.raises(JointIdError, match="inertia_error = 1"):
-        wrongly_given(PARALLELOGRAM, 1.0)
+        with_inertia_error(PARALLELOGRAM, 1.0)
 
 
 def test_the_records_are_those_of_the_robot_not_of_the_study() -> None:

@@ -14,12 +14,11 @@ from jointid.figures.response_curves import (
     Response,
     band_of,
     element_curves,
-    identified,
     magnitude_limits,
     measured,
-    nominal,
+    model_curves,
     phase_deg,
-    single_records,
+    single_record_curves,
 )
 
 BAND_HZ = np.geomspace(3.0, 30.0, 300)
@@ -64,11 +63,9 @@ def test_the_models_are_those_of_the_study_over_its_band(analysis: Analysis) -> 
     inertia, study = analysis.study.inertia, analysis.study
     assert study.nominal is not None
     low, high = band_of(np.array([r.frequency_hz for r in study.records]))
-    for found, elasticity in (
-        (nominal(analysis, "", 0, 1), study.nominal),
-        (identified(analysis, "", 0, 1), analysis.fit.elasticity),
-    ):
-        assert found is not None
+    models = model_curves(analysis, "", 0, 1)
+    for model, elasticity in zip(models, (study.nominal, analysis.fit.elasticity), strict=True):
+        found = model.response
         f = found.frequency_hz
         assert np.all(np.diff(f) > 0)
         assert (f[0], f[-1]) == pytest.approx((low, high))
@@ -86,5 +83,5 @@ def test_the_report_and_the_app_draw_the_same_points_on_one_scale(analysis: Anal
     drawn = [t for t in element_response(analysis, 0, 0).data if t.mode == "markers" and t.yaxis != "y2"]
     assert drawn[-1].y == pytest.approx(np.abs(points.response.H))
     assert np.all((np.abs(points.response.H) >= low) & (np.abs(points.response.H) <= high))
-    alone = single_records(analysis, "", 0)
+    alone = [c.response for c in single_record_curves(analysis, "", 0) if c.symbol]
     assert sum(each.H.size for each in alone) == len(analysis.study.records)

@@ -135,16 +135,13 @@ def test_encoder_counts_are_on_the_motor_shaft() -> None:
 class Turning:
     """A plant that turns evenly whatever the torque, and keeps what it was given."""
 
-    motor1: float
-    motor2: float
-    motor1_rate: float = 0.3
-    motor2_rate: float = -0.2
-    steps: list[tuple[float, float]] = field(default_factory=list)
+    motor: np.ndarray
+    motor_rate = np.array([[0.3], [-0.2]])
+    steps: list[np.ndarray] = field(default_factory=list)
 
-    def step(self, torque1: float, torque2: float) -> None:
-        self.steps.append((torque1, torque2))
-        self.motor1 += 0.5e-3 * self.motor1_rate
-        self.motor2 += 0.5e-3 * self.motor2_rate
+    def step(self, torque: np.ndarray) -> None:
+        self.steps.append(torque)
+        self.motor = self.motor + 0.5e-3 * self.motor_rate
 
 
 @pytest.mark.parametrize("delay", [0, 2])
@@ -159,8 +156,8 @@ def test_the_control_law_sample_by_sample(delay, differentiated, bits) -> None:
         torque_limit_Nm=[30.0, 12.0],
     )
     plan = plan_servo(PlanarArm.example(), rectangle(), servo, ELASTICITY.K, ELASTICITY.D)
-    plant = Turning(*plan.start_angle.tolist())
-    held = np.array(run_servo(plan, plant, substeps=2))
+    plant = Turning(plan.start_angle[:, None])
+    held = np.array(run_servo(plan, plant, substeps=2))[..., 0]
     k = np.arange(len(held))[:, None]
     true_rate = np.array([0.3, -0.2])
     y = plan.start_angle + 1e-3 * k * true_rate

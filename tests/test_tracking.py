@@ -112,7 +112,7 @@ def test_a_run_starts_at_rest_and_keeps_its_torque_between_samples() -> None:
     held = run.motor_torque_Nm[:-1].reshape(-1, 4, 2)
     np.testing.assert_array_equal(held, held[:, :1].repeat(4, axis=1))
     np.testing.assert_allclose(arm.tool(run.joint_angle_rad), run.tool_m, atol=1e-15)
-    np.testing.assert_allclose(path.position(run.time_s), run.wanted_m, atol=1e-15)
+    np.testing.assert_allclose(path.position(run.time_s), run.reference_m, atol=1e-15)
 
 
 @pytest.mark.parametrize("drive", ONE_DRIVE)
@@ -172,7 +172,7 @@ def test_a_real_controller(drive) -> None:
 def test_errors_are_what_they_say(drive) -> None:
     path = rectangle(zone_m=0.005)
     run = track(PlanarArm.example(drive), path, TRUE)
-    np.testing.assert_allclose(run.tracking_error_m, np.hypot(*(run.tool_m - run.wanted_m).T))
+    np.testing.assert_allclose(run.tracking_error_m, np.hypot(*(run.tool_m - run.reference_m).T))
     assert np.all(run.contour_error_m <= run.tracking_error_m + 1e-7)
     dense = path.position(np.linspace(0, path.end_s, 20_000))
     for i in range(0, len(run.time_s), 97):
@@ -227,7 +227,7 @@ def test_a_result_cannot_be_changed() -> None:
     with pytest.raises(ValueError, match="read-only"):
         run.tool_m[0] = 0.0
     with pytest.raises(AttributeError):
-        run.tool_m = run.wanted_m
+        run.tool_m = run.reference_m
 
 
 @pytest.mark.parametrize("dt", [1.001e-3, 4e-3, 0.0, -1e-4, float("nan")])

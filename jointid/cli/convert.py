@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import typer
 
 import jointid.cli.options as options
-from jointid.cli.files import require_free, robot_from
-from jointid.cli.output import made, print_json, print_table, progress
+from jointid.cli.files import require_new_output, robot_from
+from jointid.cli.output import print_json, print_new_study, print_table, progress
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
 from jointid.study import Study
@@ -80,9 +80,9 @@ def convert(
         )
     if guess is not None:
         options.require_ending("--guess", guess, ".json")
-        require_free(guess, overwrite, [*logs, inertia])
+        require_new_output(guess, overwrite, [*logs, inertia])
     elif output is not None:
-        require_free(output, overwrite, [*logs, mapping, inertia])
+        require_new_output(output, overwrite, [*logs, mapping, inertia])
     from jointid import save_study
     from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
     from jointid.importing.map.simultaneous_logs import join_logs
@@ -110,7 +110,9 @@ def convert(
     if chosen is None or output is None or inertia is None:
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
     assumed, called = options.nominal(nominal_K, nominal_D), name or None
-    changes = options.given(nominal=assumed, name=called, inertia_std=inertia_std, torque_std=torque_std)
+    changes = options.without_none(
+        nominal=assumed, name=called, inertia_std=inertia_std, torque_std=torque_std
+    )
     robot = replace(robot_from(inertia), **changes)
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
@@ -124,7 +126,7 @@ def convert(
     facts = robot_facts(chosen, tables[0])
     study = replace(study, robot=which.strip(), date=measured_on, note=note, **facts)
     save_study(study, output, overwrite=overwrite)
-    made(study, output, as_json, notes=list(notes))
+    print_new_study(study, output, as_json, notes=list(notes))
     if study.assumed:
         notes = (
             *notes,

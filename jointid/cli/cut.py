@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from jointid.cli.files import analysed, require_free
+from jointid.cli.files import analyse_file, require_new_output
 from jointid.cli.options import JSON, METHOD, OVERWRITE, named, numbers, require_ending
 from jointid.cli.output import print_json, print_table, progress
 from jointid.files.atomic_write import write_file
@@ -37,7 +37,7 @@ def cut(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Simulate the paper's cut with nominal and with identified K and D."""
-    from jointid.cut.outcome import millimetres, remainder
+    from jointid.cut.outcome import millimetres, remaining_error_text
     from jointid.cut.path_deflection import has_own_path
     from jointid.cut.robot import DEMONSTRATION, NOMINAL_NAMES, cut_robot, demonstration
 
@@ -48,11 +48,11 @@ def cut(
         raise typer.BadParameter(f'--assumed "{assumed}": expected study, rigid, soft or stiff.')
     if svg is not None:
         require_ending("--svg", svg, ".svg")
-        require_free(svg, overwrite, [study])
+        require_new_output(svg, overwrite, [study])
     if study is None:
         robot = demonstration(drive or "parallelogram")  # type: ignore[arg-type]
     else:
-        analysis = analysed(study, method)
+        analysis = analyse_file(study, method)
         robot = cut_robot(analysis, drive or None)  # type: ignore[arg-type]
         if svg is None and has_own_path(analysis):
             _print_own_path(analysis, zones, as_json)
@@ -96,7 +96,7 @@ def cut(
     if worse := [f"{zone:g} mm" for zone, o in zip(zones, outcomes, strict=True) if o.not_better]:
         print(f"Corner zone {enumerated(worse)}: {next(o.not_better for o in outcomes if o.not_better)}")
     if not (largest := outcomes[-1]).springs_matter:
-        print(remainder(largest, friction=robot.friction))
+        print(remaining_error_text(largest, friction=robot.friction))
 
 
 def _print_own_path(analysis: Any, zones_mm: Sequence[float], as_json: bool) -> None:

@@ -12,9 +12,9 @@ import typer
 
 from jointid import exporting
 from jointid.analysis import Analysis
-from jointid.cli.files import analysed, require_free
+from jointid.cli.files import analyse_file, require_new_output
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, UNIT, numbers, require_ending
-from jointid.cli.output import progress, warn_if_unusable, written
+from jointid.cli.output import print_written, progress, warn_if_unusable
 from jointid.files.atomic_write import write_file
 
 
@@ -33,8 +33,8 @@ def report(
     files = output or [Path(f"{study.resolve().stem or 'study'}-report.html")]
     for file in files:
         require_ending("--output", file, ".html", ".htm", ".pdf")
-        require_free(file, overwrite, [study])
-    analysis = analysed(study, method)
+        require_new_output(file, overwrite, [study])
+    analysis = analyse_file(study, method)
     analysis = analysis.shown_in(unit) if unit else analysis
     from jointid.reporting.report import make_report, to_html, to_pdf
 
@@ -43,7 +43,7 @@ def report(
         for file in files:
             pdf = file.suffix.lower() == ".pdf"
             write_file(file, to_pdf(made) if pdf else to_html(made).encode())
-    written(files, as_json)
+    print_written(files, as_json)
 
 
 def _writers(gear_ratio: list[float] | None) -> dict[str, Callable[[Analysis], str | bytes]]:
@@ -99,8 +99,8 @@ def export(
     ratio = numbers(gear_ratio) if gear_ratio else None
     endings = {file: _ending(file) for file in output}
     for file in output:
-        require_free(file, overwrite, [study])
-    analysis = analysed(study, method)
+        require_new_output(file, overwrite, [study])
+    analysis = analyse_file(study, method)
     known = analysis.study.gear_ratios
     ratio = ratio or (None if known is None else known.tolist())
     for file, ending in endings.items():
@@ -116,7 +116,7 @@ def export(
         content = writers[ending](analysis)
         write_file(file, content if isinstance(content, bytes) else content.encode())
     warn_if_unusable(analysis)
-    written(list(endings), as_json)
+    print_written(list(endings), as_json)
     if not endings:
         raise typer.Exit(1)
 

@@ -8,10 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jointid.analysis import Analysis
+from jointid.analysis import Analysis, analyse
 from jointid.cli.output import progress
 from jointid.errors import JointIdError
 from jointid.files.application import sample_studies
+from jointid.parsing.checked_toml import MAX_TOML_BYTES
 from jointid.study import Study
 from jointid.wording import listed, nearest
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from jointid.importing.robot_inertia import KnownRobot
 
 
-def loaded(path: Path) -> Study:
+def load_named(path: Path) -> Study:
     """Read a study, or the sample of that name where no file or folder has it."""
     from jointid.files.study_files import load_study
 
@@ -34,11 +35,9 @@ def loaded(path: Path) -> Study:
     return load_study(sample)
 
 
-def analysed(path: Path, method: str, **changes: Any) -> Analysis:
+def analyse_file(path: Path, method: str, **changes: Any) -> Analysis:
     """Read a study, change its deviations as given, and run the whole method on it."""
-    from jointid.analysis import analyse
-
-    study = replace(loaded(path), **changes)
+    study = replace(load_named(path), **changes)
     with progress("Analysing"):
         return analyse(study, method=method)
 
@@ -48,15 +47,20 @@ def robot_from(path: Path) -> KnownRobot:
     from jointid.importing.robot_inertia import KnownRobot, robot_from_toml
 
     if path.suffix.lower() == ".toml":
-        with path.open("rb") as file:
-            text = file.read(1 << 21)
-        return robot_from_toml(text, path.name, lambda name: (path.parent / name).read_bytes())
-    study = loaded(path)
+        beside = path.parent
+        return robot_from_toml(read_toml(path), path.name, lambda name: (beside / name).read_bytes())
+    study = load_named(path)
     deviations = study.inertia_std, study.torque_std
     return KnownRobot(study.inertia, study.poses, study.nominal, study.name, *deviations)
 
 
-def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ()) -> None:
+def read_toml(path: Path) -> bytes:
+    """Read a TOML file, of a larger one as much as the parser refuses."""
+    with path.open("rb") as file:
+        return file.read(MAX_TOML_BYTES + 1)
+
+
+def require_new_output(path: Path, overwrite: bool, reads: Iterable[Path | None] = ()) -> None:
     """Refuse, before any work, an existing output without ``overwrite``, and any input as output."""
     target = Path(os.path.realpath(path))
     for source in (Path(os.path.realpath(read)) for read in reads if read is not None):

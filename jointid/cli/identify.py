@@ -5,10 +5,21 @@ from typing import Annotated
 
 import typer
 
-from jointid.analysis import Analysis
-from jointid.cli.files import analysed, loaded
-from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, given, named
+from jointid import RobotModel
+from jointid.analysis import NOT_USABLE, Analysis, analyse_arm_side
+from jointid.answer import (
+    ERROR_BARS,
+    UNSTATED_TORQUE_SCALE,
+    further_quantities,
+    gear_text,
+    model_name,
+)
+from jointid.cli.files import analyse_file, load_named
+from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, named, without_none
 from jointid.cli.output import print_json, print_table, progress
+from jointid.uncertainty.error_parts import error_table
+from jointid.uncertainty.prior_rows import PRIOR_HEADER
+from jointid.wording import plain
 
 
 def identify(
@@ -20,8 +31,8 @@ def identify(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Identify stiffness and damping of every joint."""
-    deviations = given(inertia_std=inertia_std, torque_std=torque_std)
-    analysis = analysed(study, method, **deviations)
+    deviations = without_none(inertia_std=inertia_std, torque_std=torque_std)
+    analysis = analyse_file(study, method, **deviations)
     if as_json:
         from jointid.exporting.identification import to_document
 
@@ -41,18 +52,6 @@ def identify(
 
 
 def _print_tables(analysis: Analysis) -> None:
-    from jointid.analysis import NOT_USABLE
-    from jointid.answer import (
-        ERROR_BARS,
-        UNSTATED_TORQUE_SCALE,
-        further_quantities,
-        gear_text,
-        model_name,
-    )
-    from jointid.uncertainty.error_parts import error_table
-    from jointid.uncertainty.prior_rows import PRIOR_HEADER
-    from jointid.wording import plain
-
     fit, nominal = analysis.fit, analysis.nominal
     fitted = (*analysis.quantities, *further_quantities(fit))
     known = [""] * len(fitted)
@@ -86,12 +85,9 @@ def arm_side(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Identify K of the joints with sensors behind their gears."""
-    from jointid import RobotModel
-    from jointid.analysis import analyse_arm_side
-
     model = None if robot is None else RobotModel.load(robot)
     with progress("Evaluating the sensors"):
-        fit = analyse_arm_side(loaded(study), model)
+        fit = analyse_arm_side(load_named(study), model)
     if as_json:
         names = ("K", "standard_error", "skew_s", "skew_error_s", "residual_rad")
         values = {name: getattr(fit, name).tolist() for name in names}

@@ -45,7 +45,7 @@ def nominal(stiffness: str, damping: str) -> Elasticity | None:
     return Elasticity(K=numbers(stiffness), D=numbers(damping))
 
 
-def given(**values: Any) -> dict[str, Any]:
+def without_none(**values: Any) -> dict[str, Any]:
     """Return the options that a person gave: without those that are None."""
     return {name: value for name, value in values.items() if value is not None}
 

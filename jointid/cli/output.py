@@ -7,13 +7,11 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from jointid.analysis import NOT_USABLE, Analysis
 from jointid.study import Study
 from jointid.wording import counted
-
-if TYPE_CHECKING:
-    from jointid.analysis import Analysis
 
 
 def print_json(document: dict[str, Any]) -> None:
@@ -41,8 +39,6 @@ def print_table(header: list[str], rows: list[list[str]], *, right: tuple[int, .
 
 def warn_if_unusable(analysis: Analysis) -> None:
     """State on standard error that an answer is not usable, and where the reason is."""
-    from jointid.analysis import NOT_USABLE
-
     if analysis.state == NOT_USABLE:
         print(f"{analysis.headline} See jointid identify.", file=sys.stderr)
 
@@ -63,7 +59,7 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
         )
 
 
-def made(study: Study, path: Path, as_json: bool, **more: Any) -> None:
+def print_new_study(study: Study, path: Path, as_json: bool, **more: Any) -> None:
     """Print the contents of a new study."""
     from jointid.files.digest import study_digest
 
@@ -80,7 +76,7 @@ def made(study: Study, path: Path, as_json: bool, **more: Any) -> None:
     print_json({"study": str(path), "digest": digest, "joints": n, "records": records} | more)
 
 
-def written(files: list[Path], as_json: bool) -> None:
+def print_written(files: list[Path], as_json: bool) -> None:
     """Print the names of the written files."""
     if as_json:
         print_json({"written": [str(file) for file in files]})

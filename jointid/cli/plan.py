@@ -12,7 +12,7 @@ import typer
 
 from jointid.analysis import Analysis, analyse
 from jointid.arrays import per_joint
-from jointid.cli.files import loaded, require_free
+from jointid.cli.files import load_named, read_toml, require_new_output
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers
 from jointid.cli.output import print_json, print_table, progress, warn_if_unusable
 from jointid.errors import JointIdError
@@ -98,7 +98,7 @@ def planned(
     from jointid.uncertainty.plan import suggest_records
 
     position, velocity, torque = (numbers(text) if text else None for text in limits)
-    known = loaded(path)
+    known = load_named(path)
     if shape is None and known.motion_records:
         raise JointIdError(
             "Sines are planned from the noise of sines, and this study has records of other motions: "
@@ -225,9 +225,8 @@ def setpoints(
     from jointid.setpoints.played import play
     from jointid.setpoints.robot_limits import limits_from_toml
 
-    require_free(output, overwrite, [study, limits])
-    with limits.open("rb") as file:
-        robot = limits_from_toml(file.read(1 << 21), limits.name)
+    require_new_output(output, overwrite, [study, limits])
+    robot = limits_from_toml(read_toml(limits), limits.name)
     texts = position_limit, velocity_limit, torque_limit
     shape = (motion, from_hz, to_hz) if motion else None
     analysis, found = planned(study, method, count, duration_s, texts, shape)

@@ -7,8 +7,8 @@ import typer
 
 import jointid
 import jointid.cli.options as options
-from jointid.cli.files import require_free, robot_from
-from jointid.cli.output import made, progress
+from jointid.cli.files import require_new_output, robot_from
+from jointid.cli.output import print_new_study, progress
 from jointid.errors import JointIdError
 
 _LAWS = ", ".join(options.GEAR_FIELDS)
@@ -103,7 +103,7 @@ def simulate(
         robot = KnownRobot(arm.inertia(arm.inverse((1.15, 0.0))))
     else:
         robot = robot_from(inertia)
-    require_free(output, overwrite, [inertia])
+    require_new_output(output, overwrite, [inertia])
     if not 0 < from_hz <= to_hz:
         raise JointIdError(f"--from-hz {from_hz:g} --to-hz {to_hz:g}: give 0 < lowest ≤ highest.")
     if motion and (count or periods):
@@ -141,8 +141,8 @@ def simulate(
         nominal=assumed,
         name=name,
         origin="simulated",
-        **options.given(inertia_std=robot.inertia_std, torque_std=robot.torque_std)
-        | options.given(inertia_std=inertia_std, torque_std=torque_std),
+        **options.without_none(inertia_std=robot.inertia_std, torque_std=robot.torque_std)
+        | options.without_none(inertia_std=inertia_std, torque_std=torque_std),
     )
     jointid.save_study(study, output, overwrite=overwrite)
-    made(study, output, as_json)
+    print_new_study(study, output, as_json)

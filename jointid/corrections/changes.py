@@ -31,13 +31,13 @@ def corrected(study: Study, change: Change) -> Study:
     possible, such as a later start of a record that never becomes steady, or a record that is read in
     parts.
     """
-    made, sentence = _CHANGES[change.kind](study, change)
+    made, sentence = _CHANGES[change.kind][0](study, change)
     return replace(made, changes=(*study.changes, sentence))
 
 
 def label(study: Study, change: Change) -> str:
     """Return a change in a few words, as an instruction: "Leave out 05.csv"."""
-    return _LABELS[change.kind](study, change)
+    return _CHANGES[change.kind][1](study, change)
 
 
 def _start(study: Study, change: Change) -> tuple[Study, str]:
@@ -93,13 +93,11 @@ def _hold(study: Study, change: Change) -> tuple[Study, str]:
 def _scale(study: Study, change: Change) -> tuple[Study, str]:
     angle, torque = np.split(np.array(change.values), 2)
     concerned = _concerned(study, change)
-    made = _each(
-        study,
-        dict.fromkeys(concerned),
-        lambda record, _: replace(
-            record, theta_rad=record.theta_rad / angle, tau_Nm=record.tau_Nm / torque
-        ),
-    )
+
+    def scaled(record: Any, _: object) -> Any:
+        return replace(record, theta_rad=record.theta_rad / angle, tau_Nm=record.tau_Nm / torque)
+
+    made = _each(study, dict.fromkeys(concerned), scaled)
     names = listed([_name(study, k) for k in concerned])
     where = f" in {names}" if change.records else ""
     return made, f"{capitalised(_factors(change.values))}{where}."
@@ -133,30 +131,34 @@ def _inertias(study: Study, change: Change) -> tuple[Study, str]:
     return made, f"M and M2 as fitted to these records. As given: {listed(before)} (kg·m²)."
 
 
-_CHANGES: Mapping[ChangeKind, Callable[[Study, Change], tuple[Study, str]]] = {
-    "start": _start,
-    "frequency": _frequency,
-    "leave out": _leave_out,
-    "delay": _delay,
-    "hold": _hold,
-    "scale": _scale,
-    "order": _order,
-    "inertias": _inertias,
-}
-
-
-_LABELS: Mapping[ChangeKind, Callable[[Study, Change], str]] = {
-    "start": lambda study, change: f"Start {_some(study, change)} at the steady state",
-    "frequency": lambda study, change: f"Use the measured frequency of {_some(study, change)}",
-    "leave out": lambda study, change: f"Leave out {_some(study, change)}",
-    "delay": lambda study, change: f"Set the torque delay to {_milliseconds(_delays(study, change))}",
-    "hold": lambda _, change: f"Treat the torque as {'held' if change.values[0] else 'momentary'}",
-    "scale": lambda study, change: (
-        capitalised(_factors(change.values)) + (f" in {_some(study, change)}" if change.records else "")
+_Make = Callable[[Study, Change], tuple[Study, str]]
+_Label = Callable[[Study, Change], str]
+_CHANGES: Mapping[ChangeKind, tuple[_Make, _Label]] = {
+    "start": (_start, lambda study, change: f"Start {_some(study, change)} at the steady state"),
+    "frequency": (
+        _frequency,
+        lambda study, change: f"Use the measured frequency of {_some(study, change)}",
     ),
-    "order": lambda _, change: capitalised(_exchange(change.values)),
-    "inertias": lambda *_: "Accept the fitted inertias",
+    "leave out": (_leave_out, lambda study, change: f"Leave out {_some(study, change)}"),
+    "delay": (
+        _delay,
+        lambda study, change: f"Set the torque delay to {_milliseconds(_delays(study, change))}",
+    ),
+    "hold": (
+        _hold,
+        lambda _, change: f"Treat the torque as {'held' if change.values[0] else 'momentary'}",
+    ),
+    "scale": (
+        _scale,
+        lambda study, change: (
+            capitalised(_factors(change.values))
+            + (f" in {_some(study, change)}" if change.records else "")
+        ),
+    ),
+    "order": (_order, lambda _, change: capitalised(_exchange(change.values))),
+    "inertias": (_inertias, lambda *_: "Accept the fitted inertias"),
 }
+"""Each change with its label."""
 
 
 def _concerned(study: Study, change: Change) -> list[int]:

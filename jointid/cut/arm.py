@@ -20,7 +20,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, set_fields
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.wording import counted
@@ -86,7 +86,7 @@ class PlanarArm:
             if bad.any():
                 j = int(np.argmax(bad))
                 raise JointIdError(f"{name} of link {j + 1} is {value[j]:g} {unit}: it must {rule}.")
-            object.__setattr__(self, name, value)
+            set_fields(self, **{name: value})
 
     @classmethod
     def example(cls, drive: Drive = "parallelogram") -> Self:
@@ -186,24 +186,10 @@ class PlanarArm:
         return np.asarray(links @ self.links_from_joints)
 
     def inverse(self, tool_m: ArrayLike, elbow: Elbow = "positive") -> Floats:
-        """Inverse kinematics: joint angles for tool points.
+        """Inverse kinematics: joint angles q, shape (..., 2), rad, for tool points (..., 2), m.
 
-        Parameters
-        ----------
-        tool_m : array_like, shape (..., 2)
-            Tool positions, m.
-        elbow : {"positive", "negative"}
-            Sign of the angle of link 2 relative to link 1.
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            Joint angles q, rad; link 1 between −π and π.
-
-        Raises
-        ------
-        JointIdError
-            When a point is out of reach, or the arm is nearly singular there.
+        ``elbow`` is the sign of the angle of link 2 relative to link 1; that of link 1 lies between −π
+        and π. Raises JointIdError when a point is out of reach, or the arm is nearly singular there.
         """
         if elbow not in _SIGN:
             raise JointIdError(f'elbow = "{elbow}": expected "positive" or "negative".')

@@ -45,15 +45,8 @@ def joint_motion(arm: PlanarArm, path: Floats, elbow: Elbow = "positive") -> Joi
     linear in φ^(k), the rest is known from lower orders. The joint torques on the absolute angles are
     U1 = a φ̈1 + c Im(Ē1 Ë2), U2 = b φ̈2 + c Im(Ē2 Ë1), whose derivatives follow by the product rule.
 
-    Parameters
-    ----------
-    path : ndarray, shape (5, k, 2)
-        Tool position, velocity, acceleration, jerk and snap.
-
-    Raises
-    ------
-    JointIdError
-        When a point is out of reach or singular.
+    ``path``, shape (5, k, 2), holds tool position, velocity, acceleration, jerk and snap. Raises
+    JointIdError when a point is out of reach or singular.
     """
     l1, l2 = arm.length_m
     phi = np.empty((5, path.shape[1], 2))
@@ -89,16 +82,7 @@ _BINOMIAL = ((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))
 def deflection(torque: Floats, K: float, D: float, step_s: float) -> Floats:
     """Solution x of D ẋ + K x = u from rest, for u and any of its derivatives given by samples.
 
-    Exact for a piecewise linear torque; D = 0 gives x = u / K.
-
-    Parameters
-    ----------
-    torque : ndarray, shape (..., k)
-        Samples of u, the first one zero.
-    K, D : float
-        Stiffness and damping, D ≥ 0.
-    step_s : float
-        Interval of the samples, s.
+    Exact for a piecewise linear torque, shape (..., k), that begins with zero; D = 0 gives x = u / K.
     """
     if D == 0:
         return np.asarray(torque / K)
@@ -125,17 +109,9 @@ def plan_servo(
 ) -> ServoPlan:
     """Precompute references and feedforward of a cut.
 
-    Parameters
-    ----------
-    assumed_K, assumed_D : ndarray, shape (2,) or (2, runs), optional
-        K and D that the controller assumes, motor side. None is a rigid controller.
-    gears : GearLaws, optional
-        Laws of the gears that the controller knows in addition, joint side.
-
-    Raises
-    ------
-    JointIdError
-        When the path leaves the workspace.
+    The controller assumes K and D, motor side, shape (2,) or (2, runs), or rigid joints where they are
+    None; ``gears`` are laws that it knows in addition, joint side. Raises JointIdError when the path
+    leaves the workspace.
     """
     T = servo.interval_s
     samples = int(np.ceil(toolpath.end_s / T - 1e-9)) + 1
@@ -186,16 +162,8 @@ def plan_servo(
 def gear_deflections(u: Floats, gears: GearLaws, D: Floats, step_s: float) -> Floats:
     """Deflections x of nonlinear gears under torques u from rest, and two derivatives, (3, k, 2).
 
-    Implicit midpoint rule, with the hysteresis as its state.
-
-    Parameters
-    ----------
-    u : ndarray, shape (k, 2)
-        Joint torques, joint side.
-    gears : GearLaws
-        Joint side.
-    D : ndarray, shape (2,)
-        Damping, joint side.
+    Implicit midpoint rule, with the hysteresis as its state; ``u``, shape (k, 2), and the damping ``D``,
+    shape (2,), are joint side.
     """
     K, rate = gears.K[:, 0], D / step_s
     x, loop = np.zeros_like(u), np.zeros(2)

@@ -23,7 +23,7 @@ from jointid.errors import JointIdError
 from jointid.joints import Elasticity
 from jointid.wording import enumerated, significant
 
-EVERYDAY_SERVO = Servo(
+TYPICAL_SERVO = Servo(
     sample_rate_hz=2000.0, delay_samples=1, encoder_bits=16, differentiated_velocity=True
 )
 """A typical controller, this software's own choice; friction is not compensated."""
@@ -108,27 +108,16 @@ def cut_outcome(
     toolpath: Toolpath,
     assumed: Elasticity | None,
     *,
-    servo: Servo = EVERYDAY_SERVO,
+    servo: Servo = TYPICAL_SERVO,
     friction: MotorFrictionLike | None = None,
     samples: int = 100,
 ) -> Outcome:
     """Cut a path before and after the identification.
 
-    Parameters
-    ----------
-    robot : CutRobot
-    toolpath : Toolpath
-    assumed : Elasticity or None
-        K and D that the servo assumes before, motor side; None is a rigid controller.
-    servo, friction
-        As in :func:`~jointid.cut.tracking.track`; the same before and after.
-    samples : int
-        Robots drawn from the fit's covariance.
-
-    Raises
-    ------
-    JointIdError
-        When the path leaves the workspace, or the loop is unstable.
+    Before, the servo assumes ``assumed``, motor side, or rigid joints; ``servo`` and ``friction`` are
+    the same before and after, as in :func:`~jointid.cut.tracking.track`; ``samples`` robots are drawn
+    from the fit's covariance. Raises JointIdError when the path leaves the workspace, or the loop is
+    unstable.
     """
     before = track(robot.arm, toolpath, robot.elasticity, assumed, servo=servo, friction=friction)
     prediction = predicted_cut(robot, toolpath, servo=servo, friction=friction, samples=samples)
@@ -139,7 +128,7 @@ def predicted_cut(
     robot: CutRobot,
     toolpath: Toolpath,
     *,
-    servo: Servo = EVERYDAY_SERVO,
+    servo: Servo = TYPICAL_SERVO,
     friction: MotorFrictionLike | None = None,
     samples: int = 100,
 ) -> Prediction:
@@ -182,18 +171,14 @@ def gear_cuts(
     """
     known = robot.elasticity
     cut = partial(track, robot.arm, toolpath, known, known, gears=robot.gears, friction=friction)
-    return cut(servo=EVERYDAY_SERVO), cut(servo=EVERYDAY_SERVO, assumed_gears=robot.gears)
+    return cut(servo=TYPICAL_SERVO), cut(servo=TYPICAL_SERVO, assumed_gears=robot.gears)
 
 
 def study_outcome(analysis: Analysis) -> Outcome | None:
     """Return the cut before and after on the paper's path, or None for studies without a cut.
 
-    Before, the servo assumes the study's nominal values, or rigid joints without such values.
-
-    Raises
-    ------
-    JointIdError
-        As in :func:`cut_robot` and :func:`cut_outcome`.
+    Before, the servo assumes the study's nominal values, or rigid joints without such values. Raises
+    JointIdError as :func:`cut_robot` and :func:`cut_outcome`.
     """
     robot = cut_robot(analysis)
     if robot.rule == "demonstration":
@@ -202,7 +187,7 @@ def study_outcome(analysis: Analysis) -> Outcome | None:
     return cut_outcome(robot, path, robot.nominal, friction=robot.friction)
 
 
-def whose(robot: CutRobot) -> str:
+def robot_text(robot: CutRobot) -> str:
     """Describe the robot that cuts: geometry, and origin of its stiffness."""
     return {
         "direct": "an arm with this study's inertias and springs",
@@ -219,8 +204,8 @@ def millimetres(length_m: float) -> str:
     return f"{significant(1e3 * length_m, 2 if length_m >= 1e-5 else 1)} mm"
 
 
-def remainder(
-    outcome: Outcome, servo: Servo = EVERYDAY_SERVO, friction: MotorFrictionLike | None = None
+def remaining_error_text(
+    outcome: Outcome, servo: Servo = TYPICAL_SERVO, friction: MotorFrictionLike | None = None
 ) -> str:
     """Describe the remaining error of an outcome whose error does not depend on that of K and D."""
     left = millimetres(outcome.after_m)
@@ -234,8 +219,7 @@ def remainder(
     named = enumerated([name for name, acts in causes.items() if acts] or ["the controller's rate"])
     text = (
         f"The remaining error, {left}, comes from {named}, not from the springs: within the error bars "
-        f"of K and D it changes by {millimetres(outcome.spread_m)} (95th percentile shown); the page "
-        "Cut, tab Accuracy of K, shows the cost of an error of K."
+        f"of K and D it changes by {millimetres(outcome.spread_m)} (95th percentile shown)."
     )
     if outcome.before_m < outcome.after_m:
         text += " The smaller error before is a coincidence: the wrong springs cancel a part of it."

@@ -82,10 +82,8 @@ class JointPath:
 def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[PathDeflection]:
     """Deflections of the study's robot along rectangles with these corner zones.
 
-    Raises
-    ------
-    JointIdError
-        When the study has no robot model with a pose, or the robot does not reach the path.
+    Raises JointIdError when the study has no robot model with a pose, or the robot does not reach the
+    path.
     """
     study, fit = analysis.study, analysis.fit
     if not has_own_path(analysis) or study.robot_model is None:
@@ -145,10 +143,7 @@ def meaning(analysis: Analysis) -> str:
 def joint_path(robot: RobotModel, q: ArrayLike, path: Toolpath) -> JointPath:
     """Follow a horizontal path about the tool at q, shape (n,), by the shortest joint motion.
 
-    Raises
-    ------
-    JointIdError
-        When the robot does not reach a point of the path.
+    Raises JointIdError when the robot does not reach a point of the path.
     """
     time = np.arange(0.0, path.end_s + _STEP_S, _STEP_S)
     target = np.zeros((time.size, 3))

@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array, frozen, whole_number
 from jointid.cut.arm import PlanarArm, require_two_joints
-from jointid.cut.arm_simulation import require_resolved
+from jointid.cut.arm_simulation import ManyArms, require_resolved
 from jointid.cut.feedforward import plan_servo
-from jointid.cut.many_arms import ManyArms, run_many
-from jointid.cut.servo import MotorFrictionLike, Servo
+from jointid.cut.servo import MotorFrictionLike, Servo, run_servo
 from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import substeps_per_sample
 from jointid.errors import JointIdError
@@ -60,26 +59,9 @@ def errors_of_mismatch(
 ) -> Floats:
     """Simulate one cut for each pair of assumed stiffnesses; the assumed damping is the true one.
 
-    Parameters
-    ----------
-    arm, toolpath
-        The cut.
-    elasticity : Elasticity
-        The true K and D, motor side.
-    ratios : array_like, shape (2, runs)
-        K̂1 / K1 and K̂2 / K2 of each cut.
-    **options
-        See :class:`CutOptions`.
-
-    Returns
-    -------
-    ndarray, shape (runs,)
-        Largest contour error of each cut, m.
-
-    Raises
-    ------
-    JointIdError
-        When a ratio is not positive, and as in :func:`~jointid.cut.tracking.track`.
+    ``ratios``, shape (2, runs), are K̂1 / K1 and K̂2 / K2 of each cut, ``elasticity`` the true K and D,
+    motor side. Returns the largest contour error of each cut, shape (runs,), m. Raises JointIdError when
+    a ratio is not positive, and as :func:`~jointid.cut.tracking.track`.
     """
     require_two_joints(elasticity)
     pairs = finite_array("ratios (K̂ / K)", ratios, ndim=2)
@@ -104,30 +86,11 @@ def path_error_distribution(
 ) -> PathErrorDistribution:
     """Path error after an identification: the servo assumes the fit, arms are drawn from its covariance.
 
-    Parameters
-    ----------
-    arm, toolpath
-        The cut.
-    elasticity : Elasticity
-        The identified K and D, which the servo assumes.
-    covariance : array_like, shape (4, 4)
-        Their covariance in the order K1, K2, D1, D2, as a fit gives it.
-    samples : int
-        Number of arms from the normal distribution; draws with K ≤ 0 or D < 0 are repeated.
-    seed : int
-        The same seed gives the same arms.
-    **options
-        See :class:`CutOptions`.
-
-    Returns
-    -------
-    PathErrorDistribution
-
-    Raises
-    ------
-    JointIdError
-        When the covariance is invalid, or so large that most draws have negative stiffness or damping;
-        and as in :func:`~jointid.cut.tracking.track`.
+    ``elasticity`` holds the identified K and D, which the servo assumes, and ``covariance``, shape (4,
+    4), is that of K1, K2, D1, D2. ``samples`` arms are drawn from the normal distribution, without K ≤ 0
+    and D < 0; the same ``seed`` gives the same arms. Raises JointIdError when the covariance is invalid,
+    or so large that most draws have negative stiffness or damping; and as
+    :func:`~jointid.cut.tracking.track`.
     """
     require_two_joints(elasticity)
     samples = whole_number("samples", samples, 1)
@@ -201,7 +164,7 @@ def _largest_errors(
         require_resolved(arm, K.max(axis=1), D.max(axis=1), step, plan.start_angle)
         arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction)
         with np.errstate(over="ignore", invalid="ignore"):
-            run_many(plan, arms, substeps)
+            run_servo(plan, arms, substeps)
         tool = arm.tool_of_links(np.array([*arms.log, arms.link]).swapaxes(1, 2))
         reference = toolpath.position(np.arange(len(tool)) * step)
         contour[part] = _largest_contour_error(toolpath, tool, reference, step)
@@ -215,14 +178,16 @@ def _largest_contour_error(toolpath: Toolpath, tool: Floats, reference: Floats, 
     a lower bound; only instants farther than that from one well-chosen point need the nearest one.
     """
     largest = np.asarray(toolpath.distance(tool[::_STRIDE]).max(axis=0))
-    candidates = _beside(tool, reference, toolpath.peak_acceleration_m_s2 * step_s**2) > largest
+    candidates = (
+        _contour_error_bound(tool, reference, toolpath.peak_acceleration_m_s2 * step_s**2) > largest
+    )
     candidates[::_STRIDE] = False
     _, run = np.nonzero(candidates)
     np.maximum.at(largest, run, toolpath.distance(tool[candidates]))
     return largest
 
 
-def _beside(tool: Floats, reference: Floats, bend_m: float) -> Floats:
+def _contour_error_bound(tool: Floats, reference: Floats, bend_m: float) -> Floats:
     """Upper bound of the contour error, shape (k, runs): distance to the path abreast of the tool.
 
     The tool is ahead of the reference or behind by so many samples. The path is interpolated there, with

@@ -120,16 +120,8 @@ class CutRobot:
 def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
     """Return the example arm with K and D from a study.
 
-    Parameters
-    ----------
-    analysis : Analysis
-    drive : {"parallelogram", "serial"}, optional
-        By default the drive whose inertias are the study's, else the parallelogram.
-
-    Raises
-    ------
-    JointIdError
-        When the identified values are unphysical, or too uncertain for a path error.
+    Its drive is by default that whose inertias are the study's, else the parallelogram. Raises
+    JointIdError when the identified values are unphysical, or too uncertain for a path error.
     """
     study, fit = analysis.study, analysis.fit
     if fit.n != 2:
@@ -190,18 +182,9 @@ def assumed_elasticity(
 ) -> Elasticity | None:
     """Return K and D that the servo assumes before the identification; None is a rigid controller.
 
-    Parameters
-    ----------
-    robot : CutRobot
-    assumption : {"study", "rigid", "soft", "stiff", "custom"}
-        The study's nominal values, rigid, 0.4 or 3 times the identified stiffnesses, or ``custom``.
-    custom : Elasticity, optional
-        For "custom", motor side, in the study's units: they are scaled like its nominal values.
-
-    Raises
-    ------
-    JointIdError
-        When the study has no nominal values, or the custom ones are missing.
+    They are the study's nominal values, 0.4 ("soft") or 3 times ("stiff") the identified stiffnesses, or
+    ``custom``: motor side, in the study's units, scaled like its nominal values. Raises JointIdError
+    when the study has no nominal values, or the custom ones are missing.
     """
     if assumption not in get_args(Assumption):
         choices = ", ".join(f'"{name}"' for name in get_args(Assumption))

@@ -5,9 +5,9 @@ Values are joint side unless a name says motor.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,8 +19,6 @@ PROGRESS_CALLS = 50
 """Calls of a progress function per run."""
 LOST_RAD = 3.0
 """Tracking error, seen on the joint side, from which the control loop counts as unstable."""
-
-Signal = TypeVar("Signal", float, Floats)
 
 
 class MotorFrictionLike(Protocol):
@@ -128,147 +126,62 @@ class ServoPlan:
 
 
 class Plant(Protocol):
-    """One arm with a controller; see `ArmSimulation`."""
+    """One arm or many with their controllers; see ``ArmSimulation`` and ``ManyArms``."""
 
-    motor1: float
-    motor2: float
-    motor1_rate: float
-    motor2_rate: float
+    @property
+    def motor(self) -> Floats:
+        """Reflected motor angles at the present instant, shape (2, runs), rad."""
 
-    def step(self, torque1: float, torque2: float) -> None:
-        """Advance by one step under motor torques reflected to the joint side."""
+    @property
+    def motor_rate(self) -> Floats:
+        """Reflected motor rates, shape (2, runs), rad/s."""
 
-
-class Arithmetic(NamedTuple, Generic[Signal]):
-    """Operations in which floats and arrays differ."""
-
-    rounded: Callable[[Signal], Signal]
-    clipped: Callable[[Signal, Signal], Signal]
-    largest: Callable[[Signal], float]
-
-
-FLOATS = Arithmetic[float](round, lambda x, limit: min(max(x, -limit), limit), abs)
-ARRAYS = Arithmetic[Floats](
-    np.rint, lambda x, limit: np.clip(x, -limit, limit), lambda x: float(np.abs(x).max())
-)
+    def step(self, torque: Floats) -> None:
+        """Advance by one step under motor torques reflected to the joint side, (2, runs), N·m."""
 
 
 def run_servo(
     plan: ServoPlan, plant: Plant, substeps: int, progress: Callable[[float], None] | None = None
-) -> list[tuple[float, ...]]:
-    """Drive one arm along the plan.
+) -> list[Floats]:
+    """Drive one arm or many along a plan, or each along its own.
 
-    Parameters
-    ----------
-    plan : ServoPlan
-        For one arm.
-    plant : Plant
-        At its start, with steps of ``interval_s / substeps``.
-    substeps : int
-    progress : callable, optional
-        Called with the fraction done, from 0 to 1; an exception from it ends the run.
-
-    Returns
-    -------
-    list of (torque1, torque2)
-        Torques held from each sample on, joint side, N·m.
-
-    Raises
-    ------
-    JointIdError
-        When a motor runs away from its reference.
+    The plant is at its start, with steps of ``interval_s / substeps``. ``progress`` is called with the
+    fraction done, from 0 to 1; an exception from it ends the run. Returns the torques held from each
+    sample on, each shape (2, runs), joint side, N·m. Raises JointIdError when a motor runs away from its
+    reference.
     """
-    first, second = (
-        sampled_law(
-            plan,
-            [table[:, j].tolist() for table in (plan.angle, plan.rate, plan.torque)],
-            [float(x[j]) for x in (plan.proportional, plan.derivative, plan.count, plan.limit)],
-            FLOATS,
-        )
-        for j in (0, 1)
-    )
-
-    def torques(k: int) -> tuple[float, ...]:
-        return (
-            first(k, plant.motor1, plant.motor1_rate),
-            second(k, plant.motor2, plant.motor2_rate),
-        )
-
-    held = list(driven(len(plan.torque), torques, plant.step, substeps, progress))
-    end = np.array([plant.motor1, plant.motor2])
-    require_tracking(ARRAYS.largest(end - plan.angle[-1]))
-    return held
-
-
-def sampled_law(
-    plan: ServoPlan,
-    tables: Sequence[Sequence[Signal]],
-    gains: Sequence[Signal],
-    arithmetic: Arithmetic[Signal],
-) -> Callable[[int, Signal, Signal], Signal]:
-    """Control law of one joint in floats, or of both joints of many arms in arrays (2, runs).
-
-    Parameters
-    ----------
-    plan : ServoPlan
-    tables : sequence
-        Angle, rate and feedforward torque of each sample.
-    gains : sequence
-        kp, kv, encoder count and torque limit.
-    arithmetic : Arithmetic
-
-    Returns
-    -------
-    callable
-        Torque to hold from a sample on, from sample number, motor angle and motor rate. It keeps the
-        last position and the delayed torques, so the samples must be in order.
-    """
-    (angle, rate, feed), (kp, kv, count, limit) = tables, gains
-    rounded, clipped, largest = arithmetic
-    quantised, limited = bool(np.any(count)), bool(np.isfinite(limit).any())
-    differentiated, T = plan.differentiated, plan.interval_s
-    waiting = deque([0.0 * kp] * plan.delay)
-    past = 0.0 * kp
-
-    def torque(k: int, y: Signal, speed: Signal) -> Signal:
-        nonlocal past
-        require_tracking(largest(y - angle[k]))
+    tables = (x if x.ndim == 3 else x[..., None] for x in (plan.angle, plan.rate, plan.torque))
+    angle, rate, feed = map(list, tables)
+    gains = (plan.proportional, plan.derivative, plan.count, plan.limit)
+    kp, kv, count, limit = (x[:, None] for x in gains)
+    quantised, limited = bool(count.any()), bool(np.isfinite(limit).any())
+    waiting = deque([np.zeros_like(kp)] * plan.delay)
+    old = past = np.zeros_like(kp)
+    held: list[Floats] = []
+    report = max(1, len(feed) // PROGRESS_CALLS)
+    for k, feedforward in enumerate(feed):
+        y, speed = plant.motor, plant.motor_rate
+        require_tracking(y - angle[k])
         if quantised:
-            y = count * rounded(y / count)
-        if differentiated:
-            speed, past = (y - (past if k else y)) / T, y
+            y = count * np.rint(y / count)
+        if plan.differentiated:
+            speed, past = (y - (past if k else y)) / plan.interval_s, y
         waiting.append(kp * (angle[k] - y) + kv * (rate[k] - speed))
-        new = feed[k] + waiting.popleft()
-        return clipped(new, limit) if limited else new
-
-    return torque
-
-
-def driven(
-    samples: int,
-    torques: Callable[[int], tuple[Signal, ...]],
-    step: Callable[..., None],
-    substeps: int,
-    progress: Callable[[float], None] | None = None,
-) -> Iterator[tuple[Signal, ...]]:
-    """Sample the law and step the plant; yields the torques held from each sample on.
-
-    A held torque that changes at a sample acts on the step around that sample with the mean of old and
-    new: the leapfrog scheme's form of a step in the torque.
-    """
-    report = max(1, samples // PROGRESS_CALLS)
-    old: tuple[Signal, ...] | None = None
-    for k in range(samples):
-        new = torques(k)
-        step(*[0.5 * n if old is None else 0.5 * (o + n) for o, n in zip(old or new, new, strict=True)])
+        new = feedforward + waiting.popleft()
+        if limited:
+            new = np.clip(new, -limit, limit)
+        # The leapfrog scheme's form of a torque that changes at a sample: the mean of old and new.
+        plant.step(0.5 * (old + new))
         for _ in range(substeps - 1):
-            step(*new)
+            plant.step(new)
+        held.append(new)
         old = new
-        yield new
         if progress is not None and k % report == 0:
-            progress(k / samples)
+            progress(k / len(feed))
+    require_tracking(plant.motor - angle[-1])
     if progress is not None:
         progress(1.0)
+    return held
 
 
 def friction_values(friction: MotorFrictionLike | None) -> tuple[Floats, Floats]:
@@ -283,15 +196,9 @@ def friction_values(friction: MotorFrictionLike | None) -> tuple[Floats, Floats]
     return coulomb, viscous
 
 
-def require_tracking(error_rad: float) -> None:
-    """Refuse a motor that is too far from its reference, as in an unstable loop.
-
-    Raises
-    ------
-    JointIdError
-        When the error, seen on the joint side, reaches ``LOST_RAD`` or is not a number.
-    """
-    if not error_rad < LOST_RAD:
+def require_tracking(error_rad: Floats) -> None:
+    """Raise JointIdError when a motor's error reaches ``LOST_RAD`` or is not a number: unstable loop."""
+    if not np.abs(error_rad).max() < LOST_RAD:
         raise JointIdError(
             f"The arm diverged: a motor is more than {LOST_RAD:g} rad (joint side) from its reference. "
             "The control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."

@@ -31,13 +31,7 @@ class ToolStiffness:
     """diag(K) + G, shape (n, n), N·m/rad."""
 
     def deflection(self, force_N: ArrayLike) -> Floats:
-        """Tool deflection under forces of shape (..., d), m.
-
-        Raises
-        ------
-        JointIdError
-            When the force has another number of components.
-        """
+        """Tool deflection under forces of shape (..., d), m; JointIdError for other components."""
         force = np.asarray(force_N, float)
         if force.ndim == 0 or force.shape[-1] != len(self.compliance) or not np.isfinite(force).all():
             raise JointIdError(
@@ -59,10 +53,7 @@ class ToolStiffness:
     def standard_error(self, covariance: ArrayLike) -> Floats:
         """Standard error of each principal compliance, shape (d,), m/N.
 
-        Parameters
-        ----------
-        covariance : array_like, shape (n, n)
-            Of K, (N·m/rad)².
+        ``covariance`` is that of K, shape (n, n), (N·m/rad)².
         """
         by_joint = np.linalg.solve(self.stiffness, (self.principal[1] @ self.lever).T).T
         slope = by_joint**2  # of uᵀ J C (K + G)⁻¹ Cᵀ Jᵀ u by K_j, with a minus sign
@@ -73,17 +64,8 @@ class ToolStiffness:
 def tool_stiffness(robot: RobotModel, q: ArrayLike, elasticity: Elasticity) -> ToolStiffness:
     """Compliance of a robot's tool point at joint angles q, shape (n,), rad; d = 3.
 
-    Parameters
-    ----------
-    robot : RobotModel
-    q : array_like, shape (n,)
-    elasticity : Elasticity
-        Motor side.
-
-    Raises
-    ------
-    JointIdError
-        When the numbers of joints differ, or gear ratios or rotor inertias are unknown.
+    ``elasticity`` is motor side. Raises JointIdError when the numbers of joints differ, or gear ratios
+    or rotor inertias are unknown.
     """
     inertia = robot.inertia(q)
     return _compliance(robot.tool_jacobian(q) @ robot.coupling, inertia, elasticity)

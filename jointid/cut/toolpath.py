@@ -13,7 +13,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, set_fields
 from jointid.errors import JointIdError
 
 _STEP = Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
@@ -29,19 +29,8 @@ _CHORDS = 400
 class Toolpath:
     """A path in the plane with its time law, from rest to rest.
 
-    Parameters
-    ----------
-    start_m : array_like, shape (2,)
-        Where the tool starts, m.
-    velocity_m_s : array_like, shape (m + 1, 2)
-        Velocity vectors at the knots between the m pieces, m/s; the first and the last are zero.
-    duration_s : array_like, shape (m,)
-        Duration of each piece, s.
-
-    Raises
-    ------
-    JointIdError
-        When the shapes disagree, a duration is not positive, or the path does not begin and end at rest.
+    Takes array_like values. Raises JointIdError when the shapes disagree, a duration is not positive, or
+    the path does not begin and end at rest.
     """
 
     start_m: Floats
@@ -77,16 +66,15 @@ class Toolpath:
         moves = 0.5 * (velocity[:-1] + velocity[1:]) * duration[:, None]
         knot = start + np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
         change = np.linalg.norm(np.diff(velocity, axis=0), axis=1)
-        values = {
-            "start_m": start,
-            "velocity_m_s": velocity,
-            "duration_s": duration,
-            "time_s": finite_array("time_s", time, ndim=1),
-            "knot_m": finite_array("knot_m", knot, ndim=2),
-            "peak_acceleration_m_s2": float((STEEPEST * change / duration).max()),
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        set_fields(
+            self,
+            start_m=start,
+            velocity_m_s=velocity,
+            duration_s=duration,
+            time_s=finite_array("time_s", time, ndim=1),
+            knot_m=finite_array("knot_m", knot, ndim=2),
+            peak_acceleration_m_s2=float((STEEPEST * change / duration).max()),
+        )
 
     @property
     def end_s(self) -> float:
@@ -94,17 +82,9 @@ class Toolpath:
         return float(self.time_s[-1])
 
     def derivatives(self, time_s: ArrayLike) -> Floats:
-        """Position, velocity, acceleration, jerk and snap.
+        """Position, velocity, acceleration, jerk and snap at times (k,): shape (5, k, 2), m/s^order.
 
-        Parameters
-        ----------
-        time_s : array_like, shape (k,)
-            Times, s; before the start and after the end the tool rests.
-
-        Returns
-        -------
-        ndarray, shape (5, k, 2)
-            Time derivatives 0 to 4 of the tool position, m/s^order.
+        Before the start and after the end the tool rests.
         """
         time = np.clip(finite_array("time_s", np.atleast_1d(time_s), ndim=1), 0.0, self.end_s)
         piece = np.clip(
@@ -128,18 +108,7 @@ class Toolpath:
         return np.asarray(self.derivatives(time_s)[0])
 
     def distance(self, point_m: ArrayLike) -> Floats:
-        """Distance of each point from the nearest point of the whole path, its contour error.
-
-        Parameters
-        ----------
-        point_m : array_like, shape (..., 2)
-            Points, m.
-
-        Returns
-        -------
-        ndarray, shape (...)
-            Distances, m.
-        """
+        """Distance of points (..., 2) from the nearest point of the path: contour error (...), m."""
         point = np.asarray(point_m, dtype=np.float64)
         x, y = np.ascontiguousarray(point.reshape(-1, 2).T)
         turning = self._turning()
@@ -162,16 +131,11 @@ class Toolpath:
         return np.asarray(np.sqrt(closest).reshape(point.shape[:-1]))
 
     def corners(self) -> tuple[Floats, Floats, Floats]:
-        """Return the corners of the path: the intersections of consecutive sides.
+        """Return the corners of the path, the intersections of consecutive sides, each shape (c, 2).
 
-        Returns
-        -------
-        point_m : ndarray, shape (c, 2)
-            Corner points, m.
-        ahead : ndarray, shape (c, 2)
-            Unit vector of the side that ends there; beyond the corner along it lies the overshoot.
-        span_s : ndarray, shape (c, 2)
-            From the beginning of the corner to the beginning of the next one, or the path's end, s.
+        These are the corner points, m; the unit vectors of the sides that end there, beyond which lies
+        the overshoot; and the spans from the beginning of a corner to that of the next, or to the path's
+        end, s.
         """
         before = self.velocity_m_s[:-1]
         turning = np.flatnonzero(self._turning())

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, set_fields
 from jointid.cut.arm import Elbow, PlanarArm, require_two_joints
 from jointid.cut.arm_simulation import ArmSimulation, require_step
 from jointid.cut.feedforward import plan_servo
@@ -29,7 +29,7 @@ class TrackingRun:
     """Times, shape (k,), s."""
     tool_m: Floats
     """Tool position, shape (k, 2), m."""
-    wanted_m: Floats
+    reference_m: Floats
     """Reference tool position at the same time, shape (k, 2), m."""
     motor_torque_Nm: Floats
     """Torque held by the servo from ``time_s[i]`` to ``time_s[i + 1]``, before friction, motor side,
@@ -50,13 +50,13 @@ class TrackingRun:
 
     def __post_init__(self) -> None:
         k = np.size(self.time_s)
-        planar = ("tool_m", "wanted_m", "motor_torque_Nm", "joint_angle_rad", "motor_angle_rad")
+        planar = ("tool_m", "reference_m", "motor_torque_Nm", "joint_angle_rad", "motor_angle_rad")
         for name in (*planar, "time_s", "contour_error_m", "tracking_error_m"):
             shape = (k, 2) if name in planar else (k,)
             value = finite_array(name, getattr(self, name), ndim=len(shape))
             if value.shape != shape:
                 raise JointIdError(f"{name} has shape {value.shape}; expected {shape}.")
-            object.__setattr__(self, name, value)
+            set_fields(self, **{name: value})
 
     @property
     def max_contour_error_m(self) -> float:
@@ -130,7 +130,7 @@ def track(
     step = servo.interval_s / substeps
     true = gear_laws(arm, elasticity, gears)
     simulation = ArmSimulation(arm, elasticity, step, plan.start_angle, friction, true)
-    held: Floats = np.array(run_servo(plan, simulation, substeps, progress))
+    held = np.array(run_servo(plan, simulation, substeps, progress))[..., 0]
     angles = np.array([*simulation.log, simulation.angles])
     time: Floats = step * np.arange(len(angles), dtype=np.float64)
     torque = np.concatenate([np.repeat(held, substeps, axis=0), held[-1:]])
@@ -139,7 +139,7 @@ def track(
     return TrackingRun(
         time_s=time,
         tool_m=tool,
-        wanted_m=reference,
+        reference_m=reference,
         motor_torque_Nm=torque / arm.gear_ratio,
         joint_angle_rad=q,
         motor_angle_rad=angles[:, 2:],

@@ -5,12 +5,9 @@ from textwrap import wrap
 import numpy as np
 
 from jointid.analysis import NOT_USABLE, Analysis
-from jointid.answer import model_name
 from jointid.errors import JointIdError
-from jointid.exporting.identification import answer_text
-from jointid.files.application import __version__
-from jointid.files.digest import study_digest
-from jointid.wording import counted, enumerated
+from jointid.exporting.identification import answer_text, origin_text
+from jointid.wording import enumerated
 
 _NAMES = {"K": "K", "K_std": "K_std", "D": "D", "D_std": "D_std"}
 _GLOBAL_NAMES = {"K": "JointStiffness", "D": "JointDamping"}
@@ -54,8 +51,7 @@ def code_listing(analysis: Analysis, language: str) -> str:
         f"NOT USABLE, the values are comments: {answer}" if unusable else "",
         f"{' '.join(study.name.split()) or 'study without a name'}: {analysis.state}",
         "" if unusable else answer,
-        f"jointid {__version__}; estimator {fit.method}; model: {model_name(fit)}; "
-        f"{counted(len(study.records), 'record')}; study {study_digest(study)}",
+        origin_text(analysis),
         "Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error from all causes",
     ]
     width = _WIDTH - len(comment)

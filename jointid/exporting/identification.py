@@ -23,7 +23,7 @@ from jointid.files.study_saving import inertia_table
 from jointid.gears.gear import Gear
 from jointid.uncertainty.error_parts import error_parts
 from jointid.uncertainty.prior_rows import PriorRow
-from jointid.wording import UNDETERMINED
+from jointid.wording import UNDETERMINED, counted
 
 _UNITS = UNITS | {"inertia": "kg·m²", "coulomb": "N·m", "viscous": "N·m·s/rad", "delay": "s"}
 _TOML_WORDS = {"disagreement": "none"} | dict.fromkeys(
@@ -36,6 +36,13 @@ def answer_text(analysis: Analysis) -> str:
     """Return the answer, at the motor, as a sentence with its limits; if not usable, the reason."""
     headline = replace(analysis, unit=AT_MOTOR).headline
     return " ".join(text for text in (headline, analysis.caution, *analysis.study.remarks) if text)
+
+
+def origin_text(analysis: Analysis) -> str:
+    """Return software, study, estimator, model and number of records on one line."""
+    fit, study = analysis.fit, analysis.study
+    made = f"jointid {__version__}; study {study_digest(study)}; estimator {fit.method}"
+    return f"{made}; model: {model_name(fit)}; {counted(len(study.records), 'record')}"
 
 
 def to_document(analysis: Analysis) -> dict[str, Any]:

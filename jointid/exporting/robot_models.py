@@ -15,13 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointid.analysis import NOT_USABLE, Analysis
-from jointid.answer import model_name
 from jointid.arrays import Floats, per_joint
 from jointid.errors import JointIdError
-from jointid.exporting.identification import answer_text
-from jointid.files.application import __version__
-from jointid.files.digest import study_digest
-from jointid.wording import UNDETERMINED, counted
+from jointid.exporting.identification import answer_text, origin_text
+from jointid.wording import UNDETERMINED, printable
 
 
 class ArmSide(NamedTuple):
@@ -234,10 +231,8 @@ def _heading(analysis: Analysis, arm: ArmSide) -> list[str]:
     ratios = ", ".join(_text(value) for value in arm.gear_ratio)
     lines = [
         f"<!-- {_comment(answer_text(analysis))}",
-        f"     Elastic joints of {_comment(study.name or 'a study')}, by jointid {__version__}; "
-        f"study {study_digest(study)};",
-        f"     estimator {fit.method}; model: {_comment(model_name(fit))}; "
-        f"{counted(len(study.records), 'record')}.",
+        f"     Elastic joints of {_comment(study.name or 'a study')}, by",
+        f"     {_comment(origin_text(analysis))}.",
         f"     Joint side, SI units: gear ratios N = {ratios} are applied, K_joint = N^2 K, D_joint = "
         f"N^2 D,",
         "     rotor inertia N^2 J_m, Coulomb friction |N| F_c, viscous friction N^2 F_v.",
@@ -270,4 +265,4 @@ def _error(error: float) -> str:
 
 def _comment(text: str) -> str:
     """Text that is valid in an XML comment."""
-    return "".join(c if c.isprintable() else " " for c in text).replace("--", "- -")
+    return printable(text).replace("--", "- -")

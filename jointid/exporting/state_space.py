@@ -10,18 +10,20 @@ The motor acceleration needs only the 2n states x, ẋ, and its response is fini
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.errors import JointIdError
+from jointid.errors import import_optional
 from jointid.joints import Elasticity, Inertia, require_same_joints
 from jointid.transfer_matrix import TransferMatrix
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
+
+
+_CONTROL = ("control", "control", "Models for python-control", "control")
 
 
 class StateSpaceModel(NamedTuple):
@@ -61,7 +63,7 @@ def control_state_space(inertia: Inertia, elasticity: Elasticity) -> Any:
 
     Raises JointIdError when the numbers of joints differ, or python-control is not installed.
     """
-    control, n = _python_control(), inertia.n
+    control, n = import_optional(*_CONTROL), inertia.n
     states = [f"{name}{j + 1}" for name in ("x", "dx") for j in range(n)]
     model = state_space(inertia, elasticity)
     return control.ss(*model, name="robot", states=states, **_signals(n))
@@ -74,19 +76,10 @@ def control_frd(matrix: TransferMatrix) -> Any:
     JointIdError when python-control is not installed.
     """
     H = np.moveaxis(matrix.H, 0, -1)
-    return _python_control().frd(H, matrix.omega, name="measured", **_signals(len(H)))
+    return import_optional(*_CONTROL).frd(H, matrix.omega, name="measured", **_signals(len(H)))
 
 
 def _signals(n: int) -> dict[str, list[str]]:
     """Names of the inputs, N·m, and outputs, rad/s²."""
     names = {"inputs": "tau_m", "outputs": "ddtheta_m"}
     return {kind: [f"{name}{j + 1}" for j in range(n)] for kind, name in names.items()}
-
-
-def _python_control() -> Any:
-    try:
-        return import_module("control")
-    except ImportError as error:
-        raise JointIdError(
-            "This needs the package python-control, which is not installed: pip install jointid[control]"
-        ) from error

@@ -143,10 +143,10 @@ def _law_tables(analysis: Analysis) -> list[Floats]:
 
 def without_friction_and_delay(analysis: Analysis) -> Mapping[str, TransferMatrix]:
     """Return transfer matrices without friction, delay and effects by pose; empty if none was fitted."""
-    poses = analysis.transfer_matrices.keys() & analysis.freed_transfer_matrices.keys()
+    poses = analysis.transfer_matrices.keys() & analysis.compensated_transfer_matrices.keys()
     if not without(analysis.fit) or len(poses) < len(analysis.transfer_matrices):
         return {}
-    return analysis.freed_transfer_matrices
+    return analysis.compensated_transfer_matrices
 
 
 def _parts(names: Iterable[str]) -> list[str]:

@@ -9,7 +9,7 @@ from jointid.arrays import Floats
 from jointid.cut.outcome import Outcome
 from jointid.cut.tool_stiffness import ToolStiffness
 from jointid.cut.tracking import TrackingRun
-from jointid.figures.style import Trace, colours, figure, line, linear_axis
+from jointid.figures.style import Sketch, Trace, linear_axis
 
 _STRIDE = 4
 """One point per millisecond."""
@@ -25,20 +25,16 @@ _PANELS: dict[str, Callable[[TrackingRun], Floats]] = {
 
 def cut_over_time(outcome: Outcome, *, dark: bool = False) -> go.Figure:
     """Errors and motor torques with both controllers, one panel above the other."""
-    ink = colours(dark)
-    traces: list[Trace] = []
-    for name, run, colour in (
-        ("nominal", outcome.before, ink.nominal),
-        ("identified", outcome.after, ink.identified),
-    ):
+    sketch = Sketch(dark)
+    for colour, run in (("nominal", outcome.before), ("identified", outcome.after)):
         for k, (title, values) in enumerate(_PANELS.items(), start=1):
             what, _, unit = title.rstrip(")").partition(" (")
-            hover = f"%{{x:.0f}} ms<br>%{{y:.3g}} {unit}<extra>{name}, {what.lower()}</extra>"
-            style = {"yaxis": f"y{k}", "showlegend": k == 1, "legendgroup": name}
+            hover = f"%{{x:.0f}} ms<br>%{{y:.3g}} {unit}<extra>{colour}, {what.lower()}</extra>"
+            style: Trace = {"yaxis": f"y{k}", "showlegend": k == 1, "legendgroup": colour}
             x, y = 1e3 * run.time_s[::_STRIDE], values(run)[::_STRIDE]
-            traces.append(line(x, y, name, colour, hovertemplate=hover, **style))
+            sketch.line(x, y, colour, colour, hovertemplate=hover, **style)
     axes = [linear_axis(title, nticks=4) for title in _PANELS]
-    return figure(traces, linear_axis("Time (ms)"), *axes, height=720, dark=dark)
+    return sketch.figure(linear_axis("Time (ms)"), *axes, height=720)
 
 
 def deflection_ellipse(
@@ -51,32 +47,21 @@ def deflection_ellipse(
 ) -> go.Figure:
     """Tool deflection under a force of one size turned through all directions, worst one drawn.
 
-    Parameters
-    ----------
-    stiffness : ToolStiffness
-        With the identified K.
-    force_N : float
-    nominal : ToolStiffness, optional
-        With the nominal K.
-    axes : sequence of str
-        Names of the two axes; for a spatial compliance these are its two softest directions.
+    ``stiffness`` is that of the identified, ``nominal`` that of the nominal K; ``axes`` name the two
+    axes, for a spatial compliance its two softest directions.
     """
-    ink = colours(dark)
-    _, directions = stiffness.principal
+    sketch, (_, directions) = Sketch(dark), stiffness.principal
     spatial = len(directions) == 3
     plane = directions[:2] if spatial else np.eye(2)
     angle = np.linspace(0.0, 2 * np.pi, 181)
     forces = force_N * np.stack([np.cos(angle), np.sin(angle)], axis=1) @ plane
-    drawn = [(stiffness, "identified", ink.identified)]
-    if nominal is not None:
-        drawn.insert(0, (nominal, "nominal", ink.nominal))
-    traces = []
-    for of, name, colour in drawn:
-        moved = 1e3 * of.deflection(forces) @ plane.T
-        hover = "%{x:.3f}, %{y:.3f} mm"
-        traces.append(line(moved[:, 0], moved[:, 1], name, colour, hovertemplate=hover))
+    for colour, of in (("nominal", nominal), ("identified", stiffness)):
+        if of is not None:
+            moved = 1e3 * of.deflection(forces) @ plane.T
+            hover = "%{x:.3f}, %{y:.3f} mm"
+            sketch.line(moved[:, 0], moved[:, 1], colour, colour, hovertemplate=hover)
     worst = 1e3 * force_N * stiffness.principal[0][0] * (directions[0] @ plane.T)
     ends = np.stack([-worst, worst])
-    traces.append(line(ends[:, 0], ends[:, 1], "worst direction", ink.quiet, hoverinfo="skip"))
+    sketch.line(ends[:, 0], ends[:, 1], "worst direction", "quiet", hoverinfo="skip")
     x, y = (linear_axis(f"Deflection along {axis} (mm)") for axis in axes)
-    return figure(traces, x, y | {"scaleanchor": "x"}, height=320, dark=dark)
+    return sketch.figure(x, y | {"scaleanchor": "x"}, height=320)

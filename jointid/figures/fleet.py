@@ -5,16 +5,7 @@ import plotly.graph_objects as go
 
 from jointid.answer import UNITS
 from jointid.arrays import Floats
-from jointid.figures.style import (
-    Trace,
-    colours,
-    figure,
-    line,
-    linear_axis,
-    plain_text,
-    points,
-    upright,
-)
+from jointid.figures.style import Sketch, linear_axis, plain_text
 from jointid.fleet.spread import Drift, Spread
 from jointid.wording import with_error
 
@@ -28,33 +19,27 @@ _WIDE = 6.0
 
 
 def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
-    """Number of studies by value; the median, its robust spread, and outliers.
-
-    Parameters
-    ----------
-    spread : Spread
-        Of at least one value.
-    """
-    ink = colours(dark)
-    low, high = _range(spread)
+    """Number of studies by value, one or more; the median, its robust spread, and outliers."""
+    sketch, (low, high) = Sketch(dark), _range(spread)
     inside = (spread.value >= low) & (spread.value <= high)
     count = int(np.clip(2 * np.sqrt(inside.sum()), 5, _MOST_BINS))
     height, edges = np.histogram(spread.value[inside], bins=count, range=(low, high))
     unit = UNITS[spread.name[0]]
     hover = f"%{{y}} studies<br>%{{customdata[0]:.4g}} to %{{customdata[1]:.4g}} {unit}<extra></extra>"
     ends, edge = np.stack([edges[:-1], edges[1:]], axis=1), {"width": 1, "color": _PAPER[dark]}
-    studies: Trace = {"type": "bar", "x": ends.mean(axis=1), "y": height, "width": np.diff(edges)}
+    studies = {"type": "bar", "x": ends.mean(axis=1), "y": height, "width": np.diff(edges)}
     studies |= {"name": "studies", "customdata": ends, "hovertemplate": hover}
-    traces = [studies | {"marker": {"color": ink.identified, "opacity": 0.85, "line": edge}}]
+    look = {"color": sketch.ink.identified, "opacity": 0.85, "line": edge}
+    sketch.traces.append(studies | {"marker": look})
     if spread.outliers.any():
-        traces.append(_outliers(spread, low, high, ink.measured))
-    shapes = [upright(spread.median, ink.measured)]
+        _add_outliers(sketch, spread, low, high)
+    sketch.vertical_line(spread.median, "measured")
     if np.isfinite(spread.spread) and spread.spread > 0:
         for side in (-1, 1):
-            shapes.append(upright(spread.median + side * spread.spread, ink.measured, dash="dot"))
+            sketch.vertical_line(spread.median + side * spread.spread, "measured", dash="dot")
     x = linear_axis(f"{spread.name} ({unit})", range=[low, high], nticks=6)
     y = linear_axis("Studies", rangemode="tozero", tick0=0, dtick=_whole_step(int(height.max())))
-    return figure(traces, x, y, height=270, dark=dark, shapes=shapes, bargap=0, showlegend=True)
+    return sketch.figure(x, y, height=270, bargap=0, showlegend=True)
 
 
 def drift_over_time(
@@ -62,58 +47,47 @@ def drift_over_time(
 ) -> go.Figure:
     """Every dated study of a fleet over time, one robot with its error bars and its line.
 
-    Parameters
-    ----------
-    spread : Spread
-    all_times_s : ndarray, shape (m,)
-        When each of its studies was measured, s since 1970; NaN where that is not stated.
-    shown : Drift, optional
-        The robot to show.
+    ``all_times_s``, shape (m,), are the dates of the studies, s since 1970, NaN where not stated.
     """
-    ink, unit = colours(dark), UNITS[spread.name[0]]
+    sketch, unit = Sketch(dark), UNITS[spread.name[0]]
     low, high = _range(spread)
     dated = np.isfinite(all_times_s) & (spread.value >= low) & (spread.value <= high)
-    traces = [
-        points(
-            _MS * all_times_s[dated],
-            spread.value[dated],
-            "all robots",
-            ink.quiet,
-            marker={"size": 4, "opacity": 0.7},
-            text=[
-                _label(row.robot, row.name) for row, keep in zip(spread.rows, dated, strict=True) if keep
-            ],
-            hovertemplate=f"%{{text}}<br>%{{x|%Y-%m-%d}}: %{{y:.4g}} {unit}<extra></extra>",
-        )
-    ]
+    sketch.points(
+        _MS * all_times_s[dated],
+        spread.value[dated],
+        "all robots",
+        "quiet",
+        marker={"size": 4, "opacity": 0.7},
+        text=[
+            _label(row.robot, row.name) for row, in_it in zip(spread.rows, dated, strict=True) if in_it
+        ],
+        hovertemplate=f"%{{text}}<br>%{{x|%Y-%m-%d}}: %{{y:.4g}} {unit}<extra></extra>",
+    )
     if shown is not None and shown.value.size:
-        traces.append(
-            points(
-                _MS * shown.time_s,
-                shown.value,
-                plain_text(shown.robot) or "no robot stated",
-                ink.identified,
-                error={"array": shown.error},
-                text=[
-                    f"{_label(row.robot, row.name)}<br>{with_error(float(v), float(e))} {unit}"
-                    for row, v, e in zip(shown.rows, shown.value, shown.error, strict=True)
-                ],
-                hovertemplate="%{text}<br>%{x|%Y-%m-%d}<extra></extra>",
-            )
+        time = _MS * shown.time_s
+        sketch.points(
+            time,
+            shown.value,
+            plain_text(shown.robot) or "no robot stated",
+            "identified",
+            error={"array": shown.error},
+            text=[
+                f"{_label(row.robot, row.name)}<br>{with_error(float(v), float(e))} {unit}"
+                for row, v, e in zip(shown.rows, shown.value, shown.error, strict=True)
+            ],
+            hovertemplate="%{text}<br>%{x|%Y-%m-%d}<extra></extra>",
         )
         if np.isfinite(shown.slope_per_s):
-            traces.append(
-                line(_MS * shown.time_s, shown.line(), "its trend", ink.identified, hoverinfo="skip")
-            )
+            sketch.line(time, shown.line(), "its trend", "identified", hoverinfo="skip")
         inside = [v for v in (shown.value.min(), shown.value.max()) if np.isfinite(v)]
         low, high = min([low, *inside]), max([high, *inside])
     margin = 0.03 * (high - low)
     x = linear_axis("Date", type="date", nticks=5)
     y = linear_axis(f"{spread.name} ({unit})", range=[low - margin, high + margin], nticks=6)
-    return figure(traces, x, y, height=300, dark=dark)
+    return sketch.figure(x, y, height=300)
 
 
-def _outliers(spread: Spread, low: float, high: float, colour: str) -> Trace:
+def _add_outliers(sketch: Sketch, spread: Spread, low: float, high: float) -> None:
     """Crosses on the axis; arrows at its ends for what lies beyond."""
     which, unit = spread.outliers, UNITS[spread.name[0]]
     value = spread.value[which]
@@ -124,11 +98,11 @@ def _outliers(spread: Spread, low: float, high: float, colour: str) -> Trace:
         f"{with_error(float(v), float(e))} {unit}<br>z = {z:.1f}"
         for row, v, e, z in zip(rows, value, spread.error[which], spread.z[which], strict=True)
     ]
-    return points(
+    sketch.points(
         np.clip(value, low + 0.02 * (high - low), high - 0.02 * (high - low)),
         np.zeros(value.size),
         "outlier",
-        colour,
+        "measured",
         marker={"symbol": symbols, "size": 10},
         text=text,
         hovertemplate="%{text}<extra></extra>",

@@ -6,8 +6,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from jointid.arrays import Floats
-from jointid.figures.style import Shape, Trace, colours, figure, line, linear_axis, span
-from jointid.figures.waveforms import thinned
+from jointid.figures.style import Sketch, Trace, linear_axis
+from jointid.figures.waveforms import downsampled
 from jointid.importing import MappedLog, Mapping, Segment
 from jointid.importing.columns.units import QUANTITIES
 
@@ -26,39 +26,31 @@ def log_spans(
 ) -> go.Figure:
     """Draw angle and torque of every joint over time, with the segments as coloured spans.
 
-    Parameters
-    ----------
-    log : MappedLog
-        Long logs are drawn by the extremes of every stretch.
-    kept, dropped : sequence of Segment
-        Used ones are blue and solid, others grey and dashed; their frequencies are in the top row.
-    mapping : Mapping, optional
-        Signals whose scale it assumes are drawn in the unit of their column.
-    dark : bool, default False
-        For a dark background.
+    Used ones are blue and solid, others grey and dashed; their frequencies are in the top row. Signals
+    whose scale ``mapping`` assumes are drawn in the unit of their column.
     """
-    ink = colours(dark)
+    sketch = Sketch(dark)
     rows = [row for j in range(log.n) for row in _rows(log, j, mapping)]
     axes = [linear_axis("Sine (Hz)", share=_LADDER, nticks=6, rangemode="tozero")]
-    traces: list[Trace] = []
-    shapes: list[Shape] = []
     for chosen, name, colour, dash, opacity in (
-        (kept, "used", ink.identified, "solid", 0.28),
-        (dropped, "left out", ink.quiet, "dot", 0.18),
+        (kept, "used", "identified", "solid", 0.28),
+        (dropped, "left out", "quiet", "dot", 0.18),
     ):
         if chosen:
-            traces.append(_ladder(chosen, name, colour, dash))
-        shapes += [span(s.start_s, s.stop_s, colour, opacity, layer="below") for s in chosen]
-    if not traces:  # an axis without a curve is not drawn
-        traces.append(line(log.time_s[[0, -1]], np.zeros(2), "", "rgba(0,0,0,0)", showlegend=False))
+            _add_ladder(sketch, chosen, name, colour, dash)
+        for segment in chosen:
+            sketch.span(segment.start_s, segment.stop_s, colour, opacity, layer="below")
+    if not sketch.traces:  # an axis without a curve is not drawn
+        sketch.line(log.time_s[[0, -1]], np.zeros(2), "", "rgba(0,0,0,0)", showlegend=False)
     for number, (title, values) in enumerate(rows, start=2):
         axes.append(linear_axis(title, nticks=6))
-        x, y = thinned(log.time_s, values)
-        style: Trace = {"line": {"width": 1.1}, "showlegend": False, "yaxis": f"y{number}"}
-        traces.append(line(x, y, title, ink.measured, hovertemplate="%{x:.5g} s: %{y:.4g}", **style))
+        x, y = downsampled(log.time_s, values)
+        style: Trace = {"showlegend": False, "yaxis": f"y{number}"}
+        style["hovertemplate"] = "%{x:.5g} s: %{y:.4g}"
+        sketch.line(x, y, title, "measured", width=1.1, **style)
     across = linear_axis("Time (s)", range=[float(log.time_s[0]), float(log.time_s[-1])])
     height = 60 + round(_ROW_PX * (_LADDER + len(rows)))
-    return figure(traces, across, *axes, height=height, dark=dark, shapes=shapes)
+    return sketch.figure(across, *axes, height=height)
 
 
 def _rows(log: MappedLog, j: int, mapping: Mapping | None) -> list[tuple[str, Floats]]:
@@ -75,7 +67,7 @@ def _rows(log: MappedLog, j: int, mapping: Mapping | None) -> list[tuple[str, Fl
     return rows
 
 
-def _ladder(segments: Sequence[Segment], name: str, colour: str, dash: str) -> Trace:
+def _add_ladder(sketch: Sketch, segments: Sequence[Segment], name: str, colour: str, dash: str) -> None:
     """Every line of every segment as a bar at the height of its frequency."""
     x: list[float | None] = []
     y: list[float | None] = []
@@ -88,5 +80,5 @@ def _ladder(segments: Sequence[Segment], name: str, colour: str, dash: str) -> T
             said = f"{segment.start_s:.5g} to {segment.stop_s:.5g} s<br>{hertz:.6g} Hz"
             text += [f"{said}, {periods:.3g} periods"] * 2 + [""]
     hover = "%{text}<extra></extra>"
-    style: Trace = {"line": {"width": 5, "dash": dash}, "text": text, "hovertemplate": hover}
-    return line(np.array(x, float), np.array(y, float), name, colour, **style)
+    style: Trace = {"dash": dash, "text": text, "hovertemplate": hover}
+    sketch.line(np.array(x, float), np.array(y, float), name, colour, width=5, **style)

@@ -3,7 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.figures.style import GRID, Trace, colours, figure, joint_symbol, plain_text
+from jointid.figures.style import GRID, Sketch, joint_symbol, plain_text
 from jointid.phasors.extract import Phasors
 from jointid.wording import significant, with_error
 
@@ -11,17 +11,8 @@ from jointid.wording import significant, with_error
 def phasor_plane(
     phasors: Phasors, *, torque: bool = False, chosen: int | None = None, dark: bool = False
 ) -> go.Figure:
-    """Polar plot of the angles' or the torques' phasors of all records; the chosen record as arrows.
-
-    Parameters
-    ----------
-    phasors : Phasors
-    torque : bool
-        Torques instead of angles.
-    chosen : int, optional
-        Index of the record to draw as arrows.
-    """
-    ink = colours(dark)
+    """Polar plot of the angles' or the torques' phasors of all records; the chosen record as arrows."""
+    sketch = Sketch(dark)
     values = phasors.tau if torque else phasors.q
     quantity, unit = ("Torque", "N·m") if torque else ("Angle", "rad")
     part = slice(phasors.n, None) if torque else slice(phasors.n)
@@ -31,20 +22,19 @@ def phasor_plane(
     low, high = (float(positive.min()), float(positive.max())) if positive.size else (0.1, 1.0)
     logarithmic = high > 30 * low
     low = max(low, 1e-4 * high)  # a joint that stands still lies at the centre
-    traces: list[Trace] = []
     for j in range(phasors.n):
         symbol = joint_symbol(j) + ("-open" if j % 2 else "")
         f = phasors.omega / (2 * np.pi)
         amplitudes = zip(f.tolist(), size[:, j].tolist(), errors[:, j] / np.sqrt(2), strict=True)
         about = [[frequency, with_error(a, float(e))] for frequency, a, e in amplitudes]
-        traces.append(
+        sketch.traces.append(
             {
                 "type": "scatterpolar",
                 "mode": "markers",
                 "r": np.maximum(size[:, j], low / 2) if logarithmic else size[:, j],
                 "theta": np.degrees(np.angle(values[:, j])),
                 "name": f"joint {j + 1}",
-                "marker": {"color": ink.measured, "size": 7, "symbol": symbol},
+                "marker": {"color": sketch.ink.measured, "size": 7, "symbol": symbol},
                 "customdata": about,
                 "text": [plain_text(label) for label in phasors.labels],
                 "hovertemplate": "%{text}<br>%{customdata[0]:.4g} Hz<br>"
@@ -53,10 +43,10 @@ def phasor_plane(
             }
         )
     if chosen is not None:
-        origin = low / 2 if logarithmic else 0.0
+        origin, colour = low / 2 if logarithmic else 0.0, sketch.ink.identified
         for j in range(phasors.n):
             angle = float(np.degrees(np.angle(values[chosen, j])))
-            traces.append(
+            sketch.traces.append(
                 {
                     "type": "scatterpolar",
                     "mode": "lines+markers",
@@ -65,12 +55,8 @@ def phasor_plane(
                     "name": "chosen record",
                     "legendgroup": "chosen",
                     "showlegend": j == 0,
-                    "line": {
-                        "color": ink.identified,
-                        "width": 2.5,
-                        "dash": "solid" if j == 0 else "dot",
-                    },
-                    "marker": {"size": [0, 10], "color": ink.identified},
+                    "line": {"color": colour, "width": 2.5, "dash": "dot" if j else "solid"},
+                    "marker": {"size": [0, 10], "color": colour},
                     "hoverinfo": "skip",
                 }
             )
@@ -89,10 +75,8 @@ def phasor_plane(
         step = 10.0 ** np.floor(np.log10(high))
         step *= next(factor for factor in (0.2, 0.5, 1.0, 2.0) if high <= 5 * factor * step)
         radial |= {"range": [0, step * np.ceil(1.02 * high / step)], "dtick": step}
-    return figure(
-        traces,
+    return sketch.figure(
         height=430,
-        dark=dark,
         margin={"l": 40, "r": 40, "t": 30, "b": 30},
         polar={
             "bgcolor": "rgba(0,0,0,0)",

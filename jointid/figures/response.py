@@ -10,9 +10,9 @@ from jointid.arrays import Floats
 from jointid.figures.response_curves import (
     Curve,
     Source,
+    compensated_or_measured,
     element_curves,
     element_name,
-    freed_or_measured,
     identified,
     magnitude_limits,
     measured,
@@ -21,18 +21,7 @@ from jointid.figures.response_curves import (
     phases_deg,
     single_record_curves,
 )
-from jointid.figures.style import (
-    Axis,
-    Trace,
-    colours,
-    figure,
-    frequency_axis,
-    line,
-    linear_axis,
-    log_axis,
-    plain_text,
-    points,
-)
+from jointid.figures.style import Axis, Sketch, frequency_axis, linear_axis, log_axis, plain_text
 
 _UNIT = "1/(kg·m²)"
 _TWO_LINES = {"l": 8, "r": 12, "t": 60, "b": 8}
@@ -45,17 +34,9 @@ VIEWS: tuple[View, ...] = get_args(View)
 def element_response(
     analysis: Analysis, i: int, j: int, *, pose: str = "", dark: bool = False, view: View = VIEWS[0]
 ) -> go.Figure:
-    """Draw H_ij: measured points with ± one standard error, models as lines.
+    """Draw H_ij: measured points with ± one standard error, models as lines, see ``element_curves``.
 
-    See ``element_curves`` for the points.
-
-    Parameters
-    ----------
-    analysis : Analysis
-    i, j : int
-        Joint that accelerates and joint whose torque acts, from 0.
-    pose : str
-        "" for records without a pose.
+    Joint i accelerates and the torque of joint j acts, from 0; the pose is "" for records without one.
     """
     limits = magnitude_limits(analysis, pose, i) if i == j else None
     return _drawn(element_curves(analysis, pose, i, j), dark, limits, view)
@@ -76,7 +57,7 @@ def model_over_measurement(
     analysis: Analysis, joint: int, *, pose: str = "", dark: bool = False
 ) -> go.Figure:
     """Small plot of |H_jj|: friction- and delay-compensated measurement, and the models."""
-    matrix, removed = freed_or_measured(analysis, pose)
+    matrix, removed = compensated_or_measured(analysis, pose)
     name = f"measured{removed and ', ' + removed}"
     curves = [
         *model_curves(analysis, pose, joint, joint),
@@ -90,20 +71,13 @@ def compared_models(
 ) -> go.Figure:
     """Plot |H_jj| of two studies, each with its model as a line and its measurement as points.
 
-    Parameters
-    ----------
-    analyses : tuple of Analysis
-        Both with a transfer matrix; their first poses are drawn.
-    names : tuple of str
-        Names of the studies.
-    joint : int
-        From 0.
+    Both have a transfer matrix, and their first poses are drawn; the joint counts from 0.
     """
     curves, limits = [], []
     sources: tuple[Source, Source] = ("identified", "other")
     for analysis, name, source in zip(analyses, map(plain_text, names), sources, strict=True):
         pose = next(iter(analysis.transfer_matrices))
-        matrix, _ = freed_or_measured(analysis, pose)
+        matrix, _ = compensated_or_measured(analysis, pose)
         if (model := identified(analysis, pose, joint, joint)) is not None:
             curves.append(Curve(f"{name}, model", source, model))
         found = measured(matrix, joint, joint)
@@ -116,11 +90,13 @@ def _magnitudes(
     curves: list[Curve], joint: int, limits: list[tuple[float, float]], height: int, dark: bool
 ) -> go.Figure:
     """|H_jj| of several curves, to the largest of the limits."""
-    traces = [_magnitude(curve, dark) for curve in curves]
+    sketch = Sketch(dark)
+    for curve in curves:
+        _add_magnitude(sketch, curve)
     low, high = zip(*limits, strict=True)
     title = f"|{element_name(joint, joint)}| ({_UNIT})"
     size = log_axis(title, range=_log_range((min(low), max(high))))
-    return figure(traces, frequency_axis(measured_frequencies(curves)), size, height=height, dark=dark)
+    return sketch.figure(frequency_axis(measured_frequencies(curves)), size, height=height)
 
 
 def _drawn(
@@ -129,10 +105,10 @@ def _drawn(
     if view == "Nyquist":
         return _nyquist(curves, dark)
     decibels = view == "In dB"
-    phases = phases_deg(curves)
-    traces: list[Trace] = []
+    sketch, phases = Sketch(dark), phases_deg(curves)
     for curve, phase in zip(curves, phases, strict=True):
-        traces += [_magnitude(curve, dark, decibels=decibels), _phase(curve, phase, dark)]
+        _add_magnitude(sketch, curve, decibels=decibels)
+        _add_phase(sketch, curve, phase)
     y: Axis = {"share": 1.6}
     if magnitudes is not None:
         y["range"] = [20 * limit if decibels else limit for limit in _log_range(magnitudes)]
@@ -146,24 +122,24 @@ def _drawn(
         low, high = min(low, -90.0), max(high, 180.0)
     x, span = frequency_axis(measured_frequencies(curves)), [min(low, 0.0) - 15, max(high, 90.0) + 15]
     turn = linear_axis("Phase (°)", range=span, tick0=0, dtick=90)
-    return figure(traces, x, size, turn, height=520, dark=dark, margin=_TWO_LINES)
+    return sketch.figure(x, size, turn, height=520, margin=_TWO_LINES)
 
 
 def _nyquist(curves: list[Curve], dark: bool) -> go.Figure:
     """Imaginary over real part, to one scale; the error is the same along both."""
-    traces = []
+    sketch = Sketch(dark)
     for curve in curves:
         H, error = curve.response.H, curve.response.error
         more: dict[str, Any] = {"customdata": curve.response.frequency_hz}
         if curve.symbol and error is not None:
             more |= {"error": {"array": error}, "error_x": {"type": "data", "array": error, "width": 3}}
         hover = f"%{{customdata:.4g}} Hz<br>%{{x:.4g}} + %{{y:.4g}} i {_UNIT}<extra>{curve.name}</extra>"
-        traces.append(_trace(curve, H.imag, dark, x=H.real, hovertemplate=hover, **more))
+        _add(sketch, curve, H.real, H.imag, hovertemplate=hover, **more)
     axes = linear_axis(f"Real part ({_UNIT})"), linear_axis(f"Imaginary part ({_UNIT})", scaleanchor="x")
-    return figure(traces, *axes, height=520, dark=dark, margin=_TWO_LINES)
+    return sketch.figure(*axes, height=520, margin=_TWO_LINES)
 
 
-def _magnitude(curve: Curve, dark: bool, *, decibels: bool = False) -> Trace:
+def _add_magnitude(sketch: Sketch, curve: Curve, *, decibels: bool = False) -> None:
     size, error = np.abs(curve.response.H), curve.response.error
     scale, unit = (_decibels, "dB") if decibels else (np.asarray, _UNIT)
     more: dict[str, Any] = {}
@@ -175,31 +151,32 @@ def _magnitude(curve: Curve, dark: bool, *, decibels: bool = False) -> Trace:
         more = {"customdata": above, "error": bars}
     plus = f" ± %{{customdata:.2g}} {unit}" if more else f" {unit}"
     hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}}{plus}<extra>{curve.name}</extra>"
-    return _trace(curve, scale(size), dark, hovertemplate=hover, **more)
+    _add(sketch, curve, curve.response.frequency_hz, scale(size), hovertemplate=hover, **more)
 
 
 def _decibels(size: Floats) -> Floats:
     return 20 * np.log10(np.maximum(size, 1e-300))
 
 
-def _phase(curve: Curve, phase: Floats, dark: bool) -> Trace:
+def _add_phase(sketch: Sketch, curve: Curve, phase: Floats) -> None:
     relative = curve.response.relative_error
-    more = {}
+    more: dict[str, Any] = {"yaxis": "y2", "showlegend": False}
+    plus = ""
     if curve.symbol and relative is not None:
         error = np.degrees(np.minimum(relative, np.pi))
-        more = {"customdata": error, "error": {"array": error}}
-    plus = " ± %{customdata:.2g}°" if more else ""
+        more |= {"customdata": error, "error": {"array": error}}
+        plus = " ± %{customdata:.2g}°"
     hover = f"%{{x:.4g}} Hz<br>%{{y:.1f}}°{plus}<extra>{curve.name}</extra>"
-    return _trace(curve, phase, dark, hovertemplate=hover, **more, yaxis="y2", showlegend=False)
+    _add(sketch, curve, curve.response.frequency_hz, phase, hovertemplate=hover, **more)
 
 
-def _trace(curve: Curve, y: Floats, dark: bool, **more: Any) -> Trace:
+def _add(sketch: Sketch, curve: Curve, x: Floats, y: Floats, **more: Any) -> None:
     """Points for measurements, a line for a model."""
-    x, colour = more.pop("x", curve.response.frequency_hz), getattr(colours(dark), curve.source)
     if curve.symbol:
-        return points(x, y, curve.name, colour, marker={"symbol": curve.symbol}, **more)
+        sketch.points(x, y, curve.name, curve.source, marker={"symbol": curve.symbol}, **more)
+        return
     dash = "dash" if curve.source == "nominal" else "solid"
-    return line(x, y, curve.name, colour, line={"dash": dash}, **more)
+    sketch.line(x, y, curve.name, curve.source, dash=dash, **more)
 
 
 def _log_range(limits: tuple[float, float]) -> list[float]:

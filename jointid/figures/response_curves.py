@@ -74,29 +74,12 @@ def removed_effects(analysis: Analysis) -> str:
     return "" if analysis.state == NOT_USABLE else without(analysis.fit)
 
 
-def freed_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
+def compensated_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
     """Return the transfer matrix to compare with the model, and the effects removed, in words."""
     removed = removed_effects(analysis)
-    if not removed or pose not in analysis.freed_transfer_matrices:
+    if not removed or pose not in analysis.compensated_transfer_matrices:
         return analysis.transfer_matrices[pose], ""
-    return analysis.freed_transfer_matrices[pose], removed
-
-
-def single_records(analysis: Analysis, pose: str, joint: int) -> list[Response]:
-    """Return acceleration over torque of a joint from each record alone, one response per series."""
-    rows = analysis.study.of_pose(pose)
-    frequency = analysis.phasors.omega[rows] / (2 * np.pi)
-    response = single_record_response(analysis.phasors)[rows, joint]
-    series = analysis.phasors.select(rows).series()
-    return [Response(frequency[index], response[index]) for index in series]
-
-
-def nominal(analysis: Analysis, pose: str, i: int, j: int) -> Response | None:
-    """Return H_ij of the nominal K and D with the given inertias; None when the study has none."""
-    if analysis.study.nominal is None:
-        return None
-    given = analysis.study.poses[pose] if pose else analysis.study.inertia
-    return _model(analysis, pose, i, j, given, analysis.study.nominal)
+    return analysis.compensated_transfer_matrices[pose], removed
 
 
 def identified(analysis: Analysis, pose: str, i: int, j: int) -> Response | None:
@@ -109,9 +92,11 @@ def identified(analysis: Analysis, pose: str, i: int, j: int) -> Response | None
 
 
 def model_curves(analysis: Analysis, pose: str, i: int, j: int) -> list[Curve]:
-    """Return nominal and identified H_ij, where they exist."""
-    curves = []
-    if (assumed := nominal(analysis, pose, i, j)) is not None:
+    """Return nominal H_ij, with the given inertias, and identified H_ij, where they exist."""
+    study, curves = analysis.study, []
+    if study.nominal is not None:
+        given = study.poses[pose] if pose else study.inertia
+        assumed = _model(analysis, pose, i, j, given, study.nominal)
         curves.append(Curve("nominal model", "nominal", assumed))
     if (found := identified(analysis, pose, i, j)) is not None:
         curves.append(Curve("identified model", "identified", found))
@@ -126,7 +111,7 @@ def element_curves(analysis: Analysis, pose: str, i: int, j: int) -> list[Curve]
     are equal.
     """
     curves = model_curves(analysis, pose, i, j)
-    raw, (freed, removed) = analysis.transfer_matrices[pose], freed_or_measured(analysis, pose)
+    raw, (freed, removed) = analysis.transfer_matrices[pose], compensated_or_measured(analysis, pose)
     if i != j:
         for row, column, symbol in ((i, j, "circle"), (j, i, "square-open")):
             name = f"measured {element_name(row, column)}{removed and ', ' + removed}"
@@ -140,10 +125,12 @@ def element_curves(analysis: Analysis, pose: str, i: int, j: int) -> list[Curve]
 
 def single_record_curves(analysis: Analysis, pose: str, joint: int) -> list[Curve]:
     """Return the models of H_jj, then acceleration over torque of a joint from each record alone."""
-    curves = model_curves(analysis, pose, joint, joint)
-    responses = single_records(analysis, pose, joint)
-    for k, response in enumerate(responses):
-        name = f"record {k + 1} of each frequency" if len(responses) > 1 else "each record alone"
+    curves, rows = model_curves(analysis, pose, joint, joint), analysis.study.of_pose(pose)
+    frequency = analysis.phasors.omega[rows] / (2 * np.pi)
+    H, series = single_record_response(analysis.phasors), analysis.phasors.select(rows).series()
+    for k, index in enumerate(series):
+        name = f"record {k + 1} of each frequency" if len(series) > 1 else "each record alone"
+        response = Response(frequency[index], H[rows, joint][index])
         curves.append(Curve(name, "measured", response, f"{joint_symbol(k)}-open"))
     return curves
 
@@ -173,7 +160,7 @@ def magnitude_limits(analysis: Analysis, pose: str, joint: int) -> tuple[float, 
     at most.
     """
     sizes = [np.abs(curve.response.H) for curve in model_curves(analysis, pose, joint, joint)]
-    for matrices in (analysis.transfer_matrices, analysis.freed_transfer_matrices):
+    for matrices in (analysis.transfer_matrices, analysis.compensated_transfer_matrices):
         if pose in matrices:
             sizes.append(np.abs(matrices[pose].H[:, joint, joint]))
     single = np.abs(single_record_response(analysis.phasors)[analysis.study.of_pose(pose), joint])
@@ -187,18 +174,9 @@ def magnitude_limits(analysis: Analysis, pose: str, joint: int) -> tuple[float, 
 
 
 def phase_deg(response: Response, model: Response | None) -> Floats:
-    """Return the phase on the branch nearest to the model's, so that no point jumps by 360°.
+    """Return the phase on the branch nearest to the model's, or to 90°, shape (f,), degrees.
 
-    Parameters
-    ----------
-    response : Response
-    model : Response, optional
-        Without it the branch is that about 90°.
-
-    Returns
-    -------
-    ndarray, shape (f,)
-        Degrees.
+    No point then jumps by 360°.
     """
     angle = np.degrees(np.angle(response.H))
     centre: Floats | float = 90.0

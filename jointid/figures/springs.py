@@ -9,17 +9,7 @@ import plotly.graph_objects as go
 from jointid.answer import AT_MOTOR, StiffnessUnit
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.figures.style import (
-    Trace,
-    colours,
-    figure,
-    frequency_axis,
-    joint_symbol,
-    line,
-    linear_axis,
-    plain_text,
-    points,
-)
+from jointid.figures.style import Sketch, Trace, frequency_axis, joint_symbol, linear_axis, plain_text
 from jointid.gears.harmonic_balance import sine_stiffness
 from jointid.joints import Elasticity
 
@@ -32,51 +22,35 @@ def dynamic_stiffness(
     unit: StiffnessUnit = AT_MOTOR,
     dark: bool = False,
 ) -> go.Figure:
-    """b/a of one joint, record by record: its real part should be flat at K, its imaginary part ωD.
-
-    Parameters
-    ----------
-    fit : ElasticityFit
-    joint : int
-        From 0.
-    nominal : Elasticity, optional
-        Nominal values, drawn as well.
-    unit : StiffnessUnit, optional
-        Of both parts.
-    """
-    ink, scale = colours(dark), unit.of_gear(joint)
-    equations = fit.equations
+    """b/a of one joint, from 0, by record: its real part should be flat at K, its imaginary part ωD."""
+    sketch, scale, equations = Sketch(dark), unit.of_gear(joint), fit.equations
     f = equations.omega / (2 * np.pi)
     measured = scale.stiffness * equations.stiffness[:, joint]
     error = scale.stiffness * stiffness_error(fit)[:, joint]
     known = np.isfinite(measured)
     f, measured, error = f[known], measured[known], error[known]
     band = np.geomspace(f.min() / 1.12, f.max() * 1.12, 100) if f.size else np.array([1.0, 10.0])
-    K, D = float(fit.K[joint]), float(fit.D[joint])
-    models = [("identified", ink.identified, "solid", K, D)]
-    if nominal is not None:
-        models.insert(0, ("nominal", ink.nominal, "dash", nominal.K[joint], nominal.D[joint]))
-    traces = []
-    for name, colour, dash, k, d in models:
-        style = {"line": {"dash": dash}, "legendgroup": name}
-        flat = np.full(band.size, scale.stiffness * k)
-        rising = 2 * np.pi * band * scale.stiffness * d
-        shown = f"K = {flat[0]:.4g} {scale.unit}, D = {scale.torque**2 * d:.3g} N·m·s/rad"
-        value = f"{name}: {shown}<extra></extra>"
-        style["hovertemplate"] = value
-        traces.append(line(band, flat, name, colour, **style))
-        traces.append(line(band, rising, name, colour, yaxis="y2", showlegend=False, **style))
+    for name, dash, springs in (("nominal", "dash", nominal), ("identified", "solid", fit)):
+        if springs is None:
+            continue
+        K, D = float(springs.K[joint]), float(springs.D[joint])
+        flat = np.full(band.size, scale.stiffness * K)
+        rising = 2 * np.pi * band * scale.stiffness * D
+        shown = f"K = {flat[0]:.4g} {scale.unit}, D = {scale.torque**2 * D:.3g} N·m·s/rad"
+        style: Trace = {"legendgroup": name, "hovertemplate": f"{name}: {shown}<extra></extra>"}
+        sketch.line(band, flat, name, name, dash=dash, **style)
+        sketch.line(band, rising, name, name, dash=dash, yaxis="y2", showlegend=False, **style)
     hover = "%{x:.4g} Hz<br>%{y:.4g} ± %{customdata:.2g} " + f"{scale.unit}<extra></extra>"
-    shared = {"customdata": error, "error": {"array": error}, "hovertemplate": hover}
-    dots = {"marker": {"symbol": joint_symbol(joint)}}
-    traces.append(points(f, measured.real, "each record", ink.measured, **shared, **dots))
-    lower = {"yaxis": "y2", "showlegend": False}
-    traces.append(points(f, measured.imag, "each record", ink.measured, **lower, **shared, **dots))
+    shared: Trace = {"customdata": error, "error": {"array": error}, "hovertemplate": hover}
+    shared["marker"] = {"symbol": joint_symbol(joint)}
+    sketch.points(f, measured.real, "each record", "measured", **shared)
+    shared |= {"yaxis": "y2", "showlegend": False}
+    sketch.points(f, measured.imag, "each record", "measured", **shared)
     axes = [
         linear_axis(f"{part}{joint + 1} ({scale.unit})", rangemode="tozero")
         for part in ("Re b/a → K", "Im b/a → ωD")
     ]
-    return figure(traces, frequency_axis(f), *axes, height=460, dark=dark)
+    return sketch.figure(frequency_axis(f), *axes, height=460)
 
 
 def stiffness_error(fit: ElasticityFit) -> np.ndarray:
@@ -108,20 +82,11 @@ def torsion_curve(
 ) -> go.Figure:
     """Torque of one gear over its deflection, a period of every record, and the fitted elastic law.
 
-    Parameters
-    ----------
-    fit : ElasticityFit
-    joint : int
-        From 0.
-    colour_by : {"frequency", "amplitude"}
-        Quantity behind the colours of the records.
-    unit : StiffnessUnit, optional
-        Its side and its angle.
+    The joint counts from 0; the records are coloured by frequency or amplitude.
     """
-    ink, curve, gear = colours(dark), fit.torsion_curves[joint], fit.gears[joint]
+    sketch, curve, gear = Sketch(dark), fit.torsion_curves[joint], fit.gears[joint]
     scale = unit.of_gear(joint)
     wind_up, torque = scale.wind_up * curve.deflection_rad, scale.torque * curve.torque_Nm
-    traces: list[Trace] = []
     size, unit_of_size = curve.frequency_hz, "Hz"
     if colour_by == "amplitude":
         size, unit_of_size = scale.torque * curve.amplitude_Nm, "N·m"
@@ -136,27 +101,26 @@ def torsion_curve(
         half = 2 * scale.torque * curve.torque_noise_Nm[r]
         record = f"{curve.frequency_hz[r]:.3g} Hz, {scale.torque * curve.amplitude_Nm[r]:.3g} N·m"
         hover = f"%{{x:.4g}} {scale.angle}<br>%{{y:.4g}} ± {half:.2g} N·m<extra>{record}</extra>"
-        style = {"hovertemplate": hover, "showlegend": r in named}
+        style: Trace = {"hovertemplate": hover, "showlegend": r in named}
         if np.count_nonzero(np.diff(np.signbit(x))) > _MOST_TURNS:  # a motion: its lines would hide it
-            dots = {"marker": {"size": 4, "opacity": 0.5}}
-            traces.append(points(x, y, name, colour, **dots, **style))
+            sketch.points(x, y, name, colour, marker={"size": 4, "opacity": 0.5}, **style)
             continue
-        band = {"line": {"width": 0}, "hoverinfo": "skip", "showlegend": False, "opacity": 0.25}
+        band = {"fill": "toself", "hoverinfo": "skip", "showlegend": False, "opacity": 0.25}
         edge = np.concatenate([y + half, (y - half)[::-1]])
         both = np.concatenate([x, x[::-1]])
-        traces.append(line(both, edge, name, colour, fill="toself", fillcolor=colour, **band))
-        traces.append(line(x, y, name, colour, line={"width": 1.2}, **style))
+        sketch.line(both, edge, name, colour, width=0, fillcolor=colour, **band)
+        sketch.line(x, y, name, colour, width=1.2, **style)
     tried = np.linspace(-gear.tried_rad, gear.tried_rad, 401)
     shown = scale.wind_up * tried
     hover = f"%{{x:.4g}} {scale.angle}<br>%{{y:.4g}} N·m<extra>fitted law</extra>"
-    law = {"line": {"width": 3}, "hovertemplate": hover}
-    traces.append(line(shown, scale.torque * gear.torque(tried), "fitted law", ink.identified, **law))
+    law = scale.torque * gear.torque(tried)
+    sketch.line(shown, law, "fitted law", "identified", width=3, hovertemplate=hover)
     if gear.kind != "linear":
-        flat = {"line": {"dash": "dot", "width": 1.5}, "hoverinfo": "skip"}
-        traces.append(line(shown, scale.torque * gear.K * tried, "slope K", ink.quiet, **flat))
+        slope, flat = scale.torque * gear.K * tried, {"dash": "dot", "hoverinfo": "skip"}
+        sketch.line(shown, slope, "slope K", "quiet", width=1.5, **flat)
     across = linear_axis(f"Deflection ({scale.angle}, {scale.side})")
     upwards = linear_axis(f"Torque (N·m, {scale.side})")
-    return figure(traces, across, upwards, height=420, dark=dark)
+    return sketch.figure(across, upwards, height=420)
 
 
 def drawn_records(amplitude: Floats) -> list[int]:
@@ -176,34 +140,26 @@ def stiffness_over_amplitude(
 ) -> go.Figure:
     """Torque over deflection of every record's fundamental against its torque amplitude, by pose.
 
-    Parameters
-    ----------
-    fit : ElasticityFit
-    joint : int
-        From 0.
-    poses : sequence of str
-        Pose of each record; by default all the same.
-    unit : StiffnessUnit, optional
+    The joint counts from 0; ``poses`` are those of the records, by default all the same.
     """
-    ink, curve, gear = colours(dark), fit.torsion_curves[joint], fit.gears[joint]
+    sketch, curve, gear = Sketch(dark), fit.torsion_curves[joint], fit.gears[joint]
     scale = unit.of_gear(joint)
     K, error, amplitude = curve.stiffness
     K, error, amplitude = scale.stiffness * K, scale.stiffness * error, scale.torque * amplitude
     names = np.array(poses if len(poses) == K.size else [""] * K.size)
-    traces: list[Trace] = []
+    size = np.geomspace(0.01, 1, 80) * gear.tried_rad
+    secant = np.zeros(size.size) if gear.tried_rad == 0 else sine_stiffness(gear, size)
+    law, secant = scale.torque * size * secant, scale.stiffness * secant
+    inside = law >= amplitude.min(initial=np.inf)
+    hover = f"%{{x:.3g}} N·m<br>%{{y:.4g}} {scale.unit}<extra>fitted law</extra>"
+    sketch.line(law[inside], secant[inside], "fitted law", "identified", hovertemplate=hover)
     for k, pose in enumerate(dict.fromkeys(names.tolist())):
         own = names == pose
         name = plain_text(pose) or ("each record" if np.all(own) else "no pose stated")
         hover = f"%{{x:.3g}} N·m<br>%{{y:.4g}} ± %{{customdata:.2g}} {scale.unit}<extra></extra>"
         shared = {"customdata": error[own], "error": {"array": error[own]}, "hovertemplate": hover}
         symbol = {"symbol": joint_symbol(k), "size": 6}
-        colour = ink.measured if k == 0 else _SCALE[(2 * k) % len(_SCALE)]
-        traces.append(points(amplitude[own], K[own], name, colour, marker=symbol, **shared))
-    size = np.geomspace(0.01, 1, 80) * gear.tried_rad
-    secant = np.zeros(size.size) if gear.tried_rad == 0 else sine_stiffness(gear, size)
-    torque, secant = scale.torque * size * secant, scale.stiffness * secant
-    law = {"hovertemplate": f"%{{x:.3g}} N·m<br>%{{y:.4g}} {scale.unit}<extra>fitted law</extra>"}
-    inside = torque >= amplitude.min(initial=np.inf)
-    traces.insert(0, line(torque[inside], secant[inside], "fitted law", ink.identified, **law))
+        colour = "measured" if k == 0 else _SCALE[(2 * k) % len(_SCALE)]
+        sketch.points(amplitude[own], K[own], name, colour, marker=symbol, **shared)
     across = linear_axis(f"Torque amplitude (N·m, {scale.side})", rangemode="tozero")
-    return figure(traces, across, linear_axis(f"K{joint + 1} ({scale.unit})"), height=260, dark=dark)
+    return sketch.figure(across, linear_axis(f"K{joint + 1} ({scale.unit})"), height=260)

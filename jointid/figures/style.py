@@ -1,6 +1,5 @@
 """Style of all figures: one colour per meaning (Okabe-Ito), axes with quantity and unit."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -61,7 +60,7 @@ def colours(dark: bool) -> Colours:
     return DARK if dark else LIGHT
 
 
-class Drawn(go.Figure):  # type: ignore[misc]
+class SerialisedFigure(go.Figure):  # type: ignore[misc]
     """A finished figure: its arrays are written as text once, not whenever a page shows it."""
 
     @cached_property
@@ -73,60 +72,94 @@ class Drawn(go.Figure):  # type: ignore[misc]
         return self._written
 
 
-def figure(
-    traces: Sequence[Trace], x: Axis | None = None, *y: Axis, height: int, dark: bool, **layout: Any
-) -> go.Figure:
-    """Assemble a figure from plain dictionaries, with the margins and the legend all figures have.
+class Sketch:
+    """A figure in the making: traces and shapes from plain dictionaries.
 
-    Parameters
-    ----------
-    traces : sequence of dict
-        Those of the second panel have ``"yaxis": "y2"``, and so on.
-    x : dict, optional
-        The axis that all panels share; a polar figure has none.
-    *y : dict
-        Axis of each panel, from top to bottom; ``share`` is its relative height, by default 1.
-    height : int
-        In pixels.
-    dark : bool
-        For a dark background.
-    **layout
-        Anything else of plotly's layout.
+    A ``colour`` is a meaning, as ``Colours`` names it, or a colour.
     """
-    bottom, total = 1.0, sum(axis.get("share", 1.0) for axis in y)
-    for number, axis in enumerate(y, start=1):
-        top, bottom = bottom, max(bottom - axis.get("share", 1.0) / total, 0.0)
-        own = {key: value for key, value in axis.items() if key != "share"}
-        if number < len(y):
-            own["domain"] = [bottom + _GAP * (top - bottom), top]
-        elif number > 1:
-            own["domain"] = [0.0, top]
-        layout[f"yaxis{number}" if number > 1 else "yaxis"] = _LOOK | own
-    if x is not None:
-        layout["xaxis"] = _LOOK | ({"anchor": f"y{len(y)}"} if len(y) > 1 else {}) | x
-    ink = "#FAFAFA" if dark else "#31333F"
-    base = {
-        "height": height,
-        "margin": {"l": 8, "r": 12, "t": 8, "b": 8},
-        "font": {"color": ink, "size": 13, "family": '"Source Sans", sans-serif'},
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)",
-        "hoverlabel": {"align": "left"},
-        "modebar": {
-            "bgcolor": "rgba(60, 60, 60, 0.95)" if dark else "rgba(240, 240, 240, 0.95)",
-            "color": ink,
-            "activecolor": colours(dark).identified,
-        },
-        "legend": {
-            "orientation": "h",
-            "x": 0,
-            "xanchor": "left",
-            "y": 1.02,
-            "yanchor": "bottom",
-            "font": {"color": ink},
-        },
-    }
-    return Drawn({"data": list(traces), "layout": base | layout})
+
+    def __init__(self, dark: bool) -> None:
+        self.ink = colours(dark)
+        self.traces: list[Trace] = []
+        self.shapes: list[Shape] = []
+        self._dark = dark
+
+    def line(
+        self, x: Floats, y: Floats, name: str, colour: str, *, width: float = 2, **more: Any
+    ) -> None:
+        """Add a line, for instance a model; ``dash`` is its pattern."""
+        style = {"color": self._colour(colour), "width": width}
+        style |= {"dash": more.pop("dash")} if "dash" in more else {}
+        self._add("lines", x, y, name, {"line": style} | more)
+
+    def points(
+        self, x: Floats, y: Floats, name: str, colour: str, *, error: Trace | None = None, **more: Any
+    ) -> None:
+        """Add markers, for instance measured values; ``error`` makes bars of ± that much."""
+        own = self._colour(colour)
+        style = {"color": own, "size": 7} | more.pop("marker", {})
+        if error is not None:
+            more["error_y"] = {"type": "data", "color": own, "thickness": 1.2, "width": 3} | error
+        self._add("markers", x, y, name, {"marker": style} | more)
+
+    def vertical_line(self, x: float, colour: str, *, width: float = 1.5, **more: Any) -> None:
+        """Add a vertical line over the whole height."""
+        stroke = {"color": self._colour(colour), "width": width, "dash": more.pop("dash", "solid")}
+        self.shapes.append({"type": "line", "x0": x, "x1": x, "line": stroke} | _FULL_HEIGHT | more)
+
+    def span(self, first: float, last: float, colour: str, opacity: float, **more: Any) -> None:
+        """Add a filled span of the x axis over the whole height."""
+        fill = {"fillcolor": self._colour(colour), "opacity": opacity, "line": {"width": 0}}
+        self.shapes.append({"type": "rect", "x0": first, "x1": last} | fill | _FULL_HEIGHT | more)
+
+    def figure(self, x: Axis | None = None, *y: Axis, height: int, **layout: Any) -> go.Figure:
+        """Return the figure, with the margins and the legend that all figures have.
+
+        ``x`` is the axis that all panels share; a polar figure has none. ``y`` are those of the panels
+        from top to bottom, with their relative height ``share``, by default 1; traces of the second
+        panel have ``yaxis="y2"``, and so on. The height is in pixels, ``layout`` the rest of plotly's.
+        """
+        bottom, total = 1.0, sum(axis.get("share", 1.0) for axis in y)
+        for number, axis in enumerate(y, start=1):
+            top, bottom = bottom, max(bottom - axis.get("share", 1.0) / total, 0.0)
+            own = {key: value for key, value in axis.items() if key != "share"}
+            if number < len(y):
+                own["domain"] = [bottom + _GAP * (top - bottom), top]
+            elif number > 1:
+                own["domain"] = [0.0, top]
+            layout[f"yaxis{number}" if number > 1 else "yaxis"] = _LOOK | own
+        if x is not None:
+            layout["xaxis"] = _LOOK | ({"anchor": f"y{len(y)}"} if len(y) > 1 else {}) | x
+        ink = "#FAFAFA" if self._dark else "#31333F"
+        base = {
+            "height": height,
+            "margin": {"l": 8, "r": 12, "t": 8, "b": 8},
+            "font": {"color": ink, "size": 13, "family": '"Source Sans", sans-serif'},
+            "paper_bgcolor": "rgba(0,0,0,0)",
+            "plot_bgcolor": "rgba(0,0,0,0)",
+            "hoverlabel": {"align": "left"},
+            "modebar": {
+                "bgcolor": "rgba(60, 60, 60, 0.95)" if self._dark else "rgba(240, 240, 240, 0.95)",
+                "color": ink,
+                "activecolor": self.ink.identified,
+            },
+            "legend": {
+                "orientation": "h",
+                "x": 0,
+                "xanchor": "left",
+                "y": 1.02,
+                "yanchor": "bottom",
+                "font": {"color": ink},
+            },
+            "shapes": self.shapes,
+        }
+        return SerialisedFigure({"data": self.traces, "layout": base | layout})
+
+    def _colour(self, colour: str) -> str:
+        return str(getattr(self.ink, colour, colour))
+
+    def _add(self, mode: str, x: Floats, y: Floats, name: str, more: Trace) -> None:
+        self.traces.append({"type": "scatter", "mode": mode, "x": x, "y": y, "name": name} | more)
 
 
 def plain_text(text: str, *, most: int = 80) -> str:
@@ -142,34 +175,6 @@ def plain_text(text: str, *, most: int = 80) -> str:
 def joint_symbol(joint: int) -> str:
     """Return the marker of a joint, counted from 0."""
     return JOINT_SYMBOLS[joint % len(JOINT_SYMBOLS)]
-
-
-def line(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
-    """Return a line trace, for instance a model."""
-    style = {"color": colour, "width": 2} | more.pop("line", {})
-    return {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "line": style} | more
-
-
-def points(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
-    """Return a marker trace, for instance measured values; ``error`` makes bars of ± that much."""
-    style = {"color": colour, "size": 7} | more.pop("marker", {})
-    error = more.pop("error", None)
-    trace = {"type": "scatter", "mode": "markers", "x": x, "y": y, "name": name, "marker": style} | more
-    if error is not None:
-        trace["error_y"] = {"type": "data", "color": colour, "thickness": 1.2, "width": 3} | error
-    return trace
-
-
-def upright(x: float, colour: str, *, width: float = 1.5, dash: str = "solid", **more: Any) -> Shape:
-    """Return a vertical line over the whole height of a figure."""
-    stroke = {"color": colour, "width": width, "dash": dash}
-    return {"type": "line", "x0": x, "x1": x, "line": stroke} | _FULL_HEIGHT | more
-
-
-def span(first: float, last: float, colour: str, opacity: float, **more: Any) -> Shape:
-    """Return a filled span of the x axis over the whole height of a figure."""
-    fill = {"fillcolor": colour, "opacity": opacity, "line": {"width": 0}}
-    return {"type": "rect", "x0": first, "x1": last} | fill | _FULL_HEIGHT | more
 
 
 def frequency_axis(frequency_hz: Floats, **more: Any) -> Axis:

@@ -7,7 +7,14 @@ import numpy as np
 from jointid.analysis import NOT_USABLE, Analysis
 from jointid.answer import gear_text
 from jointid.arrays import Floats
-from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, remainder, study_outcome
+from jointid.cut.outcome import (
+    TYPICAL_SERVO,
+    ZONES_M,
+    Outcome,
+    millimetres,
+    remaining_error_text,
+    study_outcome,
+)
 from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M
 from jointid.cut.tracking import TrackingRun, track
@@ -113,6 +120,9 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
     )
     below = millimetres(outcome.after_m)
     below = below if below.startswith("under") else f"below {below}"
+    left = (
+        "" if outcome.springs_matter else remaining_error_text(outcome, friction=outcome.robot.friction)
+    )
     friction = " and friction" if outcome.robot.friction is not None else ""
     yield Paragraph(
         "The same path, a rectangle of 28 × 45 mm at 300 mm/s, cut before and after. Before: a robot "
@@ -125,7 +135,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
             if outcome.distribution is not None
             else f"and the robot has exactly these. {outcome.problem}"
         )
-        + ("" if outcome.springs_matter else f" {remainder(outcome, friction=outcome.robot.friction)}")
+        + (left and f" {left}")
     )
     cuts = {}
     for zone in ZONES_M:
@@ -156,7 +166,7 @@ def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
     if np.array_equal(path.knot_m, outcome.toolpath.knot_m):
         return outcome.before, outcome.after
     before, after = (
-        track(robot.arm, path, true, assumed, servo=EVERYDAY_SERVO, friction=robot.friction)
+        track(robot.arm, path, true, assumed, servo=TYPICAL_SERVO, friction=robot.friction)
         for true, assumed in ((robot.elasticity, outcome.assumed), (outcome.p95, robot.elasticity))
     )
     return before, after

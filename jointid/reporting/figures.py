@@ -128,7 +128,7 @@ def cut_figure(headings: Sequence[str], cuts: Mapping[str, Sequence[TrackingRun]
     ``headings`` are those of the cuts with nominal and with identified values; ``cuts`` both by label.
     """
     runs = [run for pair in cuts.values() for run in pair]
-    paths = [path[::_STRIDE] for run in runs for path in (run.wanted_m, run.tool_m)]
+    paths = [path[::_STRIDE] for run in runs for path in (run.reference_m, run.tool_m)]
     low = np.min([p.min(axis=0) for p in paths], axis=0)
     high = np.max([p.max(axis=0) for p in paths], axis=0)
     cell = PAGE_WIDTH / len(cuts)
@@ -143,7 +143,7 @@ def cut_figure(headings: Sequence[str], cuts: Mapping[str, Sequence[TrackingRun]
         for column, (label, pair) in enumerate(cuts.items()):
             run = pair[row]
             left = cell * column + (cell - size[0]) / 2
-            for path, ink, stroke in ((run.wanted_m, _REFERENCE, 3.0), (run.tool_m, colour, 0.9)):
+            for path, ink, stroke in ((run.reference_m, _REFERENCE, 3.0), (run.tool_m, colour, 0.9)):
                 xy = (path[::_STRIDE] - (low[0], high[1])) * (scale, -scale) + (left, top)
                 shapes.append(Line(xy, ink, stroke, opacity=0.6 if ink == _REFERENCE else 1.0))
             middle, below = cell * (column + 0.5), top + size[1]

@@ -19,6 +19,7 @@ from jointid.reporting.blocks import Block, Figure, Paragraph, Report, Table, Ve
 from jointid.reporting.drawing import Drawing, Line, Marks
 from jointid.reporting.html import LEVELS
 from jointid.verdict.findings import Finding
+from jointid.wording import printable
 
 REGULAR, BOLD = "jointid", "jointid-bold"
 QUIET, RULE = "#565B63", "#C9CDD2"
@@ -43,7 +44,7 @@ def to_pdf(report: Report, *, progress: Callable[[float], object] | None = None)
         canvas.saveState()
         canvas.setFont(REGULAR, 7.5)
         canvas.setFillColor(QUIET)
-        canvas.drawString(_MARGIN, 32, _printable(report.footer))
+        canvas.drawString(_MARGIN, 32, printable(report.footer))
         canvas.drawRightString(A4[0] - _MARGIN, 32, f"page {document.page}")
         canvas.restoreState()
 
@@ -55,7 +56,7 @@ def to_pdf(report: Report, *, progress: Callable[[float], object] | None = None)
         rightMargin=_MARGIN - 6,
         topMargin=50,
         bottomMargin=50,
-        title=_printable(report.title),
+        title=printable(report.title),
         author="",
         subject="Identification of joint elasticity",
         creator="jointid",
@@ -145,7 +146,7 @@ def _columns(table: Table, width: float, size: float) -> list[float]:
         return [110.0, width - 110.0]
     rows = [*([table.header] if table.header else []), *table.rows]
     columns = range(len(rows[0]))
-    widths = [max(stringWidth(_printable(row[k]), BOLD, size) for row in rows) + 14 for k in columns]
+    widths = [max(stringWidth(printable(row[k]), BOLD, size) for row in rows) + 14 for k in columns]
     first = width - sum(widths[1:])
     if first < min(widths[0], 0.3 * width):
         return _shared(width, widths)
@@ -255,7 +256,7 @@ def _paint(drawing: Drawing, canvas: Any) -> None:
             if shape.turned:
                 canvas.rotate(90)
             place = {"start": canvas.drawString, "middle": canvas.drawCentredString}
-            place.get(shape.anchor, canvas.drawRightString)(0, 0, _printable(shape.text))
+            place.get(shape.anchor, canvas.drawRightString)(0, 0, printable(shape.text))
         canvas.restoreState()
 
 
@@ -295,9 +296,4 @@ def _page_styles() -> dict[str, Any]:
 
 def _clean(text: str) -> str:
     """Return text for a reportlab paragraph, its markup escaped."""
-    return escape(_printable(text), quote=False)
-
-
-def _printable(text: str) -> str:
-    """Return text with a blank for each unprintable character."""
-    return "".join(c if c.isprintable() else " " for c in text)
+    return escape(printable(text), quote=False)

@@ -14,7 +14,7 @@ from jointid.answer import (
     friction_note,
     further_quantities,
 )
-from jointid.cut.outcome import Outcome, millimetres, whose
+from jointid.cut.outcome import Outcome, millimetres, robot_text
 from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
@@ -100,7 +100,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     yield Table(header, tuple(rows), caption, "lrlrr"[: len(header)], kind="answer")
     if outcome is not None:
         yield Paragraph(
-            f"Simulated path error of {whose(outcome.robot)}, as in Figure 7 of the paper: "
+            f"Simulated path error of {robot_text(outcome.robot)}, as in Figure 7 of the paper: "
             f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after "
             f"({outcome.which}). {outcome.not_better if outcome.springs_matter else ''}".rstrip()
         )

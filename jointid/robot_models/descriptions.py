@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, tostring
 import numpy as np
 
 from jointid.arrays import Floats, frozen
-from jointid.errors import JointIdError
+from jointid.errors import JointIdError, import_optional
 from jointid.parsing.checked_xml import parse_xml, require_numbers
 from jointid.robot_models.description import RobotDescription
 from jointid.robot_models.rigid_bodies import RigidBodies
@@ -243,7 +243,7 @@ def _described(
     gravity: Floats | None = None,
 ) -> RobotDescription:
     """Robot of a cleaned document."""
-    pin = _pinocchio()
+    pin = import_optional("pinocchio", "pin", "URDF and MJCF", "robot")
     text = tostring(root, "unicode")
     try:
         if root.tag == "robot":
@@ -302,17 +302,6 @@ def _bodies(file: str, pin: Any, model: Any, gravity: Floats | None) -> RigidBod
         inertia=np.array([body.inertia for body in bodies]),
         gravity=np.array(model.gravity.linear) if gravity is None else gravity,
     )
-
-
-def _pinocchio() -> Any:
-    try:
-        import pinocchio
-    except ImportError as error:
-        raise JointIdError(
-            "URDF and MJCF need the package pin (pinocchio), which is not installed. "
-            'Install it with: pip install "jointid[robot]".'
-        ) from error
-    return pinocchio
 
 
 def _error(file: str, message: str) -> JointIdError:

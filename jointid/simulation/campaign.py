@@ -41,7 +41,7 @@ def simulate_campaign(
 
     ``experiment`` holds the frequencies of the sines, shape (f,), Hz, or is another motion;
     ``inertia_error`` is the share by which the given inertias differ from the robot's, see
-    ``wrongly_given``. With ``added``, the addition of a payload to M2, shape (n, n), kg·m², all
+    ``with_inertia_error``. With ``added``, the addition of a payload to M2, shape (n, n), kg·m², all
     experiments are made a second time with it, as records of the pose "loaded", and it is given exactly.
     ``seed`` is that of the noise and of the signs of ``inertia_error``; ``progress`` is called with the
     fraction done, up to 1.0; ``settings`` are further ones of ``simulate_records`` or
@@ -50,7 +50,7 @@ def simulate_campaign(
     Raises JointIdError when the settings do not fit the robot.
     """
     seed = whole_number("seed", seed, 0)
-    given = wrongly_given(inertia, inertia_error, seed)
+    given = with_inertia_error(inertia, inertia_error, seed)
     robots = {None: inertia} | ({} if added is None else {LOADED: inertia.with_added(added)})
     records: list[SineRecord | MotionRecord] = []
     for k, (pose, robot) in enumerate(robots.items()):
@@ -67,7 +67,7 @@ def simulate_campaign(
     return Campaign(tuple(records), given, poses)
 
 
-def wrongly_given(inertia: Inertia, error: float, seed: int = 0) -> Inertia:
+def with_inertia_error(inertia: Inertia, error: float, seed: int = 0) -> Inertia:
     """Return the inertia with every rotor and arm inertia off by a share, up or down at random.
 
     A coupling inertia is off by the geometric mean of the factors of its two joints, so that M2 stays

@@ -11,6 +11,8 @@ from jointid.arrays import Complexes, Floats, finite_array, per_joint, whole_num
 from jointid.errors import JointIdError
 from jointid.wording import counted
 
+_LONGEST_DELAY_S = 0.1
+"""Longer delays are errors of the unit, and make the closed loop a large matrix."""
 PerJoint: TypeAlias = float | Sequence[float] | Floats
 """One number for all joints, or one per joint."""
 
@@ -56,10 +58,10 @@ class Controller:
         checked_setting(self, "velocity_gain", "N·m·s/rad", positive=True)
         checked_setting(self, "sample_rate_hz", "Hz", positive=True, single=True)
         checked_setting(self, "torque_delay_s", "s", single=True)
-        if self.torque_delay_s > 0.1:
+        if self.torque_delay_s > _LONGEST_DELAY_S:
             raise JointIdError(
-                f"torque_delay_s = {self.torque_delay_s:g} s: more than 0.1 s cannot be simulated. "
-                "Check the unit (seconds)."
+                f"torque_delay_s = {self.torque_delay_s:g} s: more than {_LONGEST_DELAY_S:g} s cannot "
+                "be simulated. Check the unit (seconds)."
             )
 
 

@@ -56,17 +56,16 @@ def step_with_friction(Z: Floats, step: Step, coulomb: Floats) -> None:
     """
     n = len(coulomb)
     EG, resistance = step.EG, step.resistance
-    motors = slice(2 * n, 3 * n)
+    angle, _, velocity, _, torque, *_ = Z.reshape(-1, n, Z.shape[1])  # views
     # The torque of one motor moves another only through springs and arm, within a step by ten orders of
     # magnitude less than its own motor: the motors are independent.
-    velocity = Z[motors]
     momentum = resistance * velocity  # per length of the step, so a torque
-    needed = resistance * (EG[motors] @ Z)  # friction that would stop the motor at the end
+    needed = resistance * (EG[2 * n : 3 * n] @ Z)  # friction that would stop the motor at the end
     sign = np.sign(velocity)
     friction = sign * coulomb
     stops = sign * (needed - friction) <= 0
     if not stops.any():
-        Z[4 * n : 5 * n] -= friction
+        torque -= friction
         Z[: 4 * n] = EG @ Z
         return
     other = needed - momentum  # torque of all but friction, on average
@@ -77,8 +76,8 @@ def step_with_friction(Z: Floats, step: Step, coulomb: Floats) -> None:
     friction += reverses * (1 - share) * (after - friction)
     np.copyto(friction, needed, where=sticks)
     stayed = sticks & (velocity == 0)
-    theta = Z[:n].copy()
-    Z[4 * n : 5 * n] -= friction
+    before = angle.copy()
+    torque -= friction
     Z[: 4 * n] = EG @ Z
-    np.copyto(Z[motors], 0.0, where=sticks)
-    np.copyto(Z[:n], theta, where=stayed)
+    np.copyto(velocity, 0.0, where=sticks)
+    np.copyto(angle, before, where=stayed)

@@ -99,6 +99,7 @@ class Robot:
         else:  # at rest, with the springs relaxed
             Z, y_before = np.zeros((5 * n, shape[2])), np.zeros(shape[1:])
             torques = deque([y_before] * (self.delay + 1), maxlen=self.delay + 2)
+        motor, arm, motor_rate, arm_rate, acting, *of_gears = Z.reshape(-1, *shape[1:])  # views
         loop = np.zeros_like(y_before)
         sources = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
         position_source, torque_source = sources
@@ -113,7 +114,7 @@ class Robot:
             feed = self._feed(reference, np.arange(first, last) - before)
             disturbed = _noise(position_source, position_noise, feed.shape)
             for k in range(last - first):
-                y = Z[:n] + disturbed[k]
+                y = motor + disturbed[k]
                 if count:
                     y = np.rint(y / count) * count
                 torque = feed[k] - proportional * y + difference * y_before
@@ -121,18 +122,18 @@ class Robot:
                 y_before = y
                 torques.append(torque)
                 for step in self.steps:
-                    Z[4 * n : 5 * n] = torques[0 if step.older else 1]
+                    acting[:] = torques[0 if step.older else 1]
                     if self.gears is not None:
-                        delta = Z[:n] - Z[n : 2 * n]
-                        moved = 0.5 * step.duration_s * (Z[2 * n : 3 * n] - Z[3 * n : 4 * n])
+                        delta = motor - arm
+                        moved = 0.5 * step.duration_s * (motor_rate - arm_rate)
                         middle = self.gears.loop(loop, moved)
-                        Z[5 * n :] = self.gears.beyond_linear(delta + moved, middle)
+                        of_gears[0][:] = self.gears.beyond_linear(delta + moved, middle)
                     if has_friction:
                         step_with_friction(Z, step, self.coulomb)
                     else:
                         Z[: 4 * n] = step.EG @ Z
                     if self.gears is not None:
-                        loop = self.gears.loop(loop, Z[:n] - Z[n : 2 * n] - delta)
+                        loop = self.gears.loop(loop, motor - arm - delta)
             tau[first:last] *= torque_gain
             tau[first:last] += _noise(torque_source, torque_noise, feed.shape)
             if progress is not None:

@@ -4,11 +4,8 @@ import codecs
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
-from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.read.text.layout import stated_encoding, unix_lines
 
@@ -55,17 +52,3 @@ def text_of(data: bytes) -> str:
 def file_text(path: str) -> str:
     """Return the decoded text of a file."""
     return text_of(Path(path).read_bytes())
-
-
-def import_optional(module: str, package: str, needed_for: str, extra: str = "import") -> Any:
-    """Import a module of an optional library.
-
-    Raises JointIdError when it is not installed; the message names the package.
-    """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise JointIdError(
-            f"{needed_for} need the package {package}, which is not installed. "
-            f'Install it with: pip install "jointid[{extra}]" (or: pip install {package}).'
-        ) from error

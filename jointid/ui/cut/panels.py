@@ -7,7 +7,7 @@ import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.analysis import NOT_USABLE
-from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, remainder
+from jointid.cut.outcome import TYPICAL_SERVO, ZONES_M, Outcome, millimetres, remaining_error_text
 from jointid.cut.path_deflection import COLUMNS_MEANING, PathDeflection, has_own_path, meaning, rows_of
 from jointid.cut.robot import CutFriction, CutRobot
 from jointid.cut.servo import Servo
@@ -113,7 +113,8 @@ def promise(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str
     if outcome.distribution is None:
         return "The robot has exactly the identified springs; their error is not known."
     if not outcome.springs_matter:
-        return remainder(outcome, servo, friction)
+        text = remaining_error_text(outcome, servo, friction)
+        return f"{text} The tab Accuracy of K shows the cost of an error of K."
     return (
         "K and D of the robot differ from the identified ones within their error bars: the path error "
         f"stays {_below(outcome.after_m)} with a probability of 95 %, "
@@ -251,7 +252,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 )
             st.caption(
                 "A rectangle of 28 × 45 mm with corner zones of 10 mm at 300 mm/s, cut by "
-                f"{arm}. {promise(outcome, EVERYDAY_SERVO, of.friction)}"
+                f"{arm}. {promise(outcome, TYPICAL_SERVO, of.friction)}"
                 + " Both simulations include the identified friction."
                 * bool(of.friction)
             )

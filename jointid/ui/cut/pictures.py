@@ -50,7 +50,7 @@ def show_animation(outcome: Outcome, nominal_name: str, *, dark: bool) -> None:
 
 def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[str, Any]:
     """Return the component's data; tracks as float32, sent as Arrow."""
-    ink, arm, path = colours(dark), outcome.robot.arm, outcome.before.wanted_m
+    ink, arm, path = colours(dark), outcome.robot.arm, outcome.before.reference_m
     before = f"{nominal_name}: {millimetres(outcome.before_m)}"
     after = f"identified: {millimetres(outcome.after.max_contour_error_m)}"
     sheet = _sheet(path)
@@ -80,7 +80,7 @@ def tracks(before: TrackingRun, after: TrackingRun) -> Any:
     frames = max(2, int(np.ceil(before.time_s[-1] / _FRAME_S)) + 1)
     time = np.linspace(0.0, before.time_s[-1], frames)
     columns = [time]
-    for track, run in ((before.wanted_m, before), (before.tool_m, before), (after.tool_m, after)):
+    for track, run in ((before.reference_m, before), (before.tool_m, before), (after.tool_m, after)):
         columns += [np.interp(time, run.time_s, track[:, axis]) for axis in (0, 1)]
     columns += [np.interp(time, run.time_s, run.contour_error_m) for run in (before, after)]
     return np.stack(columns, axis=1).astype(np.float32)
@@ -180,7 +180,7 @@ def picture(
 ) -> str:
     """Cuts in their colours as an image element: inline SVG does not pass streamlit's cleaning."""
     tracks = [(run.tool_m, colour) for run, colour in runs]
-    svg = to_svg(cut_drawing(runs[0][0].wanted_m, tracks, around, description))
+    svg = to_svg(cut_drawing(runs[0][0].reference_m, tracks, around, description))
     data = b64encode(svg.encode()).decode()
     return (
         f'<img src="data:image/svg+xml;base64,{data}" alt="{escape(description)}" '
@@ -189,7 +189,7 @@ def picture(
 
 
 def cut_drawing(
-    wanted_m: Floats,
+    reference_m: Floats,
     tracks: Sequence[tuple[Floats, str]],
     around: list[float],
     description: str,
@@ -197,7 +197,10 @@ def cut_drawing(
     """Paths of the tool, shape (k, 2), m, each with its colour, over the reference path."""
     x, y, width, height = around
     scale = _WIDTH / width
-    drawn = [(wanted_m, "#999999", 5.0, 0.55), *((track, colour, 2.0, 1.0) for track, colour in tracks)]
+    drawn = [
+        (reference_m, "#999999", 5.0, 0.55),
+        *((track, colour, 2.0, 1.0) for track, colour in tracks),
+    ]
     lines = [
         Line((track[::_STRIDE] - (x, y + height)) * (scale, -scale), colour, size, opacity=opacity)
         for track, colour, size, opacity in drawn
@@ -207,5 +210,5 @@ def cut_drawing(
 
 def window(runs: Sequence[TrackingRun]) -> list[float]:
     """Box around cuts and their reference path: x, y, width and height, m."""
-    paths = [path for run in runs for path in (run.wanted_m, run.tool_m)]
+    paths = [path for run in runs for path in (run.reference_m, run.tool_m)]
     return _box(np.concatenate(paths), _AROUND_M)

@@ -10,7 +10,7 @@ import streamlit as st
 
 from jointid import Elasticity, JointIdError
 from jointid.cut.arm import Drive
-from jointid.cut.outcome import EVERYDAY_SERVO
+from jointid.cut.outcome import TYPICAL_SERVO
 from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M, Assumption, CutFriction, CutRobot
 from jointid.cut.servo import Servo
@@ -37,16 +37,16 @@ _NUMBERS: dict[str, dict[str, tuple[Any, ...]]] = {
         "speed": ("Speed (mm/s)", _SPEED_MM_S, (10.0, 1000.0)),
     },
     "Controller": {
-        "rate": ("Control rate (Hz)", EVERYDAY_SERVO.sample_rate_hz, (500.0, 8000.0)),
+        "rate": ("Control rate (Hz)", TYPICAL_SERVO.sample_rate_hz, (500.0, 8000.0)),
         "delay": (
             "Delay (samples)",
-            EVERYDAY_SERVO.delay_samples,
+            TYPICAL_SERVO.delay_samples,
             (0, 5),
             "From measurement to the resulting torque. The feedforward runs ahead by this time.",
         ),
         "bits": (
             "Encoder (bits per turn), 0: ideal",
-            EVERYDAY_SERVO.encoder_bits or 0,
+            TYPICAL_SERVO.encoder_bits or 0,
             (0, 24),
             "With an encoder, the velocity is the difference of two positions.",
         ),
@@ -77,9 +77,9 @@ class CutSettings:
     width_m: float = 1e-3 * _SIDES_MM[0]
     height_m: float = 1e-3 * _SIDES_MM[1]
     speed_m_s: float = 1e-3 * _SPEED_MM_S
-    rate_hz: float = EVERYDAY_SERVO.sample_rate_hz
-    delay_samples: int = EVERYDAY_SERVO.delay_samples
-    encoder_bits: int = EVERYDAY_SERVO.encoder_bits or 0
+    rate_hz: float = TYPICAL_SERVO.sample_rate_hz
+    delay_samples: int = TYPICAL_SERVO.delay_samples
+    encoder_bits: int = TYPICAL_SERVO.encoder_bits or 0
     friction: CutFriction | None
     """Friction at the motors; None without."""
     compensated: bool = False

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from jointid.errors import JointIdError
+from jointid.errors import JointIdError, import_optional
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first, require_few_values
-from jointid.importing.read.reader import Reader, begins_with, import_optional
+from jointid.importing.read.reader import Reader, begins_with
 from jointid.importing.read.text.tables import read_text_table
 from jointid.wording import listed
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from jointid.errors import JointIdError
+from jointid.errors import JointIdError, import_optional
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.read.array_tables import NamedArray, tables_of
 from jointid.importing.read.formats.matlab import scope_arrays
-from jointid.importing.read.reader import Reader, import_optional
+from jointid.importing.read.reader import Reader
 from jointid.wording import listed
 
 _DEEPEST = 8

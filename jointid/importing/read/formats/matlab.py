@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from jointid.errors import import_optional
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.read.array_tables import NamedArray, tables_of
 from jointid.importing.read.clocks import Signal, tables_of_signals
-from jointid.importing.read.reader import Reader, import_optional
+from jointid.importing.read.reader import Reader
 from jointid.wording import listed
 
 _DEEPEST = 8

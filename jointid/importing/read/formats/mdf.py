@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from jointid.errors import import_optional
 from jointid.importing.columns.log_table import MAX_COLUMNS, LogTable, require_few_values
 from jointid.importing.read.clocks import Signal, tables_of_signals
-from jointid.importing.read.reader import Reader, begins_with, import_optional
+from jointid.importing.read.reader import Reader, begins_with
 from jointid.wording import listed
 
 

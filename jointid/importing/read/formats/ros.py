@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.errors import JointIdError
+from jointid.errors import JointIdError, import_optional
 from jointid.importing.columns.log_table import LogTable, most_first, require_few_values
 from jointid.importing.read.clocks import Signal, tables_of_signals
-from jointid.importing.read.reader import Reader, begins_with, import_optional
+from jointid.importing.read.reader import Reader, begins_with
 from jointid.wording import listed
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"

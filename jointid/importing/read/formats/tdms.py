@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from jointid.errors import import_optional
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.columns.units import TIME_UNITS, split_unit
 from jointid.importing.read.clocks import Signal, tables_of_signals
-from jointid.importing.read.reader import Reader, begins_with, import_optional
+from jointid.importing.read.reader import Reader, begins_with
 from jointid.wording import listed
 
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit", "unit")

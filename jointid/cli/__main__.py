@@ -1,5 +1,0 @@
-"""python -m jointid.cli."""
-
-from jointid.cli import app
-
-app()
