@@ -92,6 +92,14 @@ def test_identify_prints_a_table_for_people(one_joint: Path) -> None:
     assert "Good: " in text
 
 
+def test_an_unusable_answer_begins_with_its_reason_and_has_its_own_code(here: Path) -> None:
+    for asked in ([], ["--json"]):
+        result = run.invoke(app, ["identify", "swapped_torques", *asked])
+        assert result.exit_code == 3, result.output
+        first = result.stdout.index("look exchanged")
+        assert first < result.stdout.index('"K"' if asked else "Model: ")
+
+
 def test_the_method_is_passed_on(one_joint: Path) -> None:
     document = json.loads(ok("identify", one_joint, "--method", "explicit", "--json"))
     assert document["obtained"]["method"] == "explicit"

@@ -1,7 +1,8 @@
 """The command line: jointid identify, simulate, cut, report, export, plan, setpoints, convert, …
 
-Exit codes: 0 done, 1 unusable input, 2 usage error, 130 interrupted. Messages and progress go to
-standard error, the result to standard output; with --json it is JSON only.
+Exit codes: 0 done, 1 unusable input, 2 usage error, 3 the answer of identify is not usable, 130
+interrupted. Messages and progress go to standard error, the result to standard output; with --json it
+is JSON only.
 """
 
 try:

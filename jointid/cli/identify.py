@@ -5,10 +5,11 @@ from typing import Annotated
 
 import typer
 
-from jointid.analysis import Analysis
+from jointid.analysis import NOT_USABLE, Analysis
 from jointid.cli.files import analysed, loaded
 from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, given, named
-from jointid.cli.output import print_json, print_table, progress
+from jointid.cli.output import print_columns, print_json, print_table, progress
+from jointid.cli.program import UNUSABLE
 
 
 def identify(
@@ -19,7 +20,10 @@ def identify(
     unit: Annotated[str, UNIT] = "",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Identify stiffness and damping of every joint."""
+    """Identify stiffness and damping of every joint.
+
+    Exit code 0: the answer is usable, perhaps with care; 3: it is not usable.
+    """
     deviations = given(inertia_std=inertia_std, torque_std=torque_std)
     analysis = analysed(study, method, **deviations)
     if as_json:
@@ -28,20 +32,25 @@ def identify(
         names = ("level", "title", "detail", "remedy")
         found = [{name: getattr(f, name) for name in names} for f in analysis.findings]
         print_json(to_document(analysis) | {"findings": found})
-        return
-    analysis = analysis.shown_in(unit) if unit else analysis
-    print(f"{analysis.study.name or study.name}: {analysis.state}\n{analysis.headline}")
-    for line in (analysis.caution, *analysis.study.remarks):
-        if line:
+    else:
+        analysis = analysis.shown_in(unit) if unit else analysis
+        print(f"{analysis.study.name or study.name}: {analysis.state}\n{analysis.headline}")
+        for line in filter(None, (analysis.caution, *analysis.study.remarks)):
             print(line)
-    _print_tables(analysis)
+        parts = _print_tables, _print_findings
+        for part in parts[::-1] if analysis.state == NOT_USABLE else parts:
+            part(analysis)
+    if analysis.state == NOT_USABLE:
+        raise typer.Exit(UNUSABLE)
+
+
+def _print_findings(analysis: Analysis) -> None:
     for finding in analysis.findings:
         remedy = f" {finding.remedy}" if finding.remedy else ""
         print(f"\n{finding.level.capitalize()}: {finding.title}. {finding.detail}{remedy}")
 
 
 def _print_tables(analysis: Analysis) -> None:
-    from jointid.analysis import NOT_USABLE
     from jointid.answer import (
         ERROR_BARS,
         UNSTATED_TORQUE_SCALE,
@@ -65,8 +74,8 @@ def _print_tables(analysis: Analysis) -> None:
         print("Valid within the records, motor side:")
         print(*(gear_text(fit, j) for j in range(fit.n)), sep="\n")
     print(f"\n{ERROR_BARS} Its parts:")
-    header, rows = error_table(fit)
-    print_table(header, rows, right=tuple(range(1, len(header))))
+    columns = error_table(fit, analysis.unit)
+    print_columns(columns, right=tuple(range(1, len(columns))))
     print("Inertias and torque scales, σ = standard deviation of the less certain value:")
     print_table(PRIOR_HEADER, [row.cells for row in analysis.priors], right=(1, 2, 4))
     if analysis.study.torque_std is None:
@@ -97,5 +106,4 @@ def arm_side(
         values = {name: getattr(fit, name).tolist() for name in names}
         print_json(values | {"reasons": [*fit.reasons]})
         return
-    table = fit.table
-    print_table([*table], [list(row) for row in zip(*table.values(), strict=True)], right=(1, 2))
+    print_columns(fit.table, right=(1, 2))

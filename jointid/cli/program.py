@@ -17,6 +17,8 @@ from jointid.files.application import __version__, application_folder
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, by the convention of shells."""
+UNUSABLE = 3
+"""Exit code of an answer that is not usable."""
 
 _WANTS_JSON = "jointid wants JSON"
 
