@@ -202,7 +202,7 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
 def _own_or_demonstration(page: Page, analysis: Analysis) -> None:
     """Tool deflection of a robot with a model of its own; a link to the example arm for others."""
     if not has_own_path(analysis):
-        st.page_link(CUT_PAGE, label="Path error with nominal and identified K and D, on an example arm")
+        st.page_link(CUT_PAGE, label="Path error on an example arm")
         return
     try:
         found = cached_cuts.own_path(page, analysis)

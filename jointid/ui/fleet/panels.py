@@ -292,7 +292,7 @@ def _show_study(fleet: OpenFleet, row: Row) -> None:
                 return
             try:
                 if entry is not None:
-                    st.session_state["chosen"] = entry.id
+                    st.session_state["chosen"] = entry.digest
                 else:
                     keep(load_study(fleet.studies[row.content]), label(row))
                 go_to(OVERVIEW.path)
