@@ -15,8 +15,7 @@ from jointid.figures.style import colours
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture, window
 from jointid.ui.cut.settings import CutSettings
-from jointid.ui.shared.charts import table
-from jointid.ui.shared.messages import show_error, show_note, show_warning
+from jointid.ui.shared.messages import show_error, show_note, show_text_table, show_warning
 from jointid.ui.shared.page import Page
 from jointid.wording import counted, significant, unbroken
 
@@ -39,7 +38,7 @@ def show_own_path(page: Page, analysis: Analysis) -> None:
         return
     st.header(_own_headline(found[-1]), anchor=False)
     header, rows = rows_of([1e3 * zone for zone in ZONES_M], found)
-    table({name: list(cells) for name, cells in zip(header, zip(*rows, strict=True), strict=True)})
+    show_text_table(dict(zip(header, zip(*rows, strict=True), strict=True)))
     st.caption(f"{meaning(analysis)} {COLUMNS_MEANING}")
 
 

@@ -85,7 +85,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     show_note(f"First: {page.key}, {first.state}. Second: {other.key}, {second.state}.")
     columns = {
         "": [f"{row.first.name} ({row.first.unit})" for row in rows],
-        "Difference": [signed_percent(100 * row.relative) for row in rows],
+        "Difference": ["–" if unusable else signed_percent(100 * row.relative) for row in rows],
         "Significant": ["–" if unusable else _significance(row) for row in rows],
         _column(page): [row.first.shown[0] for row in rows],
         _column(other) + (" (second)" if _column(other) == _column(page) else ""): [
