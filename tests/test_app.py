@@ -44,7 +44,7 @@ def test_an_internal_error_is_one_message() -> None:
     at = AppTest.from_function(script).run()
     assert not at.exception
     (said,) = at.error
-    assert said.value.startswith("Internal error, ZeroDivisionError: division by \\*zero\\* This is a")
+    assert said.value.startswith("Internal error, ZeroDivisionError (division by \\*zero\\*). This")
 
 
 def metric(at: AppTest, name: str) -> tuple[float, float]:

@@ -214,7 +214,7 @@ def test_a_fault_of_ours_says_so(study: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.delenv("JOINTID_DEBUG", raising=False)
     monkeypatch.setattr("jointid.analysis.analyse", fails)
     message = refused(1, "identify", study)
-    assert "Internal error, ZeroDivisionError: somewhere deep" in message
+    assert "Internal error, ZeroDivisionError (somewhere deep" in message
 
 
 def test_identify_takes_other_uncertainties_than_the_studys(study: Path) -> None:
