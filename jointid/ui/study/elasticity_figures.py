@@ -143,7 +143,7 @@ def show_arm_side(page: Page) -> None:
     show_text_table(fit.table)
     st.caption(
         "± one standard error: noise, choice of terms, payload, and 3 % of the robot model's torque. "
-        "Skew: age of the arm sensor's sample against the motor's."
+        "Skew: age of the sample behind the gear relative to that of the motor."
     )
     joints = [j for j in range(fit.robot.n) if fit.joints[j] is not None]
     if not joints:
