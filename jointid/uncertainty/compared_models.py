@@ -21,7 +21,10 @@ def compared_models(fit: ElasticityFit) -> dict[str, list[str]]:
         "Parameters": ["–" if c.problem else str(c.parameters) for c in fit.candidates],
     }
     misfits = [c.cost / c.expected_cost if c.expected_cost > 0 else np.inf for c in fit.candidates]
-    residuals, criteria = np.sqrt(misfits), [c.criterion for c in fit.candidates]
-    for name, values in (("Residual / noise", residuals), ("Criterion", np.array(criteria))):
-        columns[name] = [significant(x) if np.isfinite(x) else "–" for x in values.tolist()]
+    criteria = np.array([c.criterion for c in fit.candidates])
+    for name, values, digits in (
+        ("Residual / noise", np.sqrt(misfits), 3),
+        ("Criterion", criteria, 5),
+    ):
+        columns[name] = [significant(x, digits) if np.isfinite(x) else "–" for x in values.tolist()]
     return columns
