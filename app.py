@@ -33,10 +33,9 @@ if analysis.transfer_matrices:
         f"model {pose}",
         partial(model_over_measurement, analysis, pose=pose),
         "Magnitude of H{0}{0} over frequency, measured and modelled",
-        heading="",
     )
 else:
     show_info(analysis.transfer_problem)
 
 st.header("Step by step", anchor=False)
-overview.show_steps(page.study)
+overview.show_steps()

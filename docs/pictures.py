@@ -23,7 +23,7 @@ SETTLED_MS = 6000
 
 def main() -> None:
     """Write cut.svg and a picture of each page."""
-    app(["cut", "paper", "--svg", str(DOCS / "cut.svg")], standalone_mode=False)
+    app(["cut", "paper", "--svg", str(DOCS / "cut.svg"), "--overwrite"], standalone_mode=False)
     with tempfile.TemporaryDirectory() as data, sync_playwright() as playwright:
         server = Server(ROOT, Path(data))
         try:

@@ -224,7 +224,7 @@ def analyse_arm_side(study: Study, robot: RobotModel | None = None) -> ArmSideFi
         )
     if robot is None:
         raise JointIdError(
-            "Sensors behind the gears need the robot's model: give a file .urdf, .xml (MJCF) or .toml "
+            "Sensors behind the gears need the robot model: give a file .urdf, .xml (MJCF) or .toml "
             "(Denavit-Hartenberg), or state [robot_model] in study.toml."
         )
     if study.gear_ratio is not None and not np.isfinite(robot.coupling).all():
@@ -252,7 +252,7 @@ def _fits_with_motion(study: Study, phasors: Phasors, method: str) -> dict[str, 
             raise
         raise JointIdError(
             f"{error} These records also have sensors behind the gears, which give K of the joints with "
-            "the robot's model: jointid arm-side STUDY --robot FILE."
+            "the robot model: jointid arm-side STUDY --robot FILE."
         ) from error
     with suppress(JointIdError):  # a sine or two beside the motions need not determine K and D
         fits |= identify_each(phasors, study.sine_prior, LINEAR) if phasors.omega.size else {}

@@ -177,7 +177,7 @@ class Study:
     def _take_poses_from_model(self) -> None:
         """Complete ``poses`` by the joint angles of ``pose_angles_rad``."""
         poses, angles = dict(self.poses), {}
-        self._require_joints("The robot's model", self.robot_model)
+        self._require_joints("The robot model", self.robot_model)
         for name, value in self.pose_angles_rad.items():
             if self.robot_model is None:
                 raise JointIdError("pose_angles_rad is given without a robot_model: give both.")
@@ -187,7 +187,7 @@ class Study:
             if not np.allclose(given.M2, of_model.M2, rtol=1e-9, atol=1e-12 * np.abs(of_model.M2).max()):
                 raise JointIdError(
                     f"{f'Pose {name}' if name else 'inertia'} has joint angles and another M2 than the "
-                    "robot's model there: leave one of them out."
+                    "robot model there: leave one of them out."
                 )
         set_fields(self, poses=MappingProxyType(poses), pose_angles_rad=MappingProxyType(angles))
 

@@ -3,6 +3,7 @@
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.analysis import NOT_USABLE
 from jointid.cut.robot import NOMINAL_NAMES, cut_robot
 from jointid.ui.cut import cached_cuts, panels
 from jointid.ui.cut.details import show_time_series, show_tolerance, show_tool_stiffness
@@ -10,6 +11,7 @@ from jointid.ui.cut.pictures import show_animation, show_figure_7
 from jointid.ui.cut.settings import ask
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.page import open_page
 
 page = open_page("Cut")
@@ -22,6 +24,8 @@ try:
     outcome = cached_cuts.outcome(page, settings, analysis)
 except JointIdError as error:
     show_error(error)
+    if analysis.state == NOT_USABLE:
+        st.page_link(OVERVIEW.path, label=f"{OVERVIEW.name}: findings and remedies")
     st.stop()
 name = NOMINAL_NAMES[settings.assumption]
 with stage:

@@ -16,7 +16,7 @@ page = open_page(
 )
 analysis = page.analysis()
 if analysis.state == NOT_USABLE:
-    show_error(f"{analysis.headline} Every file states this first.")
+    show_error(f"{analysis.headline} The files with K and D state this first.")
 stem = file_stem(page.study.name)
 
 st.header("The report", anchor=False)

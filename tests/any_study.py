@@ -50,7 +50,6 @@ from jointid.reporting.report import make_report
 from jointid.ui.study.data_quality import phasor_table as phasors_shown
 from jointid.ui.study.data_quality import quality_table
 from jointid.ui.study.elasticity_figures import harmonic_columns
-from jointid.ui.study.uncertainty_panels import errors_table
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose
@@ -428,7 +427,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
             [phasors_shown(phasors, joint) for joint in range(phasors.n)],
         ),
     )
-    yield "estimates", lambda: (analysis.estimates, errors_table(analysis))
+    yield "estimates", lambda: analysis.estimates
     yield "fit", lambda: (fit.condition, fit.correlation, fit.misfit, fit.equations.matrix())
     yield from _pictures(analysis)
     yield "inertias", lambda: _inertias(analysis)
@@ -475,7 +474,6 @@ def _pictures(analysis: Analysis) -> Iterator[tuple[str, Callable[[], object]]]:
 def _inertias(analysis: Analysis) -> None:
     found = prior_influence(analysis.fit)
     assert found.shift.shape == (2 * analysis.fit.n, len(found.names))
-    errors_table(analysis)
 
 
 def _poses(analysis: Analysis) -> None:

@@ -17,6 +17,7 @@ from scipy.io import loadmat
 from jointid import Analysis, Elasticity, Finding, Inertia, Study, analyse, load_study
 from jointid.analysis import answer_state
 from jointid.answer import (
+    StiffnessUnit,
     answer_sentence,
     friction_note,
     further_quantities,
@@ -41,7 +42,9 @@ from jointid.fleet.row import row_of
 from jointid.fleet.table import as_table
 from jointid.reporting.blocks import Paragraph
 from jointid.reporting.report import make_report, to_html
+from jointid.uncertainty.compared_models import compared_models
 from jointid.uncertainty.error_parts import error_parts, error_table
+from jointid.wording import significant
 
 
 def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
@@ -183,7 +186,22 @@ def test_the_part_that_decides_comes_first_in_the_table(study: Study) -> None:
     for choice, decides in ((0.05, "noise"), (0.19, "choice of model")):
         covariance = np.diag(np.square(0.2 * size))
         changed = replace(found, covariance=covariance, choice_error=choice * size)
-        assert error_table(changed)[0][:3] == ["", "total error", decides]
+        assert [*error_table(changed)][:3] == ["", "total error", decides]
+
+
+def test_a_model_without_a_criterion_has_a_dash(study: Study) -> None:
+    fit = analyse(study).fit
+    rejected = replace(fit.candidates[0], criterion=np.inf, chosen=False)
+    columns = compared_models(replace(fit, candidates=(*fit.candidates, rejected)))
+    assert columns["Criterion"][-1] == "–"
+    assert sum(name.endswith(" (chosen)") for name in columns["Fitted model"]) == 1
+
+
+def test_the_parts_of_the_errors_have_the_unit_of_the_answer(study: Study) -> None:
+    fit, unit = analyse(study).fit, StiffnessUnit.named("N·m/arcmin at the motor")
+    columns = error_table(fit, unit)
+    assert columns[""][0] == "K1 (N·m/arcmin)"
+    assert columns["total error"][0] == significant(fit.standard_error[0] * np.pi / 10800, 2)
 
 
 def test_inertias_are_compared_with_the_given_ones(study: Study) -> None:

@@ -35,6 +35,18 @@ FIGURES = {
 """How many figures each page shows of two joints."""
 
 
+def test_an_internal_error_is_one_message() -> None:
+    def script() -> None:
+        from jointid.ui.server.serving import show_internal_error
+
+        show_internal_error(ZeroDivisionError("division by *zero*"))
+
+    at = AppTest.from_function(script).run()
+    assert not at.exception
+    (said,) = at.error
+    assert said.value.startswith("Internal error, ZeroDivisionError (division by \\*zero\\*). This")
+
+
 def metric(at: AppTest, name: str) -> tuple[float, float]:
     value = next(m.value for m in at.metric if m.label.startswith(name))
     number, _, error = value.partition(" ± ")

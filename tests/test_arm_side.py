@@ -231,7 +231,7 @@ def test_a_log_with_sensors_behind_the_gears(tmp_path: Path) -> None:
 
 
 def own_study(*, model: bool) -> Study:
-    """The record with a robot's model, or with gear ratios only."""
+    """The record with a robot model, or with gear ratios only."""
     inertia = ROBOT.inertia(np.deg2rad([5, -20, 15, 10, 30, 0]))
     given = {"robot_model": ROBOT} if model else {"gear_ratio": ROBOT.gear_ratio}
     return Study([record()], inertia, **given)
@@ -243,7 +243,7 @@ def test_the_command_prints_stiffness_and_skew(tmp_path: Path) -> None:
     run = ["arm-side", str(tmp_path / "study.zip")]
     refused = CliRunner().invoke(app, run)
     assert refused.exit_code == 1
-    assert "robot's model" in refused.stderr
+    assert "robot model" in refused.stderr
     found = CliRunner().invoke(app, [*run, "--robot", str(tmp_path / "robot.toml"), "--json"])
     document = json.loads(found.stdout)
     np.testing.assert_allclose(document["K"][:SENSORS], fit().K[:SENSORS], rtol=1e-3)

@@ -92,6 +92,12 @@ def test_identify_prints_a_table_for_people(one_joint: Path) -> None:
     assert "Good: " in text
 
 
+def test_an_unusable_answer_begins_with_its_reason(here: Path) -> None:
+    for asked in ([], ["--json"]):
+        text = ok("identify", "swapped_torques", *asked)
+        assert text.index("look exchanged") < text.index('"K"' if asked else "Model: ")
+
+
 def test_the_method_is_passed_on(one_joint: Path) -> None:
     document = json.loads(ok("identify", one_joint, "--method", "explicit", "--json"))
     assert document["obtained"]["method"] == "explicit"
@@ -206,7 +212,7 @@ def test_a_fault_of_ours_says_so(study: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.delenv("JOINTID_DEBUG", raising=False)
     monkeypatch.setattr("jointid.cli.files.analyse", fails)
     message = refused(1, "identify", study)
-    assert "Internal error, ZeroDivisionError: somewhere deep" in message
+    assert "Internal error, ZeroDivisionError (somewhere deep" in message
 
 
 def test_identify_takes_other_uncertainties_than_the_studys(study: Path) -> None:

@@ -100,7 +100,7 @@ class TestPage:
         at = shown(app.switch_page(PAGE).run())
         assert "needs a study of two joints" in at.info[0].value
         assert "not this study" in at.info[0].value
-        assert "Study's own" not in control(at, "cut_nominal").options
+        assert "Nominal" not in control(at, "cut_servo").options
         assert "mm" not in at.header[0].value
         assert "the example arm with the paper's springs" in words(at)
         before, after = meant(at)
@@ -148,29 +148,28 @@ class TestPage:
         assert len(seen) >= 2
         assert len(set(seen)) == 1
 
-    def test_a_study_without_nominal_values_rules_the_next_only_by_choice(self, app: AppTest) -> None:
+    def test_studies_without_nominal_values_have_a_choice_of_their_own(self, app: AppTest) -> None:
         app.query_params["study"] = "one joint"
         at = shown(app.switch_page(PAGE).run())
-        assert control(at, "cut_nominal").value == "Rigid"
+        assert control(at, "cut_servo").value == "rigid"
+        at = shown(control(at, "cut_servo").set_value("stiff").run())
         at = shown(at.selectbox(key="study").set_value("paper").run())
-        assert control(at, "cut_nominal").value == "Study's own"
+        assert control(at, "cut_nominal").value == "study"
         assert headline(at)[0] > 1.5
         at = shown(at.selectbox(key="study").set_value("one joint").run())
-        at = shown(control(at, "cut_nominal").set_value("3 K").run())
-        at = shown(at.selectbox(key="study").set_value("paper").run())
-        assert control(at, "cut_nominal").value == "3 K"
+        assert control(at, "cut_servo").value == "stiff"
 
     def test_every_nominal_controller_cuts_differently(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
-        before = {"Study's own": headline(at)[0]}
-        for name in ("Rigid", "0.4 K", "3 K"):
+        before = {"study": headline(at)[0]}
+        for name in ("rigid", "soft", "stiff"):
             before[name] = headline(shown(control(at, "cut_nominal").set_value(name).run()))[0]
         assert len(set(before.values())) == 4
-        assert before["0.4 K"] > before["Rigid"] > before["3 K"] > 1
+        assert before["soft"] > before["rigid"] > before["stiff"] > 1
 
     def test_custom_values_are_taken_or_refused_in_words(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
-        at = shown(control(at, "cut_nominal").set_value("Custom").run())
+        at = shown(control(at, "cut_nominal").set_value("custom").run())
         assert nominal(at, "K").value == "21.5, 3.75"
         for typed, said in (
             ("43, soft", '"soft" is not a number'),
@@ -194,7 +193,7 @@ class TestPage:
         assert "the example arm with the identified springs scaled by" in words(at)
         assert "K = 60.0, 5.00 N·m/rad" in words(at)
         assert "robot has K = 43.0, 7.50 N·m/rad" in words(at)
-        at = shown(control(at, "cut_nominal").set_value("Custom").run())
+        at = shown(control(at, "cut_nominal").set_value("custom").run())
         at = shown(nominal(at, "K").set_value("43, 7.5").run())
         at = shown(nominal(at, "D").set_value("0.1, 0.015").run())
         assert "which corresponds to K = 43.0, 7.50 N·m/rad" in words(at)
@@ -286,7 +285,7 @@ class TestWhatTheBrowserIsSent:
         assert table[:, 7].max() == pytest.approx(outcome.before_m, rel=1e-3)
 
     def test_windows_hold_what_is_drawn(self, outcome: Outcome) -> None:
-        data = animation_data(outcome, "nominal (0.4 K)", dark=True)
+        data = animation_data(outcome, "0.4 K", dark=True)
         x, y, width, height = data["window_m"]
         for run in (outcome.before, outcome.after):
             assert np.all(run.tool_m > [x, y])
@@ -295,7 +294,7 @@ class TestWhatTheBrowserIsSent:
         assert x < 0 < x + width
         assert x + width > outcome.before.tool_m[:, 0].max()
         assert (data["nominal"], data["identified"]) == (DARK.nominal, DARK.identified)
-        assert "nominal (0.4 K): 3." in data["description"]
+        assert "0.4 K: 3." in data["description"]
 
     def test_errors_are_magnified_as_far_as_the_shape_stays_recognisable(self, outcome: Outcome) -> None:
         data = animation_data(outcome, "nominal", dark=False)

@@ -238,7 +238,7 @@ def test_phasors_are_told_with_their_error_in_readable_digits(analyses: dict[int
     phasors = analyses[2].phasors
     for t in phasor_plane(phasors).data:
         if t.customdata is not None:
-            assert all("±" in text and "e-" not in text for _, text in t.customdata)
+            assert all("±" in text and "e-" not in text for _, text, _ in t.customdata)
     columns = phasor_table(phasors, 0)
     assert "|θ1| (mrad)" in columns
     cells = [str(cell) for name, column in columns.items() if name.startswith("|θ") for cell in column]

@@ -131,7 +131,7 @@ def test_wrong_joint_angles_are_named(tmp_path: Path) -> None:
     refused("[poses.low]", "[poses.low]\nangles_deg = [1.0]", "angles_deg and angles_rad are both")
     refused('file = "robot.toml"', 'file = "../robot.toml"', "leaves its folder")
     refused('file = "robot.toml"', 'file = "other.toml"', "other.toml is missing")
-    refused('[robot_model]\nfile = "robot.toml"\n', "", "need the robot's model")
+    refused('[robot_model]\nfile = "robot.toml"\n', "", "need the robot model")
     refused("angles_rad = [", "angles_rad = [0.0, ", r"shape \(7,\)")
     with pytest.raises(JointIdError, match="Pose low has joint angles and another M2"):
         Study(

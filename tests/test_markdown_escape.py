@@ -71,7 +71,7 @@ def test_a_hostile_study_is_shown_literally(tmp_path: Path, monkeypatch: pytest.
     place = new_workspace()
     entry = Store(user_folder()).put(place, f"{HOSTILE}.zip", study_digest(study), pack_study(study))
     page = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
-    page.query_params["w"], page.query_params["study"] = place, entry.id
+    page.query_params["w"], page.query_params["study"] = place, entry.digest
     page.run()
     assert not page.exception
     assert shown(page.title[0].value) == HOSTILE

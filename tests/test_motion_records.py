@@ -51,7 +51,7 @@ from jointid.phasors.distortion import Distortion, distortion
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.report import make_report
 from jointid.simulation.motion import KINDS
-from jointid.ui.study.uncertainty_panels import errors_table
+from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.motion_plan import (
     MotionLimits,
     largest_motion,
@@ -356,7 +356,7 @@ def test_everything_is_made_of_a_study_with_motions(analyses: dict[str, Analysis
     assert b"%PDF" in to_pdf(report)[:8]
     assert from_plain(to_plain(row_of(analysis, study="x"))).records == len(analysis.study.records)
     assert study_outcome(analysis).after_m < study_outcome(analysis).before_m
-    assert errors_table(analysis)
+    assert error_table(analysis.fit)
     assert prior_influence(analysis.fit).shift.shape[0] == 4
 
 

@@ -58,7 +58,7 @@ def crowd(new_server: Callable[[], Server]) -> Iterator[list[tuple[Session, str]
         for person in range(PERSONS):
             study, place = study_of(person), new_workspace()
             entry = store.put(place, f"p{person}.zip", study_digest(study), pack_study(study))
-            sessions.append((Session(server.address), f"w={place}&study={entry.id}"))
+            sessions.append((Session(server.address), f"w={place}&study={entry.digest}"))
         yield sessions
         for session, _ in sessions:
             session.close()

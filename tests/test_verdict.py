@@ -704,7 +704,7 @@ def test_coarse_encoder_is_told(counts: int) -> None:
     found = said(analysed(records, method="weighted").findings, "encoder of joint")
     assert bool(found) == (counts == 4096)
     for finding in found:
-        assert "4096 counts per turn" in finding.detail
+        assert "4,096 counts per turn" in finding.detail
 
 
 # ------------------------------------------------------------------------------ the story of the figures

@@ -53,7 +53,7 @@ def batch(
     ] = None,
     timeout: Annotated[float, typer.Option(help="Time limit per study, s.")] = 120.0,
     memory: Annotated[float, typer.Option(help="Memory limit per study, GiB.")] = 4.0,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Drop the rows of an earlier run.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Drop the rows of an earlier batch.")] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Analyse many studies into one table, a row per study.
@@ -147,7 +147,7 @@ def _print_summary(summary: Summary) -> None:
     print(", ".join(f"{n} {answer_state([level])}" for level, n in summary.verdicts.items()))
     print(f"Analysed now: {new} in {summary.time_s:.1f} s, {summary.rate:.3g} per second")
     if summary.skipped:
-        print(f"Reused from an earlier run: {summary.skipped}")
+        print(f"Reused from an earlier batch: {summary.skipped}")
     if summary.kept:
         print(f"Rows of other studies, kept: {summary.kept}")
     if not summary.failures:

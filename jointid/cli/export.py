@@ -43,6 +43,7 @@ def report(
         for file in files:
             pdf = file.suffix.lower() == ".pdf"
             write_file(file, to_pdf(made) if pdf else to_html(made).encode())
+    warn_if_unusable(analysis)
     print_written(files, as_json)
 
 

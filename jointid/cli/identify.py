@@ -16,7 +16,7 @@ from jointid.answer import (
 )
 from jointid.cli.files import analyse_file, load_named
 from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, named, without_none
-from jointid.cli.output import print_json, print_table, progress
+from jointid.cli.output import print_columns, print_json, print_table, progress
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.wording import plain
@@ -42,10 +42,14 @@ def identify(
         return
     analysis = analysis.shown_in(unit) if unit else analysis
     print(f"{analysis.study.name or study.name}: {analysis.state}\n{analysis.headline}")
-    for line in (analysis.caution, *analysis.study.remarks):
-        if line:
-            print(line)
-    _print_tables(analysis)
+    for line in filter(None, (analysis.caution, *analysis.study.remarks)):
+        print(line)
+    parts = _print_tables, _print_findings
+    for part in parts[::-1] if analysis.state == NOT_USABLE else parts:
+        part(analysis)
+
+
+def _print_findings(analysis: Analysis) -> None:
     for finding in analysis.findings:
         remedy = f" {finding.remedy}" if finding.remedy else ""
         print(f"\n{finding.level.capitalize()}: {finding.title}. {finding.detail}{remedy}")
@@ -64,8 +68,8 @@ def _print_tables(analysis: Analysis) -> None:
         print("Valid within the records, motor side:")
         print(*(gear_text(fit, j) for j in range(fit.n)), sep="\n")
     print(f"\n{ERROR_BARS} Its parts:")
-    header, rows = error_table(fit)
-    print_table(header, rows, right=tuple(range(1, len(header))))
+    columns = error_table(fit, analysis.unit)
+    print_columns(columns, right=tuple(range(1, len(columns))))
     print("Inertias and torque scales, σ = standard deviation of the less certain value:")
     print_table(PRIOR_HEADER, [row.cells for row in analysis.priors], right=(1, 2, 4))
     if analysis.study.torque_std is None:
@@ -93,5 +97,4 @@ def arm_side(
         values = {name: getattr(fit, name).tolist() for name in names}
         print_json(values | {"reasons": [*fit.reasons]})
         return
-    table = fit.table
-    print_table([*table], [list(row) for row in zip(*table.values(), strict=True)], right=(1, 2))
+    print_columns(fit.table, right=(1, 2))

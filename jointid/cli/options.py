@@ -73,7 +73,7 @@ def gears(texts: Sequence[str], joints: int) -> list[Gear]:
 def named(text: str) -> Path:
     """Return a path; an empty one, from an unset variable, is not this folder."""
     if not text:
-        raise typer.BadParameter('"" is empty: name a file or folder; this folder is "."')
+        raise typer.BadParameter('"" is empty: give a file or folder; "." is the current folder')
     return Path(text)
 
 

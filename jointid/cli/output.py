@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,12 @@ def print_table(header: list[str], rows: list[list[str]], *, right: tuple[int, .
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     Console(width=None if sys.stdout.isatty() else 200).print(table)
+
+
+def print_columns(columns: Mapping[str, Sequence[str]], *, right: tuple[int, ...] = ()) -> None:
+    """Print columns by their heading, see ``print_table``."""
+    rows = [list(row) for row in zip(*columns.values(), strict=True)]
+    print_table(list(columns), rows, right=right)
 
 
 def warn_if_unusable(analysis: Analysis) -> None:

@@ -14,7 +14,7 @@ from jointid.analysis import Analysis, analyse
 from jointid.arrays import per_joint
 from jointid.cli.files import load_named, read_toml, require_new_output
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers
-from jointid.cli.output import print_json, print_table, progress, warn_if_unusable
+from jointid.cli.output import print_columns, print_json, print_table, progress, warn_if_unusable
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
 from jointid.simulation.motion import Motion
@@ -256,8 +256,5 @@ def setpoints(
         check = [{**asdict(row), "margin": row.margin} for row in points.rows]
         print_json({"written": [str(output)], "duration_s": experiment.duration_s, "check": check})
         return
-    columns = check_table(points.rows)
-    print_table(
-        list(columns), [list(row) for row in zip(*columns.values(), strict=True)], right=(2, 3, 4)
-    )
+    print_columns(check_table(points.rows), right=(2, 3, 4))
     print(f"{output}: {output.stat().st_size} bytes. Not run on hardware: read its header first.")

@@ -88,7 +88,7 @@ def _reported(as_json: bool) -> Iterator[None]:
         if usage is not None or os.environ.get("JOINTID_DEBUG"):
             raise
         message = (
-            f"Internal error, {type(error).__name__}: {error!s:.300} This is a fault of jointid; "
+            f"Internal error, {type(error).__name__} ({error!s:.300}). This is a fault of jointid; "
             "with JOINTID_DEBUG=1 it shows where."
         )
     if as_json:
@@ -145,7 +145,7 @@ def start_app(
         Path | None, typer.Option(help="app.py to start in place of the installed one.")
     ] = None,
 ) -> None:
-    """Start the app in the browser."""
+    """Start the app, which prints its address for the browser."""
     script = (path or application_folder() / "app.py").resolve()
     if not script.is_file():
         remedy = "Give --path an existing app.py, or leave it out." if path else "Install jointid again."

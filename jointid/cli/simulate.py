@@ -63,7 +63,9 @@ def simulate(
         ),
     ] = None,
     encoder_counts: Annotated[int, typer.Option(help="Counts per motor turn; 0 is ideal.")] = 65536,
-    torque_noise: Annotated[str, typer.Option(help="Standard deviation of the torque, N·m.")] = "0.01",
+    torque_noise: Annotated[
+        str, typer.Option(help="Standard deviation of the torque noise, N·m.")
+    ] = "0.01",
     delay_ms: Annotated[float, typer.Option(help="Delay of the torque after its sample, ms.")] = 0.0,
     sample_rate_hz: Annotated[float, typer.Option(help="Sample rate of control and log, Hz.")] = 2000.0,
     inertia_error: Annotated[

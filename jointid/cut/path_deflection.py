@@ -1,4 +1,4 @@
-"""Tool deflection of a study's own robot along the paper's rectangle, from K and the robot's model.
+"""Tool deflection of a study's own robot along the paper's rectangle, from K and the robot model.
 
 The joints follow the path without correction: the gears wind up by C u/K under the torque u = Cᵀτ of
 gravity and inertia, and the tool moves by J C u/K. A servo that assumes K̂ leaves u/K − u/K̂. The path is

@@ -39,10 +39,10 @@ SOFT, STIFF = 0.4, 3.0
 """K̂ / K of two wrongly tuned controllers; this software's own choice."""
 NOMINAL_NAMES: dict[Assumption, str] = {
     "study": "nominal",
-    "rigid": "nominal (rigid)",
-    "soft": f"nominal ({SOFT:g} K)",
-    "stiff": f"nominal ({STIFF:g} K)",
-    "custom": "nominal (custom)",
+    "rigid": "rigid",
+    "soft": f"{SOFT:g} K",
+    "stiff": f"{STIFF:g} K",
+    "custom": "custom",
 }
 """Names of the controller before the identification."""
 

@@ -5,7 +5,7 @@ import plotly.graph_objects as go
 
 from jointid.figures.style import GRID, Sketch, joint_symbol, plain_text
 from jointid.phasors.extract import Phasors
-from jointid.wording import significant, with_error
+from jointid.wording import minus, significant, with_error
 
 
 def phasor_plane(
@@ -25,21 +25,24 @@ def phasor_plane(
     for j in range(phasors.n):
         symbol = joint_symbol(j) + ("-open" if j % 2 else "")
         f = phasors.omega / (2 * np.pi)
-        amplitudes = zip(f.tolist(), size[:, j].tolist(), errors[:, j] / np.sqrt(2), strict=True)
-        about = [[frequency, with_error(a, float(e))] for frequency, a, e in amplitudes]
+        angles = np.degrees(np.angle(values[:, j]))
+        points = zip(f, size[:, j], errors[:, j] / np.sqrt(2), angles, strict=True)
+        about = [
+            [float(f), with_error(float(a), float(e)), minus(f"{turn:.1f}")] for f, a, e, turn in points
+        ]
         sketch.traces.append(
             {
                 "type": "scatterpolar",
                 "mode": "markers",
                 "r": np.maximum(size[:, j], low / 2) if logarithmic else size[:, j],
-                "theta": np.degrees(np.angle(values[:, j])),
+                "theta": angles,
                 "name": f"joint {j + 1}",
                 "marker": {"color": sketch.ink.measured, "size": 7, "symbol": symbol},
                 "customdata": about,
                 "text": [plain_text(label) for label in phasors.labels],
                 "hovertemplate": "%{text}<br>%{customdata[0]:.4g} Hz<br>"
                 "%{customdata[1]} "
-                f"{unit}, %{{theta:.1f}}°<extra>{quantity} of joint {j + 1}</extra>",
+                f"{unit}, %{{customdata[2]}}°<extra>{quantity} of joint {j + 1}</extra>",
             }
         )
     if chosen is not None:
@@ -83,5 +86,10 @@ def phasor_plane(
             "radialaxis": radial,
             "angularaxis": {"gridcolor": GRID, "dtick": 45, "ticksuffix": "°", "linecolor": GRID},
         },
-        legend={"orientation": "h", "x": 0.5, "xanchor": "center", "y": -0.08, "yanchor": "top"},
+        legend={
+            "orientation": "h",
+            "x": -0.1,
+            "y": -0.08,
+            "yanchor": "top",
+        },  # the toolbar is at the right
     )

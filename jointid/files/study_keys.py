@@ -102,7 +102,7 @@ def written_values(source: object, keys: Iterable[str]) -> dict[str, Any]:
 def _inertia(table: CheckedTable, default: Inertia | None, robot: RobotModel | None) -> Inertia:
     """Inertia of a table; a pose without M has the rotors of ``default``.
 
-    Joint angles in place of M2 take the inertia and the gravity from the robot's model.
+    Joint angles in place of M2 take the inertia and the gravity from the robot model.
     """
     angles = read_angles(table)
     if angles is not None:
@@ -110,7 +110,7 @@ def _inertia(table: CheckedTable, default: Inertia | None, robot: RobotModel | N
         if both:
             raise table.error(f"joint angles and {both[0]} are both given: leave one of them out.")
         if robot is None:
-            raise table.error("joint angles need the robot's model. Example: [robot_model], file = …")
+            raise table.error("joint angles need the robot model. Example: [robot_model], file = …")
         with in_place(table.where, table.file):
             return robot.inertia(angles)
     M = default.M if default is not None and "M" not in table else table.numbers("M")
@@ -133,7 +133,7 @@ def read_angles(table: CheckedTable) -> Floats | None:
 
 
 def read_robot_model(top: CheckedTable, read: Callable[[str], bytes]) -> RobotModel | None:
-    """Return the robot's model, None without [robot_model]; ``read`` returns a file by its name.
+    """Return the robot model, None without [robot_model]; ``read`` returns a file by its name.
 
     Raises JointIdError when the file is missing or is no robot.
     """

@@ -50,7 +50,7 @@ def robot_from_toml(
     """Read ``M``, ``M2`` and ``std``, at the top or under ``[inertia]``; a whole study.toml will do.
 
     Standard deviations, poses, nominal values and name are optional. Where ``read`` returns a file by
-    its name, joint angles in place of M2 take the inertia from the robot's model. Raises JointIdError
+    its name, joint angles in place of M2 take the inertia from the robot model. Raises JointIdError
     when the text is not TOML, or M or M2 is missing or invalid.
     """
     data = text.encode() if isinstance(text, str) else text

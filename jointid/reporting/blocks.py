@@ -1,5 +1,6 @@
 """Contents of a report as plain values, for HTML and PDF."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -26,6 +27,11 @@ class Table:
     """One letter per column, l or r; by default the first column is left-aligned, the others right."""
     kind: Literal["plain", "answer", "facts"] = "plain"
     """"answer" has larger type; "facts" has two columns of names and values, without header."""
+
+    @classmethod
+    def of(cls, columns: Mapping[str, Sequence[str]], caption: str = "") -> "Table":
+        """Return a table of columns by their heading."""
+        return cls(tuple(columns), tuple(zip(*columns.values(), strict=True)), caption)
 
     @property
     def sides(self) -> str:

@@ -104,9 +104,8 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
             f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after "
             f"({outcome.which}). {outcome.not_better if outcome.springs_matter else ''}".rstrip()
         )
-    columns, parts = error_table(fit, analysis.unit)
-    caption = f"Parts of the standard errors by cause, {analysis.unit.side}, in the units above."
-    yield Table(tuple(columns), tuple(map(tuple, parts)), caption)
+    caption = f"Parts of the standard errors by cause, {analysis.unit.side}."
+    yield Table.of(error_table(fit, analysis.unit), caption)
     yield Table(
         tuple(PRIOR_HEADER),
         tuple(tuple(row.cells) for row in analysis.priors),

@@ -14,6 +14,7 @@ from jointid.files.digest import study_digest
 from jointid.records import SineRecord
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.study import Study
+from jointid.uncertainty.compared_models import COMPARED_MODELS, compared_models
 from jointid.wording import UNDETERMINED, minus, plain, significant
 
 _MAX_ROWS = 100
@@ -40,25 +41,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     ]
     yield Table((), tuple(facts), kind="facts")
     if len(fit.candidates) > 1:
-        yield Table(
-            ("model", "parameters", "residual / noise", "criterion", ""),
-            tuple(
-                (
-                    c.name,
-                    str(c.parameters) if not c.problem else "–",
-                    significant(float(np.sqrt(c.cost / c.expected_cost)), 3)
-                    if c.expected_cost > 0
-                    else "–",
-                    significant(c.criterion, 5) if np.isfinite(c.criterion) else "–",
-                    "chosen" if c.chosen else "",
-                )
-                for c in fit.candidates
-            ),
-            "Models compared; the one with the smallest information criterion is chosen. A dash: the "
-            "fit failed, the data require friction or exclude a lag, or an added parameter is smaller "
-            "than its standard error. Reversals free below 3 %: friction is free at "
-            "speeds below 3 % of the largest.",
-        )
+        yield Table.of(compared_models(fit), COMPARED_MODELS)
     names = elasticity_labels(fit.n)
     header, *rows = [(name, *cells) for name, cells in analysis.estimates.items()]
     yield Table(

@@ -38,8 +38,8 @@ def error_parts(fit: ElasticityFit) -> tuple[ErrorPart, ...]:
     return tuple(parts)
 
 
-def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of a table: the total standard error of K and D, and its parts.
+def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> dict[str, list[str]]:
+    """Columns of a table: the total standard error of K and D, and its parts.
 
     Parts that are zero throughout are left out; that with the largest share of an error comes first.
     """
@@ -47,11 +47,10 @@ def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[lis
     total = fit.standard_error
     known = np.isfinite(total) & (total > 0)
     parts.sort(key=lambda part: -float(np.max(part.error[known] / total[known], initial=0.0)))
-    shown = [unit.shown(error) for error in (fit.standard_error, *(part.error for part in parts))]
-    rows = []
-    for name, *sizes in zip(elasticity_labels(fit.n), *(error.tolist() for error in shown), strict=True):
-        if np.isinf(sizes[0]):
-            rows.append([name, UNDETERMINED, *["–"] * len(parts)])
-        else:
-            rows.append([name, *(significant(size, 2) for size in sizes)])
-    return ["", "total error", *(part.name for part in parts)], rows
+    names = zip(elasticity_labels(fit.n), unit.units(fit.n), strict=True)
+    columns = {"": [f"{name} ({of})" for name, of in names]}
+    for name, error in (("total error", total), *((part.name, part.error) for part in parts)):
+        unknown = UNDETERMINED if error is total else "–"
+        sizes = zip(unit.shown(error).tolist(), np.isinf(total), strict=True)
+        columns[name] = [unknown if lost else significant(size, 2) for size, lost in sizes]
+    return columns

@@ -261,7 +261,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
             yield make(
                 f"The encoder of joint {j + 1} "
                 + ("dominates the noise" if limited else "is coarse for the smallest motion"),
-                f"Its step is {number(size, 2)} rad ({2 * np.pi / size:.0f} counts per turn); "
+                f"Its step is {number(size, 2)} rad ({2 * np.pi / size:,.0f} counts per turn); "
                 f"the smallest sine has an amplitude of {number(counts.min(), 2)} steps. "
                 + (
                     f"Rounding causes {share} of the angle's noise."

@@ -228,7 +228,7 @@ def guess_unit(role: str, column: LogColumn) -> tuple[str, bool, str]:
 def _angle_unit(column: LogColumn, degrees: bool = False) -> _Said:
     """Unit of a position; ``degrees`` if values of another joint suggest degrees."""
     if column.unit in ANGLE_UNITS:
-        return column.unit, True, f'The file states "{column.unit}".'
+        return column.unit, True, f"Stated in the file: {column.unit}."
     values = column.values[np.isfinite(column.values)]
     if not values.size:
         return "rad", False, "Radians, until a column is chosen."
@@ -248,7 +248,7 @@ def _angle_unit(column: LogColumn, degrees: bool = False) -> _Said:
 
 def _torque_unit(column: LogColumn) -> _Said:
     if column.unit in TORQUE_UNITS:
-        return column.unit, True, f'The file states "{column.unit}".'
+        return column.unit, True, f"Stated in the file: {column.unit}."
     if drive_object(column.name):
         return "‰", False, "Torque and current of CiA 402 are thousandths of the rated value."
     if WORDS["current"] & set(words_of(column.name)):
@@ -341,7 +341,7 @@ def propose_joint(
         reasons.append(Reason(f"{role} of joint {number}", text))
         unit: _Said = first.unit, False, f"As for joint 1: {first.unit}."
         if column.unit in QUANTITIES[role][0]:
-            unit = column.unit, True, f'The file states "{column.unit}".'
+            unit = column.unit, True, f"Stated in the file: {column.unit}."
         side = first.side, False, f"As for joint 1: {first.side} side."
         channels.append(_channel(role, number, column, unit, side, reasons))
     joint = JointMapping(channels[0], channels[1])

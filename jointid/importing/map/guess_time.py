@@ -88,7 +88,7 @@ def _is_coarse(table: LogTable, column: LogColumn) -> bool:
 def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
     unit = _time_unit(column)
     if unit in TIME_UNITS:
-        reasons.append(Reason("unit of time", f'The file states "{unit}".', True))
+        reasons.append(Reason("unit of time", f"Stated in the file: {unit}.", True))
         return TimeColumn(column.name, unit)
     values = column.values[np.isfinite(column.values)]
     steps = np.diff(values)

@@ -328,7 +328,7 @@ class CutAnimation {
     pen.font = `13px ${getComputedStyle(this.root).fontFamily}`;
     pen.textBaseline = "bottom";
     const [first, second] = TOOLS.map((name) => this.factor(name));
-    const each = first === second ? `errors × ${first}` : `errors: nominal × ${first}, identified × ${second}`;
+    const each = first === second ? `errors × ${first}` : `errors: ${this.data.nominal_name} × ${first}, identified × ${second}`;
     const errors = this.magnification > 1 ? `, ${each}` : "";
     pen.fillText(`10 mm${errors}`, x + length + 8, y + 4);
   }

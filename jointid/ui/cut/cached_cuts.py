@@ -123,5 +123,5 @@ def own_path(page: Page, analysis: Analysis) -> list[PathDeflection]:
 
     Raises JointIdError as in :func:`jointid.cut.path_deflection.own_path_deflections`.
     """
-    doing = "Following the path with the robot's model"
+    doing = "Following the path with the robot model"
     return page.computed("own path", doing, own_path_deflections, analysis, ZONES_M)

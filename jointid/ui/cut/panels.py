@@ -15,12 +15,10 @@ from jointid.figures.style import colours
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture, window
 from jointid.ui.cut.settings import CutSettings
-from jointid.ui.shared.charts import table
-from jointid.ui.shared.messages import show_error, show_note, show_warning
+from jointid.ui.shared.messages import show_note, show_text_table, show_warning
+from jointid.ui.shared.method_steps import CUT
 from jointid.ui.shared.page import Page
 from jointid.wording import counted, significant, unbroken
-
-CUT_PAGE = "pages/5_Cut.py"
 
 
 def show_rule(robot: CutRobot) -> None:
@@ -28,18 +26,26 @@ def show_rule(robot: CutRobot) -> None:
     (st.caption if robot.rule == "direct" else st.info)(robot.meaning)
 
 
-def show_own_path(page: Page, analysis: Analysis) -> None:
-    """Show how far a robot with a model of its own bends along the path; nothing without."""
+def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> None:
+    """Show how far a robot with a model of its own bends along the path; nothing without.
+
+    ``summary`` shows the largest corner zone only, for the first screen.
+    """
     if not has_own_path(analysis):
         return
     try:
         found = cached_cuts.own_path(page, analysis)
     except JointIdError as error:
-        show_error(error)
+        show_note(f"The tool deflection is not known. {error}")
         return
-    st.header(_own_headline(found[-1]), anchor=False)
+    with st.container(border=summary):
+        st.header(_own_headline(found[-1]), anchor=False)
+        if summary:
+            st.caption(f"Corner zone {1e3 * ZONES_M[-1]:g} mm. {meaning(analysis)}")
+            st.page_link(CUT.path, label="All corner zones")
+            return
     header, rows = rows_of([1e3 * zone for zone in ZONES_M], found)
-    table({name: list(cells) for name, cells in zip(header, zip(*rows, strict=True), strict=True)})
+    show_text_table(dict(zip(header, zip(*rows, strict=True), strict=True)))
     st.caption(f"{meaning(analysis)} {COLUMNS_MEANING}")
 
 
@@ -200,22 +206,6 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
     )
 
 
-def _own_or_demonstration(page: Page, analysis: Analysis) -> None:
-    """Tool deflection of a robot with a model of its own; a link to the example arm for others."""
-    if not has_own_path(analysis):
-        st.page_link(CUT_PAGE, label="Path error with nominal and identified K and D, on an example arm")
-        return
-    try:
-        found = cached_cuts.own_path(page, analysis)
-    except JointIdError as error:
-        show_note(f"The tool deflection is not known. {error}")
-        return
-    with st.container(border=True):
-        st.header(_own_headline(found[-1]), anchor=False)
-        st.caption(f"Corner zone {1e3 * ZONES_M[-1]:g} mm. {meaning(analysis)}")
-        st.page_link(CUT_PAGE, label="All corner zones")
-
-
 def outcome_panel(page: Page, analysis: Analysis) -> None:
     """Path error before and after with a small picture of the cut, for the first screen."""
     try:
@@ -225,7 +215,9 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             show_note(f"The path error is not known. {error}")
         return
     if outcome is None:
-        _own_or_demonstration(page, analysis)
+        show_own_path(page, analysis, summary=True)
+        if not has_own_path(analysis):
+            st.page_link(CUT.path, label="Path error on an example arm")
         return
     ink = colours(page.dark)
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
@@ -256,4 +248,4 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 + " Both simulations include the identified friction."
                 * bool(of.friction)
             )
-            st.page_link(CUT_PAGE, label="Watch the cut")
+            st.page_link(CUT.path, label="Watch the cut")

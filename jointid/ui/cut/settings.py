@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,21 +11,12 @@ from jointid import Elasticity, JointIdError
 from jointid.cut.arm import Drive
 from jointid.cut.outcome import TYPICAL_SERVO
 from jointid.cut.rectangle import rectangle
-from jointid.cut.robot import CUTTING_POINT_M, Assumption, CutFriction, CutRobot
+from jointid.cut.robot import CUTTING_POINT_M, NOMINAL_NAMES, Assumption, CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.cut.toolpath import Toolpath
 from jointid.ui.shared.charts import choose_segment
 from jointid.ui.shared.entries import choose_from, enter_number, enter_text, numbers_in, numbers_out
-from jointid.wording import counted
-
-NOMINAL: dict[str, Assumption] = {
-    "Study's own": "study",
-    "Rigid": "rigid",
-    "0.4 K": "soft",
-    "3 K": "stiff",
-    "Custom": "custom",
-}
-"""Choices of the nominal controller by their label."""
+from jointid.wording import capitalised, counted
 
 _ZONE_MM, _SIDES_MM, _SPEED_MM_S = 10.0, (28.0, 45.0), 300.0
 """Figure 7's path at its largest zone; sides and speed are the paper's."""
@@ -60,9 +50,9 @@ _DRIVES: dict[str, Drive | None] = {
     "Serial": "serial",
 }
 _HINT = (
-    "K and D in the servo before the identification. The study's own: its nominal values. Rigid: no "
-    "compensation of the springs. 0.4 K and 3 K: the identified stiffnesses times 0.4 or 3. The paper "
-    "does not state its non-optimal parameters; these are our choice."
+    "K and D in the servo before the identification. Nominal: those that the study states. Rigid: no "
+    "compensation of the springs. 0.4 K and 3 K: the identified stiffnesses times 0.4 or 3. "
+    "The paper does not state its non-optimal parameters; these are our choice."
 )
 
 
@@ -128,15 +118,6 @@ def usual(robot: CutRobot) -> CutSettings:
     return CutSettings(assumption=assumption, friction=robot.friction, drive=robot.arm.drive)
 
 
-def _restore_own(names: Sequence[str]) -> None:
-    """Return to the study's own values after a study without any, unless the user chose others there."""
-    state, (own, first) = st.session_state, [*NOMINAL][:2]
-    if own not in names:
-        state["cut_nominal_fell_back"] = state.get("cut_nominal", own) in (own, first)
-    elif state.pop("cut_nominal_fell_back", False) and state.get("cut_nominal") == first:
-        state["cut_nominal"] = own
-
-
 def ask(robot: CutRobot, digest: str) -> CutSettings:
     """Draw the controls and return the choice. Raises JointIdError when an entry is not a number.
 
@@ -145,9 +126,13 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
     """
     left, right = st.columns([3, 2])
     with left:
-        names = [name for name, value in NOMINAL.items() if value != "study" or robot.nominal]
-        _restore_own(names)
-        assumption = NOMINAL[choose_segment("Nominal controller", names, "cut_nominal", hint=_HINT)]
+        choices = [name for name in NOMINAL_NAMES if name != "study" or robot.nominal]
+        key = "cut_nominal" if robot.nominal else "cut_servo"  # they differ in their choices
+
+        def label(name: Assumption) -> str:
+            return capitalised(NOMINAL_NAMES[name])
+
+        assumption = choose_segment("Controller before", choices, key, format_func=label, hint=_HINT)
     with right:
         zone = st.slider(
             "Corner zone (mm)",

@@ -24,7 +24,7 @@ from jointid.fleet.spread import (
 from jointid.ui.fleet.files import OpenFleet
 from jointid.ui.shared.charts import choose_segment, plot, side_by_side, table
 from jointid.ui.shared.messages import markdown_escape, show_error, show_note
-from jointid.ui.shared.method_steps import OVERVIEW
+from jointid.ui.shared.method_steps import IMPORT, OVERVIEW
 from jointid.ui.shared.workspace import go_to, keep, recent
 from jointid.wording import counted, minus, significant, with_error
 
@@ -143,10 +143,10 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
     st.header("Drift over time", anchor=False)
     if not dated:
         st.info(
-            "No study states its date. Give it on the page Import a log, under "
-            "Optional, or in study.toml: date = 2026-11-20; and to follow one robot, its name: robot = "
-            '"cell 7, robot A".'
+            "No study states its date. Give it on import, in step 5 under Optional, or in study.toml: "
+            'date = 2026-11-20; and to follow one robot, its name: robot = "cell 7, robot A".'
         )
+        st.page_link(IMPORT.path, label=IMPORT.name)
         return
     drifts = _drifts(spreads, joint)
     robots = list(drifts)
@@ -267,8 +267,8 @@ def _columns(rows: Sequence[Row]) -> dict[str, list[str]]:
         "Date": [row.date for row in rows],
         "State": [SIGNS[row.state] for row in rows],
     }
-    for j in range(max(row.joints for row in rows)):
-        for quantity in "KD":
+    for quantity in "KD":
+        for j in range(max(row.joints for row in rows)):
             columns[f"{quantity}{j + 1}"] = [_value(row, quantity, j) for row in rows]
     return columns
 
@@ -292,7 +292,7 @@ def _show_study(fleet: OpenFleet, row: Row) -> None:
                 return
             try:
                 if entry is not None:
-                    st.session_state["chosen"] = entry.id
+                    st.session_state["chosen"] = entry.digest
                 else:
                     keep(load_study(fleet.studies[row.content]), label(row))
                 go_to(OVERVIEW.path)

@@ -26,7 +26,7 @@ _HELD = {True: "held until the next sample", False: "not held: measured, or inte
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """First parts of the names of entries from the drive's data sheet, not the file."""
 _SIDE_HELP = "Robot controllers often log values of the joint; drives log those of their motor."
-_SIGN_HELP = "Mark one of both where a positive torque moves the logged position to smaller values."
+_SIGN_HELP = "Mark one of the two if a positive torque moves the logged position to smaller values."
 _SWITCHES = {
     ("position", "side"): (JOINT, "Position is of the joint, behind the gear", _SIDE_HELP),
     ("torque", "side"): (JOINT, "Torque is of the joint, behind the gear", _SIDE_HELP),
@@ -334,10 +334,10 @@ def _of_joints(names: Sequence[str]) -> str:
 _RATIO = (
     ("101", "-93.5", "120"),
     "Motor turns per joint turn, negative if they turn in opposite directions. Needed for positions and "
-    "torques at the joint, and to show K and D there. ? if unknown.",
+    "torques at the joint, and to show K and D there. Enter ? if unknown.",
 )
 _SCALE = (
     ("8.2", "2.1", "1.3"),
-    "From the drive's data sheet or settings; logs do not state it. ? if unknown.",
+    "From the drive's data sheet or settings; logs do not state it. Enter ? if unknown.",
 )
 """Example and explanation of the numbers of joints."""

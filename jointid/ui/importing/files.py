@@ -64,7 +64,7 @@ def drop_logs(forget: Callable[[], None], progress: DeltaGenerator) -> list[Log]
     if held := st.session_state.get(_HELD):
         left, right = st.columns([4, 1], vertical_alignment="center")
         size = sum(len(file.data) for file in files) / 2**20
-        show_note(f"Still open: {', '.join(file.name for file in held)}. ({size:.1f} MiB)", left)
+        show_note(f"Still open: {', '.join(file.name for file in held)}. {size:.1f} MiB in all.", left)
         right.button("Close these logs", on_click=_close, args=(forget,))
     first, all_logs = [], {}
     watch = Watch(len(files), progress)

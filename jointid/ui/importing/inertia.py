@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import streamlit as st
-from streamlit.delta_generator import DeltaGenerator
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm
 from jointid.importing.robot_inertia import (
@@ -14,7 +13,14 @@ from jointid.importing.robot_inertia import (
     robot_from_toml,
     rotor_at_motor,
 )
-from jointid.ui.shared.entries import deviation_text, example_hint, matrix_in, numbers_in, numbers_out
+from jointid.ui.shared.entries import (
+    choose_from,
+    deviation_text,
+    enter_text,
+    matrix_in,
+    numbers_in,
+    numbers_out,
+)
 from jointid.ui.shared.messages import show_note
 from jointid.wording import counted
 
@@ -73,8 +79,10 @@ def ask_nominal(joints: int) -> Elasticity | None:
     """
     left, right = st.columns(2)
     help_ = "The controller's present values; the app compares them with the identified ones."
-    K = _text(left, "Nominal K (N·m/rad), optional", "nominal K", "20, 3.5", help_)
-    D = _text(right, "Nominal D (N·m·s/rad), optional", "nominal D", "0.10, 0.015", help_)
+    K = enter_text(left, "import nominal K", "Nominal K (N·m/rad), optional", "", help_, "20, 3.5")
+    D = enter_text(
+        right, "import nominal D", "Nominal D (N·m·s/rad), optional", "", help_, "0.10, 0.015"
+    )
     if not K.strip() and not D.strip():
         return None
     for name, text in (("K", K), ("D", D)):
@@ -166,12 +174,12 @@ def _take_toml() -> None:
 
 def _by_links(ratios: Sequence[float]) -> KnownRobot | None:
     units = {
-        name: _select(place, label, options, name)
+        name: choose_from(place, f"import {name}", label, list(options))
         for place, (name, (label, options)) in zip(2 * st.columns(3), _LINK_UNITS.items(), strict=True)
     }
     scale = {name: options.get(units[name], 1.0) for name, (_, options) in _LINK_UNITS.items()}
     texts = {
-        name: _text(place, f"{label} ({units[unit]})", name, example)
+        name: enter_text(place, f"import {name}", f"{label} ({units[unit]})", "", example=example)
         for place, (name, (label, unit, example)) in zip(2 * st.columns(3), _LINKS.items(), strict=True)
     }
     st.caption(
@@ -204,22 +212,7 @@ def _by_links(ratios: Sequence[float]) -> KnownRobot | None:
 
 def _row(label: str, name: str, example: str) -> tuple[str, str, str]:
     one, two, three = st.columns([4, 1.5, 1.5])
-    text = _text(one, label, name, example, _HELP)
-    unit = _select(two, f"Unit of {name}", INERTIA_UNITS, f"{name} unit")
-    return text, unit, _select(three, f"{name} is given on the", [_MOTOR, _JOINT], f"{name} side")
-
-
-def _text(place: DeltaGenerator, label: str, name: str, example: str, help_: str | None = None) -> str:
-    return place.text_input(
-        label,
-        key=f"import {name}",
-        placeholder=example_hint(example),
-        persist_state="session",
-        help=help_,
-    )
-
-
-def _select(
-    place: DeltaGenerator, label: str, options: Sequence[str] | Mapping[str, float], name: str
-) -> str:
-    return place.selectbox(label, list(options), key=f"import {name}", persist_state="session")
+    text = enter_text(one, f"import {name}", label, "", _HELP, example)
+    unit = choose_from(two, f"import {name} unit", f"Unit of {name}", list(INERTIA_UNITS))
+    side = choose_from(three, f"import {name} side", f"{name} is given on the", [_MOTOR, _JOINT])
+    return text, unit, side

@@ -65,7 +65,7 @@ def _known(signature: str) -> importing.Mapping | None:
     known: dict[str, importing.Mapping | None] = st.session_state.setdefault(_KNOWN, {})
     if signature not in known:
         known[signature] = None
-        with noting_problems("The earlier mapping is no longer known.  "):
+        with noting_problems("The earlier mapping is no longer known. "):
             if kept := read_part(_PART, signature):
                 known[signature] = importing.mapping_from_json(kept)
     return known.get(signature)

@@ -56,7 +56,7 @@ _WAITS = {
 """Contents of a step, shown while it waits for an earlier one."""
 _KINDS = {
     "gear ratio": "gear ratios",
-    "scale": "rated torques or other scales",
+    "scale": "rated torques or other factors",
     "torque hold": "torque held or not",
 }
 """Description of a missing entry, by the beginning of its name."""

@@ -73,8 +73,8 @@ def show_storage_state() -> None:
         return
     if dropped() and not st.session_state.get(_PROBLEM):
         st.caption(
-            "A study was made of these logs: the study is kept. The logs and entries stay open in this "
-            "session only, until they are closed; with another change they are kept again."
+            "The study made from these logs is kept. Logs and entries stay open in this session only; "
+            "a further change keeps them again."
             if st.session_state.get(_MADE) == st.session_state[_WRITTEN]
             else "Logs and entries are kept at this page's address until they are closed or opened as a "
             "study."

@@ -10,14 +10,14 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.importing.robot_inertia import KnownRobot
 from jointid.importing.study import parse_date, study_name
-from jointid.study import INERTIA_STD
 from jointid.ui.importing.inertia import ask_inertia, ask_nominal, show_inertia
 from jointid.ui.shared.charts import NO_POSE
 from jointid.ui.shared.entries import (
     ask_inertia_std,
     ask_torque_std,
+    choose_from,
     deviation_text,
-    example_hint,
+    enter_text,
     numbers_in,
 )
 from jointid.ui.shared.messages import markdown_escape, show_error
@@ -106,8 +106,7 @@ def _ask_deviations(problems: list[str], known: KnownRobot | None) -> tuple[floa
     left, right = st.columns(2)
     inertia_std, torque_std = (None, None) if known is None else (known.inertia_std, known.torque_std)
     if inertia_std is None:
-        ask = partial(ask_inertia_std, left, "import inertia std", INERTIA_STD)
-        inertia_std = _answer(problems, ask)
+        inertia_std = _answer(problems, partial(ask_inertia_std, left, "import inertia std"))
     if torque_std is None:
         torque_std = _answer(problems, partial(ask_torque_std, right, "import torque std"))
     return inertia_std, torque_std
@@ -116,9 +115,7 @@ def _ask_deviations(problems: list[str], known: KnownRobot | None) -> tuple[floa
 def _ask_facts() -> dict[str, Any]:
     """Ask for robot, date, gear temperature and note: parameters of ``Study``."""
     texts = {
-        key: place.text_input(
-            label, key=f"import {key}", placeholder=example_hint(example), persist_state="session"
-        )
+        key: enter_text(place, f"import {key}", label, "", example=example)
         for place, (key, (label, example)) in zip(2 * st.columns(2), _FACTS.items(), strict=True)
     }
     warm = texts["gear temperature"].strip().removesuffix("°C")
@@ -142,7 +139,6 @@ def _ask_poses(known: KnownRobot | None, logs: Sequence[str]) -> tuple[str | Non
         key = f"import pose of {log} {number}"
         if st.session_state.get(key, NO_POSE) not in options:
             del st.session_state[key]
-        place = places[number % len(places)]
         label = markdown_escape(f"Pose of {log}")
-        chosen.append(place.selectbox(label, options, key=key, persist_state="session"))
+        chosen.append(choose_from(places[number % len(places)], key, label, options))
     return tuple(None if pose == NO_POSE else pose for pose in chosen)

@@ -14,8 +14,7 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
-from jointid.ui.shared.messages import show_progress
-from jointid.ui.shared.results import result_cache
+from jointid.ui.shared.results import result_cache, steps_at
 
 T = TypeVar("T")
 Progress = Callable[[float], None]
@@ -55,10 +54,7 @@ class Watch:
     """A number of jobs in sequence, with one progress bar at a place, an ``st.empty()``."""
 
     def __init__(self, total: int, place: DeltaGenerator) -> None:
-        self._total, self._number = total, 0
-        self._place = place
-        self._began = time.monotonic()
-        self._fresh = 0  # jobs without a cached result
+        self._total, self._number, self._place = total, 0, place
 
     def do(self, key: str, label: str, task: Callable[[Progress], T]) -> T:
         """Return the result of a job, from the cache if one with the same key has run before.
@@ -95,27 +91,18 @@ class Watch:
         error = job.outcome.exception()
         if error is not None and not isinstance(error, JointIdError):
             raise error
-        self._fresh += 1
         return error or job.outcome.result()
 
     def _at_file(self, before: str) -> str:
         return f"{before} file {self._number} of {self._total}" if self._total > 1 else ""
 
     def _show_progress(self, key: str, label: str, job: Job[T]) -> None:
-        began = min(self._began, job.began)
         with self._place.container():
             bar, button = st.progress(0.0), st.empty()
-        stoppable = False
+        show, stoppable = steps_at(bar, job.began), False
         while wait([job.outcome], _POLL_S).not_done:
-            elapsed = time.monotonic() - began
-            done = self._fresh + job.share
-            text = f"{label}{self._at_file(',')}"
-            if elapsed > STOPPABLE_AFTER_S:
-                left = elapsed * (self._total - self._number + 1 - job.share) / done if done else 0.0
-                text += f"; about {left:.0f} s left" if left else f"; {elapsed:.0f} s so far"
-                if not stoppable:
-                    button.button("Stop here", key=f"stop_{key}", on_click=job.stopped.set)
-                    stoppable = True
-            share = (self._number - 1 + job.share) / self._total
-            show_progress(share, text, bar)
+            show(job.share, f"{label}{self._at_file(',')}")
+            if not stoppable and time.monotonic() - job.began > STOPPABLE_AFTER_S:
+                button.button("Stop here", key=f"stop_{key}", on_click=job.stopped.set)
+                stoppable = True
         self._place.empty()

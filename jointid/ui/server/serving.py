@@ -19,6 +19,7 @@ import uvicorn
 from streamlit import config, runtime
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.results import last_seen
 
 PATIENCE_S = float(os.environ.get("JOINTID_PATIENCE_S", 20.0))
@@ -103,11 +104,20 @@ async def _close_sessions() -> None:
                 server.close_session(session)
 
 
+def show_internal_error(error: Exception) -> bool:
+    """Show one message in place of streamlit's box; the server's log has the traceback."""
+    show_error(
+        f"Internal error, {type(error).__name__} ({error!s:.300}). This is a fault of jointid, not of "
+        "your data; studies and entries are kept. Choose another page or study in the sidebar."
+    )
+    return True
+
+
 def serve(script: str, port: int) -> None:
     """Serve the app until a signal ends it; ``.streamlit/config.toml`` beside it holds the address."""
     for name in _PRELOADED:
         import_module(name)
-    app = st.App(script, lifespan=_closing_sessions)
+    app = st.App(script, lifespan=_closing_sessions, on_script_error=show_internal_error)
     config.set_option("server.port", port)
     address = config.get_option("server.address") or "127.0.0.1"
     # Streamlit lowers the level of uvicorn's loggers.

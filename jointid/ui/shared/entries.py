@@ -9,6 +9,7 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
+from jointid.study import INERTIA_STD
 from jointid.wording import counted, plain
 
 _SPACES = re.compile(r"[\s;]+")
@@ -123,9 +124,8 @@ Number = TypeVar("Number", int, float)
 
 _NEGATIVE = re.compile(r"(?<!\w)-(?=\d)")
 _WORDS = {"exact": 0.0, "unknown": math.inf}
-_INERTIAS = ("exact", "± 1 %", "± 3 %", "± 5 %", "± 10 %", "± 30 %", "unknown")
+_STATED = ("exact", "± 1 %", "± 2 %", "± 3 %", "± 5 %", "± 10 %", "± 30 %", "unknown")
 _NOT_STATED = "not stated"
-_TORQUES = (_NOT_STATED, "exact", "± 1 %", "± 2 %", "± 5 %", "± 10 %", "unknown")
 _INERTIA_HELP = (
     "Relative standard deviation of M and M2. The fit corrects M and M2 within it; unknown: start "
     "values only. Choose, or type a percentage."
@@ -136,31 +136,24 @@ _TORQUE_HELP = (
 )
 
 
-def _kept(key: str, ask: Callable[..., T], default: T, label: str, *args: Any, **settings: Any) -> T:
-    """Draw a widget; on the way back from another page, which clears its address, restore its value."""
-    kept: dict[str, Any] = st.session_state.setdefault("kept entries", {})
-    if kept.get(key, default) != default and key not in {*st.session_state, *st.query_params}:
-        st.session_state[key] = kept[key]
-        settings.pop("value", None)  # streamlit warns of two initial values
-    kept[key] = value = ask(label, *args, key=key, bind="query-params", **settings)
-    return value
+def _kept(key: str) -> dict[str, Any]:
+    """Arguments of a widget whose value outlives its page; the import keeps its own."""
+    bind = None if key.startswith("import ") else "query-params"
+    return {"key": key, "persist_state": "session", "bind": bind}
 
 
 def fill_in(key: str, value: str) -> None:
     """Set the value of an entry that is drawn later in this run."""
-    st.session_state.pop(key, None)
-    st.query_params.pop(key, None)
-    st.session_state.setdefault("kept entries", {})[key] = value
+    st.session_state[key] = value
 
 
 def enter_text(
     place: DeltaGenerator, key: str, label: str, value: str, help_: str = "", example: str = ""
 ) -> str:
     """Ask for a text."""
-    ask = place.text_input
-    return _kept(
-        key, ask, value, label, value=value, help=help_ or None, placeholder=example_hint(example)
-    )
+    hint = example_hint(example)
+    text: str = place.text_input(label, value, help=help_ or None, placeholder=hint, **_kept(key))
+    return text
 
 
 def example_hint(example: str) -> str:
@@ -177,8 +170,10 @@ def enter_number(
     help_: str = "",
 ) -> Number:
     """Ask for a number within limits."""
-    ask, shown = place.number_input, "%d" if isinstance(value, int) else "%g"
-    return _kept(key, ask, value, label, *limits, value=value, format=shown, help=help_ or None)
+    shown = "%d" if isinstance(value, int) else "%g"
+    about: dict[str, Any] = {"format": shown, "help": help_ or None}
+    ask: Callable[..., Number] = place.number_input
+    return ask(label, *limits, value, **about, **_kept(key))
 
 
 def choose_from(
@@ -188,10 +183,14 @@ def choose_from(
     options: Sequence[str],
     format_func: Callable[[str], str] = str,
     help_: str = "",
+    *,
+    first: str | None = None,
+    free: bool = False,
 ) -> str:
-    """Ask for one of several options, at first the first."""
-    ask, about = place.selectbox, help_ or None
-    return _kept(key, ask, options[0], label, options, format_func=format_func, help=about)
+    """Ask for one of several options, at first ``first`` or the first one; ``free``: or any text."""
+    index = 0 if first is None else options.index(first)
+    about: dict[str, Any] = {"help": help_ or None, "accept_new_options": free}
+    return str(place.selectbox(label, options, index, format_func, **about, **_kept(key)))
 
 
 def applied(label: str, key: str, settings: T, *, at_first: bool = False) -> T | None:
@@ -208,13 +207,13 @@ def applied(label: str, key: str, settings: T, *, at_first: bool = False) -> T |
     return found
 
 
-def ask_inertia_std(place: DeltaGenerator, key: str, default: float) -> float:
-    """Ask how well the inertias are known, a relative standard deviation, at first ``default``.
+def ask_inertia_std(place: DeltaGenerator, key: str) -> float:
+    """Ask how well the inertias are known, a relative standard deviation.
 
     Raises JointIdError when the entry is no percentage.
     """
-    label = "How well M and M2 are known"
-    text = _ask(place, label, _INERTIAS, _INERTIAS.index(deviation_text(default)), key, _INERTIA_HELP)
+    label, usual = "How well M and M2 are known", deviation_text(INERTIA_STD)
+    text = choose_from(place, key, label, _STATED, help_=_INERTIA_HELP, first=usual, free=True)
     return deviation_in(label, text)
 
 
@@ -224,7 +223,7 @@ def ask_torque_std(place: DeltaGenerator, key: str) -> float | None:
     Raises JointIdError when the entry is no percentage.
     """
     label = "How well the torque scale is known"
-    text = _ask(place, label, _TORQUES, 0, key, _TORQUE_HELP)
+    text = choose_from(place, key, label, (_NOT_STATED, *_STATED), help_=_TORQUE_HELP, free=True)
     return None if text == _NOT_STATED else deviation_in(label, text)
 
 
@@ -249,19 +248,3 @@ def deviation_text(std: float | None) -> str:
     """Write a relative standard deviation as the questions do."""
     words = {value: word for word, value in _WORDS.items()}
     return _NOT_STATED if std is None else words.get(std) or f"± {plain(100 * std)} %"
-
-
-def _ask(
-    place: DeltaGenerator, label: str, options: tuple[str, ...], index: int, key: str, help_: str
-) -> str:
-    chosen = place.selectbox(
-        label,
-        options,
-        index=index,
-        accept_new_options=True,
-        key=key,
-        persist_state="session",
-        bind=None if key.startswith("import ") else "query-params",  # the import keeps its own
-        help=help_,
-    )
-    return str(chosen)

@@ -140,13 +140,12 @@ class Page:
         draw: Callable[..., Any],
         description: str,
         *,
-        heading: str = "**Joint {0}**",
         caption: str = "",
     ) -> Sequence[int]:
         """Show one figure per joint, two side by side; of many joints, that of the chosen one.
 
         ``draw`` takes a joint, from 0, and ``dark``; for ``what`` see ``drawn``. The alternative text
-        ``description`` and the ``heading`` have {0} for the joint's number; ``caption`` is above all.
+        ``description`` has {0} for the joint's number; ``caption`` is above all.
         Returns the joints drawn.
         """
         if caption:
@@ -156,8 +155,8 @@ class Page:
             joints = [choose_segment("Joint", joints, "joint", format_func=lambda j: f"Joint {j + 1}")]
         for j, place in zip(joints, side_by_side(len(joints)), strict=True):
             with place:
-                if heading and len(joints) > 1:
-                    st.markdown(heading.format(j + 1))
+                if len(joints) > 1:
+                    st.markdown(f"**Joint {j + 1}**")
                 figure = self.drawn(f"{what} {j}", partial(draw, j))
                 plot(figure, description.format(j + 1), key=f"{what} {j}")
         return joints
@@ -197,7 +196,8 @@ def _show_notices() -> None:
     shown, wanted = st.session_state.get("not_found", (None, ""))
     if wanted and shown == st.session_state["chosen"]:
         show_info(
-            f"{wanted} is not, or no longer, in this workspace. This is another; open the file again."
+            f"{wanted} is not, or no longer, in this workspace. This is another study: open the file "
+            "again."
         )
     _show_refused()
 

@@ -62,7 +62,7 @@ def _row(name: str, entry: Entry) -> None:
             key=f"open_{entry.id}",
             type="tertiary",
             width="stretch",
-            on_click=lambda: st.session_state.update(chosen=entry.id),
+            on_click=lambda: st.session_state.update(chosen=entry.digest),
         )
         with st.popover("Edit", help=f"Rename or delete {markdown_escape(name)}"):
             key = f"name_{entry.id}"

@@ -35,7 +35,7 @@ _PATIENCE_S = 5.0
 _LONGEST_TURN_S = 1.0
 _MOST_BYTES = 1 << 29
 _TIME_LEFT_AFTER_S = 0.5
-"""After this time the remaining time is shown."""
+"""After this time the remaining time is shown, or that so far."""
 _ALWAYS_KEPT = 12
 """Latest results, kept whatever their size: a page needs those of its last run."""
 _turn = Semaphore(1)
@@ -260,18 +260,14 @@ def computed_on_click(
     return found
 
 
-def steps_at(bar: DeltaGenerator) -> Show:
+def steps_at(bar: DeltaGenerator, began: float | None = None) -> Show:
     """Return a function that shows progress with an estimate of the time left."""
-    began = monotonic()
+    start = monotonic() if began is None else began
 
     def show(done: float, what: str) -> None:
-        taken = monotonic() - began
-        left = (
-            f", {taken * (1 - done) / done:.0f} s left"
-            if taken > _TIME_LEFT_AFTER_S and done > 0.05
-            else ""
-        )
-        show_progress(done, f"{what}: {done:.0%}{left}", bar)
+        taken = monotonic() - start
+        left = f", {taken * (1 - done) / done:.0f} s left" if done > 0.05 else f", {taken:.0f} s so far"
+        show_progress(done, f"{what}: {done:.0%}{left * (taken > _TIME_LEFT_AFTER_S)}", bar)
 
     return show
 

@@ -99,13 +99,11 @@ def recent() -> dict[str, Entry]:
     place = workspace()
     if place is None:
         return {}
-    try:
-        entries = store().entries(place)
-    except JointIdError as error:
-        st.session_state["store_problem"] = str(error)
-        return {}
     found: dict[str, Entry] = {}
     taken = {*sample_paths(), *_in_session()}
+    entries: tuple[Entry, ...] = ()
+    with noting_problems():
+        entries = store().entries(place)
     for entry in reversed(entries):
         found[_free(entry.name, {*taken, *found})] = entry
     return dict(reversed(found.items()))
@@ -121,10 +119,10 @@ def notes() -> tuple[Note, ...]:
 
 
 def names_by_address() -> dict[str, str]:
-    """Return the names to choose from by their key in the address (?study=...)."""
+    """Return the names to choose from by their key in the address (?study=...), kept ones by digest."""
     session = {name: name for name in reversed(_in_session())}
     samples = {name: name for name in sample_paths()}
-    return session | {entry.id: name for name, entry in recent().items()} | samples
+    return session | {entry.digest: name for name, entry in recent().items()} | samples
 
 
 def place_for(part: str) -> str | None:
@@ -187,8 +185,8 @@ def keep(study: Study, name: str) -> None:
     place = workspace() or _new_workspace()
     try:
         data = pack_study(study, record_format="parquet")
-        st.session_state["chosen"] = store().put(place, name, digest, data).id
-        st.session_state["workspace"] = place
+        store().put(place, name, digest, data)
+        st.session_state.update(chosen=digest, workspace=place)
     except JointIdError as error:
         st.session_state["store_problem"] = f"{name} is open in this session only. {error}"
         _keep_in_session(study, name, digest)
@@ -209,7 +207,7 @@ def change_store(action: Literal["rename", "delete", "dismiss"], *given: str) ->
     if place := workspace():
         with noting_problems():
             getattr(store(), action)(place, *given)
-        if action == "delete" and st.session_state.get("chosen") == given[0]:
+        if action == "delete" and st.session_state.get("chosen") not in names_by_address():
             st.session_state["chosen"] = next(iter(sample_paths()), None)
 
 

@@ -3,7 +3,6 @@
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 import streamlit as st
@@ -12,6 +11,7 @@ from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE, WITH_CARE
 from jointid.answer import AT_MOTOR
 from jointid.figures import compared_models
+from jointid.ui.shared.entries import choose_from
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.sidebar import ESTIMATORS
@@ -20,27 +20,20 @@ from jointid.ui.study.uncertainty_panels import signed_percent
 from jointid.uncertainty.comparison import Difference, compare
 from jointid.wording import enumerated, significant, unbroken
 
-_BIND: Literal["query-params"] = "query-params"
 _CLEAR = 3.0
 """Standard errors beyond which a difference is significant."""
 
 
 def choose_other(page: Page) -> Page:
     """Ask for the second study and its estimator; end the page where it cannot be opened."""
-    names, methods = list(names_by_address().values()), list(ESTIMATORS)
-    similar = _similar(page, names)
+    names, partner = list(names_by_address().values()), _partner(page)
     left, right, beside = st.columns([5, 5, 2], vertical_alignment="bottom")
-    key = left.selectbox("Compare with", names, index=similar, key="compare_study", bind=_BIND)
+    key = choose_from(left, "compare_study", "Compare with", names, first=partner)
     # Without a partner, the paper's estimator is compared.
-    alone = names[similar] == page.key and page.method != "least-squares"
-    method = right.selectbox(
-        "Its estimator",
-        methods,
-        index=methods.index("least-squares") if alone else 0,
-        key="compare_estimator",
-        bind=_BIND,
-        help="See the sidebar.",
-    )
+    alone = partner == page.key and page.method != "least-squares"
+    paper = "least-squares" if alone else None
+    question = "compare_estimator", "Its estimator", list(ESTIMATORS)
+    method = choose_from(right, *question, help_="See the sidebar.", first=paper)
     beside.button("Swap", on_click=_swap, args=(page, key, method), help="Second study becomes first.")
     try:
         opened = open_study(key)
@@ -58,23 +51,13 @@ def _swap(page: Page, second: str, method: str) -> None:
     )
 
 
-def _similar(page: Page, names: list[str]) -> int:
-    """Index of the newest own study of the same inertias, else of as many joints; else of a sample.
-
-    Without one, index of the chosen study.
-    """
-    given, samples, alike = page.study.inertia, sample_paths(), ""
-    for name in sorted(names, key=samples.__contains__):
-        if alike and name in samples and alike not in samples:
-            break
+def _partner(page: Page) -> str:
+    """Name of the newest own study of as many joints, else of a sample, else of the chosen study."""
+    for name in sorted(names_by_address().values(), key=sample_paths().__contains__):
         with suppress(JointIdError):
-            inertia = open_study(name).study.inertia
-            if name == page.key or inertia.n != given.n:
-                continue
-            if np.allclose(inertia.M, given.M):
-                return names.index(name)
-            alike = alike or name
-    return names.index(alike or page.key)
+            if name != page.key and open_study(name).study.inertia.n == page.study.inertia.n:
+                return name
+    return page.key
 
 
 def show_differences(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
@@ -102,7 +85,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     show_note(f"First: {page.key}, {first.state}. Second: {other.key}, {second.state}.")
     columns = {
         "": [f"{row.first.name} ({row.first.unit})" for row in rows],
-        "Difference": [signed_percent(100 * row.relative) for row in rows],
+        "Difference": ["–" if unusable else signed_percent(100 * row.relative) for row in rows],
         "Significant": ["–" if unusable else _significance(row) for row in rows],
         _column(page): [row.first.shown[0] for row in rows],
         _column(other) + (" (second)" if _column(other) == _column(page) else ""): [
@@ -131,7 +114,6 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
         f"compare {page.key} {other.key} {other.digest} {other.method}",
         partial(compared_models, (first, second), (page.key, other.key)),
         "Magnitude of H{0}{0} of both studies",
-        heading="",
     )
 
 

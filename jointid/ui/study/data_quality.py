@@ -186,16 +186,15 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
     if i == j and n > 1 and page.study.of_pose(pose).any():
         left, right = st.columns(2)
         with left:
-            response = f"acceleration over torque of joint {i + 1}"
-            st.markdown(f"**One record alone** (Figure 3 of the paper): {response}")
+            st.markdown("**One record alone** (Figure 3 of the paper)")
             page.show(
                 f"alone {i} {pose} {view}",
                 partial(single_record, analysis, i, **drawn),
                 f"Acceleration over torque of joint {i + 1} from single records, over frequency",
             )
         with right:
-            figure_number = {0: " (Figure 4 of the paper)", 1: " (Figure 5 of the paper)"}.get(i, "")
-            st.markdown(f"**All records together**{figure_number}: {name}")
+            of_paper = f" (Figure {4 + i} of the paper)" if i < 2 else ""
+            st.markdown(f"**All records together**{of_paper}")
             page.show(f"H {i} {j} {pose} {view}", draw, what)
         caption = "A peak seen only in one record alone comes from the other joints' controllers."
     else:

@@ -123,7 +123,7 @@ def show_arm_side(page: Page) -> None:
     st.header("Sensors behind the gears", anchor=False)
     st.write(
         "The angle between the two encoders of a joint is the deflection of its gear. With the torque "
-        "of the robot's model it gives K at the joint, from any motion."
+        "of the robot model it gives K at the joint, from any motion."
     )
     robot, model, file = study.robot_model, "", None
     if robot is None:
@@ -142,8 +142,8 @@ def show_arm_side(page: Page) -> None:
         return
     show_text_table(fit.table)
     st.caption(
-        "± one standard error: noise, choice of terms, payload, and 3 % of the model's torque. Skew: "
-        "age of the arm sensor's sample against the motor's."
+        "± one standard error: noise, choice of terms, payload, and 3 % of the robot model's torque. "
+        "Skew: age of the sample behind the gear relative to that of the motor."
     )
     joints = [j for j in range(fit.robot.n) if fit.joints[j] is not None]
     if not joints:
@@ -204,7 +204,6 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
     except JointIdError as error:
         show_info(error)
     else:
-        show_note(_sentence(prediction))
         what = "Relative difference of measured and predicted torques over frequency"
         page.show("left_out", partial(left_out_prediction, prediction), what)
 

@@ -46,7 +46,7 @@ _LIMITS = {
 _SUPERPOSED = "Avoids sticking at reversals; every record then runs forward and back."
 _OPTIONAL = ("load_Nm", "axes", "joint_names")
 _PLAYED: dict[str, tuple[Any, ...]] = {
-    "scale": ("Scale of the motion", 1.0, (0.001, 100.0)),
+    "scale": ("Motion scale", 1.0, (0.001, 100.0), "Factor on all amplitudes."),
     "repeats": ("Repeats", 1, (1, 100)),
     "ramp": ("Ramps (s)", 0.5, (0.05, 10.0)),
     "rest": ("Rest between records (s)", 1.0, (0.1, 60.0)),
@@ -70,7 +70,8 @@ def show_set_points(
     analysis.require_usable()
     st.write(
         "The plan above as a motion of the joints, for the controller. It runs on the simulated robot "
-        "first; a file is written only if all limits hold. Read its header before use."
+        "first; a file is written only if the limits of the robot hold for the whole motion, with ramps "
+        "and load at rest. Amplitudes are limited by the plan. Read the header of the file before use."
     )
     sines = isinstance(plan, PlannedRecords)
     ratios = analysis.study.gear_ratios
@@ -144,7 +145,7 @@ def show_set_points(
 def _load_limits(keys: dict[str, str]) -> None:
     """Fill the fields in from the file of limits that ``jointid setpoints`` reads."""
     hint = "The file that jointid setpoints --limits reads. Its values fill the fields below."
-    label = "Limits and start pose (.toml), optional"
+    label = "Limits of the robot and start pose (.toml), optional"
     file = st.file_uploader(label, ["toml"], key="setpoints limits", help=hint, max_upload_size=1)
     if file is None or st.session_state.get("setpoints file") == file.file_id:
         return
@@ -260,7 +261,7 @@ def _ask(page: Page, analysis: Analysis, sines: PlanSettings | None) -> MotionSe
     values = (largest.position_rad, largest.velocity_rad_s, largest.torque_Nm)
     if sines is not None:
         del labels[1:]
-        st.caption("Velocities and torques stay within the limits at the top of the page.")
+        st.caption("Velocities and torques stay within the amplitudes at the top of the page.")
     texts = [
         enter_text(place, f"motion {label} {page.digest[:12]}", label, ", ".join(f"{x:.3g}" for x in of))
         for place, label, of in zip(st.columns(3), labels, values, strict=False)

@@ -12,14 +12,12 @@ from jointid.answer import ERROR_BARS, Quantity, change_from
 from jointid.corrections.changes import corrected, label
 from jointid.figures.response_curves import removed_effects
 from jointid.files.digest import study_digest
-from jointid.files.study_files import pack_study
 from jointid.ui.shared import workspace
-from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import markdown_escape, show_error, show_note, show_text_table
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.ui.shared.page import Page
 from jointid.verdict.evidence import Change
-from jointid.wording import UNDETERMINED, counted, file_stem, plain, significant, unbroken
+from jointid.wording import UNDETERMINED, counted, plain, significant, unbroken
 
 _PREVIEWED, _BEFORE = "previewed_change", "study_before_change"
 _SUFFIX = ", corrected"
@@ -120,8 +118,9 @@ def _before(digest: str) -> str | None:
 
 def _undo(before: str) -> None:
     """Show the study before the change, and remove the changed one."""
-    if (changed := st.session_state["chosen"]) in {entry.id for entry in workspace.recent().values()}:
-        workspace.change_store("delete", changed)
+    for entry in workspace.recent().values():
+        if entry.digest == st.session_state["chosen"]:
+            workspace.change_store("delete", entry.id)
     st.session_state["chosen"] = before
 
 
@@ -171,12 +170,12 @@ def show_tiles(analysis: Analysis) -> None:
     if n > _MOST_TILES:
         show_text_table(_values_table(analysis, found))
         return
-    for j in range(n):  # a joint's two tiles stay together; a row holds two joints
-        if j % 2 == 0:
-            row = st.container(horizontal=True)
-        with row, st.container(horizontal=True, width=2 * _TILE_WIDTH + _TILE_GAP):
-            for k in (j, n + j):
-                _tile(analysis, found[k], k)
+    with st.container(horizontal=True):  # K1, K2, D1, D2, as in sentences, tables and files
+        for row in (range(n), range(n, 2 * n)) if n > 1 else (range(2),):
+            width = len(row) * (_TILE_WIDTH + _TILE_GAP) - _TILE_GAP
+            with st.container(horizontal=True, width=width):
+                for k in row:
+                    _tile(analysis, found[k], k)
 
 
 def show_bands(analysis: Analysis) -> None:
@@ -256,7 +255,7 @@ def _finding(page: Page, analysis: Analysis, finding: Finding, lead: str = "") -
     advice = f"*{markdown_escape(finding.remedy)}*  \n" if finding.remedy else ""
     lead = f"{lead}\n\n" if lead else f"**{markdown_escape(finding.title)}.** "
     after = "" if finding.changes else f"  \n{advice}"
-    box(f"{lead}{markdown_escape(finding.detail)}{after}")
+    box(unbroken(f"{lead}{markdown_escape(finding.detail)}{after}"))
     offer_changes(page, analysis, finding)
     if finding.changes and advice:
         st.expander("If this is not the cause").markdown(advice)
@@ -271,15 +270,9 @@ def freed_note(analysis: Analysis) -> str:
     return f' "{words[0].upper()}{words[1:]}": removed from the data as identified.' if words else ""
 
 
-def show_steps(study: Study) -> None:
-    """Links to the steps of the method, and the study as a file."""
+def show_steps() -> None:
+    """Links to the steps of the method."""
     for step in METHOD:
         name, line = st.columns([1, 5], vertical_alignment="center", gap="small")
         name.page_link(step.path, label=f"**{step.name}**")
         line.caption(step.line)  # a link's label is cut off where it is too long for a phone
-    download(
-        "Save this study (.zip)",
-        lambda: pack_study(study),
-        f"{file_stem(study.name)}.zip",
-        hint="study.toml and one CSV table per record: readable without this software.",
-    )

@@ -57,11 +57,23 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
             f"plan_{key}_{digest[:12]}",
             label,
             ", ".join(f"{x:.3g}" for x in largest),
-            f"One per joint: amplitudes {of}. At first the largest of the study.",
+            f"One per joint, {of}. At first the largest of the study.",
         )
         for place, key, label, largest, of in (
-            (three, "torque", "Largest torques (N·m)", torque, "at the motors, friction included"),
-            (four, "velocity", "Largest velocities (rad/s)", velocity, "of motor and arm, motor side"),
+            (
+                three,
+                "torque",
+                "Torque amplitudes up to (N·m)",
+                torque,
+                "at the motors, friction included",
+            ),
+            (
+                four,
+                "velocity",
+                "Velocity amplitudes up to (rad/s)",
+                velocity,
+                "of motor and arm, motor side",
+            ),
         )
     )
     pose = ""
@@ -73,11 +85,11 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     entered = applied("Suggest", f"plan {digest}", entered, at_first=True) or entered
     count, seconds, torques, velocities, pose = entered
     limits = (
-        numbers_in("Largest torques", torques, count=n),
-        numbers_in("Largest velocities", velocities, count=n),
+        numbers_in("Torque amplitudes", torques, count=n),
+        numbers_in("Velocity amplitudes", velocities, count=n),
     )
     if min(*limits[0], *limits[1]) <= 0 or not np.isfinite(limits).all():
-        raise JointIdError("The largest torques and velocities must be positive numbers.")
+        raise JointIdError("The amplitudes of torque and velocity must be positive numbers.")
     return PlanSettings(int(count), float(seconds), *limits, pose=pose)
 
 

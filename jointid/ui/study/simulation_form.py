@@ -20,7 +20,6 @@ from jointid import (
 )
 from jointid.simulation.campaign import simulate_campaign
 from jointid.simulation.motion import KINDS
-from jointid.study import INERTIA_STD
 from jointid.ui.shared.entries import (
     ask_inertia_std,
     ask_torque_std,
@@ -127,7 +126,7 @@ def ask() -> Simulation | None:
     st.markdown("**Stated in the study**")
     left, right = st.columns(2)
     wrong = enter_number(left, "sim_wrong", "Error of the inertias (%)", 0.0, (0.0, 90.0), _WRONG_HELP)
-    inertia_std = ask_inertia_std(right, "sim_inertia_std", INERTIA_STD)
+    inertia_std = ask_inertia_std(right, "sim_inertia_std")
     left, right = st.columns(2)
     gain = enter_text(left, "sim_gain", "Logged torque / true torque", "1", _GAIN_HELP)
     torque_std = ask_torque_std(right, "sim_torque_std")

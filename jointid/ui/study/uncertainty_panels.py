@@ -1,7 +1,5 @@
 """Uncertainty of K and D: error bars, their parts, inertias, estimators, and checks."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import streamlit as st
 
@@ -14,13 +12,13 @@ from jointid.answer import (
     model_name,
 )
 from jointid.arrays import Floats
-from jointid.estimation.candidates import Candidate
 from jointid.estimation.estimators.parameters import elasticity_labels
-from jointid.ui.shared.charts import Table, table
+from jointid.ui.shared.charts import table
 from jointid.ui.shared.messages import show_info, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.shared.sidebar import ESTIMATORS
+from jointid.uncertainty.compared_models import COMPARED_MODELS, compared_models
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
@@ -48,36 +46,15 @@ def show_fitted_model(fit: ElasticityFit) -> None:
     """The model, the effects fitted in addition to K and D, and the compared models."""
     st.write(f"Fitted model: {model_name(fit)}.")
     if further := further_quantities(fit):
-        names, shown = [q.name for q in further], [q.shown for q in further]
+        names, shown = [capitalised(q.name) for q in further], [q.shown for q in further]
         show_text_table(
             {"": names, "Fitted": [text for text, _ in shown], "Unit": [unit for _, unit in shown]}
         )
     if of_friction := friction_note(fit):
         st.caption(of_friction)
     if fit.candidates:
-        _show_candidates(fit.candidates)
-
-
-def _show_candidates(candidates: Sequence[Candidate]) -> None:
-    st.write(
-        "Models compared. The one with the smallest information criterion is chosen: its residual "
-        "plus a penalty for every parameter. Around a reversal a motor may stick and its friction is "
-        'unknown: "free below 3 %" leaves friction free below 3 % of the largest speed.'
-    )
-    show_text_table(
-        {
-            "Model": [c.name + (" (chosen)" if c.chosen else "") for c in candidates],
-            "Parameters": ["–" if c.problem else str(c.parameters) for c in candidates],
-            "Residual / noise": [_left_over(c) for c in candidates],
-            "Criterion": [c.problem or significant(c.criterion, 4) for c in candidates],
-        }
-    )
-
-
-def _left_over(candidate: Candidate) -> str:
-    if candidate.problem or candidate.expected_cost <= 0:
-        return "–"
-    return significant(float(np.sqrt(candidate.cost / candidate.expected_cost)), 2)
+        st.write(COMPARED_MODELS)
+        show_text_table(compared_models(fit))
 
 
 def show_matrix(fit: ElasticityFit) -> None:
@@ -102,25 +79,14 @@ _SLOW_DRAWS, _FAST_DRAWS = 60, 300
 
 def show_errors(analysis: Analysis) -> None:
     """K and D with the parts of their errors."""
-    show_text_table(errors_table(analysis))
+    columns = error_table(analysis.fit, analysis.unit)
+    show_text_table({capitalised(name): cells for name, cells in columns.items()})
     st.caption(
-        f"Estimator: **{analysis.fit.method}**. {ERROR_BARS} The squares of its parts add up to its "
-        f"square. K and D {analysis.unit.side}."
+        f"Estimator: **{analysis.fit.method}**. Total: one standard error from all causes; the squares "
+        f"of its parts add up to its square. K and D {analysis.unit.side}."
     )
     if analysis.study.torque_std is None:
         st.caption(UNSTATED_TORQUE_SCALE)
-
-
-def errors_table(analysis: Analysis) -> Table:
-    """One row per parameter: estimate and the parts of its error."""
-    fit, found = analysis.fit, analysis.quantities
-    header, rows = error_table(fit, analysis.unit)
-    columns: dict[str, Sequence[str]] = {
-        "": [f"{quantity.name} ({quantity.unit})" for quantity in found],
-        "Estimate": [quantity.shown[0] for quantity in found],
-    }
-    parts = zip(map(capitalised, header), zip(*rows, strict=True), strict=True)
-    return columns | dict(list(parts)[2:])  # after name and total error
 
 
 def signed_percent(percent: float) -> str:
