@@ -99,7 +99,7 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
         return TimeColumn(column.name, SAMPLES, 1000.0)
     # Controllers sample between about 20 Hz and 50 kHz: the step determines the unit.
     unit = next((u for u, below in (("s", 0.1), ("ms", 60.0), ("µs", 6e4)) if 0 < step <= below), "ns")
-    sure = unit == "s" and step >= 2e-5
+    sure = unit == "s" and 2e-5 <= step < 0.02  # above, milliseconds would be a usual rate as well
     rate_hz = 1 / (step * TIME_UNITS[unit])
     why = f'Its steps are {step:.3g}, which makes {rate_hz:.4g} Hz in "{unit}".'
     reasons.append(Reason("unit of time", why, sure))

@@ -82,7 +82,7 @@ def decoded(file: str, data: bytes) -> str:
             if not stated:
                 raise _no_text(file) from error
             raise JointIdError(
-                f"{file} begins as {encoding.upper()} text, but the bytes at {error.start} are not:  "
+                f"{file} begins as {encoding.upper()} text, but the bytes at {error.start} are not: "
                 "the file is damaged. Export it again."
             ) from error
         for other in ("cp932", "gb18030", "cp949", "cp1251"):
@@ -278,7 +278,7 @@ def _header_cells(line: str, separator: str, width: int) -> list[str] | None:
         if separator == BLANKS:
             choices = [
                 re.split(r"\t+|\s{2,}", candidate.strip()),
-                re.sub(r"\s+(?=[\[(])", "", candidate).split(),
+                re.sub(r" (?=[\[(])", "", " ".join(candidate.split())).split(),
                 [cell.strip() for cell in re.split(r"[,;|]", candidate)],
             ]
         else:

@@ -77,7 +77,7 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
     """Read a body of regular lines; None if one is irregular."""
     separator, quotes = layout.separator, '"' in body
     if separator == BLANKS:
-        body = re.sub(r"[ \t]+", "\t", re.sub(r"(?m)^[ \t]+|[ \t]+$", "", body))
+        body = re.sub(r"(?m)^\t|\t$", "", re.sub(r"[ \t]+", "\t", body))
         separator = "\t"
     if any(layout.clock[k] for k in wanted):
         return None
