@@ -162,7 +162,8 @@ def test_formulas_of_mdf_are_never_run(formula: str, tmp_path: Path) -> None:
     from asammdf import MDF, Signal
 
     trap = tmp_path / "written"
-    text = formula.format(f"exec('open(\"{trap}\", \"w\")')")
+    place = str(trap).replace("x", '"+chr(120)+"')  # asammdf turns every x into X
+    text = formula.format(f"eval('open(\"{place}\", \"w\")')")
     with MDF(version="4.10") as file:
         pair = [Signal(ANGLE, TIME_S, "rad", "motor_position"), Signal(TORQUE, TIME_S, "Nm", "torque_1")]
         spoiled = Signal(TORQUE, TIME_S, "Nm", "torque_2", conversion={"formula": text})

@@ -32,6 +32,7 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
         score += 1.0 * bool(WORDS["sample"] & set(words)) + 1.0 * (column.unit == SAMPLES)
         steps = np.diff(values[:100_000])
         even = np.ptp(steps) <= 0.5 * max(float(np.median(steps)), 1e-300)
+        score -= 1.0 * bool(late)
         score += 0.5 * (place == 0) + 0.5 * bool(even) + 0.5 * is_clock_like(values)
         if score >= 0.5 and (best is None or score > best[0]):
             best = (score, column, late)
@@ -107,5 +108,8 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
 
 
 def is_clock_like(values: Floats) -> bool:
-    """Whether values rise from row to row over a log of some length: no joint moves so."""
-    return values.size >= 50 and bool(np.all(values[1:] > values[:-1]))
+    """Whether values rise over a log of some length, or by one step and back: no joint moves so."""
+    steps = np.diff(values)
+    even = np.abs(steps - np.median(steps)) <= 1e-3 * np.abs(np.median(steps)) if steps.size else steps
+    again = np.mean(even) >= 1 - _MAX_LATE and np.median(steps) > 0 if steps.size else False
+    return values.size >= 50 and bool((np.all(steps >= 0) and steps.any()) or again)

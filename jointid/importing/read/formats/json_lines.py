@@ -44,6 +44,8 @@ def _rows(file: str, text: str) -> tuple[list[dict[str, Any]], list[str]]:
         if _is_object(lines[0]) and (len(lines) > 1 and _is_object(lines[1])):
             return _line_objects(file, lines)
         whole = json.loads(text)
+    except JointIdError:
+        raise
     except (ValueError, RecursionError) as error:
         raise JointIdError(f"{file} is not JSON ({error!s:.120}): export the log again.") from error
     names: list[str] = []

@@ -70,10 +70,10 @@ def _channel_rows(rows: list[str], separator: str) -> tuple[int, dict[str, list[
         key = cells[0]
         if key == "Name" and "SampleTime[ms]" not in about:
             about = {key: cells}  # the last one is that of the channels, the first that of the scope
-        elif about and len(cells) > 1 and _NUMBER.fullmatch(key):
-            return number, about
-        elif key:
+        elif not _NUMBER.match(key):
             about.setdefault(key, cells)
+        elif about and sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) > max(len(cells) / 2, 1):
+            return number, about
     return len(rows), about
 
 
