@@ -86,7 +86,9 @@ class TestTwinCat:
         slow = [cells[1 + k // 2][2:] for k in range(ROWS)]
         rows = [cells[1 + k][:2] + slow[k] for k in range(ROWS)]
         text = "\r\n".join([*lines[:6], *(separator.join(row) for row in (names, *rows))])
-        log = apply_mapping(table := read_log(text.encode(), "scope.csv")[0], guess_mapping(table).mapping)
+        log = apply_mapping(
+            table := read_log(text.encode(), "scope.csv")[0], guess_mapping(table).mapping
+        )
         assert table.names == ("time", "Axis1.ActPos", "Axis1.ActTorque")
         assert log.time_s == pytest.approx(TIME_S[::2], abs=1e-9)
         assert log.tau_Nm[:, 0] == pytest.approx(1e3 * TORQUE[::2], abs=1)
@@ -123,8 +125,8 @@ class TestLabView:
 
 
 def test_both_kinds_of_halscope_captures() -> None:
-    for old in (False, True):
-        (table,) = read_log(make.halscope(old=old), "scope.log")
+    for old, decimal in ((False, "."), (True, "."), (False, ","), (True, ",")):
+        (table,) = read_log(make.halscope(old=old, decimal=decimal), "scope.log")
         check_motion(table, torque_digits=1e-9)
 
 
@@ -140,6 +142,15 @@ def test_long_tables(separator: str, decimal: str, stamps: bool) -> None:
     tables = read_log(make.tidy(separator=separator, decimal=decimal, stamps=stamps), "long.csv")
     check_motion(tables[0], torque_digits=1e-6)
     assert [column.unit for column in tables[0].columns] == ["s" if stamps else "ms", "rad", "N·m"]
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_a_row_per_joint_keeps_the_joints_apart(named: bool) -> None:
+    (table,) = read_log(make.per_joint(named=named), "joints.csv")
+    check_motion(table, torque_digits=1e-6)
+    log = apply_mapping(table, guess_mapping(table).mapping)
+    assert log.theta_rad[:, 1] == pytest.approx(-ANGLE, abs=1e-6)
+    assert log.tau_Nm[:, 1] == pytest.approx(-TORQUE, abs=1e-6)
 
 
 def test_numpy_objects_are_never_loaded(tmp_path: Path) -> None:
@@ -163,7 +174,7 @@ def test_formulas_of_mdf_are_never_run(formula: str, tmp_path: Path) -> None:
 
     trap = tmp_path / "written"
     place = str(trap).replace("x", '"+chr(120)+"')  # asammdf turns every x into X
-    text = formula.format(f"eval('open(\"{place}\", \"w\")')")
+    text = formula.format(f'eval(\'open("{place}", "w")\')')
     with MDF(version="4.10") as file:
         pair = [Signal(ANGLE, TIME_S, "rad", "motor_position"), Signal(TORQUE, TIME_S, "Nm", "torque_1")]
         spoiled = Signal(TORQUE, TIME_S, "Nm", "torque_2", conversion={"formula": text})

@@ -53,9 +53,7 @@ def _rows(file: str, text: str) -> tuple[list[dict[str, Any]], list[str]]:
         names, whole = [*map(str, whole["columns"])], whole["data"]  # as pandas splits a table
     if isinstance(whole, list):
         labels = names or [f"column {k}" for k in range(1, MAX_COLUMNS)]
-        whole = [
-            dict(zip(labels, row, strict=False)) if isinstance(row, list) else row for row in whole
-        ]
+        whole = [dict(zip(labels, row, strict=False)) if isinstance(row, list) else row for row in whole]
     if isinstance(whole, dict):
         # A column may be an object of values by row, as pandas writes it.
         lists = {k: [*v.values()] if isinstance(v, dict) else v for k, v in whole.items()}

@@ -46,7 +46,9 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
                         signals.append(Signal(channel.name, time, values, str(found.unit or "")))
     notes = ()
     if formulas:
-        notes = (f"Channels with a formula, left out: {listed(formulas)}. Export their converted values.",)
+        notes = (
+            f"Channels with a formula, left out: {listed(formulas)}. Export their converted values.",
+        )
     otherwise = (
         f"{file} has no channels of numbers with times and without formulas. "
         f"Channels found: {listed(seen)}."

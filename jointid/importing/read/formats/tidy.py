@@ -65,7 +65,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         stamp = clock.read(cells[layout.time]) if clocked else _value(cells[layout.time], layout.decimal)
         times.append(np.nan if stamp is None else stamp)
         values = [_value(cells[k], layout.decimal) for k in layout.values]
-        if stamp is None or None in values:
+        if stamp is None or not any(value is not None for value in values):
             strange.append(number)
             continue
         unit = cells[layout.unit] if 0 <= layout.unit < len(cells) else ""
