@@ -138,15 +138,14 @@ def _described(
     if time < 0 or not rows:
         return None
     if len({time, name, value}) == 3 and min(name, value) >= 0:
-        names, values = (*(k for k in joints if k != name), name), (value,)
+        names, values = [*(k for k in joints if k != name), name], [value]
     else:
-        names = tuple(joints[:1])
-        values = tuple(k for k in range(len(header)) if k not in (time, *names))
-        again = len({row[time] for row in rows}) < len(rows)
-        if not names or not again or len({(row[time], row[names[0]]) for row in rows}) < len(rows):
+        name, names = -1, joints[:1]
+        of_joint = {(row[time], *(row[k] for k in names)) for row in rows}
+        if len({row[time] for row in rows}) == len(rows) or len(of_joint) < len(rows):
             return None  # a row per time, or several for a joint
-        values = tuple(k for k in values if all(_is_value(row[k], decimal) for row in rows))
-        name = -1
+        values = [k for k in range(len(header)) if k not in (time, *names)]
+        values = [k for k in values if all(_is_value(row[k], decimal) for row in rows)]
     good = [
         (is_number(row[time], decimal) or is_clock(row[time]))
         and all(_is_value(row[k], decimal) for k in values)
@@ -155,7 +154,7 @@ def _described(
     ]
     if not values or sum(good) < 0.8 * len(good):
         return None
-    return _Layout(first, separator, decimal, header, time, names, values, unit)
+    return _Layout(first, separator, decimal, header, time, tuple(names), tuple(values), unit)
 
 
 def _is_value(cell: str, decimal: str) -> bool:
