@@ -262,6 +262,11 @@ def test_known_binaries_are_named(data: bytes, said: str) -> None:
     assert "UTF-16" not in message
 
 
+def test_recordings_without_a_magic_are_named_by_their_ending() -> None:
+    assert "is a TwinCAT Scope recording" in refused(b"\x3e\x03\x03\0" * 40, "cell.svdx")
+    assert read_log(make.twincat(), "cell.svdx")
+
+
 def test_a_text_that_begins_like_a_binary_is_a_text() -> None:
     (table,) = read_log(b"MZ,ORC\n" + b"".join(b"%d,%d\n" % (k, k % 5) for k in range(50)), "log.csv")
     assert table.names == ("MZ", "ORC")

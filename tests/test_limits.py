@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import time
 import tomllib
 import zipfile
 from pathlib import Path
@@ -74,6 +75,24 @@ def test_an_open_quote_loses_no_line(at: int) -> None:
     assert caught.value.line == at + 2
     closed = data.replace(b'"ok', b'"ok"')
     assert read_columns("01.csv", closed, names, body, [0, 1, 2])[0] == pytest.approx(TIME_S)
+
+
+def test_an_open_quote_is_named_by_the_line_on_which_it_opens() -> None:
+    lines = [f"{row},ok" for row in ROWS]
+    lines[7] = lines[7].replace("ok", '"ok')
+    data = "\n".join(["time_s,theta_m1_rad,tau_m1_Nm,state", "", *lines]).encode()
+    header = read_header("01.csv", data)
+    with pytest.raises(JointIdError, match=r"01\.csv, line 10"):
+        read_columns("01.csv", data, *header, [0, 1, 2])
+
+
+def test_many_comments_and_columns_cost_little() -> None:
+    begin = time.process_time()
+    with pytest.raises(JointIdError, match="no column names in the first 65537 bytes"):
+        read_header("01.csv", b"#\n" * 10_000_000)
+    with pytest.raises(JointIdError, match="has 30000 columns, more than the limit of 2000"):
+        read_log((",".join(["1"] * 30_000) + "\n").encode() * 50, "log.csv")
+    assert time.process_time() - begin < 3
 
 
 def test_a_workbook_is_judged_by_what_it_unpacks_to() -> None:

@@ -44,16 +44,12 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
                     if found.samples.dtype.kind in "biuf" and found.samples.ndim == 1:
                         time, values = (np.asarray(a, float) for a in (found.timestamps, found.samples))
                         signals.append(Signal(channel.name, time, values, str(found.unit or "")))
-    notes = ()
-    if formulas:
-        notes = (
-            f"Channels with a formula, left out: {listed(formulas)}. Export their converted values.",
-        )
+    left_out = f"Channels with a formula, left out: {listed(formulas)}. Export their converted values."
     otherwise = (
         f"{file} has no channels of numbers with times and without formulas. "
         f"Channels found: {listed(seen)}."
     )
-    return tables_of_signals(file, signals, notes, otherwise=otherwise)
+    return tables_of_signals(file, signals, [left_out] if formulas else [], otherwise=otherwise)
 
 
 def _has_formula(conversion: Any) -> bool:
