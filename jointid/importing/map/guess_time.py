@@ -109,7 +109,10 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
 
 def is_clock_like(values: Floats) -> bool:
     """Whether values rise over a log of some length, or by one step and back: no joint moves so."""
-    steps = np.diff(values)
-    even = np.abs(steps - np.median(steps)) <= 1e-3 * np.abs(np.median(steps)) if steps.size else steps
-    again = np.mean(even) >= 1 - _MAX_LATE and np.median(steps) > 0 if steps.size else False
-    return values.size >= 50 and bool((np.all(steps >= 0) and steps.any()) or again)
+    if values.size < 50:
+        return False
+    with np.errstate(over="ignore", invalid="ignore"):  # damaged values of 1e308
+        steps = np.diff(values)
+        usual = float(np.median(steps))
+        even = np.mean(np.abs(steps - usual) <= 1e-3 * usual)
+    return bool((np.all(steps >= 0) and steps.any()) or (usual > 0 and even >= 1 - _MAX_LATE))
