@@ -6,7 +6,9 @@ import csv
 import io
 import time
 import tomllib
+import warnings
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,7 @@ from log_makers import TIME_S, excel
 from jointid import JointIdError
 from jointid.exporting.tables import csv_text, phasor_table
 from jointid.files.csv_tables import read_columns, read_header
-from jointid.importing import read_log
+from jointid.importing import apply_mapping, guess_mapping, read_log
 from jointid.importing.columns.log_table import MAX_LOG_BYTES
 
 ROOT = Path(__file__).parents[1]
@@ -39,8 +41,6 @@ def test_a_text_is_no_formula_in_a_spreadsheet(text: str) -> None:
 
 
 def test_labels_of_records_are_no_formulas() -> None:
-    from dataclasses import replace
-
     from jointid import Inertia, SineRecord, Study, analyse
 
     wave = 0.1 * np.sin(2 * np.pi * 10 * TIME_S)[:, None]
@@ -93,6 +93,16 @@ def test_many_comments_and_columns_cost_little() -> None:
     with pytest.raises(JointIdError, match="has 30000 columns, more than the limit of 2000"):
         read_log((",".join(["1"] * 30_000) + "\n").encode() * 50, "log.csv")
     assert time.process_time() - begin < 3
+
+
+def test_values_that_overflow_are_refused_without_a_warning() -> None:
+    rows = [f"{k},{(-1) ** k}e308,1" for k in range(60)]
+    (table,) = read_log("\n".join(["t,angle_rad,torque_Nm", *rows]).encode(), "log.csv")
+    joint = guess_mapping(table).mapping.joints[0]
+    on_joint = replace(joint, position=replace(joint.position, side="joint"), gear_ratio=100.0)
+    with warnings.catch_warnings(), pytest.raises(JointIdError, match="theta_rad: the value at index"):
+        warnings.simplefilter("error")
+        apply_mapping(table, replace(guess_mapping(table).mapping, joints=(on_joint,)))
 
 
 def test_a_workbook_is_judged_by_what_it_unpacks_to() -> None:
