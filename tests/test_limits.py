@@ -100,9 +100,11 @@ def test_values_that_overflow_are_refused_without_a_warning() -> None:
     (table,) = read_log("\n".join(["t,angle_rad,torque_Nm", *rows]).encode(), "log.csv")
     joint = guess_mapping(table).mapping.joints[0]
     on_joint = replace(joint, position=replace(joint.position, side="joint"), gear_ratio=100.0)
-    with warnings.catch_warnings(), pytest.raises(JointIdError, match="theta_rad: the value at index"):
+    mapping = replace(guess_mapping(table).mapping, joints=(on_joint,))
+    with warnings.catch_warnings():
         warnings.simplefilter("error")
-        apply_mapping(table, replace(guess_mapping(table).mapping, joints=(on_joint,)))
+        with pytest.raises(JointIdError, match="theta_rad: the value at index"):
+            apply_mapping(table, mapping)
 
 
 def test_a_workbook_is_judged_by_what_it_unpacks_to() -> None:
