@@ -31,7 +31,7 @@ from log_mutations import KINDS, TEXTS, check, mutated
 ALL = KINDS | TEXTS
 COLUMNS = {"format": "", "mutations": ".0f", "read": ".0f", "refused": ".0f", "faults": ".0f",
            "child ended": ".0f", "slowest, s": ".2f", "seed of the slowest": ""}  # fmt: skip
-_ENDED = ("stops the reader", "took more than")
+_ENDED = ("crashes the reader", "took more than")
 
 
 @dataclass(frozen=True)

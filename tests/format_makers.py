@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import struct
 import tempfile
 from collections.abc import Callable, Sequence
@@ -196,7 +197,7 @@ def dspace() -> bytes:
     return buffer.getvalue()
 
 
-def halscope(*, old: bool = False) -> bytes:
+def halscope(*, old: bool = False, decimal: str = ".") -> bytes:
     """A capture of halscope, of the old or the new kind."""
     names = ("axis.0.joint-pos-fb", "axis.0.torque")
     pairs = zip(ANGLE, TORQUE, strict=True)
@@ -207,7 +208,11 @@ def halscope(*, old: bool = False) -> bytes:
         lines = [f"# Sampling period is {round(STEP_S * 1e9)} ns", ";".join(names)]
         lines += ["# Position: 0.500000;0.500000", "# Scale: 0;0"]
         lines += [f"{q:.14f};{tau:.14f}" for q, tau in pairs]
-    return "\n".join([*lines, ""]).encode()
+    head, *rest = lines
+    rest = [
+        line if line == ";".join(names) else re.sub(r"(?<=\d)\.(?=\d)", decimal, line) for line in rest
+    ]
+    return "\n".join([head, *rest, ""]).encode()
 
 
 def wpilog() -> bytes:
@@ -322,6 +327,15 @@ def tidy(*, separator: str = ";", decimal: str = ",", stamps: bool = False) -> b
         ]:
             lines.append(separator.join([time, name, f"{value:.9g}".replace(".", decimal), unit]))
     return "\n".join([*lines, ""]).encode()
+
+
+def per_joint(*, named: bool = False) -> bytes:
+    """A row per joint and time; the second joint moves the other way."""
+    rows = ["time_s,joint,position_rad,velocity,torque_Nm"]
+    for t, q, tau in zip(TIME_S, ANGLE, TORQUE, strict=True):
+        for joint, sign in (("J1" if named else "1", 1), ("J2" if named else "2", -1)):
+            rows.append(f"{t:.6f},{joint},{sign * q:.9g},,{sign * tau:.9g}")
+    return "\n".join(rows).encode()
 
 
 def ros_arrays(folder: Path) -> bytes:

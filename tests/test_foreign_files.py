@@ -32,6 +32,7 @@ from jointid import JointIdError, load_study
 from jointid.cli import app
 from jointid.files.study_files import lines_around
 from jointid.importing import read_log, read_logs
+from jointid.importing.read.readers import readers
 from jointid.ui.shared import workspace
 
 APP = Path(__file__).parents[1] / "app.py"
@@ -519,6 +520,17 @@ def member(name: str, target: str) -> bytes:
     return buffer.getvalue()
 
 
+def mdf_attachment(server: Server) -> bytes:
+    """An MDF file whose channel keeps its values in an attachment, which is a file of the server."""
+    from asammdf import MDF, Signal
+
+    with MDF(version="4.10") as file:
+        file.append([Signal(v, TIME_S, name=n) for n, v in (("position", ANGLE), ("torque", TORQUE))])
+        number = file.attach(server.raw.read_bytes(), file_name=str(server.raw), embedded=False)
+        file.groups[0].channels[-1].attachment = number
+        return Path(file.save(server.folder / "made", overwrite=True)).read_bytes()
+
+
 Build = Callable[[Server], bytes]
 OTHERS: dict[str, tuple[str, Build, str]] = {
     "user-defined link": ("u.h5", user_defined_link, "link"),
@@ -711,6 +723,15 @@ def test_the_message_names_dataset_and_remedy(uploaded: dict[tuple[str, str], Re
         assert "copy them into an ordinary dataset" in message
     assert "filter 32001" in str(uploaded["filter", "log.h5"])
     assert "Save it with gzip" in str(uploaded["filter", "log.h5"])
+
+
+def test_attachments_of_mdf_are_not_opened(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, opened = server.folder / "log.mf4", []
+    path.write_bytes(mdf_attachment(server))
+    monkeypatch.setattr(Path, "read_bytes", lambda path: opened.append(path) or b"")
+    (table,) = readers()["mdf"].read("log.mf4", str(path))
+    assert table.names == ("time", "position", "torque")
+    assert not opened
 
 
 def test_soft_links_within_a_log_are_not_followed_and_do_no_harm(server: Server) -> None:

@@ -77,6 +77,27 @@ class TestTwinCat:
         data = make.twincat().replace(b"INT16", b"REAL64")
         assert "does not say whether its values include them" in read_log(data, "scope.csv")[0].notes[0]
 
+    @pytest.mark.parametrize(("separator", "decimal"), [("\t", ","), (",", ".")])
+    def test_names_alone_above_the_columns_of_each_clock(self, separator: str, decimal: str) -> None:
+        """A preset of the export that writes no other properties; slow samples are repeated."""
+        lines = make.twincat(separator=separator, decimal=decimal).decode().split("\r\n")
+        properties = ("Data-", "Sample", "Scale", "Unit", "Variable", "NetID")
+        names, *cells = [line.split(separator) for line in lines[6:] if not line.startswith(properties)]
+        slow = [cells[1 + k // 2][2:] for k in range(ROWS)]
+        rows = [cells[1 + k][:2] + slow[k] for k in range(ROWS)]
+        text = "\r\n".join([*lines[:6], *(separator.join(row) for row in (names, *rows))])
+        log = apply_mapping(
+            table := read_log(text.encode(), "scope.csv")[0], guess_mapping(table).mapping
+        )
+        assert table.names == ("time", "Axis1.ActPos", "Axis1.ActTorque")
+        assert log.time_s == pytest.approx(TIME_S[::2], abs=1e-9)
+        assert log.tau_Nm[:, 0] == pytest.approx(1e3 * TORQUE[::2], abs=1)
+
+    def test_a_comment_of_several_lines_is_no_row(self) -> None:
+        comment = b"SymbolComment\t(* angle\r\n2\r\n3\t*)\tSymbolComment\t\r\nData-Type"
+        (table, *_) = read_log(make.twincat().replace(b"Data-Type", comment, 1), "scope.csv")
+        check_motion(table)
+
     def test_names_with_the_separator_are_refused(self) -> None:
         data = make.twincat(separator=" ", decimal=".").replace(b"Axis1.ActPos", b"Axis 1.ActPos")
         assert "export it with tabs or semicolons" in refused(data, "scope.csv")
@@ -104,8 +125,8 @@ class TestLabView:
 
 
 def test_both_kinds_of_halscope_captures() -> None:
-    for old in (False, True):
-        (table,) = read_log(make.halscope(old=old), "scope.log")
+    for old, decimal in ((False, "."), (True, "."), (False, ","), (True, ",")):
+        (table,) = read_log(make.halscope(old=old, decimal=decimal), "scope.log")
         check_motion(table, torque_digits=1e-9)
 
 
@@ -123,6 +144,15 @@ def test_long_tables(separator: str, decimal: str, stamps: bool) -> None:
     assert [column.unit for column in tables[0].columns] == ["s" if stamps else "ms", "rad", "N·m"]
 
 
+@pytest.mark.parametrize("named", [False, True])
+def test_a_row_per_joint_keeps_the_joints_apart(named: bool) -> None:
+    (table,) = read_log(make.per_joint(named=named), "joints.csv")
+    check_motion(table, torque_digits=1e-6)
+    log = apply_mapping(table, guess_mapping(table).mapping)
+    assert log.theta_rad[:, 1] == pytest.approx(-ANGLE, abs=1e-6)
+    assert log.tau_Nm[:, 1] == pytest.approx(-TORQUE, abs=1e-6)
+
+
 def test_numpy_objects_are_never_loaded(tmp_path: Path) -> None:
     """An array of objects is a pickle: this one would write a file."""
     trap = tmp_path / "written"
@@ -135,6 +165,52 @@ def test_numpy_objects_are_never_loaded(tmp_path: Path) -> None:
     np.savez(buffer, t_s=TIME_S, q_rad=ANGLE, tau_Nm=TORQUE, trap=np.array([Trap()], dtype=object))
     assert len(read_log(buffer.getvalue(), "log.npz")[0].columns) == 3
     assert not trap.exists()
+
+
+@pytest.mark.parametrize("formula", ["(*({} for i in (1,)),)", "X+({})"])
+def test_formulas_of_mdf_are_never_run(formula: str, tmp_path: Path) -> None:
+    """The library that evaluates them runs programs: these would write a file."""
+    from asammdf import MDF, Signal
+
+    trap = tmp_path / "written"
+    place = str(trap).replace("x", '"+chr(120)+"')  # asammdf turns every x into X
+    text = formula.format(f'eval(\'open("{place}", "w")\')')
+    with MDF(version="4.10") as file:
+        pair = [Signal(ANGLE, TIME_S, "rad", "motor_position"), Signal(TORQUE, TIME_S, "Nm", "torque_1")]
+        spoiled = Signal(TORQUE, TIME_S, "Nm", "torque_2", conversion={"formula": text})
+        file.append([*pair, spoiled])
+        path = file.save(tmp_path / "log", overwrite=True)
+    (table,) = read_log(path)
+    check_motion(table)
+    assert "Channels with a formula, left out: torque_2." in table.notes[0]
+    assert not trap.exists()
+
+
+@pytest.mark.parametrize("table", [True, False])
+def test_json_as_pandas_writes_it(table: bool) -> None:
+    rows = np.column_stack([TIME_S, ANGLE, TORQUE]).tolist()
+    names = ["t", "q", "tau"]
+    data: dict[str, object] = {"columns": names, "index": [*range(ROWS)], "data": rows}
+    if not table:
+        data = {name: {str(k): row[j] for k, row in enumerate(rows)} for j, name in enumerate(names)}
+    check_motion(read_log(json.dumps(data).encode(), "log.json")[0])
+    (bare,) = read_log(json.dumps(rows).encode(), "log.json")
+    assert bare.names == ("column 1", "column 2", "column 3")
+
+
+@pytest.mark.parametrize(
+    "head",
+    ["t,q" + " " * 30_000 + "b,tau\n", "t," + "_" * 30_000 + ",tau\n", "t" + " " * 30_000 + "q tau\n"],
+)
+@pytest.mark.parametrize("gap", ["", " " * 30_000])
+def test_long_blanks_take_no_square_of_their_length(head: str, gap: str) -> None:
+    separator = "," if "," in head else " "
+    rows = zip(TIME_S.tolist(), ANGLE.tolist(), TORQUE.tolist(), strict=True)
+    body = "\n".join(separator.join([f"{t}", gap + f"{q}", f"{tau}"]) for t, q, tau in rows)
+    begin = time.process_time()
+    (table,) = read_log((head + body).encode(), "log.txt")
+    assert time.process_time() - begin < 2
+    assert table.rows == ROWS
 
 
 def huge_npy() -> bytes:
@@ -184,6 +260,11 @@ def test_known_binaries_are_named(data: bytes, said: str) -> None:
     message = refused(data, "log.csv")
     assert said in message
     assert "UTF-16" not in message
+
+
+def test_recordings_without_a_magic_are_named_by_their_ending() -> None:
+    assert "is a TwinCAT Scope recording" in refused(b"\x3e\x03\x03\0" * 40, "cell.svdx")
+    assert read_log(make.twincat(), "cell.svdx")
 
 
 def test_a_text_that_begins_like_a_binary_is_a_text() -> None:

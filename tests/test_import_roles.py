@@ -89,6 +89,8 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
         (["t", "6064:00", "6078:00"], [("6064:00", "6078:00")]),
         (["t", "A1.Moment.Ist", "A1.Position.Ist"], [("A1.Position.Ist", "A1.Moment.Ist")]),
         (["t", "I_q", "theta"], [("theta", "I_q")]),
+        (["t", "DriveMotorPosAct_A1", "DriveMotorTorq_Act_A1"],
+         [("DriveMotorPosAct_A1", "DriveMotorTorq_Act_A1")]),
         (["t", "0.joint-pos-cmd", "0.joint-pos-fb", "0.torque"], [("0.joint-pos-fb", "0.torque")]),
         (
             ["t", *(n for f in ("AIPos", "ASPos", "MACur", "GearTorque") for n in many(f + ".A{}", 2))],
@@ -232,6 +234,42 @@ def test_a_clock_coarser_than_the_samples_is_not_proposed() -> None:
     coarse = replace(table.columns[0], values=np.floor(T * 100) / 100)
     time = guess_mapping(replace(table, columns=(coarse, *table.columns[1:]))).mapping.time
     assert (time.column, time.unit) == ("", "samples")
+
+
+def test_a_clock_of_seconds_and_nanoseconds_takes_no_role() -> None:
+    """As ``ros2 topic echo --csv`` writes it, without names."""
+    rng = np.random.default_rng(2)
+    seconds, part = np.divmod(np.arange(2000), 500)
+    cells = [
+        seconds,
+        part * 2_000_000,
+        np.sin(20 * T),
+        np.cos(20 * T) + 1e-3 * rng.standard_normal(2000),
+    ]
+    rows = ["{:d},{:d},base,{:.9f},{:.9f}".format(*row) for row in zip(*cells, strict=True)]
+    (table,) = read_log("\n".join(rows).encode(), "echo.csv")
+    (joint,) = guess_mapping(table).mapping.joints
+    assert (joint.position.column, joint.torque.column) == ("column 4", "column 5")
+    assert "left out: column 3." in table.notes[0]
+
+
+def test_a_clock_in_two_columns_is_joined_whatever_separates_their_names() -> None:
+    names = "/state/stamp/sec,/state/stamp/nanosec,/state/j1/position,/state/j1/effort\n"
+    rows = [
+        f"{170 + k // 500},{k % 500 * 2_000_000},{np.sin(k / 25)},{np.cos(k / 25)}" for k in range(2000)
+    ]
+    (table,) = read_log((names + "\n".join(rows)).encode(), "plot.csv")
+    log = apply_mapping(table, guess_mapping(table).mapping)
+    assert np.allclose(log.time_s, np.arange(2000) * 2e-3, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("step", "sure"), [(0.01, True), (0.1, False)])
+def test_steps_that_two_units_fit_are_to_be_confirmed(step: float, sure: bool) -> None:
+    table = table_named("time", "position", "torque")
+    clock = replace(table.columns[0], values=np.arange(2000) * step)
+    guess = guess_mapping(replace(table, columns=(clock, *table.columns[1:])))
+    assert guess.mapping.time == TimeColumn("time", "s")
+    assert ("unit of time" not in {reason.what for reason in unsure(guess)}) == sure
 
 
 def test_positions_behind_the_gear_are_proposed_beside_those_of_the_motor() -> None:
@@ -394,10 +432,11 @@ def test_convert_writes_an_open_guess_and_asks_for_its_columns(tmp_path: Path) -
 
 def test_positions_of_odrive_are_turns_to_be_confirmed() -> None:
     (table,) = read_log(
-        b"t,pos_vel_mapper.pos_rel,torque\n"
+        b"t,axis0.pos_vel_mapper.pos_rel,torque\n"
         + b"".join(b"%d,0.%d,%d\n" % (k, k % 7, k % 5) for k in range(60)),
         "log.csv",
     )
     guess = guess_mapping(table)
     assert guess.mapping.joints[0].position.unit == "rev"
+    assert guess.mapping.joints[0].position.side == "motor"
     assert "unit of position of joint 1" in {reason.what for reason in unsure(guess)}

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_import_segments import BOTH, FIRST, SECOND, Run, check, found_in, log_of
+from test_import_segments import BOTH, FIRST, SECOND, Run, angles, check, found_in, log_of
 
 from jointid.importing import MappedLog, find_segments
 
@@ -133,6 +133,20 @@ def test_a_staircase_of_sines_is_no_sweep() -> None:
     log, spans = log_of(runs)
     check(log, runs, spans)
     assert found_in(log).notes == ()
+
+
+def test_sines_that_follow_without_a_ramp_are_told_apart() -> None:
+    """Steps of 0.5 % in frequency alone: amplitude and phase continue, so that no frame shows them."""
+    steps_hz, rate = 6.0 * 1.005 ** np.arange(3), 500.0
+    edges = np.cumsum([0.0, *(30 / steps_hz)])
+    time = np.arange(0, edges[-1], 1 / rate)
+    step = np.searchsorted(edges[1:-1], time, side="right")
+    wave = np.exp(2j * np.pi * np.cumsum(steps_hz[step]) / rate)[:, None]
+    response = np.array([angles(hz, BOTH) for hz in steps_hz])
+    found = find_segments(MappedLog(time, (wave * response[step]).imag, (wave * BOTH).imag))
+    assert [segment.frequency_hz for segment in found] == pytest.approx(steps_hz, rel=5e-5)
+    for segment, begin, end in zip(found, edges[:-1], edges[1:], strict=True):
+        assert begin - 0.1 < segment.start_s < segment.stop_s < end + 0.1
 
 
 def test_runs_that_are_too_short_are_told() -> None:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
+import time
 import tomllib
+import warnings
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +18,7 @@ from log_makers import TIME_S, excel
 from jointid import JointIdError
 from jointid.exporting.tables import csv_text, phasor_table
 from jointid.files.csv_tables import read_columns, read_header
-from jointid.importing import read_log
+from jointid.importing import apply_mapping, guess_mapping, read_log
 from jointid.importing.columns.log_table import MAX_LOG_BYTES
 
 ROOT = Path(__file__).parents[1]
@@ -38,8 +41,6 @@ def test_a_text_is_no_formula_in_a_spreadsheet(text: str) -> None:
 
 
 def test_labels_of_records_are_no_formulas() -> None:
-    from dataclasses import replace
-
     from jointid import Inertia, SineRecord, Study, analyse
 
     wave = 0.1 * np.sin(2 * np.pi * 10 * TIME_S)[:, None]
@@ -74,6 +75,36 @@ def test_an_open_quote_loses_no_line(at: int) -> None:
     assert caught.value.line == at + 2
     closed = data.replace(b'"ok', b'"ok"')
     assert read_columns("01.csv", closed, names, body, [0, 1, 2])[0] == pytest.approx(TIME_S)
+
+
+def test_an_open_quote_is_named_by_the_line_on_which_it_opens() -> None:
+    lines = [f"{row},ok" for row in ROWS]
+    lines[7] = lines[7].replace("ok", '"ok')
+    data = "\n".join(["time_s,theta_m1_rad,tau_m1_Nm,state", "", *lines]).encode()
+    header = read_header("01.csv", data)
+    with pytest.raises(JointIdError, match=r"01\.csv, line 10"):
+        read_columns("01.csv", data, *header, [0, 1, 2])
+
+
+def test_many_comments_and_columns_cost_little() -> None:
+    begin = time.process_time()
+    with pytest.raises(JointIdError, match="no column names in the first 65537 bytes"):
+        read_header("01.csv", b"#\n" * 10_000_000)
+    with pytest.raises(JointIdError, match="has 30000 columns, more than the limit of 2000"):
+        read_log((",".join(["1"] * 30_000) + "\n").encode() * 50, "log.csv")
+    assert time.process_time() - begin < 3
+
+
+def test_values_that_overflow_are_refused_without_a_warning() -> None:
+    rows = [f"{k},{(-1) ** k}e308,1" for k in range(60)]
+    (table,) = read_log("\n".join(["t,angle_rad,torque_Nm", *rows]).encode(), "log.csv")
+    joint = guess_mapping(table).mapping.joints[0]
+    on_joint = replace(joint, position=replace(joint.position, side="joint"), gear_ratio=100.0)
+    mapping = replace(guess_mapping(table).mapping, joints=(on_joint,))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(JointIdError, match="theta_rad: the value at index"):
+            apply_mapping(table, mapping)
 
 
 def test_a_workbook_is_judged_by_what_it_unpacks_to() -> None:

@@ -149,6 +149,8 @@ def test_jitter_below_notice_takes_the_fast_path_and_visible_jitter_does_not() -
     loose = messy(rng, frequency=5.0, periods=20, samples_per_period=50, jitter=0.2)
     assert is_uniform(steady)
     assert not is_uniform(loose)
+    for record in (steady, loose):  # the noise of both is the scatter of all blocks
+        assert fit_sines([record], 1)[0].degrees_of_freedom > 8
 
 
 def white(rng: np.random.Generator, count: int, memory: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid import JointIdError
-from jointid.phasors.spectrum import amplitude_spectrum, largest_line_hz
+from jointid.phasors.spectrum import amplitude_spectrum, largest_line_hz, vertex
 
 
 @examples(60, derandomize=True)
@@ -24,9 +24,15 @@ def test_the_largest_line_is_the_sine_also_on_a_drift(
 
 def test_the_amplitude_is_that_of_the_sine() -> None:
     time = np.arange(1000) / 100.0
-    frequency, amplitude = amplitude_spectrum(time, 0.3 * np.sin(2 * np.pi * 5 * time))
-    assert frequency[np.argmax(amplitude)] == pytest.approx(5.0)
-    assert amplitude.max() == pytest.approx(0.3, rel=0.01)
+    sine = 0.3 * np.sin(2 * np.pi * 5 * time)
+    for clock, signal in ((time, sine), (time + 50, sine + 2 * time)):  # a drift, on a late clock
+        frequency, amplitude = amplitude_spectrum(clock, signal)
+        assert frequency[np.argmax(amplitude)] == pytest.approx(5.0)
+        assert amplitude.max() == pytest.approx(0.3, rel=0.01)
+
+
+def test_a_flat_spectrum_has_no_vertex_beside_its_line() -> None:
+    assert vertex(np.ones(3), 1) == 0.0
 
 
 def test_jitter_does_not_hide_the_sine() -> None:

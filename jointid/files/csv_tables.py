@@ -63,6 +63,10 @@ def read_header(file: str, data: bytes) -> tuple[list[str], int]:
         if "time_s" in names:  # the header itself as a comment, as NumPy writes it
             break
         begin = body
+        if begin > MAX_LINE:
+            raise JointIdError(
+                f"{file}: no column names in the first {begin} bytes: remove the comments."
+            )
     if _SOMETHING.search(data, body) is None:
         raise JointIdError(f"{file} has a header but no rows: export the record again.")
     for delimiter, what in _DELIMITERS.items():
@@ -223,10 +227,12 @@ def _explain_fault(
     """Raise for the first row that a record cannot hold, in the order of the file."""
     above = _lines_above(data, body)
     rows = csv.reader(_text_lines(file, data, body))
-    previous, previous_line = -np.inf, 0
+    previous, previous_line, ended = -np.inf, 0, 0
     try:
-        for row in filter(None, rows):
-            line = above + rows.line_num
+        for row in rows:
+            line, ended = above + ended + 1, rows.line_num  # a quote may stretch a row over many lines
+            if not row:
+                continue
             place: Place = (file, "line", line)
             if len(row) != len(header):
                 semicolons = " It has semicolons: expected commas." if ";" in "".join(row) else ""

@@ -6,6 +6,7 @@ import numpy as np
 
 from jointid.arrays import Floats, true_runs
 from jointid.errors import JointIdError
+from jointid.phasors.spectrum import evenly_sampled
 from jointid.records import JointRecord
 
 _SEGMENTS = 10
@@ -38,7 +39,6 @@ def coherence(record: JointRecord) -> Coherence:
     Parameters
     ----------
     record : JointRecord
-        Unevenly sampled ones are interpolated: accurate enough for a picture and a choice of the band.
 
     Raises
     ------
@@ -53,13 +53,10 @@ def coherence(record: JointRecord) -> Coherence:
             f"{record.label or 'A record'} has {record.samples} samples: a coherence of {n} joints "
             f"needs {16 * parts}. Record longer."
         )
-    grid = record.time_s[record.start] + record.interval_s * np.arange(record.samples)
-    columns = [record.theta_rad[used], record.tau_Nm[used]]
-    if record.jitter_s > 1e-3 * record.interval_s:
-        times = record.time_s[used]
-        columns = [np.stack([np.interp(grid, times, c) for c in table.T], axis=1) for table in columns]
+    columns = np.hstack([record.theta_rad[used], record.tau_Nm[used]])
+    columns = evenly_sampled(record.time_s[used], columns)[1]
     # Second differences keep the slow motion out of the spectrum's far lines.
-    signals = np.hstack([np.diff(columns[0], 2, axis=0), columns[1][1:-1]])
+    signals = np.hstack([np.diff(columns[:, :n], 2, axis=0), columns[1:-1, n:]])
     starts = np.arange(0, len(signals) - length + 1, length // 2)
     pieces = np.stack([signals[s : s + length] for s in starts])
     pieces -= pieces.mean(axis=1, keepdims=True)

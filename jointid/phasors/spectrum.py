@@ -9,6 +9,21 @@ from jointid.errors import JointIdError
 from jointid.phasors.fitted_sine import SineFit
 from jointid.records import SineRecord
 
+_JITTER = 1e-3
+"""Part of a sample interval, below which times count as evenly spaced."""
+
+
+def evenly_sampled(time_s: Floats, signals: Floats) -> tuple[Floats, Floats]:
+    """Return an even grid and the signals on it, interpolated if the times are uneven.
+
+    Accurate enough for a plot or to find a line, not for a phasor. Shapes: ``time_s`` (N,), ``signals``
+    (N, c).
+    """
+    grid = np.linspace(time_s[0], time_s[-1], time_s.size)
+    if np.abs(grid - time_s).max() > _JITTER * (grid[1] - grid[0]):
+        signals = np.column_stack([np.interp(grid, time_s, signal) for signal in signals.T])
+    return grid, signals
+
 
 def amplitude_spectrum(time_s: Floats, signal: Floats) -> tuple[Floats, Floats]:
     """Amplitude of a signal by frequency, through a Hann window.
@@ -16,8 +31,7 @@ def amplitude_spectrum(time_s: Floats, signal: Floats) -> tuple[Floats, Floats]:
     Parameters
     ----------
     time_s : ndarray, shape (N,)
-        Increasing times, s. Jittered ones are interpolated onto a uniform grid: accurate enough for a
-        plot, not for a phasor.
+        Increasing times, s; see ``evenly_sampled``.
     signal : ndarray, shape (N,)
 
     Returns
@@ -36,12 +50,10 @@ def amplitude_spectrum(time_s: Floats, signal: Floats) -> tuple[Floats, Floats]:
         raise JointIdError(
             f"A spectrum needs at least 8 samples over some time; there are {samples} over {span:g} s."
         )
-    grid = np.linspace(time_s[0], time_s[-1], samples)
-    if np.abs(time_s - grid).max() > 1e-3 * span / samples:
-        signal = np.interp(grid, time_s, signal)
-    slope, level = np.polyfit(grid - grid[0], signal, 1)
+    grid, even = evenly_sampled(time_s, signal[:, None])
+    slope, level = np.polyfit(grid - grid[0], even[:, 0], 1)
     window = np.hanning(samples)
-    lines = np.fft.rfft((signal - level - slope * (grid - grid[0])) * window)
+    lines = np.fft.rfft((even[:, 0] - level - slope * (grid - grid[0])) * window)
     frequency = np.fft.rfftfreq(samples, span / (samples - 1))
     amplitude = 2 * np.abs(lines) / window.sum()
     kept = slice(1, samples // 2 + 1)

@@ -17,7 +17,7 @@ _LINES = {  # English, German, French, Italian, Spanish and others; without acce
     "lageistwert drehwinkel encoder enc inc ink inkr inkremente increments drehgeber geber resolver "
     "axis achs achse joint gelenk posizione angolo posicion angulo angulaire hoek poscurr "
     "measured actual act fbk fb feedback pulse pulses xist",
-    "torque": "torque torques trq tau tq mom mmt moment momente eff drehmoment "
+    "torque": "torque torques torq trq tau tq mom mmt moment momente eff drehmoment "
     "effort efforts couple coppia par koppel load last current curr cur strom stroom "
     "iq isq i amp courant corrente corriente intensite torcurr",
     "velocity": "velocity velocities vel speed speeds dq qd qdot omega w drehzahl geschwindigkeit "

@@ -79,11 +79,7 @@ class LogTable:
                 f"{self.name} has {counted(len(columns), 'column')} of numbers; a log needs at least "
                 f"position and torque. Columns found: {listed(c.name for c in columns)}."
             )
-        if len(columns) > MAX_COLUMNS:
-            raise JointIdError(
-                f"{self.name} has {len(columns)} columns, more than the limit of {MAX_COLUMNS}: it may "
-                "be transposed. Export one row per sample."
-            )
+        require_few_columns(self.name, len(columns))
         rows = columns[0].values.shape
         for column in columns:
             if column.values.shape != rows or column.values.ndim != 1:
@@ -164,6 +160,15 @@ def require_few_values(file: str, values: int) -> None:
         raise JointIdError(
             f"{file} holds {values / 1e6:.4g} million numbers, more than the limit of "
             f"{MAX_VALUES / 1e6:.4g} million. Cut it into several logs, or log fewer columns."
+        )
+
+
+def require_few_columns(file: str, columns: int) -> None:
+    """Refuse a table of more than ``MAX_COLUMNS`` columns."""
+    if columns > MAX_COLUMNS:
+        raise JointIdError(
+            f"{file} has {columns} columns, more than the limit of {MAX_COLUMNS}: it may be transposed. "
+            "Export one row per sample."
         )
 
 

@@ -92,6 +92,8 @@ _IN_NAMES = {  # accepted as the last word of a name without brackets; "a", "u" 
     "inc", "incr", "nm", "mnm", "knm", "amps", "ma", "percent", "prozent", "pct", "volt", "volts", "rpm",
     "°", "v", "rads", "degs", "radps", "dps",
 }  # fmt: skip
+_LONGEST = 256
+"""Characters of a name that are read: searches for its end take their square."""
 _BRACKETS = re.compile(r"\s*[\[({<]\s*([^\[\](){}<>]{0,24}?)\s*[\])}>]\s*$")
 _LAST_WORD = re.compile(r"(?:^|[\s_./,-]+)([^\s_./,\-]+)$")
 
@@ -104,7 +106,7 @@ def unit_of(text: str) -> str:
 
 def split_unit(name: str) -> tuple[str, str]:
     """Split a column's name from its unit: "Zeit [ms]", "torque (Nm)", "angle_deg", "t in s"; or ""."""
-    name = name.strip()
+    name = name.strip()[:_LONGEST]
     bracket = _BRACKETS.search(name)
     if bracket:
         unit = unit_of(bracket[1])

@@ -8,7 +8,7 @@ from scipy.signal import find_peaks
 
 from jointid.arrays import Complexes, Floats
 from jointid.phasors.fitted_sine import sine_basis
-from jointid.phasors.spectrum import vertex
+from jointid.phasors.spectrum import evenly_sampled, vertex
 
 MOST_LINES = 60
 """Upper bound on the lines of a multisine."""
@@ -17,7 +17,6 @@ _PROMINENCE = 12.0  # amplitude over the median of the spectrum
 _MIN_AMPLITUDE = 0.02  # over the largest line
 _MIN_MOTION = 0.05  # motion of a joint over the largest, below which it shows its noise, not lines
 _DISTANCE = 3  # bins: the main lobe of a Hann window spans four
-_JITTER = 1e-3  # of a sample interval, below which times count as evenly spaced
 
 
 def find_lines(time_s: Floats, *signals: Floats) -> list[float]:
@@ -60,17 +59,6 @@ def in_lines(time_s: Floats, signals: Floats, lines_hz: Sequence[float]) -> floa
     about = power[low:high]
     total = float(about.sum())
     return float(about[on[low:high]].sum() / total) if total > 0 else 0.0
-
-
-def evenly_sampled(time_s: Floats, signals: Floats) -> tuple[Floats, Floats]:
-    """Return an even grid and the signals on it, interpolated if the times are uneven.
-
-    Shapes: ``time_s`` (N,), ``signals`` (N, c).
-    """
-    grid = np.linspace(time_s[0], time_s[-1], time_s.size)
-    if np.abs(grid - time_s).max() > _JITTER * (grid[1] - grid[0]):
-        signals = np.column_stack([np.interp(grid, time_s, signal) for signal in signals.T])
-    return grid, signals
 
 
 def _spectrum(time_s: Floats, signals: Floats) -> Floats:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jointid.arrays import true_runs
-from jointid.importing.find.lines import evenly_sampled, fit_lines
+from jointid.importing.find.lines import fit_lines
 from jointid.importing.find.multisines import excited_lines, multisines
 from jointid.importing.find.segment import FEWEST_PERIODS, HARMONICS, Segment, measured
 from jointid.importing.find.sine_candidates import Candidate, sine_candidates
@@ -22,6 +22,7 @@ from jointid.importing.find.steady_state import (
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
+from jointid.phasors.spectrum import evenly_sampled
 
 _CHANCE_SHARE = 25.0  # share of the variance × samples, above that of a fit to noise
 _MAX_OTHERS = 0.05  # power of other lines over that of a single sine

@@ -269,6 +269,7 @@ def _side(role: str, pair: _Pair) -> _Said:
     assumed = "Assumed from the column name: positions are at the joint. Confirm."
     of_effort = "Where the torque is an effort, the position is the joint's by convention."
     position = (
+        (_ODRIVE.search(column.name), MOTOR, False, "ODrive states the position of the motor."),
         (WORDS["joint"] & words, JOINT, False, assumed),
         (unit == "deg", JOINT, False, "Controllers show joint angles in degrees."),
         (is_effort, JOINT, False, of_effort),

@@ -32,6 +32,7 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
         score += 1.0 * bool(WORDS["sample"] & set(words)) + 1.0 * (column.unit == SAMPLES)
         steps = np.diff(values[:100_000])
         even = np.ptp(steps) <= 0.5 * max(float(np.median(steps)), 1e-300)
+        score -= 1.0 * bool(late)
         score += 0.5 * (place == 0) + 0.5 * bool(even) + 0.5 * is_clock_like(values)
         if score >= 0.5 and (best is None or score > best[0]):
             best = (score, column, late)
@@ -99,7 +100,7 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
         return TimeColumn(column.name, SAMPLES, 1000.0)
     # Controllers sample between about 20 Hz and 50 kHz: the step determines the unit.
     unit = next((u for u, below in (("s", 0.1), ("ms", 60.0), ("µs", 6e4)) if 0 < step <= below), "ns")
-    sure = unit == "s" and step >= 2e-5
+    sure = unit == "s" and 2e-5 <= step < 0.02  # above, milliseconds would be a usual rate as well
     rate_hz = 1 / (step * TIME_UNITS[unit])
     why = f'Its steps are {step:.3g}, which makes {rate_hz:.4g} Hz in "{unit}".'
     reasons.append(Reason("unit of time", why, sure))
@@ -107,5 +108,11 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
 
 
 def is_clock_like(values: Floats) -> bool:
-    """Whether values rise from row to row over a log of some length: no joint moves so."""
-    return values.size >= 50 and bool(np.all(values[1:] > values[:-1]))
+    """Whether values rise over a log of some length, or by one step and back: no joint moves so."""
+    if values.size < 50:
+        return False
+    with np.errstate(over="ignore", invalid="ignore"):  # damaged values of 1e308
+        steps = np.diff(values)
+        usual = float(np.median(steps))
+        even = np.mean(np.abs(steps - usual) <= 1e-3 * usual)
+    return bool((np.all(steps >= 0) and steps.any()) or (usual > 0 and even >= 1 - _MAX_LATE))

@@ -131,8 +131,9 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
         if position.jumps.size:
             first = table.first_row + int(rows[position.jumps[0]])
             notes.append(position.note(joint.position, f", first at {table.row_word} {first}"))
-        theta[:, j] = position.values * joint.rad_per_unit
-        tau[:, j] = raw[n + j][rows] * joint.Nm_per_unit
+        with np.errstate(over="ignore"):  # damaged values become infinite, which MappedLog refuses
+            theta[:, j] = position.values * joint.rad_per_unit
+            tau[:, j] = raw[n + j][rows] * joint.Nm_per_unit
         if arm is not None and joint.arm:
             behind = unwrapped(raw[2 * n + arms.index(j)][rows], joint.arm)
             arm[:, j] = behind.values * joint.arm.rad_per_unit

@@ -21,11 +21,6 @@ _DERIVATIVE = 0.1
 """Relative difference below which a column is the derivative of another, in its own unit per second."""
 
 
-def is_unnamed(column: LogColumn) -> bool:
-    """Whether a column has no unit and no name beyond a number."""
-    return not column.unit and _NO_NAME.fullmatch(column.name) is not None
-
-
 def pairs_by_shape(
     table: LogTable, time: TimeColumn, columns: Sequence[LogColumn], reasons: list[Reason]
 ) -> list[tuple[LogColumn, LogColumn]]:
@@ -41,7 +36,7 @@ def pairs_by_shape(
     ]
     columns = _without_velocities(table, time, columns)
     n, odd = divmod(len(columns), 2)
-    if not 0 < n <= MAX_JOINTS or not all(is_unnamed(c) for c in columns):
+    if not 0 < n <= MAX_JOINTS or any(c.unit or not _NO_NAME.fullmatch(c.name) for c in columns):
         return []
     rough = np.log([_roughness(c.values) for c in columns])
     if odd:  # one joint, of the smoothest column and the roughest

@@ -23,8 +23,8 @@ from jointid.wording import counted
 
 _SAME_S = 1e-9  # times that differ by less are equal
 
-_SECOND = re.compile(r"[._ ]?s(?:ec(?:ond)?s?)?$", re.IGNORECASE)
-_FRACTION = re.compile(rf"(.*?)[._ ]?(n|nano|u|micro)_?{_SECOND.pattern[5:]}", re.IGNORECASE)
+_SECOND = re.compile(r"[._ /]?s(?:ec(?:ond)?s?)?$", re.IGNORECASE)
+_FRACTION = re.compile(rf"(.*?)[._ /]?(n|nano|u|micro)_?{_SECOND.pattern[6:]}", re.IGNORECASE)
 """Names of the whole and the fraction of a time: "stamp.sec" and "stamp.nanosec"."""
 
 

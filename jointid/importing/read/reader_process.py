@@ -5,8 +5,8 @@ The response is JSON and plain numbers, not a pickle: the files come from strang
 """
 
 import os
+import tempfile
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -28,16 +28,14 @@ class ReaderProcess:
     def __init__(self, limits: Limits = LIMITS) -> None:
         self._limits = limits
         self._child = Child(__name__, limits)
-        self._folder: TemporaryDirectory[str] | None = None
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
 
     def read_content(self, name: str, data: bytes) -> tuple[LogTable, ...]:
         """Read the content of one file; all but plain text goes through a temporary file."""
         kind = kind_of(name, data[:4096])
         if kind == TEXT:
             return (read_text_table(name, data),)
-        if self._folder is None:
-            self._folder = TemporaryDirectory(prefix="jointid-")
-        path = Path(self._folder.name, f"log.{kind}")
+        path = Path(self._scratch(), f"log.{kind}")
         path.write_bytes(data)
         try:
             return self.read(kind, name, path)
@@ -49,7 +47,7 @@ class ReaderProcess:
 
         Raises JointIdError when it is no log, crashes the process, or exceeds the limits.
         """
-        request = {"kind": kind, "name": name, "path": str(path.absolute())}
+        request = {"kind": kind, "name": name, "path": str(path.absolute()), "scratch": self._scratch()}
         try:
             header, body = self._child.ask(request)
         except Ended as ended:
@@ -62,6 +60,11 @@ class ReaderProcess:
         if "error" in header:
             raise JointIdError(header["error"])
         return _tables(header, body)
+
+    def _scratch(self) -> str:
+        if self._folder is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="jointid-")
+        return self._folder.name
 
     def close(self) -> None:
         """End the process and remove temporary files."""
@@ -86,6 +89,7 @@ def _tables(header: dict[str, Any], body: bytes) -> tuple[LogTable, ...]:
 def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[str, Any], bytes]:
     """Read one file; return the description of its tables with all columns, or an error."""
     kind, name, path = request["kind"], request["name"], request["path"]
+    tempfile.tempdir = request["scratch"]  # what libraries leave there goes with the parent's folder
     try:
         tables = readers()[kind].read(name, path)
         stated = ("name", "notes", "first_row", "row_word", "rows")

@@ -46,6 +46,7 @@ _UNSUPPORTED = (
     (b"\x7fELF", "a Linux program"),
 )
 """First bytes of binary files that no reader takes."""
+_UNSUPPORTED_ENDINGS = {"svdx": "a TwinCAT Scope recording", "r64": "a KUKA trace"}
 
 
 @cache
@@ -82,13 +83,16 @@ def kind_of(name: str, head: bytes) -> str:
     for kind, reader in readers().items():
         if reader.recognises(head):
             return kind
+    ending = name.lower().rpartition(".")[2]
+    named = _UNSUPPORTED_ENDINGS.get(ending) if b"\0" in head else None
     for magic, what in _UNSUPPORTED:
         # Text is no such file, though it may begin with the same letters.
         if head.startswith(magic) and (not magic.isascii() or b"\0" in head or magic == b"%PDF"):
-            raise JointIdError(
-                f"{name} is {what}, not a log. Export the measurement as CSV, Parquet or HDF5."
-            )
-    ending = name.lower().rpartition(".")[2]
+            named = what
+    if named:
+        raise JointIdError(
+            f"{name} is {named}, not a log. Export the measurement as CSV, Parquet or HDF5."
+        )
     return next((kind for kind, reader in readers().items() if ending in reader.endings), TEXT)
 
 

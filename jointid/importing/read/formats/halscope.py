@@ -28,7 +28,8 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         lines = [";".join(value for _, value in _PAIR.findall(line)) for line in lines]
     else:
         names, lines = lines[0].split(";"), lines[1:]
-    columns = columns_of(file, lines, ";", ".", len(names))
+    decimal = "," if any("," in line for line in lines[:2000]) else "."  # of the computer's language
+    columns = columns_of(file, lines, ";", decimal, len(names))
     time = np.arange(len(columns[0]), dtype=np.float64) * period_s
     return tables_of_signals(file, [Signal(n, time, v) for n, v in zip(names, columns, strict=True)])
 

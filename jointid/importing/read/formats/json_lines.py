@@ -44,13 +44,23 @@ def _rows(file: str, text: str) -> tuple[list[dict[str, Any]], list[str]]:
         if _is_object(lines[0]) and (len(lines) > 1 and _is_object(lines[1])):
             return _line_objects(file, lines)
         whole = json.loads(text)
+    except JointIdError:
+        raise
     except (ValueError, RecursionError) as error:
         raise JointIdError(f"{file} is not JSON ({error!s:.120}): export the log again.") from error
+    names: list[str] = []
+    if isinstance(whole, dict) and all(isinstance(whole.get(key), list) for key in ("columns", "data")):
+        names, whole = [*map(str, whole["columns"])], whole["data"]  # as pandas splits a table
+    if isinstance(whole, list):
+        labels = names or [f"column {k}" for k in range(1, MAX_COLUMNS)]
+        whole = [dict(zip(labels, row, strict=False)) if isinstance(row, list) else row for row in whole]
     if isinstance(whole, dict):
-        lists = {k: v for k, v in whole.items() if isinstance(v, list)}
+        # A column may be an object of values by row, as pandas writes it.
+        lists = {k: [*v.values()] if isinstance(v, dict) else v for k, v in whole.items()}
+        lists = {k: v for k, v in lists.items() if isinstance(v, list)}
         sizes = [len(v) for v in lists.values()]
         if sizes and max(sizes) >= FEWEST_ROWS:
-            size = max(sizes, key=sizes.count)
+            size = max(sizes, key=lambda rows: rows * sizes.count(rows))
             kept = {k: v for k, v in lists.items() if len(v) == size}
             return [dict(zip(kept, row, strict=True)) for row in zip(*kept.values(), strict=True)], []
         whole = next((v for v in lists.values() if v and isinstance(v[0], dict)), [whole])
@@ -97,4 +107,4 @@ def _cells(name: str, value: Any, depth: int) -> Iterator[tuple[str, str]]:
         yield name, str(value)
 
 
-READERS = {"json": Reader("JSON", text_matches(r"\s*(?:\[\s*)?\{"), read, ("jsonl", "ndjson"))}
+READERS = {"json": Reader("JSON", text_matches(r"\s*(?:\{|\[\s*[\[{])"), read, ("jsonl", "ndjson"))}

@@ -22,10 +22,10 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
                 with archive.open(info) as part:
                     seen.append(info.filename.removesuffix(".npy"))
                     arrays += _arrays(file, seen[-1], part)
+                require_few_values(file, sum(np.size(array.values) for array in arrays))
     else:
         with open(path, "rb") as part:
             arrays += _arrays(file, "array", part)
-    require_few_values(file, sum(np.size(array.values) for array in arrays))
     otherwise = (
         f"{file} holds no table of numbers: expected arrays of equal length, at least two columns. "
         f"Arrays found: {listed(seen)}."
@@ -42,7 +42,7 @@ def _arrays(file: str, name: str, part: IO[bytes]) -> Iterator[NamedArray]:
     shape, by_column, dtype = header(part)
     count = int(np.prod(shape, dtype=object))
     require_few_values(file, count * max(1, len(dtype.names or ())))
-    if dtype.hasobject or count == 0:
+    if dtype.hasobject or count == 0 or (dtype.names is None and dtype.kind not in "biuf"):
         return
     data = part.read(count * dtype.itemsize)
     flat: Any = np.frombuffer(data, dtype, count)
@@ -50,7 +50,7 @@ def _arrays(file: str, name: str, part: IO[bytes]) -> Iterator[NamedArray]:
     for field in dtype.names or ():
         if values[field].dtype.kind in "biuf":
             yield NamedArray(field, values[field], group=name)
-    if dtype.names is None and dtype.kind in "biuf":
+    if dtype.names is None:
         yield NamedArray(name.replace("/", "."), values)
 
 

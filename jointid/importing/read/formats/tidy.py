@@ -1,7 +1,8 @@
-"""Long ("tidy") text tables: one value per row, with its time and the name of its signal."""
+"""Long ("tidy") text tables: a row per signal or per joint, with its time and the name of either."""
 
 import csv
 from array import array
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -13,6 +14,7 @@ from jointid.importing.columns.units import split_unit, unit_of
 from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_of
 from jointid.importing.read.text.clock_times import ClockCells, is_clock
+from jointid.importing.read.text.layout import is_missing
 from jointid.importing.read.text.numbers import is_number, value_of
 from jointid.wording import counted, listed
 
@@ -22,6 +24,23 @@ _LINES = {
     "unit": "unit units einheit",
 }
 _WORDS = {kind: frozenset(line.split()) for kind, line in _LINES.items()}
+_JOINT = WORDS["joint"] | WORDS["motor"] | {"axes", "servo"}
+_OF_JOINT = _JOINT | {"id", "no", "nr", "number", "index", "idx", "name"}
+
+
+@dataclass(frozen=True)
+class _Layout:
+    first: int
+    """Line of the first row."""
+    separator: str
+    decimal: str
+    header: tuple[str, ...]
+    time: int
+    names: tuple[int, ...]
+    """Columns that name the signal: joint, then signal."""
+    values: tuple[int, ...]
+    unit: int
+    """Column of the unit; -1 without one."""
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
@@ -29,31 +48,31 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     lines = file_text(path).split("\n")
     layout = _layout("\n".join(lines[:40]))
     assert layout is not None  # that is how it was recognised
-    first, separator, decimal, (time_at, name_at, value_at, unit_at), time_name = layout
-    require_few_values(file, 2 * len(lines))
+    require_few_values(file, (1 + len(layout.values)) * len(lines))
     found: dict[str, tuple[array[float], array[int], str]] = {}
     strange: list[int] = []
     clock = ClockCells()
     times: array[float] = array("d")
-    clocked = any(":" in line for line in lines[first : first + 3])
-    rows = csv.reader(lines[first:], delimiter=separator)
-    for number, row in enumerate(rows, start=first + 1):
+    clocked = any(":" in line for line in lines[layout.first : layout.first + 3])
+    rows = csv.reader(lines[layout.first :], delimiter=layout.separator)
+    for number, row in enumerate(rows, start=layout.first + 1):
         if not any(row):
             continue
         cells = [cell.strip() for cell in row]
-        if len(cells) <= max(time_at, name_at, value_at):
+        if len(cells) <= max(layout.time, *layout.names, *layout.values):
             strange.append(number)
             continue
-        stamp = clock.read(cells[time_at]) if clocked else _value(cells[time_at], decimal)
-        value = _value(cells[value_at], decimal)
+        stamp = clock.read(cells[layout.time]) if clocked else _value(cells[layout.time], layout.decimal)
         times.append(np.nan if stamp is None else stamp)
-        if stamp is None or value is None:
+        values = [_value(cells[k], layout.decimal) for k in layout.values]
+        if stamp is None or not any(value is not None for value in values):
             strange.append(number)
             continue
-        unit = cells[unit_at] if 0 <= unit_at < len(cells) else ""
-        values, places, _ = found.setdefault(cells[name_at][:200], (array("d"), array("q"), unit))
-        places.append(len(times) - 1)
-        values.append(value)
+        unit = cells[layout.unit] if 0 <= layout.unit < len(cells) else ""
+        for name, value in zip(_names(layout, cells), values, strict=True):
+            kept, places, _ = found.setdefault(name[:200], (array("d"), array("q"), unit))
+            places.append(len(times) - 1)
+            kept.append(value if value is not None else np.nan)
         if len(found) >= MAX_COLUMNS:
             raise JointIdError(f"{file} names more than {MAX_COLUMNS} signals: log fewer of them.")
     notes = []
@@ -62,7 +81,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
             f"{counted(len(strange), 'row')} without a time or number left out; "
             f"the first is line {strange[0]}."
         )
-    bare, unit = split_unit(time_name)
+    bare, unit = split_unit(layout.header[layout.time])
     of_day = clock.seconds(np.array(times)) if clocked and len(times) else np.array(times)
     signals = [
         Signal(name, of_day[np.array(places)], np.array(values), unit_of(unit))
@@ -73,49 +92,73 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     return tables_of_signals(file, signals, notes, times_as, otherwise)
 
 
+def _names(layout: _Layout, cells: list[str]) -> list[str]:
+    """Name of the signal in each column of values: "joint 1 position"."""
+    parts = [f"{layout.header[k]} {cells[k]}" if cells[k].isdigit() else cells[k] for k in layout.names]
+    several = [layout.header[k] for k in layout.values] if len(layout.values) > 1 else [""]
+    return [" ".join([*parts, one]).strip() for one in several]
+
+
 def _value(cell: str, decimal: str) -> float | None:
     return value_of(cell, decimal) if is_number(cell, decimal) else None
 
 
-def _layout(head: str) -> tuple[int, str, str, tuple[int, int, int, int], str] | None:
-    """Line of the first row, separator, decimal mark, columns of time, name, value and unit; or None."""
+def _layout(head: str) -> _Layout | None:
     lines = head.split("\n")
     for separator in (";", "\t", ",", "|"):
         for at, line in enumerate(lines[:10]):
-            header = [cell.strip().strip('"') for cell in line.split(separator)]
-            words = [set(words_of(split_unit(cell)[0])) for cell in header]
-            if not 3 <= len(header) <= 8:
-                continue
-            places = [
-                next((k for k, w in enumerate(words) if w & wanted and len(w) <= 2), -1)
-                for wanted in (WORDS["time"], *_WORDS.values())
-            ]
-            if min(places[:3]) < 0 or len(set(places[:3])) < 3:
+            header = tuple(cell.strip().strip('"') for cell in line.split(separator))
+            if not 3 <= len(header) <= 24:
                 continue
             try:
                 rows = [
-                    r
-                    for r in islice(csv.reader(lines[at + 1 : -1], delimiter=separator), 20)
-                    if len(r) == len(header)
+                    [cell.strip() for cell in row]
+                    for row in islice(csv.reader(lines[at + 1 : -1], delimiter=separator), 30)
+                    if len(row) == len(header)
                 ]
             except csv.Error:
                 continue
             for decimal in (".", ",") if separator != "," else (".",):
-                good = [
-                    (is_number(row[places[0]].strip(), decimal) or is_clock(row[places[0]].strip()))
-                    and is_number(row[places[2]].strip(), decimal)
-                    and not is_number(row[places[1]].strip(), decimal)
-                    for row in rows
-                ]
-                if good and sum(good) >= 0.8 * len(good):
-                    return (
-                        at + 1,
-                        separator,
-                        decimal,
-                        (places[0], places[1], places[2], places[3]),
-                        header[places[0]],
-                    )
+                layout = _described(at + 1, separator, decimal, header, rows)
+                if layout is not None:
+                    return layout
     return None
+
+
+def _described(
+    first: int, separator: str, decimal: str, header: tuple[str, ...], rows: list[list[str]]
+) -> _Layout | None:
+    """Layout of rows if they have a time, names and numbers, and the names need them; else None."""
+    words = [set(words_of(split_unit(cell)[0])) for cell in header]
+    time, name, value, unit = (
+        next((k for k, w in enumerate(words) if w & wanted and len(w) <= 2), -1)
+        for wanted in (WORDS["time"], *_WORDS.values())
+    )
+    joints = [k for k, w in enumerate(words) if w & _JOINT and w <= _OF_JOINT and k != value]
+    if time < 0 or not rows:
+        return None
+    if len({time, name, value}) == 3 and min(name, value) >= 0:
+        names, values = [*(k for k in joints if k != name), name], [value]
+    else:
+        name, names = -1, joints[:1]
+        of_joint = {(row[time], *(row[k] for k in names)) for row in rows}
+        if len({row[time] for row in rows}) == len(rows) or len(of_joint) < len(rows):
+            return None  # a row per time, or several for a joint
+        values = [k for k in range(len(header)) if k not in (time, *names)]
+        values = [k for k in values if all(_is_value(row[k], decimal) for row in rows)]
+    good = [
+        (is_number(row[time], decimal) or is_clock(row[time]))
+        and all(_is_value(row[k], decimal) for k in values)
+        and (name < 0 or not is_number(row[name], decimal))
+        for row in rows
+    ]
+    if not values or sum(good) < 0.8 * len(good):
+        return None
+    return _Layout(first, separator, decimal, header, time, tuple(names), tuple(values), unit)
+
+
+def _is_value(cell: str, decimal: str) -> bool:
+    return is_number(cell, decimal) or is_missing(cell)
 
 
 def _recognises(head: bytes) -> bool:

@@ -13,10 +13,12 @@ from jointid.importing.read.text.tables import columns_of
 from jointid.wording import listed
 
 _HEAD = re.compile(
-    r"\A\s*Name([;,\t|: ]).*\n(?:.*\n){1,40}?\s*(?:SampleTime\[ms\]|SymbolName|NetID|NetId)\1"
+    r"\A\s*Name([;,\t|: ])(?:.*\1Name\1"
+    r"|.*\n(?:.*\n){1,40}?\s*(?:Starttime of export|SampleTime\[ms\]|SymbolName|NetI[Dd])\1)"
 )
 _INTEGERS = ("INT", "BIT", "BOOL", "BYTE", "WORD", "DINT")
 _TICK_S = 1e-7  # FILETIME counts 100 ns
+_NUMBER = re.compile(r"[-+]?\d[\d.,eE+-]*")
 _FULL_STAMP = 1e15  # a relative time in ms is far below
 
 
@@ -63,14 +65,14 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
 def _channel_rows(rows: list[str], separator: str) -> tuple[int, dict[str, list[str]]]:
     """First line after the channels' properties, and those by name, one entry per column."""
     about: dict[str, list[str]] = {}
-    for number, row in enumerate(rows[:200]):
+    for number, row in enumerate(rows[:2000]):  # comments of symbols may have many lines
         cells = [cell.strip() for cell in row.split(separator)]
         key = cells[0]
         if key == "Name" and "SampleTime[ms]" not in about:
             about = {key: cells}  # the last one is that of the channels, the first that of the scope
-        elif key and not re.match(r"[-+\d]", key):
+        elif not _NUMBER.match(key):
             about.setdefault(key, cells)
-        elif len(about) > 3 and key:
+        elif about and sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) > max(len(cells) / 2, 1):
             return number, about
     return len(rows), about
 

@@ -278,7 +278,7 @@ def _header_cells(line: str, separator: str, width: int) -> list[str] | None:
         if separator == BLANKS:
             choices = [
                 re.split(r"\t+|\s{2,}", candidate.strip()),
-                re.sub(r"\s+(?=[\[(])", "", candidate).split(),
+                re.sub(r" (?=[\[(])", "", " ".join(candidate.split())).split(),
                 [cell.strip() for cell in re.split(r"[,;|]", candidate)],
             ]
         else:

@@ -16,6 +16,7 @@ from jointid.importing.columns.log_table import (
     LogColumn,
     LogTable,
     numbers,
+    require_few_columns,
     require_few_values,
 )
 from jointid.importing.read.text.clock_times import ClockCells
@@ -44,6 +45,8 @@ def read_text_table(file: str, data: bytes) -> LogTable:
     """
     text = decoded(file, data)
     layout = find_layout(file, text)
+    require_few_columns(file, len(layout.numeric))
+    names = [name or f"column {k}" for k, name in enumerate(layout.names, start=1)]
     wanted = [k for k, used in enumerate(layout.numeric) if used or layout.clock[k]]
     require_few_values(file, (text.count("\n", layout.body) + 1) * len(wanted))
     notes = list(layout.notes)
@@ -56,10 +59,8 @@ def read_text_table(file: str, data: bytes) -> LogTable:
         if np.isnan(column).all() and not layout.names[k]:
             continue  # an effect of a separator at the end of every line
         unit = "s" if layout.clock[k] else layout.units[k]
-        columns.append(LogColumn(layout.names[k], numbers(column), unit, f"column {k + 1}"))
-    left_out = [
-        layout.names[k] or f"column {k + 1}" for k in range(len(layout.numeric)) if k not in wanted
-    ]
+        columns.append(LogColumn(names[k], numbers(column), unit, f"column {k + 1}"))
+    left_out = [name for k, name in enumerate(names) if k not in wanted]
     if left_out:
         notes.append(f"Columns without numbers, left out: {listed(left_out)}.")
         notes += [
@@ -77,7 +78,7 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
     """Read a body of regular lines; None if one is irregular."""
     separator, quotes = layout.separator, '"' in body
     if separator == BLANKS:
-        body = re.sub(r"[ \t]+", "\t", re.sub(r"(?m)^[ \t]+|[ \t]+$", "", body))
+        body = re.sub(r"(?m)^\t|\t$", "", re.sub(r"[ \t]+", "\t", body))
         separator = "\t"
     if any(layout.clock[k] for k in wanted):
         return None
