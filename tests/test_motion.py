@@ -258,7 +258,7 @@ def test_rounding_that_repeats_in_every_period_counts_as_one_error(
     one = sum(0.1 * np.sin(k * turn + rng.uniform(0, 6)) / k for k in range(1, 12))
     theta = np.tile(one, 8) + noise_steps * step * rng.standard_normal(8 * samples)
     theta = step * np.round(theta / step)
-    part = UniformPart(0, 0.0, 1e-3, theta[None], np.zeros((1, theta.size)), True)
+    part = UniformPart(0, 1e-3, theta[None], np.zeros((1, theta.size)), True)
     variance, _ = sensor_variances([part], 20.0, np.array([1e-3]))
     expected = step**2 * (periods / 12 + noise_steps**2 + (1 - periods / 8) / 12 * (noise_steps > 0))
     assert variance[0] + repeated_variances([part])[0] == pytest.approx(expected, rel=0.25)

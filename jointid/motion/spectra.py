@@ -115,7 +115,6 @@ def _segments(
             continue
         segment = Segment(
             record=part.record,
-            start_s=part.start_s + begin * part.interval_s,
             interval_s=part.interval_s,
             velocity=velocity[:, begin:end],
             velocity_noise=noise,
