@@ -22,8 +22,11 @@ from jointid.motion.reversals import reversals
 from jointid.motion.sampling import UniformPart, uniform_parts
 from jointid.motion.spectra import motion_phasors
 from jointid.motion.velocity import smooth_velocity
+from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import bins_of
+from jointid.verdict.evidence import Evidence
+from jointid.verdict.rules_model import model_limits
 
 identify_motion_module = importlib.import_module("jointid.estimation.identify_motion")
 GIVEN = Inertia(CELL.M, CELL.M2)
@@ -142,6 +145,28 @@ def test_a_joint_at_rest_is_named() -> None:
         identify_motion(still, GIVEN)
 
 
+def test_a_joint_that_creeps_by_encoder_steps_is_named() -> None:
+    """Friction holds it: its torque shows no spring."""
+    step = 2 * np.pi / 65536
+    creeping = []
+    for record in records(SHORT):
+        theta, tau = record.theta_rad.copy(), record.tau_Nm.copy()
+        theta[:, 0] = step * (np.arange(len(theta))[:, None] > [1200, 4200]).sum(axis=1)
+        tau[:, 0] *= 0.1
+        creeping.append(cut(record, slice(None), theta_rad=theta, tau_Nm=tau))
+    with pytest.raises(JointIdError, match="Joint 1 is not excited"):
+        identify_motion(creeping, GIVEN)
+
+
+@pytest.mark.parametrize(("noise_Nm", "warnings"), [(1e-4, 0), (0.05, 1)])
+def test_rounding_within_the_band_is_known_roughly(noise_Nm: float, warnings: int) -> None:
+    """A misfit of 1.4 is that of a coarse encoder, whose steps hide the torque's noise, or none."""
+    coarse = replace(COARSE, noise_Nm=noise_Nm)
+    fit = replace(fitted(coarse), fundamental=(1.4, 2000.0))
+    evidence = Evidence(records(coarse), [GIVEN] * 2, fit.phasors, fit, {})
+    assert len(list(model_limits(evidence))) == warnings
+
+
 def test_sines_and_motions_are_fitted_together() -> None:
     t = np.arange(2000) / 1000
     motion = records(SHORT)[0]
@@ -216,6 +241,13 @@ def test_unknown_friction_is_no_larger_than_coulomb_friction(monkeypatch: pytest
     assert len(found) >= 2
     assert np.max(found) <= 0
     assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
+
+
+def test_the_band_of_joints_that_stick_ends_with_their_motion() -> None:
+    """Beyond it the torque still follows friction, and the motion the torque, coherently."""
+    sweep = Motion("sweep", records=1, duration_s=4.0, warm_up_s=0.2, seed=1)
+    (only,) = simulate([(replace(CELL, coulomb=[0.4, 0.08]), sweep)])[0]
+    assert coherent_band(only)[1] < 60
 
 
 def test_joints_that_move_in_turn_with_friction() -> None:
