@@ -1,14 +1,13 @@
 """Findings on studies with records of motions that are no sines."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Inertia
-from jointid.phasors.extract import Phasors, no_phasors
+from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.transfer_matrix import TransferMatrix
 from jointid.verdict.evidence import Evidence, Finding, percent, some, warning
@@ -85,15 +84,13 @@ def _responses(
         covariance = np.zeros((rows, 2 * n, 2 * n), complex)
         of_columns = np.einsum("fijkj->fjik", matrix.covariance.reshape(-1, n, n, n, n))
         covariance[:, :n, :n] = (of_columns / square[..., None] ** 2).reshape(rows, n, n)
-        motions = replace(
-            no_phasors(n),
+        motions = Phasors(
             omega=np.repeat(matrix.omega, n),
             q=-(matrix.H / square).swapaxes(1, 2).reshape(rows, n),
             tau=np.tile(np.eye(n, dtype=complex), (matrix.omega.size, 1)),
             covariance=covariance,
             degrees_of_freedom=np.full(rows, _SURE),
             duration_s=np.full(rows, longest),
-            segments=(),
         )
         parts.append(motions)
         inertias += [evidence.of_pose(pose)[1]] * rows
