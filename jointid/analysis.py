@@ -185,7 +185,7 @@ def _analyse(study: Study, method: str) -> Analysis:
     if study.motion_records:
         fits = _fits_with_motion(study, phasors, method)
         freed, problem = _motion_matrices(study, transfer_matrices, fits[method], problem)
-        found = motion_findings(study.records, study.inertias, phasors, fits)
+        found = motion_findings(study.records, study.inertias, phasors, fits, transfer_matrices)
     else:
         fits = identify_each(phasors, study.sine_prior, [method, *LINEAR])
         freed, _ = _transfer_matrices(study, fits[method].phasors)

@@ -39,7 +39,12 @@ from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
 from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
-from jointid.estimation.model_average import positive_moments, spread, spread_by_prior
+from jointid.estimation.model_average import (
+    positive_moments,
+    spread,
+    spread_by_prior,
+    spread_of_unseen,
+)
 from jointid.estimation.model_selection import choose_model
 from jointid.motion.friction import friction_waveforms
 
@@ -439,6 +444,19 @@ def test_an_unseen_part_widens_the_error_where_the_data_may_hold_it(seen: float,
     factor = (1 + seen**2) ** -0.5
     variance = std**2 / (1 + seen**2) * factor / (1 + factor) * widens
     np.testing.assert_allclose(found, variance * slope @ slope.T, rtol=0.01)
+
+
+@pytest.mark.parametrize("squared", [1e-7, 0.0])
+def test_a_filter_far_shorter_than_the_delay_widens_the_errors(squared: float) -> None:
+    """Of the log of the torque, within two standard errors; beside a lead of one sample, 4 ms."""
+    layout = ParameterLayout.of(1, delay=True)
+    p = layout.named(layout.pack(K=np.array([10.0]), D=np.array([0.1]), delay=np.array(-4e-3)))
+    sigma, slope = 5e-8, np.array([[1e6], [0.0]])
+    value, information = np.array([-squared]), np.array([[sigma**-2]])
+    score = Score(0.0, 1, (0.0, np.zeros(2)), value, information, slope, np.ones(1))
+    fit = SimpleNamespace(named=p, misfit=1.0, elasticity_covariance=np.zeros((2, 2)))
+    found = spread_of_unseen(fit, {"torque_filter": score}, None)
+    assert np.sqrt(found[0, 0]) > 0.4 * 1e6 * max(squared, sigma)
 
 
 @pytest.mark.parametrize(("behind", "weight"), [(2.0, np.exp(-1.0)), (5.9, np.exp(-2.95)), (6.1, 0.0)])

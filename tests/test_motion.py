@@ -22,8 +22,11 @@ from jointid.motion.reversals import reversals
 from jointid.motion.sampling import UniformPart, uniform_parts
 from jointid.motion.spectra import motion_phasors
 from jointid.motion.velocity import smooth_velocity
+from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import bins_of
+from jointid.verdict.evidence import Evidence
+from jointid.verdict.rules_model import model_limits
 
 identify_motion_module = importlib.import_module("jointid.estimation.identify_motion")
 GIVEN = Inertia(CELL.M, CELL.M2)
@@ -142,6 +145,28 @@ def test_a_joint_at_rest_is_named() -> None:
         identify_motion(still, GIVEN)
 
 
+def test_a_joint_that_creeps_by_encoder_steps_is_named() -> None:
+    """Friction holds it: its torque shows no spring."""
+    step = 2 * np.pi / 65536
+    creeping = []
+    for record in records(SHORT):
+        theta, tau = record.theta_rad.copy(), record.tau_Nm.copy()
+        theta[:, 0] = step * (np.arange(len(theta))[:, None] > [1200, 4200]).sum(axis=1)
+        tau[:, 0] *= 0.1
+        creeping.append(cut(record, slice(None), theta_rad=theta, tau_Nm=tau))
+    with pytest.raises(JointIdError, match="Joint 1 is not excited"):
+        identify_motion(creeping, GIVEN)
+
+
+@pytest.mark.parametrize(("noise_Nm", "warnings"), [(1e-4, 0), (0.05, 1)])
+def test_rounding_within_the_band_is_known_roughly(noise_Nm: float, warnings: int) -> None:
+    """A misfit of 1.4 is that of a coarse encoder, whose steps hide the torque's noise, or none."""
+    coarse = replace(COARSE, noise_Nm=noise_Nm)
+    fit = replace(fitted(coarse), fundamental=(1.4, 2000.0))
+    evidence = Evidence(records(coarse), [GIVEN] * 2, fit.phasors, fit, {})
+    assert len(list(model_limits(evidence))) == warnings
+
+
 def test_sines_and_motions_are_fitted_together() -> None:
     t = np.arange(2000) / 1000
     motion = records(SHORT)[0]
@@ -218,6 +243,13 @@ def test_unknown_friction_is_no_larger_than_coulomb_friction(monkeypatch: pytest
     assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
 
 
+def test_the_band_of_joints_that_stick_ends_with_their_motion() -> None:
+    """Beyond it the torque still follows friction, and the motion the torque, coherently."""
+    sweep = Motion("sweep", records=1, duration_s=4.0, warm_up_s=0.2, seed=1)
+    (only,) = simulate([(replace(CELL, coulomb=[0.4, 0.08]), sweep)])[0]
+    assert coherent_band(only)[1] < 60
+
+
 def test_joints_that_move_in_turn_with_friction() -> None:
     """The joint at rest sticks and slips, its reversals hidden by the encoder; friction is bounded."""
     rubs = replace(CELL, coulomb=[0.05, 0.01], viscous=[2e-3, 4e-4])
@@ -258,7 +290,7 @@ def test_rounding_that_repeats_in_every_period_counts_as_one_error(
     one = sum(0.1 * np.sin(k * turn + rng.uniform(0, 6)) / k for k in range(1, 12))
     theta = np.tile(one, 8) + noise_steps * step * rng.standard_normal(8 * samples)
     theta = step * np.round(theta / step)
-    part = UniformPart(0, 0.0, 1e-3, theta[None], np.zeros((1, theta.size)), True)
+    part = UniformPart(0, 1e-3, theta[None], np.zeros((1, theta.size)), True)
     variance, _ = sensor_variances([part], 20.0, np.array([1e-3]))
     expected = step**2 * (periods / 12 + noise_steps**2 + (1 - periods / 8) / 12 * (noise_steps > 0))
     assert variance[0] + repeated_variances([part])[0] == pytest.approx(expected, rel=0.25)

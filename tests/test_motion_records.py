@@ -372,6 +372,18 @@ def test_wrong_inertias_show_in_a_study_of_motions() -> None:
     assert any(f.level in ("problem", "warning") and "inertias" in f.title for f in found)
 
 
+def test_a_reversed_axis_is_named_in_a_study_of_motions() -> None:
+    """The fit explains it by a coupling of the other sign."""
+    study = motion_study("random")
+    reversed_ = [
+        replace(record, theta_rad=record.theta_rad * [1, -1], tau_Nm=record.tau_Nm * [1, -1])
+        for record in study.motion_records
+    ]
+    found = analyse(replace(study, records=reversed_)).findings
+    assert found[0].title == "Joint 1 or joint 2 looks reversed against the other"
+    assert found[0].level == "problem"
+
+
 def test_a_motion_that_is_counted_twice_is_named() -> None:
     study = motion_study("random")
     (first,) = study.motion_records

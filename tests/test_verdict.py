@@ -1026,7 +1026,8 @@ def test_friction_does_not_hide_exchanged_or_reversed_axes(
     phasors = of_rubbing_arm()
     fit = identify_elasticity(phasors, given, inertia_std=std)
     case = Evidence((), [given] * phasors.omega.size, phasors, fit, {})
-    found = [finding.title for finding in axes_exchanged(case)]
+    scorer = Scorer.of(case.phasors, case.inertias)
+    found = [finding.title for finding in axes_exchanged(case, scorer)]
     assert len(found) == (title is not None)
     assert all(title and each.startswith(title) for each in found)
 

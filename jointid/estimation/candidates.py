@@ -225,6 +225,10 @@ class Fits:
         size = estimate.p[place]
         sigma = np.sqrt(np.diag(estimate.covariance)[place] * own)
         clear = np.abs(size) > _SIGNIFICANT * sigma
+        if part in GEAR_LAWS:  # one in place of the spring is none of the gear
+            of_spring = np.diag(estimate.covariance)[: estimate.named.K.size] * own
+            if np.any(_SIGNIFICANT * np.sqrt(of_spring) > estimate.named.K):
+                return False
         simpler = self.estimate(model.without(part))
         beyond_noise = own > EXPLAINED and simpler is not None and part != "friction"
         if beyond_noise and simpler and simpler.misfit - own < _WORTH * (simpler.misfit - 1):

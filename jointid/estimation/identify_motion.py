@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Model, rubs
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
@@ -17,12 +17,12 @@ from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
-from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.model_fits import evaluated, fit_model, stepped
 from jointid.estimation.model_selection import choose_model
 from jointid.estimation.motion_start import motion_start
 from jointid.joints import Inertia
+from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.extract import Phasors, extract_phasors
 from jointid.records import MotionRecord, SineRecord, require_torques
@@ -221,14 +221,16 @@ def _with_noise(
         return phasors
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
     residual = evaluated(phasors, prior, model, estimate, _noise(phasors, prior), unweighted)
-    left = residual.at.r - residual.free_friction()
+    left, friction = residual.at.r - residual.free_friction(), residual.at.problem.friction
+    spread = np.zeros(left.shape) if friction is None else friction.spread
     rows = 2.0 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
-    left_of_noise, size = residual.projection.noise_left(residual.rows, rows)
+    left_of_noise, size = residual.projection.noise_left(residual.rows, rows, spread)
     share = np.where(residual.at.problem.used, left_of_noise / rows, 0)
     clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
-    share = np.where(clear, share, np.nan)
-    left, size = _without_bounded(residual, left, share, size)
-    torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E)
+    whole = np.einsum("rhjj->rhj", residual.at.V).real
+    by_noise = 1 - np.divide(spread, whole, out=np.zeros(left.shape), where=spread > 0)
+    left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
+    torques = sensor_noise(phasors, left, residual.at.E)
     usual: Floats = np.mean([*torques.values()], axis=0)
     stated = next(segment.unknown_Nm for segment in phasors.segments if segment is not None)
     braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
@@ -246,21 +248,6 @@ def _with_noise(
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=unknown)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
-
-
-def _without_bounded(
-    residual: WhitenedResidual, left: Complexes, share: Floats, size: Floats
-) -> tuple[Complexes, Floats]:
-    """Residual (r, H, n) with the variance of noise alone, and the size of bounded friction."""
-    if (friction := residual.at.problem.friction) is None or not friction.spread.any():
-        return left, size
-    V = np.einsum("rhjj->rhj", residual.at.V).real
-    V = np.where(V > 0, V, np.inf)
-    part = friction.spread / V
-    shown = np.nansum(part * np.abs(left) ** 2 / V / share[:, None], axis=(0, 1))
-    stated = np.nansum(part * (share > 0)[:, None], axis=(0, 1))
-    size = np.sqrt(np.divide(shown, stated, out=size**2, where=stated > 0))
-    return left * np.sqrt(1 - part), size
 
 
 def _differ(one: Phasors, other: Phasors) -> bool:
@@ -325,7 +312,8 @@ def _require_motion(phasors: Phasors) -> None:
     power = np.abs(phasors.harmonics[..., :n]) ** 2
     clear = np.divide(power, variance, out=np.zeros_like(power), where=variance > 0)
     clear = clear.sum(axis=1) / np.maximum(known.sum(axis=1), 1)[:, None]
-    for j in np.flatnonzero(clear.max(axis=0) < _MOVES).tolist():
+    held = friction_waveforms(phasors, 0.0).stationary.all(axis=0)
+    for j in np.flatnonzero(held | (clear.max(axis=0) < _MOVES)).tolist():
         raise JointIdError(
             f"Joint {j + 1} is not excited: theta_m{j + 1}_rad does not move above its noise within the "
             f"band of any record, so K{j + 1} and D{j + 1} cannot be found. Move joint {j + 1}, or "

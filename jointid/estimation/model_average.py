@@ -94,7 +94,10 @@ def spread_of_unseen(
         if name == "link":
             wide, usual = (prior.link_std(p.K, times) for times in (LOWEST_LINK, _USUAL_LINK))
         elif name in FILTERS:
-            part, wide, usual = _in_place_of_delay(p, name, score), never[:1], np.ones(1)
+            part, wide = _in_place_of_delay(p, name, score), never[:1]
+            # Of any size: that which the records show, or could show.
+            if part.information[0, 0] > 0:
+                usual = np.sqrt(part.value**2 + 2 * max(1.0, estimate.misfit) / part.information[0])
         if np.any(usual) and np.any(part.information):
             found += spread_by_prior(part, wide, usual, max(1.0, estimate.misfit))
     return found

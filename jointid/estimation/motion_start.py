@@ -43,7 +43,9 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     M, pose = prior.M[prior.rotor[row]], prior.pose[row]
     torque = z[:, n:] - s2 * M * z[:, :n]
     of_torque = variance[:, n:] + np.abs(s2 * M) ** 2 * variance[:, :n]
-    rubs = np.stack([friction_waveforms(phasors, 0.0).coulomb[row, bins], s[:, None] * z[:, :n]])
+    friction = friction_waveforms(phasors, 0.0)
+    rubs = np.stack([friction.coulomb[row, bins], s[:, None] * z[:, :n]])
+    held = friction.stationary[row]  # by a torque that the springs do not show
     unit = s / np.abs(s).max()
     ends = 1j * unit[:, None] ** np.arange(_DEGREE + 1) * phasors.motion[row, None]
     edges = np.flatnonzero(np.diff(row)) + 1
@@ -51,18 +53,18 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     middle = float(np.median(phasors.excited))
     fastest = float(np.abs(s).max())
     yielding, slow = np.zeros(n), np.zeros(n)  # 1/K and D/K
-    friction, payload = np.zeros((2, n)), 0.0  # the payload in its standard deviations
+    rubbing, payload = np.zeros((2, n)), 0.0  # the payload in its standard deviations
     change = s2[..., None] * prior.shared[prior.part[pose]] + prior.shared_gravity[pose]
     for _ in range(_STEPS):
         A = s2[..., None] * prior.M2[pose] + prior.gravity[pose] + payload * change
-        drive = torque - np.einsum("kbj,kj->bj", rubs, friction)
+        drive = torque - np.einsum("kbj,kj->bj", rubs, rubbing)
         lag = 1 + s[:, None] * slow
         C = yielding / lag
         arm = z[:, :n] - C * drive
         passed = one + A * C[:, None]
         residual = (A @ arm[..., None])[..., 0] - drive
         size = np.abs(A) ** 2 @ variance[:, :n, None] + np.abs(passed) ** 2 @ of_torque[..., None]
-        size += (_ROUNDING * np.abs(drive).max()) ** 2
+        size = np.where(held[..., None], np.inf, size + (_ROUNDING * np.abs(drive).max()) ** 2)
         columns = [A * (-(2 * lag - 1) / lag**2 * drive)[:, None]]
         columns += [A * (s[:, None] / lag**2 * drive)[:, None]]
         columns += [passed * waveform[:, None] for waveform in rubs]
@@ -91,16 +93,16 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
         yielding = np.where(stiffest > 0, stiffest, 0.5 * yielding)
         slow = np.divide(damped, yielding, out=np.zeros(n), where=yielding > 0)
         slow = np.clip(slow, 0.0, _SLOWEST / fastest)
-        friction = friction + rub
+        rubbing = rubbing + rub
         payload += float(step[4 * n :].sum())
         if np.abs(step * scale).max() < _NEAR * np.sqrt(misfit):
             break
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
     K = np.where(yielding > 0, 1 / np.where(yielding > 0, yielding, 1.0), own * middle**2)
-    own, sizes = slice(2 * n, 4 * n), friction.ravel() * scale[2 * n : 4 * n]
+    own, sizes = slice(2 * n, 4 * n), rubbing.ravel() * scale[2 * n : 4 * n]
     rubs_clearly = bool(sizes @ np.linalg.solve(inverse[own, own], sizes) > _RUBS * rows)
     values = {"K": K, "D": slow * K}
-    values |= {"coulomb": friction[0], "viscous": friction[1]} if rubs_clearly else {}
+    values |= {"coulomb": rubbing[0], "viscous": rubbing[1]} if rubs_clearly else {}
     values |= {"M2": prior.lower + payload * prior.common} if shared else {}
     layout = ParameterLayout.of(n, friction=rubs_clearly, arms=len(prior.lower) if shared else 0)
     return layout.named(layout.pack(**values))

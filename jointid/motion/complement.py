@@ -146,10 +146,11 @@ class Complement:
                 place[: basis.torques.shape[1], j] = basis.torques[used].T @ solved[used]
         return found
 
-    def noise_left(self, rows: Floats) -> tuple[Floats, Floats]:
+    def noise_left(self, rows: Floats) -> tuple[Floats, Floats, Floats]:
         """Degrees of freedom that noise keeps in its part of the residual, shape (r, n).
 
-        And the size of the bounded waveforms in residuals of coordinates (r, C) over the stated, (n,).
+        And the squares of the bounded waveforms in residuals of coordinates (r, C), and their expected
+        values, each shape (n,).
         """
         left, sizes = np.zeros((len(self.bases), self.V.shape[2])), np.zeros((2, self.V.shape[2]))
         for place, basis, U, own in zip(left, self.bases, self.roots, rows, strict=True):
@@ -160,6 +161,4 @@ class Complement:
             by_direction = (kept * kept.T).sum(axis=1), 2 * solved * (bounded @ solved), np.diag(share)
             place[:], *size = (np.bincount(basis.joint, each, place.size) for each in by_direction)
             sizes += np.array(size)
-        return left, np.sqrt(
-            np.where(sizes[1] > 0, sizes[0] / np.where(sizes[1] > 0, sizes[1], 1.0), 1.0)
-        )
+        return left, sizes[0], sizes[1]

@@ -191,21 +191,28 @@ class Projection:
         bases = self.complement.bases if self.complement else ()
         return round(found + float(sum(basis.freed.sum() for basis in bases)))
 
-    def noise_left(self, rows: Floats, known: Floats) -> tuple[Floats, Floats]:
+    def noise_left(self, rows: Floats, known: Floats, spread: Floats) -> tuple[Floats, Floats]:
         """Degrees of freedom (r, n) of the noise that the projection leaves, of those known, (r, 1).
 
-        And the size of bounded waveforms over the stated, (n,), for the rows (r, m) of the residual.
+        And the size of bounded waveforms over the stated, (n,), for the rows (r, m) of the residual:
+        of those in the complement, or of the variance ``spread``, shape (r, H, n), in that of the bins.
         """
         n = self.W.shape[2]
-        found, size = known * np.ones(n), np.ones(n)
         if self.complement:
-            found, size = self.complement.noise_left(rows)
+            found, *size = self.complement.noise_left(rows)
             if self.ends:  # they take from all joints alike
                 found[self.ends.records] -= self.ends.leverage().sum(axis=1, keepdims=True) / n
-            return found, size
-        for each in (*self.columns, *([self.ends] if self.ends else [])):
-            found[each.records] -= each.leverage().reshape(len(each.records), -1, n).sum(axis=1)
-        return found, size
+        else:
+            kept = np.ones(rows.shape)
+            for each in (*self.columns, *([self.ends] if self.ends else [])):
+                kept[each.records] -= each.leverage()
+            found = known + (kept - 1).reshape(len(kept), -1, n).sum(axis=1)
+            weighted = self.W.conj().swapaxes(2, 3) @ self.whitened(rows[..., None])
+            left = kept.reshape(len(kept), 2, -1, n).mean(axis=1)[..., None] * np.abs(self.W) ** 2
+            squares = np.abs(weighted[..., 0]) ** 2, left.sum(axis=2)
+            size = [(spread * each).sum(axis=(0, 1)) for each in squares]
+        shown, stated = size
+        return found, np.sqrt(np.divide(shown, stated, out=np.ones(n), where=stated > 0))
 
     def explained(self, values: Complexes) -> Complexes:
         """Free friction in the values (r, H, n, 1) in use, shape (r, H, n)."""

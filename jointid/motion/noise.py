@@ -21,8 +21,6 @@ _BEYOND, _NYQUIST = 1.3, 0.9
 _LATEST = 0.5
 """Share of half the sample rate at which the search begins at the latest."""
 _REWEIGHTED = 10
-_EXAMINED = 4096
-"""Samples in which the encoder's step is searched."""
 _PERIODIC = 0.9
 """Correlation of a motion with itself one period later."""
 _ALIKE = 1e-5
@@ -61,7 +59,7 @@ def sensor_variances(
         if power.max() > _LEAST_POWER:
             variance[[j, n + j]], error = _non_negative(gains.T, power, count)
             most[j] = variance[n + j] + _SURE * error[1]
-        steps = [quantum(part.theta[j, :_EXAMINED]) for part in parts]
+        steps = [quantum(part.theta[j]) for part in parts]
         size = np.max([np.abs([part.theta[j], part.tau[j]]).max(axis=1) for part in parts], axis=0)
         variance[j] = max(variance[j], max(steps) ** 2 / 12, (_FLOOR * size[0]) ** 2)
         variance[n + j] = max(variance[n + j], (_FLOOR * size[1]) ** 2)
@@ -80,7 +78,7 @@ def repeated_variances(parts: Sequence[UniformPart]) -> Floats:
 
 
 def _repeated_rounding(theta: Floats) -> float:
-    N, step = theta.size, quantum(theta[:_EXAMINED])
+    N, step = theta.size, quantum(theta)
     angle = theta - np.linspace(theta[0], theta[-1], N)
     angle = angle - angle.mean()
     if step == 0 or not angle.any():

@@ -18,8 +18,9 @@ _MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
 _REST = 2
 """Samples without clear velocity above which a motor may rest."""
-_STATIONARY = 0.5
-"""Share of the largest velocity with unknown sign from which a joint counts as stationary."""
+_STATIONARY, _STILL = 0.5, 0.9
+"""Share of the largest velocity with unknown sign, and share of the time without clear velocity, from
+which a joint counts as stationary: what friction holds it with, the springs do not show."""
 
 
 def segment_friction(
@@ -45,11 +46,12 @@ def segment_friction(
     unknown : Waveforms
         Polynomials over the stretches with unknown friction; those of the shorter ones are bounded.
     stationary : ndarray, shape (n,)
-        Whether a joint's motion is within its noise.
+        Whether a joint's motion is within its noise, but for short moves.
     """
     v = segment.velocity
     blur, largest = _MARGIN * segment.velocity_noise, np.abs(v).max(axis=1)
     stationary = (blur > _STATIONARY * largest) | (largest == 0)
+    stationary |= np.mean(np.abs(v) <= blur[:, None], axis=1) > _STILL
     late: Floats = segment.turn_rad_s * np.ones(len(v))
     slow, signs = (window, late.tobytes()), (widths.tobytes(), late.tobytes())
     if slow not in segment.known:

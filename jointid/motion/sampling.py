@@ -26,7 +26,6 @@ class UniformPart:
 
     record: int
     """Index of the motion record."""
-    start_s: float
     interval_s: float
     theta: Floats
     """Shape (n, N), rad."""
@@ -83,9 +82,7 @@ def _uniform(record: MotionRecord, index: int, used: slice) -> UniformPart:
             tau = np.diff([np.interp(ends, edges, each) for each in impulse], axis=1) / interval
         else:
             tau = CubicSpline(time, tau, axis=1)(grid)
-    return UniformPart(
-        index, float(time[0]), interval, np.asarray(theta), np.asarray(tau), record.torque_hold
-    )
+    return UniformPart(index, interval, np.asarray(theta), np.asarray(tau), record.torque_hold)
 
 
 def _steps(time: Floats) -> Floats:

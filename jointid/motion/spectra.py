@@ -115,7 +115,6 @@ def _segments(
             continue
         segment = Segment(
             record=part.record,
-            start_s=part.start_s + begin * part.interval_s,
             interval_s=part.interval_s,
             velocity=velocity[:, begin:end],
             velocity_noise=noise,
@@ -148,7 +147,6 @@ def _row(
     covariance[..., np.arange(2 * n), np.arange(2 * n)] = (
         4 * variance / segment.samples * np.abs(factor) ** 2
     )
-    unknown = np.full((1, 2 * n), np.nan)
     return Phasors(
         omega=np.array([2 * np.pi / segment.duration_s]),
         q=z[:, 0, :n],
@@ -158,10 +156,6 @@ def _row(
         duration_s=np.array([segment.duration_s]),
         harmonics=z,
         harmonic_covariance=covariance,
-        drift=np.zeros((1, n)),
-        settling=unknown,
-        settling_noise=unknown,
-        frequency_found_hz=np.array([1 / segment.duration_s]),
         labels=(name,),
         segments=(segment,),
         hold_s=np.array([T * held]),

@@ -16,6 +16,8 @@ _COHERENT = 0.8
 """Smallest coherence of the proposed band."""
 _ABOVE_FLOOR = 10.0
 """Smallest power of the angle in the proposed band, over the noise floor at high frequencies."""
+_SHARE = 1 / 300
+"""The same of the velocity per octave, over its largest: friction adds some at all frequencies."""
 _HIGHEST = 1 / 6
 """Top of the proposed band over the sample rate: images of a held torque grow with frequency."""
 _GAP = 5
@@ -86,7 +88,10 @@ def coherent_band(record: JointRecord) -> tuple[float, float]:
         When no frequency is coherent, or the record is too short.
     """
     frequency, share, above = coherence(record)
-    usable = np.any((_smooth(share) >= _COHERENT) & (_smooth(above) >= _ABOVE_FLOOR), axis=1)
+    above = _smooth(above)
+    octave = above * frequency[:, None] ** 3  # power of the velocity
+    moves = (above >= _ABOVE_FLOOR) & (octave >= _SHARE * octave.max(axis=0))
+    usable = np.any((_smooth(share) >= _COHERENT) & moves, axis=1)
     usable &= frequency * record.interval_s <= _HIGHEST
     runs = [run for run in true_runs(np.asarray(usable)) if run[1] - run[0] >= _GAP]
     if not runs:

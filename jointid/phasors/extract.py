@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
 
 import numpy as np
 
@@ -50,21 +49,21 @@ class Phasors:
     """Degrees of freedom of each covariance, shape (r,); they grow with the number of periods."""
     duration_s: Floats
     """Length of each record, shape (r,), s; noise variances are inversely proportional to it."""
-    harmonics: Complexes
+    harmonics: Complexes = field(default_factory=lambda: np.zeros(0, complex))
     """Phasors of z at ω, 2ω, 3ω ... fitted together, shape (r, H, 2n). Row 0 is z without leakage of
     harmonics over an incomplete period. Zero for harmonics that are not in the fit."""
-    harmonic_covariance: Complexes
+    harmonic_covariance: Complexes = field(default_factory=lambda: np.zeros(0, complex))
     """Noise covariance of each harmonic, shape (r, H, 2n, 2n)."""
-    drift: Floats
+    drift: Floats = field(default_factory=lambda: np.zeros(0))
     """Constant velocity superposed on each motor's sine, shape (r, n), rad/s."""
-    settling: Floats
+    settling: Floats = field(default_factory=lambda: np.zeros(0))
     """Difference of z between the first quarter and the second half of a record, relative to z,
     shape (r, 2n); NaN with too few periods."""
-    settling_noise: Floats
+    settling_noise: Floats = field(default_factory=lambda: np.zeros(0))
     """Standard error of ``settling``, shape (r, 2n)."""
-    frequency_found_hz: Floats
+    frequency_found_hz: Floats = field(default_factory=lambda: np.zeros(0))
     """Frequency of the motor angle, from the drift of its phase, shape (r,), Hz."""
-    labels: tuple[str, ...]
+    labels: tuple[str, ...] = ()
     """Name of each record, for messages and plots."""
     segments: Sequence[Segment | None] | np.ndarray = ()
     """Segment of each row that comes from a motion record, None for a sine, as an array of shape (r,).
@@ -79,12 +78,24 @@ class Phasors:
     """Delay of the torque that ``tau`` is corrected for, shape (r,), s."""
 
     def __post_init__(self) -> None:
-        rows = np.full(np.size(self.omega), None, dtype=object)
-        zeros = np.zeros(rows.size)
-        shapes = {"harmonic_rounding": self.harmonics, "hold_s": zeros, "torque_delay_s": zeros}
-        for name, like in shapes.items():
-            if not getattr(self, name).size:
-                object.__setattr__(self, name, np.zeros(like.shape))
+        rows, n = np.full(np.size(self.omega), None, dtype=object), self.q.shape[1]
+        unknown = np.full((rows.size, 2 * n), np.nan)
+        usual = {
+            "harmonics": self.z[:, None],
+            "harmonic_covariance": self.covariance[:, None],
+            "drift": np.zeros((rows.size, n)),
+            "settling": unknown,
+            "settling_noise": unknown,
+            "frequency_found_hz": np.asarray(self.omega) / (2 * np.pi),
+            "hold_s": np.zeros(rows.size),
+            "torque_delay_s": np.zeros(rows.size),
+            "labels": ("",) * rows.size,
+        }
+        for name, values in usual.items():
+            if not np.size(getattr(self, name)):
+                object.__setattr__(self, name, values)
+        if not self.harmonic_rounding.size:
+            object.__setattr__(self, "harmonic_rounding", np.zeros(self.harmonics.shape))
         if len(self.segments):
             rows[:] = self.segments
         object.__setattr__(self, "segments", rows)
@@ -264,16 +275,9 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
 
 def no_phasors(n: int) -> Phasors:
     """Return the phasors of no record of n joints."""
-    shapes = {
-        **dict.fromkeys(("q", "tau", "drift"), (n,)),
-        **dict.fromkeys(("settling", "settling_noise"), (2 * n,)),
-        "covariance": (2 * n, 2 * n),
-        "harmonics": (1, 2 * n),
-        "harmonic_covariance": (1, 2 * n, 2 * n),
-    }
-    names = [f.name for f in fields(Phasors) if f.name not in _PER_ROW]
-    empty: dict[str, Any] = {name: np.zeros((0, *shapes.get(name, ()))) for name in names}
-    return Phasors(**empty, labels=())
+    none = np.zeros(0)
+    signals, covariance = np.zeros((0, n), complex), np.zeros((0, 2 * n, 2 * n), complex)
+    return Phasors(none, signals, signals, covariance, none, none)
 
 
 def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:

@@ -14,8 +14,6 @@ class Segment:
 
     record: int
     """Index of the motion record that it comes from."""
-    start_s: float
-    """Time of its first sample on the record's clock, s."""
     interval_s: float
     velocity: Floats
     """Smoothed velocities of the motors, shape (n, N), rad/s."""

@@ -161,7 +161,6 @@ class PlanningModel:
     ) -> FrictionWaveforms:
         """Friction waveforms of the chosen model for pure sines."""
         r, _, channels = harmonics.shape
-        unknown = np.full((r, channels), np.nan)
         sines = Phasors(
             omega=omega,
             q=harmonics[:, 0, : channels // 2],
@@ -171,11 +170,6 @@ class PlanningModel:
             duration_s=duration_s,
             harmonics=np.where(harmonics == 0, 1e-300, harmonics),  # known, but practically zero
             harmonic_covariance=C,
-            drift=np.zeros((r, channels // 2)),
-            settling=unknown,
-            settling_noise=unknown,
-            frequency_found_hz=omega / (2 * np.pi),
-            labels=("",) * r,
         )
         return chosen_friction(sines, self.fit)
 

@@ -1,6 +1,6 @@
 """Findings on the data and the answer, most important first."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,8 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_elasticity
+from jointid.joints import Inertia
+from jointid.phasors.extract import Phasors
 from jointid.uncertainty.prior_rows import disagreements
 from jointid.verdict.causes import GOOD
 from jointid.verdict.evidence import Evidence, Finding, good, percent, relative, times_noise
@@ -43,6 +45,7 @@ from jointid.verdict.rules_records import (
     wrong_frequency,
 )
 from jointid.verdict.rules_response import foreign_peak, rejected
+from jointid.verdict.scorer import Scorer
 from jointid.verdict.wrong_data import wrong_data
 from jointid.wording import enumerated
 
@@ -102,10 +105,7 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
             found.append(one_record_off(evidence, outlier))
         scales: tuple[Finding, ...] = ()
     else:
-        misfit = _scale_misfit(judge)
-        scales = wrong_data(evidence.phasors, evidence.inertias, misfit=misfit)
-        if not scales and misfit >= GOOD:
-            scales = tuple(axes_exchanged(replace(evidence, fit=judge)))
+        scales = wrong_columns(replace(evidence, fit=judge), evidence.phasors, evidence.inertias)
         found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
@@ -135,10 +135,17 @@ def _best_fit(evidence: Evidence) -> ElasticityFit:
     return best if _physical_misfit(best) < GOOD else fit
 
 
-def _scale_misfit(fit: ElasticityFit) -> float:
-    """Misfit that decides on the search for wrong units: fitted inertias may absorb a wrong scale."""
-    misfit = _physical_misfit(fit)
-    return max(misfit, GOOD) if np.any(disagreements(fit) > _FAR) else misfit
+def wrong_columns(
+    evidence: Evidence, phasors: Phasors, inertias: Sequence[Inertia]
+) -> tuple[Finding, ...]:
+    """Wrong units, signs, columns and axes, by phasors of the records with an inertia for each."""
+    misfit = _physical_misfit(evidence.fit)
+    if np.any(disagreements(evidence.fit) > _FAR):  # fitted inertias may absorb a wrong scale
+        misfit = max(misfit, GOOD)
+    found = wrong_data(phasors, inertias, misfit=misfit)
+    if not found and misfit >= GOOD:
+        found = tuple(axes_exchanged(evidence, Scorer.of(phasors, inertias)))
+    return found
 
 
 def _physical_misfit(fit: ElasticityFit) -> float:

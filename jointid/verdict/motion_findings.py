@@ -9,8 +9,9 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
+from jointid.transfer_matrix import TransferMatrix
 from jointid.verdict.evidence import Evidence, Finding, percent, some, warning
-from jointid.verdict.findings import all_well, of_records
+from jointid.verdict.findings import all_well, of_records, wrong_columns
 from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import inertias_off, judged
@@ -19,6 +20,8 @@ from jointid.verdict.rules_records import counted_twice
 
 _RESTS, _LOOSELY = 0.35, 0.01
 """Share of the time at rest, and relative standard error of K, from which a joint is reported."""
+_SURE = 1e4
+"""Degrees of freedom of the covariance of transfer matrices."""
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
 """Time in which a motor moves, s; the quantile of its moves that counts as fast; a rest over it."""
 
@@ -28,6 +31,7 @@ def motion_findings(
     inertias: Sequence[Inertia],
     phasors: Phasors,
     fits: Mapping[str, ElasticityFit],
+    matrices: Mapping[str, TransferMatrix],
 ) -> tuple[Finding, ...]:
     """All findings, most important first, including one if no action is needed.
 
@@ -40,6 +44,8 @@ def motion_findings(
         Of the sine records.
     fits : mapping of str to ElasticityFit
         The fit of all records first, then the linear ones of the sines.
+    matrices : mapping of str to TransferMatrix
+        By pose.
     """
     fit = next(iter(fits.values()))
     evidence = Evidence(tuple(records), inertias, fit.phasors, fit, {})
@@ -51,11 +57,15 @@ def motion_findings(
         chosen = tuple(record for record in records if isinstance(record, SineRecord))
         theirs = [inertias[k] for k in sines]
         found += of_records(Evidence(chosen, theirs, phasors, linear, {}))
-    own = None if np.any(fit.K <= 0) else judged(evidence)
-    causes = [] if own is None else list(inertias_off(evidence, own))
+    rests = np.mean([share_at_rest(record) for record in motions], axis=0)
+    causes: list[Finding] = []
+    if matrices and rests.max() < _RESTS:  # friction that holds a motor is like another inertia
+        causes += wrong_columns(evidence, *_responses(evidence, matrices))
+    own = None if causes or np.any(fit.K <= 0) else judged(evidence)
+    causes += [] if own is None else inertias_off(evidence, own)
     found += [*causes, *effects_found(evidence), *torque_lags(evidence)]
     if not causes:
-        resting = list(_resting(of_motions))
+        resting = list(_resting(fit, rests))
         rules = (model_limits, hardly_tested, hardly_known)[: 2 if resting else 3]
         found += [*resting, *(each for rule in rules for each in rule(evidence))]
     if not any(finding.level in ("problem", "warning") for finding in found):
@@ -63,13 +73,34 @@ def motion_findings(
     return tuple(sorted(found, key=lambda finding: -finding.weight))
 
 
-def _resting(evidence: Evidence) -> Iterator[Finding]:
+def _responses(
+    evidence: Evidence, matrices: Mapping[str, TransferMatrix]
+) -> tuple[Phasors, list[Inertia]]:
+    """Transfer matrices as motions under a torque of 1 N·m at each motor in turn, and their inertias."""
+    n, parts, inertias = evidence.fit.n, [], []
+    longest = max(float(np.ptp(record.time_s)) for record in evidence.records)
+    for pose, matrix in matrices.items():
+        rows, square = n * matrix.omega.size, matrix.omega[:, None, None] ** 2
+        covariance = np.zeros((rows, 2 * n, 2 * n), complex)
+        of_columns = np.einsum("fijkj->fjik", matrix.covariance.reshape(-1, n, n, n, n))
+        covariance[:, :n, :n] = (of_columns / square[..., None] ** 2).reshape(rows, n, n)
+        motions = Phasors(
+            omega=np.repeat(matrix.omega, n),
+            q=-(matrix.H / square).swapaxes(1, 2).reshape(rows, n),
+            tau=np.tile(np.eye(n, dtype=complex), (matrix.omega.size, 1)),
+            covariance=covariance,
+            degrees_of_freedom=np.full(rows, _SURE),
+            duration_s=np.full(rows, longest),
+        )
+        parts.append(motions)
+        inertias += [evidence.of_pose(pose)[1]] * rows
+    return Phasors.joined(parts), inertias
+
+
+def _resting(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
     """Joints that friction holds so long that their own torques hardly show the spring."""
-    fit = evidence.fit
-    records = [record for record in evidence.records if isinstance(record, MotionRecord)]
-    if fit.friction is None or not records:
+    if fit.friction is None:
         return
-    shares = np.mean([share_at_rest(record) for record in records], axis=0)
     known = fit.standard_error[: fit.n] / np.abs(fit.K)
     joints = np.flatnonzero((shares > _RESTS) & (known > _LOOSELY))
     if joints.size:

@@ -8,7 +8,7 @@ from scipy.special import chdtrc
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
-from jointid.estimation.identify_elasticity import identify_each, identify_elasticity
+from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.estimation.identify_motion import identify_motion
 from jointid.joints import Inertia
 from jointid.uncertainty.chosen_model import refit
@@ -54,18 +54,17 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     yield from _far_off(evidence) if own is None else inertias_off(evidence, own)
 
 
-def axes_exchanged(evidence: Evidence) -> Iterator[Finding]:
+def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
     """Exchanged or reversed axes, by a whole fit: friction and gears hide them from a linear one."""
-    fit, scorer = evidence.fit, Scorer.of(evidence.phasors, evidence.inertias)
+    fit = evidence.fit
     tried = [scorer.as_logged(), *axis_hypotheses(fit.n)]
     misfit = scorer.scores(tried).misfit
     best = int(np.argmin(misfit))
     if misfit[best] > _LOWER * misfit[0]:
         return
     inertias = [tried[best].inertia(each) for each in evidence.inertias]
-    prior = fit.prior.like(inertias, evidence.phasors.q.shape)
     try:
-        other = identify_each(evidence.phasors, prior, ["auto"])["auto"]
+        other = _refitted(evidence, inertias, fit.prior.inertia_std, fit.prior.torque_std)
     except JointIdError:
         return
     before, after = (float(disagreements(each).max(initial=0.0)) for each in (fit, other))
@@ -133,13 +132,23 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
         if own.misfit <= _EXPLAINED:
             return own if "torque_scale" in own.parameters.layout else None
         try:
-            if evidence.phasors.motion.any():
-                own = identify_motion(evidence.records, inertias, inertia_std=_LOOSE)
-            else:
-                own = identify_elasticity(evidence.phasors, inertias, inertia_std=_LOOSE)
+            own = _refitted(evidence, inertias, _LOOSE)
         except JointIdError:
             return None
     return own if own.misfit <= _EXPLAINED else None
+
+
+def _refitted(
+    evidence: Evidence, inertias: list[Inertia], inertia_std: float, torque_std: float | None = None
+) -> ElasticityFit:
+    """The fit of the same records with other inertias, one of each record."""
+    if len(evidence.sines) < len(evidence.records):
+        return identify_motion(
+            evidence.records, inertias, inertia_std=inertia_std, torque_std=torque_std
+        )
+    return identify_elasticity(
+        evidence.phasors, inertias, inertia_std=inertia_std, torque_std=torque_std
+    )
 
 
 def _significance(row: PriorRow, exact: bool) -> float:
