@@ -224,6 +224,16 @@ def press(page: Page, wanted: Locator, key: str = "Enter") -> None:
         page.keyboard.press(key)
 
 
+def type_in(page: Page, box: Locator, text: str) -> None:
+    """Go to a box by Tab and enter a text; what the server makes of it does not disturb the next step."""
+    tab_to(page, box)
+    page.keyboard.press("Control+a")
+    page.keyboard.type(text)
+    with answered(page):
+        page.keyboard.press("Enter")
+    expect(box).to_have_value(text)
+
+
 def test_by_keyboard_alone_from_the_log_to_the_report(log: Log, shared: Server, tab: Page) -> None:
     page = new_page(tab.context)
     page.add_init_script("addEventListener('pointerdown', () => window.touched = true, true)")
@@ -241,9 +251,7 @@ def test_by_keyboard_alone_from_the_log_to_the_report(log: Log, shared: Server, 
         chooser.value.set_files(data)  # type: ignore[arg-type]
     texts = {"Gear ratios": RATIOS, "Rated torque": RATED_NM}
     for name, values_of in texts.items():
-        tab_to(page, main.get_by_role("textbox", name=f"{name}"))
-        page.keyboard.press("Control+a")
-        page.keyboard.type(", ".join(f"{value:g}" for value in values_of))
+        type_in(page, main.get_by_role("textbox", name=name), ", ".join(f"{v:g}" for v in values_of))
     held = main.get_by_role("combobox", name="Torque between samples")
     tab_to(page, held)
     with answered(page):
@@ -252,10 +260,7 @@ def test_by_keyboard_alone_from_the_log_to_the_report(log: Log, shared: Server, 
     expect(held).to_have_value("held until the next sample")
     press(page, main.get_by_role("button", name="Confirm the drive data"))
     for box, value in ((rotors(page), M), (main.get_by_role("textbox", name="Arm inertia M2"), M2)):
-        tab_to(page, box)
-        page.keyboard.type(value)
-    with answered(page):
-        page.keyboard.press("Enter")
+        type_in(page, box, value)
     tab_to(page, main.get_by_role("button", name="Open as study"))
     page.keyboard.press("Enter")
     expect(page.get_by_role("heading", level=1)).not_to_have_text("Import a log")
@@ -278,13 +283,23 @@ def is_kept(server: Server, text: str) -> bool:
     return any(text.encode() in file.read_bytes() for file in server.data.rglob("*.data"))
 
 
+STILL = """async element => {
+  for (let [place, same] = [NaN, 0]; same < 10; ) {
+    await new Promise(requestAnimationFrame);
+    const now = element.getBoundingClientRect().y;
+    [place, same] = [now, now === place ? same + 1 : 0];
+  }
+}"""
+"""Wait until what unfolds above an element has left it where it is for ten frames."""
+
+
 def drop_first_run(page: Page) -> None:
     """Untick the first line of the table, whose cells are drawn on a canvas."""
     page.get_by_text("4 Runs").click()
     table = page.get_by_test_id("stDataFrame").last
     expect(table).to_be_visible()
-    page.wait_for_timeout(500)  # the step unfolds
     table.scroll_into_view_if_needed()
+    table.evaluate(STILL)
     box = table.locator("canvas").first.bounding_box()
     assert box is not None
     with answered(page):
