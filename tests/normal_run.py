@@ -96,6 +96,9 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_what_is_no_inertia_is_said_and_stays": ("0.001, 0.002*",),
         "test_what_is_no_log_is_said_and_the_others_open": ("",),
     },
+    "test_import_readers.py": {
+        "test_each_kind_of_log_gives_k_and_d": ("log73.mat", "log.xlsx", "bag.mcap"),
+    },
     "test_import_roles.py": {
         "test_a_clock_inside_a_matrix_and_velocities_take_no_role": ("first-*",),
     },

@@ -1,4 +1,4 @@
-"""Every kind of log in real Chromium, from the upload to K and D; and nothing lost in between."""
+"""A log in real Chromium, from the upload to K and D; and nothing lost in between."""
 
 from __future__ import annotations
 
@@ -6,57 +6,21 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
 import pytest
 from browsing import Server, answered, choose, finished, follow, new_page, rested
-from log_makers import (
-    Log,
-    as_csv,
-    as_excel,
-    as_hdf5,
-    as_mat,
-    as_mat_v73,
-    as_parquet,
-    as_ros_bag,
-    zipped,
-)
-from plants import PAPER, PARALLELOGRAM
+from log_makers import Log, as_csv, as_parquet, two_joint_log, zipped
+from plants import PAPER
 from playwright.sync_api import BrowserContext, Locator, Page, expect
-
-from jointid import Controller, Excitation, Measurement, simulate_records
 
 pytestmark = pytest.mark.browser
 
 RATIOS, RATED_NM = (100.0, -90.0), (5.0, 2.0)
-FREQUENCIES_HZ = [6.0, 12.0, 26.0]
 M, M2 = "0.0025, 0.0010", "0.004104, 0.000395; 0.000395, 0.001889"
-KINDS: dict[str, Callable[[Log, Path], bytes]] = {
-    "log.parquet": lambda log, _: as_parquet(log),
-    "log5.mat": lambda log, _: as_mat(log),
-    "log73.mat": lambda log, _: as_mat_v73(log),
-    "log.h5": lambda log, _: as_hdf5(log),
-    "week.zip": lambda log, _: zipped({"log.parquet": as_parquet(log)}),
-    "log.xlsx": lambda log, _: as_excel(log),
-    "bag.db3": lambda log, folder: as_ros_bag(log, folder, "sqlite3"),
-    "bag.mcap": lambda log, folder: as_ros_bag(log, folder, "mcap"),
-}
 
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    """Six sine runs of one robot of two joints with a pause after each, its torque held."""
-    records = simulate_records(
-        PARALLELOGRAM,
-        PAPER,
-        FREQUENCIES_HZ,
-        excitation=Excitation(duration_s=1.4),
-        controller=Controller(sample_rate_hz=500.0),
-        measurement=Measurement(encoder_counts=1 << 20, torque_noise_Nm=0.002),
-        seed=2,
-    )
-    times = [2.0 * k + record.time_s - record.time_s[0] for k, record in enumerate(records)]
-    theta = np.concatenate([record.theta_rad for record in records])
-    return np.concatenate(times), theta, np.concatenate([record.tau_Nm for record in records])
+    return two_joint_log()
 
 
 @pytest.fixture(scope="module")
@@ -161,12 +125,9 @@ def near_the_truth(page: Page) -> None:
         assert found[name] == pytest.approx(value, rel=2e-3 if name[0] == "K" else 2e-2), found
 
 
-@pytest.mark.parametrize(
-    "name",
-    [name if name == "week.zip" else pytest.param(name, marks=pytest.mark.long) for name in KINDS],
-)
-def test_each_kind_of_log_becomes_a_study(name: str, log: Log, page: Page, tmp_path: Path) -> None:
-    upload(page, name, KINDS[name](log, tmp_path))
+def test_a_zipped_log_becomes_a_study(log: Log, page: Page) -> None:
+    """Every other kind of log gives K and D without a browser: ``test_import_readers.py``."""
+    upload(page, "week.zip", zipped({"log.parquet": as_parquet(log)}))
     hold_torque(page)
     open_study(page)
     expect(page.get_by_text("6 records")).to_be_visible()
@@ -225,7 +186,7 @@ def press(page: Page, wanted: Locator, key: str = "Enter") -> None:
 
 
 def type_in(page: Page, box: Locator, text: str) -> None:
-    """Go to a box by Tab and enter a text; what the server makes of it does not disturb the next step."""
+    """Go to a box by Tab, enter a text and wait for the answer, which may draw the page anew."""
     tab_to(page, box)
     page.keyboard.press("Control+a")
     page.keyboard.type(text)

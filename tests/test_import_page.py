@@ -305,8 +305,8 @@ class TestStudy:
         (facts,) = seen
         assert (facts["nominal"].K.tolist(), facts["nominal"].D.tolist()) == ([20.5], [0.1])
         assert (facts["robot"], str(facts["date"])) == ("cell 7", "2026-11-20")
-        assert facts["inertia"].M == pytest.approx([1e-3])
-        assert facts["inertia"].M2 == pytest.approx(np.array([[3e-3]]))
+        assert pytest.approx([1e-3]) == facts["inertia"].M
+        assert pytest.approx(np.array([[3e-3]])) == facts["inertia"].M2
 
     def test_what_was_assumed_is_said_at_the_button_until_it_is_given(self, page: AppTest) -> None:
         at = drop(page, ("cell.csv", cell_log()))
