@@ -184,9 +184,9 @@ def huge_npy() -> bytes:
     ids=["npy shape", "nested", "wpilog size", "wpilog texts", "regular expression", "period", "header"],
 )  # fmt: skip
 def test_hostile_files_are_refused_soon(data: bytes, name: str, said: str) -> None:
-    began = time.monotonic()
+    began = time.process_time()
     assert said in refused(data, name)
-    assert time.monotonic() - began < 20
+    assert time.process_time() - began < 20
 
 
 @pytest.mark.parametrize(
