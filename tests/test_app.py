@@ -220,7 +220,8 @@ class TestAnalysisThatFails:
         assert figures(at) == 2
         for view in RECORD_VIEWS:
             at.session_state["records_view"] = view
-            assert figures(shown(at.run())) == 2
+            at = shown(at.switch_page("pages/1_Records.py").run())
+            assert (figures(at), at.session_state["records_view"]) == (2, view)
 
     def test_springs_that_are_none_are_said_to_be_none(
         self, app: AppTest, studies: dict[int, Study]
