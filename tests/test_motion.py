@@ -237,7 +237,7 @@ def test_joints_that_move_in_turn_with_friction() -> None:
 def test_hardening_is_found_under_heavy_friction() -> None:
     """Noise and free friction explain nearly all that a linear gear leaves: the score tells."""
     hard = {"cubic": [20_000.0, 0.0], "coulomb": [0.1, 0.05], "viscous": [2e-3, 4e-4]}
-    rubbing = simulate([(replace(CELL, **hard), replace(SHORT, noise_Nm=0.02, duration_s=3.0))])[0]
+    rubbing = simulate([(replace(CELL, **hard), replace(SHORT, noise_Nm=0.02, duration_s=2.0))])[0]
     fit = identify_motion(rubbing, GIVEN, inertia_std=0.05)
     assert fit.gears[0].kind == "hardening"
     assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
