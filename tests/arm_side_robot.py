@@ -96,9 +96,9 @@ def motion_record(
         return q + (s - truth.damping_s * change) / K + friction + truth.transmission_error(q)
 
     N, J = ROBOT.gear_ratio, ROBOT.rotor_inertia
-    theta = motors(t)
-    acceleration = (motors(t + h) - 2 * theta + motors(t - h)) / h**2
-    velocity = (motors(t + h) - motors(t - h)) / (2 * h)
+    before, theta, after = (motors(t + shift) for shift in (-h, 0, h))
+    acceleration = (after - 2 * theta + before) / h**2
+    velocity = (after - before) / (2 * h)
     tau = torque(t) / N + J * N * acceleration + 1.5 * np.tanh(velocity / 3e-3) + 5 * velocity
     arm = np.full(theta.shape, np.nan)
     noise = np.zeros((t.size, SENSORS))

@@ -29,7 +29,7 @@ FLAGS = [
     "--no-first-run",
     "--process-per-site",
 ]
-PATIENCE_MS = 40_000
+PATIENCE_MS = 90_000
 expect.set_options(timeout=PATIENCE_MS)  # 5 s is too short where the cores have other work
 
 # On a page's own address streamlit's client first asks there for its server, then at the root.

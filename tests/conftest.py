@@ -28,6 +28,9 @@ if TYPE_CHECKING:  # the process that only hands out the tests loads none of the
 LONGEST_FILES = ("test_whole_error.py", "test_verdict.py", "test_fleet.py")
 """Beside those that need a browser."""
 
+BROWSER_TIMEOUT_S = 600
+"""They wait for conditions, each by ``browsing.PATIENCE_MS`` at most; a busy machine is no fault."""
+
 FREQUENCIES_HZ = [3.0, 7.0, 11.0, 17.0, 23.0, 29.0]
 
 
@@ -85,6 +88,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         left_out = [item for item in items if _is_long(item)]
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if not _is_long(item)]
+    for item in items:
+        if item.get_closest_marker("browser"):
+            item.add_marker(pytest.mark.timeout(BROWSER_TIMEOUT_S))
     items.sort(
         key=lambda item: (not item.get_closest_marker("browser"), item.path.name not in LONGEST_FILES)
     )

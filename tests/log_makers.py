@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+from plants import PAPER, PARALLELOGRAM
 
+from jointid import Controller, Excitation, Measurement, simulate_records
 from jointid.arrays import Floats
 from jointid.importing import Guess, Reason
 
@@ -327,3 +330,36 @@ def as_ros_bag(log: Log, folder: Path, kind: str) -> bytes:
             writer.write(connection, ns, store.serialize_cdr(message, state.__msgtype__))
     (file,) = [part for part in path.iterdir() if part.suffix in (".db3", ".mcap")]
     return file.read_bytes()
+
+
+SINES_HZ = [6.0, 12.0, 26.0]
+
+
+@cache
+def two_joint_log() -> Log:
+    """Six sine runs of one robot of two joints with a pause after each, its torque held."""
+    records = simulate_records(
+        PARALLELOGRAM,
+        PAPER,
+        SINES_HZ,
+        excitation=Excitation(duration_s=1.4),
+        controller=Controller(sample_rate_hz=500.0),
+        measurement=Measurement(encoder_counts=1 << 20, torque_noise_Nm=0.002),
+        seed=2,
+    )
+    times = [2.0 * k + record.time_s - record.time_s[0] for k, record in enumerate(records)]
+    theta = np.concatenate([record.theta_rad for record in records])
+    return np.concatenate(times), theta, np.concatenate([record.tau_Nm for record in records])
+
+
+KINDS: dict[str, Callable[[Log, Path], bytes]] = {
+    "log.parquet": lambda log, _: as_parquet(log),
+    "log5.mat": lambda log, _: as_mat(log),
+    "log73.mat": lambda log, _: as_mat_v73(log),
+    "log.h5": lambda log, _: as_hdf5(log),
+    "week.zip": lambda log, _: zipped({"log.parquet": as_parquet(log)}),
+    "log.xlsx": lambda log, _: as_excel(log),
+    "bag.db3": lambda log, folder: as_ros_bag(log, folder, "sqlite3"),
+    "bag.mcap": lambda log, folder: as_ros_bag(log, folder, "mcap"),
+}
+"""Files that hold a log, by their names."""

@@ -96,6 +96,9 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_what_is_no_inertia_is_said_and_stays": ("0.001, 0.002*",),
         "test_what_is_no_log_is_said_and_the_others_open": ("",),
     },
+    "test_import_readers.py": {
+        "test_each_kind_of_log_gives_k_and_d": ("log73.mat", "log.xlsx", "bag.mcap"),
+    },
     "test_import_roles.py": {
         "test_a_clock_inside_a_matrix_and_velocities_take_no_role": ("first-*",),
     },
@@ -134,6 +137,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_a_long_study_is_analysed_like_another": (),
     },
     "test_motion.py": {
+        "test_a_delay_turns_the_images_of_the_torque": ("changed[12]",),
         "test_an_initial_state_does_not_change_the_answer": (),
         "test_errors_hold_rounding_that_repeats": (),
         "test_friction_is_chosen_by_itself": (),
@@ -231,6 +235,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_exchanged_joints_and_units_that_inertias_absorb": ("sound*", "<lambda>-inertia4*"),
         "test_friction_does_not_hide_exchanged_or_reversed_axes": ("given0*0.0", "given[12]*0.05"),
         "test_factor_of_one_record_is_named": ("1-87.0*",),
+        "test_inertias_of_another_drive_are_a_finding": (),
         "test_one_record_in_degrees_is_named_and_no_inertia_blamed": (),
         "test_what_is_wrong_in_every_record_accuses_none": ("six-0.8",),
         "test_wrong_scale_comes_first_and_hides_what_follows_from_it": ("*-weighted",),

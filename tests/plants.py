@@ -137,13 +137,16 @@ def steady_records(
 
 @cache
 def rubbing(
-    coulomb: tuple[float, float] = (0.1, 0.02), pattern: str = "orthogonal", step_s: float = 5e-4
+    coulomb: tuple[float, float] = (0.1, 0.02),
+    pattern: str = "orthogonal",
+    step_s: float = 5e-4,
+    every: int = 2,
 ) -> tuple[SineRecord, ...]:
-    """A short campaign in closed loop with Coulomb friction."""
+    """A short campaign in closed loop with Coulomb friction, at every second frequency of the band."""
     return simulate_records(
         PARALLELOGRAM,
         PAPER,
-        BAND_HZ,
+        BAND_HZ[::every],
         friction=MotorFriction(coulomb=list(coulomb), step_s=step_s),
         controller=Controller(sample_rate_hz=2000),
         excitation=Excitation(duration_s=2.0, pattern=pattern),

@@ -626,6 +626,8 @@ def test_a_process_that_was_ended_while_idle_is_begun_anew(paths: list[Path]) ->
 def test_whoever_waits_can_end_a_study_in_the_middle(
     paths: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Long before its limit, which is beyond that of this test."""
+
     class Stopped(Exception):
         pass
 
@@ -638,12 +640,10 @@ def test_whoever_waits_can_end_a_study_in_the_middle(
     bad = poison(tmp_path)
     monkeypatch.setenv("PYTHONPATH", with_poison(tmp_path / "p")["PYTHONPATH"])
     jobs = [Job("good", paths[0]), Job("endless", bad["hangs"]), Job("later", paths[1])]
-    began = time.monotonic()
-    with closing(Local(1, Limits(time_s=100), waiting=stop).run(jobs)) as finished:
+    with closing(Local(1, Limits(time_s=1000), waiting=stop).run(jobs)) as finished:
         rows.append(next(finished).row)
         with pytest.raises(Stopped):
             next(finished)
-    assert time.monotonic() - began < 50  # it is not the limit that ended it
     assert [row and row.study for row in rows] == ["good"]
     assert all(row and row.is_good for row in rows)
 

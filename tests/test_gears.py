@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from examples import tries
 from scipy.integrate import solve_ivp
 
 from benchmarks.independent_robot import Robot, paper_motions, simulate
@@ -375,7 +376,7 @@ def test_play_is_not_taken_for_slopes(seed: int) -> None:
     records = simulate_records(
         inertia,
         Elasticity([36, 9.5], [0.08, 0.02]),
-        np.geomspace(3, 28, 12).tolist(),
+        np.geomspace(3, 28, tries(8, long=12)).tolist(),
         gears=[Gear(K=K, backlash_rad=b) for K, b in zip((36, 9.5), play, strict=True)],
         measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.03, 0.015]),
         seed=seed,

@@ -64,16 +64,10 @@ def test_every_page_about_a_hostile_study_sets_its_address(
         at.query_params.clear()
         at = shown(at.switch_page(page).run())
         assert {name: at.query_params[name] for name in address} == address, page
-
-
-@pytest.mark.parametrize(("tab", "said"), [("Model check", "Largest: "), ("Inertias", "Motor side")])
-def test_every_tab_about_a_hostile_study(
-    app: AppTest, studies: dict[int, Study], tab: str, said: str
-) -> None:
-    at = opened(shown(app.run()), "a.zip", pack_study(hostile_study(studies[2])))
-    at.session_state["details"] = tab
-    at = shown(at.switch_page("pages/4_Elasticity.py").run())
-    assert any(said in caption.value for caption in at.caption)
+    for tab, said in (("Model check", "Largest: "), ("Inertias", "Motor side")):
+        at.session_state["details"] = tab
+        at = shown(at.switch_page("pages/4_Elasticity.py").run())
+        assert any(said in caption.value for caption in at.caption), tab
 
 
 def test_every_page_beside_a_refused_file(app: AppTest, studies: dict[int, Study]) -> None:

@@ -281,30 +281,32 @@ class TestMapping:
 
 
 class TestStudy:
-    def test_nominal_values_are_taken(self, page: AppTest, seen: list[Any]) -> None:
+    def test_what_is_entered_of_the_robot_goes_into_the_study(
+        self, page: AppTest, seen: list[Any]
+    ) -> None:
         at = drop(page, ("one.csv", long_log()))
         at.text_input(key="import nominal K").set_value("20,5; ")
-        assert "Nominal D is missing" in send(at, "0.001", "0.003").error[0].value
-        at.text_input(key="import nominal K").set_value("20.5, 3")
-        at.text_input(key="import nominal D").set_value("0.1, 0.2")
-        assert "those of 2 joints" in send(at, "0.001", "0.003").error[0].value
-        at.text_input(key="import nominal K").set_value("20.5")
-        at.text_input(key="import nominal D").set_value("0.1")
-        assert "enough seen" in send(at, "0.001", "0.003").error[0].value
-        nominal = seen[0]["nominal"]
-        assert (nominal.K.tolist(), nominal.D.tolist()) == ([20.5], [0.1])
-
-    def test_robot_and_date_are_taken(self, page: AppTest, seen: list[Any]) -> None:
-        at = drop(page, ("one.csv", long_log()))
         at.text_input(key="import robot").set_value("cell 7")
         at.text_input(key="import date").set_value("last week")
-        at = send(at, "soft", "0.003")
+        at = send(at, "soft", "3e-3")
         assert not seen
         assert '"soft" is not a number' in at.error[0].value
+        assert "Nominal D is missing" in at.error[0].value
         assert "'last week' is not a date" in at.error[0].value
+        for kind in ("M", "M2"):
+            at.selectbox(key=f"import {kind} unit").set_value("kg·cm²")
         at.text_input(key="import date").set_value("2026-11-20")
-        assert "enough seen" in send(at, "0.001", "0.003").error[0].value
-        assert (seen[0]["robot"], str(seen[0]["date"])) == ("cell 7", "2026-11-20")
+        at.text_input(key="import nominal K").set_value("20.5, 3")
+        at.text_input(key="import nominal D").set_value("0.1, 0.2")
+        assert "those of 2 joints" in send(at, "10", "30").error[0].value
+        at.text_input(key="import nominal K").set_value("20.5")
+        at.text_input(key="import nominal D").set_value("0.1")
+        assert "enough seen" in send(at, "10", "30").error[0].value
+        (facts,) = seen
+        assert (facts["nominal"].K.tolist(), facts["nominal"].D.tolist()) == ([20.5], [0.1])
+        assert (facts["robot"], str(facts["date"])) == ("cell 7", "2026-11-20")
+        assert pytest.approx([1e-3]) == facts["inertia"].M
+        assert pytest.approx(np.array([[3e-3]])) == facts["inertia"].M2
 
     def test_what_was_assumed_is_said_at_the_button_until_it_is_given(self, page: AppTest) -> None:
         at = drop(page, ("cell.csv", cell_log()))
@@ -367,6 +369,7 @@ class TestStudy:
         at = drop(page, ("one.csv", long_log()))
         assert opened(at) == ["3 Drive data"]
         assert head(at, "4 Runs") == "3 sine runs, 4 to 11 Hz"
+        assert "3 runs, 3 used" in [m.value for m in at.markdown]
         assert head(at, "5 Inertias") == "missing"
         at.text_input(key="import M").set_value("0.001")
         at.text_input(key="import M2").set_value("0.003")
@@ -385,10 +388,6 @@ class TestStudy:
         assert head(at, "2 Columns").endswith("to check")
         at = confirm(at, "columns")
         assert opened(at) == ["3 Drive data"]
-
-    def test_runs_are_counted(self, page: AppTest) -> None:
-        at = drop(page, ("one.csv", long_log()))
-        assert "3 runs, 3 used" in [m.value for m in at.markdown]
 
     def test_a_jittered_log_becomes_a_study_of_one_record(
         self, page: AppTest, jittered_log: bytes
@@ -525,13 +524,3 @@ def test_the_picture_shows_a_torque_of_unknown_scale_as_logged() -> None:
         figure = log_spans(log, (), mapping=of)
         assert figure.layout.yaxis3.title.text == title
         assert np.abs(np.array(figure.data[-1].y, float)).max() == pytest.approx(largest)
-
-
-def test_inertia_units_are_taken_as_said(page: AppTest, seen: list[Any]) -> None:
-    at = drop(page, ("one.csv", long_log()))
-    at.selectbox(key="import M unit").set_value("kg·cm²")
-    at.selectbox(key="import M2 unit").set_value("kg·cm²")
-    at = send(at, "10", "30")
-    assert pytest.approx([1e-3]) == seen[0]["inertia"].M
-    assert pytest.approx(np.array([[3e-3]])) == seen[0]["inertia"].M2
-    assert "enough seen" in at.error[0].value

@@ -174,7 +174,7 @@ def test_residuals_name_the_bad_record() -> None:
 
 def test_harmonics_are_those_of_friction() -> None:
     content = harmonic_content(extract_phasors(rubbing((0.2, 0.04))))
-    assert content.odd.shape == content.even.shape == content.significance.shape == (14, 4)
+    assert content.odd.shape == content.even.shape == content.significance.shape == (8, 4)
     assert content.odd[:, 2:].max() > 0.02
     assert content.even[:, 2:].max() < 0.2 * content.odd[:, 2:].max()
     assert content.significance[:, 2:].max() > 20

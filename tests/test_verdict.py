@@ -138,9 +138,9 @@ def test_data_without_noise_raise_no_alarm() -> None:
 def test_friction_of_records_without_noise_raises_no_alarm() -> None:
     """Its waveforms leave some 10⁻⁵ of the torque: far above such noise, and of no consequence."""
     friction = MotorFriction(coulomb=[0.03, 0.01], viscous=[2e-3, 5e-4])
-    length = Excitation(duration_s=1.5)
+    length = Excitation(duration_s=1.0)
     records = simulate_records(
-        SERIAL, PAPER, np.geomspace(3, 25, 5), friction=friction, excitation=length
+        SERIAL, PAPER, np.geomspace(4, 25, 4), friction=friction, excitation=length
     )
     found = analyse(Study(records, SERIAL))
     assert np.abs(found.fit.K / PAPER.K - 1).max() < 1e-5
@@ -527,7 +527,8 @@ def test_lag_of_a_hold_is_recognised() -> None:
 
 
 def test_joint_that_stands_is_named() -> None:
-    case = evidence(rubbing((0.4, 0.08), "one-at-a-time", 1.25e-4), PARALLELOGRAM, friction=True)
+    records = rubbing((0.4, 0.08), "one-at-a-time", 2.5e-4, every=1)
+    case = evidence(records, PARALLELOGRAM, friction=True)
     (standing,) = stationary_joint(case)
     assert standing.title.startswith("Joint 1 does not move")
     assert "7 of 14 records" in standing.title
