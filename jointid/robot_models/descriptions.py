@@ -48,7 +48,14 @@ _MJCF_NUMBERS = {
 }  # fmt: skip
 _SHAPES = ("sphere", "capsule", "ellipsoid", "cylinder", "box")
 _SKIPPED = {"site", "camera", "light", "geom"}
-_COMPILER = {"angle", "eulerseq", "autolimits", "coordinate"}
+_COMPILER = {
+    "inertiafromgeom": ("auto", "false"),
+    "angle": ("degree", "radian"),
+    "coordinate": ("local",),
+    "eulerseq": (),
+    "autolimits": (),
+}
+"""Supported settings; empty: any value."""
 _IGNORED_COMPILER = {
     "meshdir", "texturedir", "assetdir", "strippath", "discardvisual", "usethread", "fusestatic",
 }  # fmt: skip
@@ -172,21 +179,14 @@ def _require_numbers(file: str, root: Element, known: dict[str, dict[str, range]
 
 
 def _require_compiler(file: str, compiler: Element) -> None:
-    geometry = compiler.attrib.pop("inertiafromgeom", "auto")
     for key in _IGNORED_COMPILER & compiler.attrib.keys():
         del compiler.attrib[key]
-    supported = {
-        "inertiafromgeom": ("auto", "false"),
-        "angle": ("degree", "radian"),
-        "coordinate": ("local",),
-    }
-    values = {**compiler.attrib, "inertiafromgeom": geometry}
-    wrong = [key for key, allowed in supported.items() if values.get(key, allowed[0]) not in allowed]
-    if wrong or (wrong := sorted(compiler.attrib.keys() - _COMPILER)):
-        fault = wrong[0]
-        raise _error(
-            file, f"<compiler {fault}> is not supported: save the model with explicit inertias."
-        )
+    for key, value in compiler.attrib.items():
+        if key not in _COMPILER or (_COMPILER[key] and value not in _COMPILER[key]):
+            raise _error(
+                file, f"<compiler {key}> is not supported: save the model with explicit inertias."
+            )
+    compiler.attrib.pop("inertiafromgeom", None)
 
 
 def _require_body(file: str, body: Element) -> None:
