@@ -178,7 +178,7 @@ def test_coupled_wrist() -> None:
         robot.inertia(q).M2, C.T @ ROBOT.joint_inertia(q) @ C, rtol=1e-9, atol=1e-16
     )
     np.testing.assert_allclose(
-        robot.motor_gravity_stiffness(q), C.T @ ROBOT.gravity_stiffness(q) @ C, rtol=1e-9, atol=1e-12
+        robot.inertia(q).gravity, C.T @ ROBOT.gravity_stiffness(q) @ C, rtol=1e-9, atol=1e-12
     )
 
 
@@ -199,6 +199,15 @@ def test_urdf_agrees_with_pinocchio() -> None:
     known = RobotModel.parse("arm.urdf", URDF.encode(), gear_ratio=[90, -80, 40], rotor_inertia=0.001)
     scaled = known.inertia(q[0]).M2 * np.outer([90, -80, 40], [90, -80, 40])
     np.testing.assert_allclose(scaled, robot.joint_inertia(q[0]), rtol=1e-12)
+
+
+def test_one_joint() -> None:
+    head, tail = URDF.index('  <link name="fore">'), URDF.index('  <joint name="j2"')
+    first = URDF.index('  <joint name="j1"')
+    robot = RobotModel.parse("one.urdf", (URDF[:head] + URDF[first:tail] + "</robot>").encode())
+    model = pin.buildModelFromXML(URDF[:head] + URDF[first:tail] + "</robot>")
+    expected = pin.rnea(model, model.createData(), *np.array([[0.3], [0.5], [2.0]]))
+    np.testing.assert_allclose(robot.torque([0.3], [0.5], [2.0]), expected, **NEAR)
 
 
 def test_mjcf_agrees_with_pinocchio(tmp_path: Path) -> None:
@@ -235,6 +244,9 @@ BAD_PARTS = {
     "floating": ("a.urdf", '"continuous"', '"floating"', "joint j2 is floating"),
     "two of one name": ("a.urdf", 'joint name="j2" type', 'joint name="j1" type', 'the name "j1"'),
     "half an inertial": ("a.urdf", 'ixx="1.2"', "", "link upper.*all six"),
+    "impossible tensor": ("a.urdf", 'ixx="1.2"', 'ixx="-1.2"', "joint j1 moves has the negative"),
+    "two bases": ("a.urdf", '<link name="base"/>', '<link name="base"/><link name="b2"/>', "base, b2"),
+    "frame of the world": ("a.xml", '<light pos="0 0 3"/>', "<frame/>", "worldbody: <frame>"),
     "include": ("a.xml", "<asset>", '<include file="/etc/passwd"/><asset>', "include"),
     "closed loop": ("a.xml", "<asset>", WELD, "loops"),
     "mass from a mesh": ("a.xml", 'type="box"', 'type="mesh" mesh="shell"', "body fore.*inertial"),

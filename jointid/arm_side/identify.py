@@ -152,7 +152,7 @@ def _identified(
         torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]
         payload = [p @ root for p in payload]
         joints = [
-            _joint(j, given, motions, torque, payload, _magnitude(joint), float(skew_error[j]), round_)
+            _joint(j, given, motions, torque, payload, joint, float(skew_error[j]), round_)
             for j, joint in enumerate(joints)
         ]
         if not last:
@@ -196,18 +196,13 @@ def _skews(joints: list[JointDeflection | None], own: Floats) -> tuple[Floats, F
     return found, free
 
 
-def _magnitude(joint: JointDeflection | None) -> float:
-    """Scale of the compliance for priors that are relative to it, rad/(N·m)."""
-    return max(joint.compliance, 1e-9) if joint else _FIRST_COMPLIANCE
-
-
 def _joint(
     j: int,
     given: list[MotionRecord],
     motions: list[BandLimited],
     torque: list[Floats],
     payload: list[Floats],
-    magnitude: float,
+    near: JointDeflection | None,
     skew_error: float,
     round_: int,
 ) -> JointDeflection | None:
@@ -233,7 +228,8 @@ def _joint(
         progress.append((moving - 1) / max(1, moving[-1]))
     data = Regression(np.concatenate(y), np.concatenate(columns))
     taken_out = bool(np.isfinite(skew_error))
-    scale = Scale(magnitude, 0.0 if taken_out else np.inf)
+    size = max(near.compliance, 1e-9) if near else _FIRST_COMPLIANCE
+    scale = Scale(size, 0.0 if taken_out else np.inf)
     record, ratio, part_of = np.concatenate(source), np.concatenate(speed), np.concatenate(progress)
     interval, groups = step * m.lowpass.interval_s, terms.groups
     used = ratio > _SLIP

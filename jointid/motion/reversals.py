@@ -63,7 +63,7 @@ def segment_friction(
     return (*segment.known[signs], segment.known[slow], stationary)
 
 
-def _rounded_up(late: Floats) -> Floats:
+def _rounded_up(late: Floats | float) -> Floats:
     """To one of 20 values a decade: friction of a similar fit has the same stretches."""
     log = np.log10(np.maximum(late, np.finfo(float).tiny))
     return np.asarray(np.where(late > 0, 10 ** (np.ceil(20 * log) / 20), 0.0))

@@ -195,10 +195,12 @@ class RobotModel(RobotDescription):
         JointIdError
             When gear ratios or rotor inertias are unknown, or M2 is not positive definite.
         """
-        C = self._known_coupling()
+        C = self.coupling
+        if not np.isfinite(C).all():
+            raise self._unknown("gear ratio", np.diag(C), "gear_ratio")
         if not np.isfinite(self.rotor_inertia).all():
             raise self._unknown("rotor inertia", self.rotor_inertia, "rotor_inertia")
-        M2, gravity = C.T @ self.joint_inertia(q) @ C, self.motor_gravity_stiffness(q)
+        M2, gravity = C.T @ self.joint_inertia(q) @ C, C.T @ self.gravity_stiffness(q) @ C
         load = self.payload
         heavier = self.with_payload(mass=load.mass + load.mass_std)
         return Inertia(
@@ -206,7 +208,7 @@ class RobotModel(RobotDescription):
             M2,
             gravity=gravity,
             shared=C.T @ heavier.joint_inertia(q) @ C - M2 if load.mass_std else None,
-            shared_gravity=heavier.motor_gravity_stiffness(q) - gravity if load.mass_std else None,
+            shared_gravity=C.T @ heavier.gravity_stiffness(q) @ C - gravity if load.mass_std else None,
         )
 
     def gravity_stiffness(self, q: ArrayLike) -> Floats:
@@ -218,11 +220,6 @@ class RobotModel(RobotDescription):
         many = angles + 1j * _STEP * np.eye(self.n)
         still = np.zeros_like(many)
         return np.asarray(self._torque(many, still, still).imag.T / _STEP)
-
-    def motor_gravity_stiffness(self, q: ArrayLike) -> Floats:
-        """``gravity_stiffness`` on the motor side, shape (n, n), N·m/rad."""
-        C = self._known_coupling()
-        return np.asarray(C.T @ self.gravity_stiffness(q) @ C)
 
     def tool_motion(self, q: ArrayLike) -> tuple[Floats, Floats]:
         """Tool point, shape (3,), m, and its Jacobian, shape (3, n), m/rad, in world axes, at q (n,)."""
@@ -252,7 +249,7 @@ class RobotModel(RobotDescription):
         tensor = sum((t + about_origin(m, c - center) for m, c, t in parts), np.zeros((3, 3)))
 
         last = {"mass": mass, "center": center, "inertia": tensor}
-        changed = {
+        changed: dict[str, Any] = {
             name: np.concatenate([getattr(links, name)[:-1], [own]]) for name, own in last.items()
         }
         return replace(links, **changed)
@@ -285,11 +282,6 @@ class RobotModel(RobotDescription):
         except ValueError:
             shapes = enumerated([f"{name} {a.shape}" for name, a in zip(values, arrays, strict=True)])
             raise JointIdError(f"The shapes of {shapes} do not agree.") from None
-
-    def _known_coupling(self) -> Floats:
-        if not np.isfinite(self.coupling).all():
-            raise self._unknown("gear ratio", np.diag(self.coupling), "gear_ratio")
-        return self.coupling
 
     def _unknown(self, what: str, values: Floats, argument: str) -> JointIdError:
         missing = [
