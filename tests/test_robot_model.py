@@ -12,7 +12,6 @@ import pinocchio as pin
 import pytest
 
 from jointid import JointIdError, RobotModel
-from jointid.robot_models.payload import Payload
 from tests.robots import MJCF, SIX_AXES, URDF
 
 ROBOT = RobotModel.parse("six.toml", SIX_AXES.encode())
@@ -135,15 +134,23 @@ def test_counterbalance_carries_part_of_the_arm() -> None:
     np.testing.assert_allclose(ROBOT.gravity_stiffness(q), np.array(slopes).T, rtol=1e-6, atol=1e-3)
 
 
-def test_payload_enters_linearly() -> None:
-    q, dq, ddq = some_motion(6, seed=2, rows=5)
-    empty = ROBOT.with_payload(mass=0.0, inertia=np.zeros(6)).torque(q, dq, ddq)
-    by_parameters = ROBOT.payload_regressor(q, dq, ddq) @ ROBOT.payload.parameters
-    np.testing.assert_allclose(ROBOT.torque(q, dq, ddq), empty + by_parameters, **NEAR)
-    heavier = ROBOT.with_payload(mass=121.0).torque(q, dq, ddq) - ROBOT.torque(q, dq, ddq)
-    unit = Payload(1.0, ROBOT.payload.center).parameters
-    np.testing.assert_allclose(heavier, ROBOT.payload_regressor(q, dq, ddq) @ unit, **NEAR)
-    assert ROBOT.with_payload(mass=100.0).payload.mass_std == 40.0
+def test_changes_by_payload_and_links_are_those_of_the_torque() -> None:
+    """A first moment along an axis without second moments: halves of a payload on both sides."""
+    motion, load = some_motion(6, seed=2, rows=5), ROBOT.payload
+    payload, links = ROBOT.torque_changes(*motion)
+    mass, *centre = np.moveaxis(payload, -1, 0)
+
+    def loaded(mass: float, center: np.ndarray) -> np.ndarray:
+        return ROBOT.with_payload(mass=mass, center=center, inertia=np.zeros(6)).torque(*motion)
+
+    heavier = loaded(load.mass + 40.0, load.center) - loaded(load.mass, load.center)
+    np.testing.assert_allclose(mass, heavier, **NEAR)
+    lever = np.linalg.norm(load.center)
+    for moved, side in zip(centre, lever * np.eye(3), strict=True):
+        np.testing.assert_allclose(moved, (loaded(40.0, side) - loaded(40.0, -side)) / 2, **NEAR)
+    bare = replace(ROBOT, counterbalance=None).with_payload(mass=0.0, inertia=np.zeros(6))
+    np.testing.assert_allclose(links.sum(axis=-1), bare.torque(*motion), **NEAR)
+    assert ROBOT.with_payload(mass=100.0).payload.mass_std == load.mass_std == 40.0
 
 
 def test_tool_velocity_agrees_with_pinocchio() -> None:
@@ -155,7 +162,7 @@ def test_tool_velocity_agrees_with_pinocchio() -> None:
     J = pin.computeFrameJacobian(
         model, model.createData(), q + ROBOT.zero, tool, pin.LOCAL_WORLD_ALIGNED
     )
-    np.testing.assert_allclose(ROBOT.tool_jacobian(q), J[:3], **NEAR)
+    np.testing.assert_allclose(ROBOT.tool_motion(q)[1], J[:3], **NEAR)
     del data
 
 
@@ -171,7 +178,7 @@ def test_coupled_wrist() -> None:
         robot.inertia(q).M2, C.T @ ROBOT.joint_inertia(q) @ C, rtol=1e-9, atol=1e-16
     )
     np.testing.assert_allclose(
-        robot.motor_gravity_stiffness(q), C.T @ ROBOT.gravity_stiffness(q) @ C, rtol=1e-9, atol=1e-12
+        robot.inertia(q).gravity, C.T @ ROBOT.gravity_stiffness(q) @ C, rtol=1e-9, atol=1e-12
     )
 
 
@@ -192,6 +199,15 @@ def test_urdf_agrees_with_pinocchio() -> None:
     known = RobotModel.parse("arm.urdf", URDF.encode(), gear_ratio=[90, -80, 40], rotor_inertia=0.001)
     scaled = known.inertia(q[0]).M2 * np.outer([90, -80, 40], [90, -80, 40])
     np.testing.assert_allclose(scaled, robot.joint_inertia(q[0]), rtol=1e-12)
+
+
+def test_one_joint() -> None:
+    head, tail = URDF.index('  <link name="fore">'), URDF.index('  <joint name="j2"')
+    first = URDF.index('  <joint name="j1"')
+    robot = RobotModel.parse("one.urdf", (URDF[:head] + URDF[first:tail] + "</robot>").encode())
+    model = pin.buildModelFromXML(URDF[:head] + URDF[first:tail] + "</robot>")
+    expected = pin.rnea(model, model.createData(), *np.array([[0.3], [0.5], [2.0]]))
+    np.testing.assert_allclose(robot.torque([0.3], [0.5], [2.0]), expected, **NEAR)
 
 
 def test_mjcf_agrees_with_pinocchio(tmp_path: Path) -> None:
@@ -228,6 +244,9 @@ BAD_PARTS = {
     "floating": ("a.urdf", '"continuous"', '"floating"', "joint j2 is floating"),
     "two of one name": ("a.urdf", 'joint name="j2" type', 'joint name="j1" type', 'the name "j1"'),
     "half an inertial": ("a.urdf", 'ixx="1.2"', "", "link upper.*all six"),
+    "impossible tensor": ("a.urdf", 'ixx="1.2"', 'ixx="-1.2"', "joint j1 moves has the negative"),
+    "two bases": ("a.urdf", '<link name="base"/>', '<link name="base"/><link name="b2"/>', "base, b2"),
+    "frame of the world": ("a.xml", '<light pos="0 0 3"/>', "<frame/>", "worldbody: <frame>"),
     "include": ("a.xml", "<asset>", '<include file="/etc/passwd"/><asset>', "include"),
     "closed loop": ("a.xml", "<asset>", WELD, "loops"),
     "mass from a mesh": ("a.xml", 'type="box"', 'type="mesh" mesh="shell"', "body fore.*inertial"),

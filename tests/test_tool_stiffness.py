@@ -50,10 +50,10 @@ def test_six_axes_under_load_and_gravity() -> None:
 
     def balance(x: np.ndarray) -> np.ndarray:
         gravity = ROBOT.torque(POSE + x, still, still) - start
-        return np.asarray(JOINT_K * x + gravity - ROBOT.tool_jacobian(POSE + x).T @ force)
+        return np.asarray(JOINT_K * x + gravity - ROBOT.tool_motion(POSE + x)[1].T @ force)
 
     x = fsolve(balance, still, xtol=1e-14)
-    moved = ROBOT.tool_jacobian(POSE + x / 2) @ x
+    moved = ROBOT.tool_motion(POSE + x / 2)[1] @ x
     np.testing.assert_allclose(found.deflection(force), moved, rtol=2e-3, atol=1e-7)
     np.testing.assert_allclose(found.resonances_hz, locked_resonances(ROBOT.inertia(POSE), ELASTICITY))
 
@@ -65,12 +65,12 @@ def test_tool_bends_along_a_path_by_gravity_and_inertia() -> None:
     compliance = 1 / ELASTICITY.K
     still = np.zeros(6)
     corner = path.position(0.0)[0]
-    q = POSE + np.linalg.pinv(ROBOT.tool_jacobian(POSE)) @ [*corner, 0.0]
-    sag = ROBOT.tool_jacobian(q) @ (ROBOT.torque(q, still, still) / JOINT_K)
+    q = POSE + np.linalg.pinv(ROBOT.tool_motion(POSE)[1]) @ [*corner, 0.0]
+    sag = ROBOT.tool_motion(q)[1] @ (ROBOT.torque(q, still, still) / JOINT_K)
     np.testing.assert_allclose(found.deflection(found.gravity, compliance)[0], sag, rtol=0.01)
     step = 1e-6 * np.eye(6)[2]
-    moved = (ROBOT.tool_point(POSE + step) - ROBOT.tool_point(POSE - step)) / 2e-6
-    np.testing.assert_allclose(moved, ROBOT.tool_jacobian(POSE)[:, 2], atol=1e-8)
+    moved = (ROBOT.tool_motion(POSE + step)[0] - ROBOT.tool_motion(POSE - step)[0]) / 2e-6
+    np.testing.assert_allclose(moved, ROBOT.tool_motion(POSE)[1][:, 2], atol=1e-8)
     far = rectangle(width_m=3.0, height_m=3.0, centre_m=(0.0, 0.0))
     with pytest.raises(JointIdError, match="does not reach"):
         joint_path(ROBOT, POSE, far)

@@ -94,7 +94,7 @@ class ArmSideFit:
         elastic = np.zeros_like(motion.q)
         found = np.full(motion.q.shape, np.nan)
         for _ in range(2):
-            torque, payload = joint_torque(motion, self.robot, elastic)
+            torque, payload, _ = joint_torque(motion, self.robot, elastic)
             torque, payload = torque + payload @ self.payload_mean, payload @ self.payload_root
             for j, joint in enumerate(self.joints):
                 if joint is not None:

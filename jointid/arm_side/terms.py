@@ -9,7 +9,6 @@ import numpy as np
 from jointid.arm_side.band_limited import BandLimited, GaussianFilter
 from jointid.arrays import Floats
 from jointid.robot_models.model import RobotModel
-from jointid.robot_models.payload import Payload
 
 PRESLIDING_RAD = (1e-4, 1e-3)
 """Motion after a reversal in which friction in the gear builds up; one model each."""
@@ -73,23 +72,22 @@ def _presliding(q: Floats, reach_rad: float) -> tuple[Floats, Floats]:
     return state, forgotten
 
 
-def joint_torque(motion: BandLimited, robot: RobotModel, elastic: Floats) -> tuple[Floats, Floats]:
-    """Torque through the gears, (N, n), and its change per standard deviation of the payload, (N, n, 4).
+def joint_torque(
+    motion: BandLimited, robot: RobotModel, elastic: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Torque through the gears, (N, n), and its changes by the payload, (N, n, 4), and links, (N, n, n).
 
-    The arm's angle is the motor's minus the deflection without skew, ``elastic`` (N, n), rad. The
-    centre of the payload is as uncertain as its mass, in relation to its distance from the flange.
-    The torque is filtered, not the motion: products of the motion do not commute with a filter, and the
-    torque of motion filtered at 6 Hz is 0.2 % too large, which costs a kilogram of payload.
+    They are those of ``RobotModel.torque_changes``. The arm's angle is the motor's minus the deflection
+    without skew, ``elastic`` (N, n), rad. The torque is filtered, not the motion: products of the motion
+    do not commute with a filter, and the torque of motion filtered at 6 Hz is 0.2 % too large, which
+    costs a kilogram of payload.
     """
     lowpass = motion.lowpass
     wide = GaussianFilter(lowpass.interval_s, min(_WIDER * lowpass.band_hz, 0.25 / lowpass.interval_s))
     rest = GaussianFilter(lowpass.interval_s, (lowpass.band_hz**-2.0 - wide.band_hz**-2.0) ** -0.5)
     state = [wide(motion.raw - elastic, order) for order in range(3)]
-    load = robot.payload
-    moves = [Payload(1.0, load.center).parameters * load.mass_std]
-    lever = load.mass_std * float(np.linalg.norm(load.center))
-    moves += [lever * np.eye(10)[k] for k in (1, 2, 3)]
-    return rest(robot.torque(*state)), rest(robot.payload_regressor(*state) @ np.array(moves).T)
+    payload, links = robot.torque_changes(*state)
+    return rest(robot.torque(*state)), rest(payload), rest(links)
 
 
 def joint_terms(

@@ -148,10 +148,10 @@ def joint_path(robot: RobotModel, q: ArrayLike, path: Toolpath) -> JointPath:
     time = np.arange(0.0, path.end_s + _STEP_S, _STEP_S)
     target = np.zeros((time.size, 3))
     target[:, :2] = path.position(time)
-    target += robot.tool_point(q)
     angles, lever = np.empty((time.size, robot.n)), np.empty((time.size, 3, robot.n))
     now = np.array(q, float)
     tool, jacobian = robot.tool_motion(now)
+    target += tool
     for k, point in enumerate(target):
         for _ in range(_ROUNDS):
             now = now + np.linalg.pinv(jacobian, rcond=1e-6) @ (point - tool)

@@ -68,7 +68,7 @@ def tool_stiffness(robot: RobotModel, q: ArrayLike, elasticity: Elasticity) -> T
     or rotor inertias are unknown.
     """
     inertia = robot.inertia(q)
-    return _compliance(robot.tool_jacobian(q) @ robot.coupling, inertia, elasticity)
+    return _compliance(robot.tool_motion(q)[1] @ robot.coupling, inertia, elasticity)
 
 
 def planar_tool_stiffness(arm: PlanarArm, q: ArrayLike, elasticity: Elasticity) -> ToolStiffness:

@@ -184,9 +184,12 @@ def _with_first_noise(
         return phasors, start, None
     phasors = _with_noise(phasors, prior, model, found)
     for _ in range(_NOISES if many else 1):
+        before = phasors
         with contextlib.suppress(JointIdError):  # of the fit before, the weights were far off
             found = replace(found, p=stepped(phasors, prior, found, _noise(phasors, prior), model)[0])
             phasors = _with_noise(phasors, prior, model, found)
+        if not _differ(before, phasors):
+            break
     near = found.named if "coulomb" in found.layout else found.elasticity
     return phasors, near, model
 

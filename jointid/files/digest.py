@@ -47,8 +47,8 @@ def _computed(study: Study) -> str:
         further[name] = [part.tolist() for part in parts] if np.any(parts) else ()
     if (robot := study.robot_model) is not None:
         further["angles"] = [(pose, q.tolist()) for pose, q in study.pose_angles_rad.items()]
-        numbers = robot.coupling, robot.rotor_inertia, robot.payload.parameters
-        further["model"] = robot.source, [values.tolist() for values in numbers]
+        numbers = robot.coupling, robot.rotor_inertia, *vars(robot.payload).values()
+        further["model"] = robot.source, [np.asarray(values).tolist() for values in numbers]
     for name, value in further.items():  # without any, the digest is that of version 0.1
         if value and value != (INERTIA_STD, None):
             _texts(state, (name, repr(value)))

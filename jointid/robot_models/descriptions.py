@@ -48,7 +48,14 @@ _MJCF_NUMBERS = {
 }  # fmt: skip
 _SHAPES = ("sphere", "capsule", "ellipsoid", "cylinder", "box")
 _SKIPPED = {"site", "camera", "light", "geom"}
-_COMPILER = {"angle", "eulerseq", "autolimits", "coordinate"}
+_COMPILER = {
+    "inertiafromgeom": ("auto", "false"),
+    "angle": ("degree", "radian"),
+    "coordinate": ("local",),
+    "eulerseq": (),
+    "autolimits": (),
+}
+"""Supported settings; empty: any value."""
 _IGNORED_COMPILER = {
     "meshdir", "texturedir", "assetdir", "strippath", "discardvisual", "usethread", "fusestatic",
 }  # fmt: skip
@@ -94,12 +101,12 @@ def read_mjcf(file: str, data: bytes) -> RobotDescription:
     if plain.find("worldbody") is None:
         raise _error(file, "<worldbody> is missing: it must hold the robot's bodies.")
     _require_numbers(file, plain, _MJCF_NUMBERS)
-    for body in plain.iter("body"):
-        _require_body(file, body)
     world = plain.findall("worldbody")
     for place in world:
         for part in [part for part in place if part.tag in _SKIPPED]:
             place.remove(part)
+    for body in [*world, *plain.iter("body")]:
+        _require_body(file, body)
     _require_unique(file, [joint for place in world for joint in place.iter("joint")])
     _require_unique(file, [body for place in world for body in place.iter("body")])
     option = root.find("option")
@@ -133,6 +140,14 @@ def _require_urdf(file: str, root: Element) -> None:
                     file,
                     f'joint {name}: its {role} link "{linked}" is not defined. Links: {listed(links)}.',
                 )
+    children = [end.get("link", "") for joint in joints for end in joint.findall("child")]
+    roots = [link for link in links if link not in children]
+    if len(roots) != 1 or len(set(children)) < len(children):
+        raise _error(
+            file,
+            f"{counted(len(roots), 'link')} without a parent ({listed(roots)}): every link but one, the "
+            "base, must be the child of one joint.",
+        )
     for link in root.findall("link"):
         inertial = link.find("inertial")
         if inertial is not None:
@@ -172,29 +187,25 @@ def _require_numbers(file: str, root: Element, known: dict[str, dict[str, range]
 
 
 def _require_compiler(file: str, compiler: Element) -> None:
-    geometry = compiler.attrib.pop("inertiafromgeom", "auto")
     for key in _IGNORED_COMPILER & compiler.attrib.keys():
         del compiler.attrib[key]
-    supported = {
-        "inertiafromgeom": ("auto", "false"),
-        "angle": ("degree", "radian"),
-        "coordinate": ("local",),
-    }
-    values = {**compiler.attrib, "inertiafromgeom": geometry}
-    wrong = [key for key, allowed in supported.items() if values.get(key, allowed[0]) not in allowed]
-    if wrong or (wrong := sorted(compiler.attrib.keys() - _COMPILER)):
-        fault = wrong[0]
-        raise _error(
-            file, f"<compiler {fault}> is not supported: save the model with explicit inertias."
-        )
+    for key, value in compiler.attrib.items():
+        if key not in _COMPILER or (_COMPILER[key] and value not in _COMPILER[key]):
+            raise _error(
+                file, f"<compiler {key}> is not supported: save the model with explicit inertias."
+            )
+    compiler.attrib.pop("inertiafromgeom", None)
 
 
 def _require_body(file: str, body: Element) -> None:
-    name = body.get("name", "")
+    name = body.get("name", body.tag)
     known = {"body", "inertial", "joint"} | _SKIPPED
     for part in body:
         if part.tag not in known:
-            raise _error(file, f"body {name}: <{part.tag[:60]}> is not supported. Write its bodies out.")
+            raise _error(
+                file,
+                f"body {name}: <{part.tag[:60]}> is not supported: write bodies out, on a fixed base.",
+            )
     joints = body.findall("joint")
     if len(joints) > 1:
         raise _error(file, f"body {name} has {len(joints)} joints: give each its own body.")
@@ -286,9 +297,18 @@ def _bodies(file: str, pin: Any, model: Any, gravity: Floats | None) -> RigidBod
                 file,
                 f"joint {model.names[j]} has {model.joints[j].nv} degrees of freedom: one is expected.",
             )
-        column = pin.computeJointJacobian(model, data, neutral, j)[:, model.joints[j].idx_v]
+        # one column comes without its axis
+        columns = pin.computeJointJacobian(model, data, neutral, j).reshape(6, -1)
+        column = columns[:, model.joints[j].idx_v]
         sliding.append(bool(np.any(column[:3])))
         axes.append(column[:3] if sliding[-1] else column[3:])
+        moments = np.linalg.eigvalsh(model.inertias[j].inertia)
+        if moments[0] < -1e-6 * np.abs(moments).max():
+            raise _error(
+                file,
+                f"what joint {model.names[j]} moves has the negative principal moment {moments[0]:g} "
+                "kg·m²: check its inertias.",
+            )
     bodies = list(model.inertias)[1:]
     placed = list(model.jointPlacements)[1:]
     return RigidBodies(

@@ -20,7 +20,6 @@ from jointid.robot_models.descriptions import read_mjcf, read_urdf
 from jointid.robot_models.payload import Payload
 from jointid.robot_models.rigid_bodies import (
     Array,
-    Motion,
     RigidBodies,
     about_origin,
     cross,
@@ -162,14 +161,24 @@ class RobotModel(RobotDescription):
         """
         return np.asarray(self._torque(*self._checked(q=q, dq=dq, ddq=ddq)))
 
-    def payload_regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Floats:
-        """Derivative of the joint torque with respect to ``Payload.parameters``, shape (..., n, 10).
+    def torque_changes(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Floats, Floats]:
+        """Change of ``torque`` by what is uncertain of payload, (..., n, 4), and links, (..., n, n).
 
-        The torque is linear in them. The derivative with respect to a mass at a place c is the product
-        with ``Payload(1.0, c).parameters``.
+        By one standard deviation of the payload's mass and of its centre along x, y and z of the
+        flange, which is as uncertain as the mass, in relation to its distance from the flange; and by
+        every link's own mass and inertia: its torque.
         """
         angles, *rates = self._checked(q=q, dq=dq, ddq=ddq)
-        return self.links.payload_regressor(self.flange, angles + self.zero, *rates)
+        motion, load = self.links.motion(angles + self.zero, *rates), self.payload
+        lever = float(np.linalg.norm(load.center))
+
+        def heavier(center: Floats) -> Array:
+            return self.links.of_unit_mass(motion, self.flange.origin + self.flange.rotation @ center)
+
+        # half a mass on one side and minus half on the other have a first moment only
+        moved = [(heavier(side) - heavier(-side)) / 2 for side in lever * np.eye(3)]
+        payload = load.mass_std * np.stack([heavier(load.center), *moved], axis=-1)
+        return np.asarray(payload), np.asarray(self.links.of_each(motion))
 
     def joint_inertia(self, q: ArrayLike) -> Floats:
         """Inertia matrix of links and payload on the joint side, shape (n, n), kg·m²."""
@@ -186,10 +195,12 @@ class RobotModel(RobotDescription):
         JointIdError
             When gear ratios or rotor inertias are unknown, or M2 is not positive definite.
         """
-        C = self._known_coupling()
+        C = self.coupling
+        if not np.isfinite(C).all():
+            raise self._unknown("gear ratio", np.diag(C), "gear_ratio")
         if not np.isfinite(self.rotor_inertia).all():
             raise self._unknown("rotor inertia", self.rotor_inertia, "rotor_inertia")
-        M2, gravity = C.T @ self.joint_inertia(q) @ C, self.motor_gravity_stiffness(q)
+        M2, gravity = C.T @ self.joint_inertia(q) @ C, C.T @ self.gravity_stiffness(q) @ C
         load = self.payload
         heavier = self.with_payload(mass=load.mass + load.mass_std)
         return Inertia(
@@ -197,7 +208,7 @@ class RobotModel(RobotDescription):
             M2,
             gravity=gravity,
             shared=C.T @ heavier.joint_inertia(q) @ C - M2 if load.mass_std else None,
-            shared_gravity=heavier.motor_gravity_stiffness(q) - gravity if load.mass_std else None,
+            shared_gravity=C.T @ heavier.gravity_stiffness(q) @ C - gravity if load.mass_std else None,
         )
 
     def gravity_stiffness(self, q: ArrayLike) -> Floats:
@@ -210,38 +221,19 @@ class RobotModel(RobotDescription):
         still = np.zeros_like(many)
         return np.asarray(self._torque(many, still, still).imag.T / _STEP)
 
-    def motor_gravity_stiffness(self, q: ArrayLike) -> Floats:
-        """``gravity_stiffness`` on the motor side, shape (n, n), N·m/rad."""
-        C = self._known_coupling()
-        return np.asarray(C.T @ self.gravity_stiffness(q) @ C)
-
-    def tool_jacobian(self, q: ArrayLike) -> Floats:
-        """Velocity of the tool point over joint velocities, shape (3, n), m/rad, in world axes."""
-        return self.tool_motion(q)[1]
-
     def tool_motion(self, q: ArrayLike) -> tuple[Floats, Floats]:
-        """``tool_point`` and ``tool_jacobian`` together."""
+        """Tool point, shape (3,), m, and its Jacobian, shape (3, n), m/rad, in world axes, at q (n,)."""
         (angles,) = self._checked(q=q, one=True)
-        motion, tool = self._tool(angles)
+        still, flange = np.zeros(self.n), self.flange
+        motion = self.links.motion(angles + self.zero, still, still)
+        last = motion.frames[-1]
+        tool = last.origin + last.rotation @ (flange.origin + flange.rotation @ self.tool)
         columns, j = np.zeros((3, self.n)), self.n - 1
         while j >= 0:
             z, arm = motion.axes[j], tool - motion.frames[j].origin
             columns[:, j] = z if self.links.sliding[j] else cross(z, arm)
             j = self.links.parent[j]
-        return tool, columns
-
-    def tool_point(self, q: ArrayLike) -> Floats:
-        """Position of the tool point at joint angles of shape (n,), shape (3,), m, in world axes."""
-        (angles,) = self._checked(q=q, one=True)
-        return self._tool(angles)[1]
-
-    def _tool(self, angles: Floats) -> tuple[Motion, Floats]:
-        """Motion of the links at rest, and the tool point, shape (3,), m."""
-        still = np.zeros(self.n)
-        motion = self.links.motion(angles + self.zero, still, still)
-        last, flange = motion.frames[-1], self.flange
-        tool = last.origin + last.rotation @ (flange.origin + flange.rotation @ self.tool)
-        return motion, np.asarray(tool)
+        return np.asarray(tool), columns
 
     @cached_property
     def _loaded(self) -> RigidBodies:
@@ -256,15 +248,11 @@ class RobotModel(RobotDescription):
         center = sum((m * c for m, c, _ in parts), np.zeros(3)) / (mass or 1.0)
         tensor = sum((t + about_origin(m, c - center) for m, c, t in parts), np.zeros((3, 3)))
 
-        def ending(values: Floats, last: ArrayLike) -> Floats:
-            return np.concatenate([values[:-1], np.asarray(last)[None]])
-
-        return replace(
-            links,
-            mass=ending(links.mass, mass),
-            center=ending(links.center, center),
-            inertia=ending(links.inertia, tensor),
-        )
+        last = {"mass": mass, "center": center, "inertia": tensor}
+        changed: dict[str, Any] = {
+            name: np.concatenate([getattr(links, name)[:-1], [own]]) for name, own in last.items()
+        }
+        return replace(links, **changed)
 
     def _torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         tau = self._loaded.torque(q + self.zero, dq, ddq)
@@ -294,11 +282,6 @@ class RobotModel(RobotDescription):
         except ValueError:
             shapes = enumerated([f"{name} {a.shape}" for name, a in zip(values, arrays, strict=True)])
             raise JointIdError(f"The shapes of {shapes} do not agree.") from None
-
-    def _known_coupling(self) -> Floats:
-        if not np.isfinite(self.coupling).all():
-            raise self._unknown("gear ratio", np.diag(self.coupling), "gear_ratio")
-        return self.coupling
 
     def _unknown(self, what: str, values: Floats, argument: str) -> JointIdError:
         missing = [

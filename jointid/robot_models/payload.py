@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, bounded_number, finite_array
 from jointid.errors import JointIdError
-from jointid.robot_models.rigid_bodies import Array, about_origin, symmetric_tensor
+from jointid.robot_models.rigid_bodies import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,16 +50,6 @@ class Payload:
             if array.shape != (size,):
                 raise JointIdError(f"{name} of the payload has {array.size} values: give {size}.")
             object.__setattr__(self, name, array)
-
-    @property
-    def parameters(self) -> Floats:
-        """Mass, first moments and inertias about the flange's origin, shape (10,).
-
-        The joint torque is linear in them, see ``RobotModel.payload_regressor``.
-        """
-        about = symmetric_tensor(self.inertia) + about_origin(self.mass, self.center)
-        six = about[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
-        return np.concatenate([[self.mass], self.mass * self.center, six])
 
 
 @dataclass(frozen=True)

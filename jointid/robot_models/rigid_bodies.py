@@ -115,17 +115,28 @@ class RigidBodies:
             Whether gravity acts.
         """
         motion = self.motion(q, dq, ddq, weight=weight)
-        forces, moments = [], []
-        for j, (frame, w, alpha, a) in enumerate(
-            zip(motion.frames, motion.velocity, motion.angular, motion.linear, strict=True)
-        ):
-            R = frame.rotation
-            arm = R @ self.center[j]
-            force = self.mass[j] * (a + cross(alpha, arm) + cross(w, cross(w, arm)))
-            spin, gain = (_apply(R, _to_body(R, v) @ self.inertia[j]) for v in (w, alpha))
-            forces.append(force)
-            moments.append(gain + cross(w, spin) + cross(frame.origin + arm, force))
+        wrenches = [self._wrench(motion, j) for j in range(self.n)]
+        forces, moments = ([wrench[k] for wrench in wrenches] for k in (0, 1))
         return self.on_joints(motion, forces, moments)
+
+    def _wrench(self, motion: Motion, j: int) -> tuple[Array, Array]:
+        """Force that moves a body, and its moment about the base's origin, (..., 3)."""
+        w, alpha = motion.velocity[j], motion.angular[j]
+        R, origin = motion.frames[j]
+        arm = R @ self.center[j]
+        force = self.mass[j] * (motion.linear[j] + cross(alpha, arm) + cross(w, cross(w, arm)))
+        spin, gain = (_apply(R, _to_body(R, v) @ self.inertia[j]) for v in (w, alpha))
+        return force, gain + cross(w, spin) + cross(origin + arm, force)
+
+    def of_one(self, motion: Motion, j: int, force: Array, moment: Array) -> Array:
+        """Joint torques, shape (..., n), of the force and moment of a single body."""
+        forces, moments = ([np.zeros_like(force)] * self.n for _ in range(2))
+        forces[j], moments[j] = force, moment
+        return self.on_joints(motion, forces, moments)
+
+    def of_each(self, motion: Motion) -> Array:
+        """Joint torques of every body alone, shape (..., n, n), the body last."""
+        return np.stack([self.of_one(motion, j, *self._wrench(motion, j)) for j in range(self.n)], -1)
 
     def on_joints(self, motion: Motion, forces: list[Array], moments: list[Array]) -> Array:
         """Joint torques, shape (..., n), from each body's force and moment about the base's origin."""
@@ -145,35 +156,12 @@ class RigidBodies:
         columns = self.torque(np.broadcast_to(q, unit.shape), still, unit, weight=False)
         return np.asarray((columns + columns.T) / 2)
 
-    def payload_regressor(self, flange: Frame, q: Array, dq: Array, ddq: Array) -> Floats:
-        """Joint torques of unit mass, first moments and inertias at a flange on the last body.
-
-        Returns
-        -------
-        ndarray, shape (..., n, 10)
-            Derivatives with respect to the mass, kg, its first moments x, y, z about the flange's
-            origin, kg·m, and its inertias xx, yy, zz, xy, yz, xz about that origin, kg·m².
-        """
-        motion = self.motion(q, dq, ddq)
+    def of_unit_mass(self, motion: Motion, place: Floats) -> Array:
+        """Joint torques of 1 kg at a place in the last body's frame, shape (3,): (..., n)."""
         last, w, alpha = motion.frames[-1], motion.velocity[-1], motion.angular[-1]
-        arm = last.rotation @ flange.origin
-        a = motion.linear[-1] + cross(alpha, arm) + cross(w, cross(w, arm))
-        R = last.rotation @ flange.rotation
-        a, w, alpha = (_to_body(R, v)[..., None, :] for v in (a, w, alpha))
-        moments = np.eye(10, 4)[:, 1:]  # first moments of the ten units
-        tensors = np.array([symmetric_tensor(unit) for unit in np.eye(10, 6, -4)])
-        force = np.eye(10)[0][:, None] * a + cross(alpha, moments) + cross(w, cross(w, moments))
-        turn = cross(moments, a) + (tensors @ alpha[..., None] + cross_column(w, tensors))[..., 0]
-        force, turn = (v @ R.swapaxes(-1, -2) for v in (force, turn))
-        turn = turn + cross((last.origin + arm)[..., None, :], force)
-        many = Motion(
-            [Frame(f.rotation, f.origin[..., None, :]) for f in motion.frames],
-            [z[..., None, :] for z in motion.axes],
-            *motion[2:],
-        )
-        none = [np.zeros_like(force)] * (self.n - 1)
-        tau = self.on_joints(many, [*none, force], [*none, turn])
-        return np.asarray(tau.swapaxes(-1, -2))
+        arm = last.rotation @ place
+        force = motion.linear[-1] + cross(alpha, arm) + cross(w, cross(w, arm))
+        return self.of_one(motion, self.n - 1, force, cross(last.origin + arm, force))
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -181,11 +169,6 @@ def cross(a: Array, b: Array) -> Array:
     x, y, z = a[..., 0], a[..., 1], a[..., 2]
     u, v, w = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
-
-
-def cross_column(w: Array, tensors: Array) -> Array:
-    """w × (I w) of several tensors as columns, shape (..., 10, 3, 1)."""
-    return cross(w, (tensors @ w[..., None])[..., 0])[..., None]
 
 
 def symmetric_tensor(six: Array) -> Array:

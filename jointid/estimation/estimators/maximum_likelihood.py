@@ -64,6 +64,8 @@ class LikelihoodEstimate(Estimate):
     of the noise."""
     inflation: float
     """Factor on the fundamental's variance in ``covariance`` that accounts for the model's misfit."""
+    rests_in_noise: bool
+    """Whether ``covariance`` has the unknown friction at the reversals of motions as noise."""
     prior_covariance: Floats
     """The part of ``covariance`` that the prior makes, shape (P, P); noise makes the rest."""
     inertias: tuple[Inertia, ...]
@@ -169,6 +171,7 @@ def maximum_likelihood(
         layout=problem.layout,
         p=p,
         covariance=covariance,
+        rests_in_noise=fitted.projection.complement is not None,
         prior_covariance=by_prior,
         cost=misfit.cost,
         penalty=penalty(problem, p),
