@@ -28,7 +28,7 @@ from jointid import (
     track,
 )
 from jointid.cut.arm import Drive
-from jointid.estimation.estimators.joint_laws import fitted_gears
+from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.figures.springs import torsion_curve
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, sine_stiffness
@@ -173,39 +173,34 @@ def test_the_edges_of_a_play_are_followed_between_samples() -> None:
 @pytest.mark.parametrize("gear", [HARD, Gear(backlash_rad=0.03), DAHL], ids=lambda gear: gear.kind)
 def test_the_noise_of_a_law_is_that_of_many_draws(gear: Gear) -> None:
     rng, draws, H = np.random.default_rng(1), 1500, 5
-    laws, orders = GearLaws.of([replace(gear, K=43.0)]), np.arange(1, H + 1)
-    kappa = (43.0 + 2j * orders)[None, None]
-    f = np.array([[[1.3 + 0.6j, 0, 0.1j, 0, 0.02]]])
-    moved, low = f / kappa / orders**2, np.array([[[True, True]]])
-    found = WoundGears.solve(laws, kappa, f, moved, low, np.zeros((1, 1, 0)))
-    torque, deflection = np.full((1, 1, H), 1e-7), np.full((1, 1, H), 1e-11)
-    by_torque, by_moved, rest = found.noise(torque, deflection)
-
-    def noise(variance: np.ndarray) -> np.ndarray:
-        parts = rng.standard_normal((2, draws, 1, H)) * np.sqrt(variance[0] / 2)
-        return parts[0] + 1j * parts[1]
-
-    own, further = noise(torque), noise(deflection)
-    with_noise = WoundGears.solve(
-        laws, np.repeat(kappa, draws, 0), f + own, moved + further, np.repeat(low, draws, 0),
-        np.zeros((draws, 1, 0)),
-    )  # fmt: skip
-    left = with_noise.law - found.law - by_torque * own - by_moved * further
-    size = (np.abs(by_torque) ** 2 * torque + np.abs(by_moved) ** 2 * deflection + rest).max()
+    laws, orders = GearLaws.of([replace(gear, K=43.0)]), np.arange(H + 1)
+    kappa = 43.0 + 2j * orders
+    compliance = np.where(orders < 3, 1 / kappa, 0)[None, None]
+    f = np.array([0, 1.3 + 0.6j, 0, 0.1j, 0, 0.02])
+    drive = (f / kappa / np.where(orders < 3, 1, orders) ** 2)[None, None]
+    found = WoundGears.solve(laws, drive, compliance, H, 2)
+    variance = np.where(orders[1:] < 3, 1e-7 / np.abs(kappa[1:]) ** 2, 1e-11)[None, None]
+    own, rest = found.noise(variance)
+    parts = rng.standard_normal((2, draws, 1, H)) * np.sqrt(variance[0] / 2)
+    noise = parts[0] + 1j * parts[1]
+    drives = np.repeat(drive, draws, 0)
+    drives[..., 1:] += noise
+    with_noise = WoundGears.solve(laws, drives, np.repeat(compliance, draws, 0), H, 2)
+    left = (with_noise.beyond - found.beyond)[..., 1:] - own * noise
+    size = (np.abs(own) ** 2 * variance + rest).max()
     np.testing.assert_allclose((np.abs(left) ** 2).mean(axis=0), rest[0], rtol=0.2, atol=0.01 * size)
 
 
 def test_a_motion_that_leans_has_no_mean_torque() -> None:
     """An even harmonic of the torque moves the gear to one side of its play."""
     gear = Gear(K=43.0, backlash_rad=0.03)
-    f = np.array([[[1.0 + 0j, 0.3j, 0]]])
-    none = np.zeros((1, 1, 0))
-    found = WoundGears.solve(GearLaws.of([gear]), 43.0 + 0j * f, f, f / 43.0, f == f, none)
+    f = np.array([[[0, 1.0 + 0j, 0.3j, 0]]])
+    found = WoundGears.solve(GearLaws.of([gear]), f / 43.0, np.full_like(f, 1 / 43.0), 3, 3)
     fine = found.delta[0, 0, 0].real + samples_of(found.delta[0, 0, 1:], 1 << 14)
     torque = gear.torque(fine)
     assert abs(found.delta[0, 0, 0]) > 1e-3
     assert abs(torque.mean()) < 1e-4
-    assert np.abs(phasors_of(torque, 3) - f[0, 0]).max() < 1e-4
+    assert np.abs(phasors_of(torque, 3) - f[0, 0, 1:]).max() < 1e-4
 
 
 def test_stiffness_in_a_sine_is_that_of_an_integration() -> None:
