@@ -181,5 +181,6 @@ class _Data:
         arm = ideal_compliance(prior, prior.M2, prior.gravity, s)
         by = balance(own, np.ones_like(own))
         rows, z = (wind_up(by, arm), by), phasors.harmonics[..., None]
-        signals = ((each @ z)[..., 0] for each in rows)
-        return torsion_curves(s, *signals, noise_of(rows, phasors.harmonic_covariance))
+        deflection, torque = ((each @ z)[..., 0] for each in rows)
+        noise = noise_of(rows, phasors.harmonic_covariance)
+        return torsion_curves(s, deflection, torque, noise)

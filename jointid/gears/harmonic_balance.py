@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -129,14 +128,10 @@ class WoundGears:
     @property
     def points(self) -> int:
         """Samples over a period."""
-        return _POINTS * max(self.beyond.shape[2] - 1, _LEAST_HARMONICS)
-
-    @cached_property
-    def spread(self) -> Floats:
-        """Parts of g by those of δ at the mean and the first m harmonics, (r, n, 1 + 2m, 1 + 2H)."""
-        return self._spread((self.inverse.shape[3] - 1) // 2)
+        return int(_POINTS * max(self.beyond.shape[2] - 1, _LEAST_HARMONICS))
 
     def _spread(self, m: int) -> Floats:
+        """Parts of g by those of δ at the mean and the first m harmonics, (r, n, 1 + 2m, 1 + 2H)."""
         _, slope, samples = beyond_linear(self.laws, self.delta, self.points)
         of = np.ones(slope.shape[:2], bool)
         whole = spread(self.laws, slope, samples, m, self.beyond.shape[2] - 1, of)
@@ -145,15 +140,15 @@ class WoundGears:
     def change(self, drive: Complexes, beyond: Complexes) -> Complexes:
         """Change of g with changes of F, and of g at given δ, each shape (r, n, 1 + H, c)."""
         H, m = self.beyond.shape[2] - 1, (self.inverse.shape[3] - 1) // 2
-        compliance = self.compliance[..., : 1 + m]
+        compliance, by = self.compliance[..., : 1 + m], self._spread(m)
         left = drive[:, :, : 1 + m] - compliance[..., None] * beyond[:, :, : 1 + m]
-        inward = _inward(compliance, self.spread[..., inner(m, H)])
+        inward = _inward(compliance, by[..., inner(m, H)])
         if m < _MANY:
             self.inverse[:] = np.linalg.inv(inward)  # the next solution starts with it
-            wound = self.inverse @ _parts(left)
+            wound: Floats = self.inverse @ _parts(left)
         else:
-            wound = np.linalg.solve(inward, _parts(left))
-        return np.asarray(beyond + _complex(self.spread.swapaxes(2, 3) @ wound))
+            wound = np.asarray(np.linalg.solve(inward, _parts(left)))
+        return np.asarray(beyond + _complex(by.swapaxes(2, 3) @ wound))
 
     def noise(self, variance: Floats) -> tuple[Complexes, Floats]:
         """Change of g with noise of F at the same harmonic, and its variance by others, (r, n, H).
