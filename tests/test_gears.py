@@ -29,7 +29,9 @@ from jointid import (
 )
 from jointid.cut.arm import Drive
 from jointid.estimation.estimators.fitted_gears import fitted_gears
-from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
+from jointid.estimation.start_values import other_laws, with_backlash
 from jointid.figures.springs import torsion_curve
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, sine_stiffness
 from jointid.gears.laws import GearLaws
@@ -60,6 +62,13 @@ WORN = {
     "play": replace(PAPER, backlash_rad=[0.003, 0.0]),
     "wide play": replace(PAPER, backlash_rad=[0.0138, 0.0465]),
     "hysteresis": replace(PAPER, hysteresis_Nm=[0.08, 0.0], hysteresis_rad=0.003),
+    "heavy rotors": replace(PAPER, M=[0.0123, 0.0057], cubic=[30000.0, 1000.0]),
+    "wide loops": replace(
+        PAPER, cubic=[40000.0, 300.0], hysteresis_Nm=[0.15, 0.02], hysteresis_rad=0.002
+    ),
+    "friction": replace(
+        PAPER, coulomb=[0.2, 0.05], viscous=[2e-3, 4e-4], backlash_rad=[0.01, 0.02], cubic=[9000.0, 0.0]
+    ),
 }
 
 
@@ -73,7 +82,7 @@ def measured() -> dict[str, Phasors]:
 
 def fitted(name: str) -> ElasticityFit:
     """Fit of a worn robot; its K and D are within the errors."""
-    fit = identify_elasticity(measured()[name], INERTIA)
+    fit = identify_elasticity(measured()[name], Inertia(WORN[name].M, PAPER.M2))
     assert np.all(np.abs(fit.estimate - WORN[name].answer) < 4 * fit.standard_error)
     return fit
 
@@ -269,6 +278,51 @@ def test_hysteresis_is_no_damping() -> None:
     fit = fitted("hysteresis")
     assert fit.gears[0].kind == "hysteresis"
     assert fit.gears[0].hysteresis_Nm == pytest.approx(0.08, rel=0.15)
+
+
+def test_gears_that_harden_far_beyond_their_stiffness_are_found_behind_heavy_rotors() -> None:
+    """The linear fit is lost, and the law explains a fifth of its residual only."""
+    gears = fitted("heavy rotors").gears
+    assert [gear.laws for gear in gears] == [("hardening",)] * 2
+    assert [gear.cubic for gear in gears] == pytest.approx([30000.0, 1000.0], rel=2e-3)
+
+
+def test_hysteresis_is_found_beside_much_hardening() -> None:
+    gears = fitted("wide loops").gears
+    assert [gear.laws for gear in gears] == [("hardening", "hysteresis")] * 2
+    assert [gear.hysteresis_Nm for gear in gears] == pytest.approx([0.15, 0.02], rel=0.01)
+
+
+def test_several_laws_are_reached_through_models_that_are_far_off() -> None:
+    """Beside friction, neither hardening nor play alone brings the fit near the data."""
+    fit = identify_elasticity(measured()["friction"], INERTIA)
+    assert [set(gear.laws) for gear in fit.gears] == [{"hardening", "backlash"}, {"backlash"}]
+    np.testing.assert_allclose(fit.K, PAPER.K, rtol=2e-3)
+
+
+def test_a_fit_of_backlash_starts_near_it() -> None:
+    """From the deflection over the torque; noise of high harmonics would hide the torque."""
+    phasors = measured()["play"]
+    start = with_backlash(phasors, InertiaPrior.of(INERTIA, *phasors.q.shape))
+    np.testing.assert_allclose(start.K, PAPER.K, rtol=0.05)
+    assert start["backlash"] == pytest.approx([0.003, 0.0], abs=0.0015)
+
+
+def test_a_loop_without_height_starts_again_as_a_usual_one() -> None:
+    """Without a level no width makes a difference."""
+    phasors = measured()["hysteresis"]
+    prior = InertiaPrior.of(INERTIA, *phasors.q.shape)
+    layout = ParameterLayout.of(2, effects=["hysteresis"])
+
+    def again(level: float) -> tuple[Parameters, ...]:
+        values = {"K": PAPER.K, "hysteresis": [level, level], "presliding": [0.002, 0.002]}
+        p = layout.named(layout.pack(**values))
+        return other_laws(phasors, prior, p, p)
+
+    (start,) = again(1e-6)
+    assert np.all(start["hysteresis"] > 0.01)
+    np.testing.assert_allclose(start["presliding"], start["hysteresis"] / PAPER.K)
+    assert not again(0.08)
 
 
 def test_a_linear_gear_stays_linear_by_request() -> None:
