@@ -281,7 +281,7 @@ def test_hysteresis_is_no_damping() -> None:
 
 
 def test_gears_that_harden_far_beyond_their_stiffness_are_found_behind_heavy_rotors() -> None:
-    """The linear fit is lost, and the law explains a fifth of its residual only."""
+    """Their torque is a small part of the motors' own."""
     gears = fitted("heavy rotors").gears
     assert [gear.laws for gear in gears] == [("hardening",)] * 2
     assert [gear.cubic for gear in gears] == pytest.approx([30000.0, 1000.0], rel=2e-3)

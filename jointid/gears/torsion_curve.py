@@ -85,12 +85,16 @@ def torsion_curves(
     """
     clear = np.abs(torque) ** 2 > _CLEAR**2 * variance[1]
     clear[:, 0] = True
+    unclear = ~clear & resolved
     clear &= resolved
     points = max(_POINTS, _PER_HARMONIC * s.shape[1])
-    signals = np.where(clear, np.stack([deflection, torque]), 0)
+    signals = np.stack([deflection, torque])
+    # The harmonics that a curve leaves out are an error of it, by what they have beyond the noise.
+    left_out = np.where(unclear, np.abs(signals) ** 2 - variance, 0).sum(axis=2)
+    signals = np.where(clear, signals, 0)
     waves = samples_of(signals.swapaxes(2, 3), points)  # (2, r, n, t)
     main = (np.abs(signals[1]) ** 2).sum(axis=2).argmax(axis=1)
-    sigma = np.sqrt(0.5 * np.where(clear, variance, 0).sum(axis=2))
+    sigma = np.sqrt(0.5 * (np.where(clear, variance, 0).sum(axis=2) + np.maximum(left_out, 0)))
     return tuple(
         TorsionCurve(
             deflection_rad=waves[0, rows, j],
