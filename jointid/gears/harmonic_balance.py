@@ -14,6 +14,8 @@ from jointid.phasors.periods import phasors_of, samples_of
 
 _POINTS = 8
 """Samples over a period for each harmonic."""
+_FURTHER_POINTS = 4
+"""The same where the highest harmonics are small ones that are measured."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
 _SINE_POINTS = 512
@@ -80,7 +82,7 @@ class WoundGears:
         most : int
             Steps at which to give up.
         """
-        points = _POINTS * max(H, _LEAST_HARMONICS)
+        points = _points(H, drive.shape[2])
         drive, compliance = drive.copy(), compliance.copy()
         drive[..., 0], compliance[..., 0] = 0, 1 / ((1 + _CENTRED) * laws.K[:, 0])
         if start is None:
@@ -111,7 +113,9 @@ class WoundGears:
             better = size_left < least
             due = better & is_open & (old | (size_left > slow * least))
             if np.any(due):
-                inward = _inward(compliance[due, : 1 + m], spread(laws, slope, samples, m, m, due))
+                inward = _inward(
+                    compliance[due, : 1 + m], spread(laws, slope, _thinned(samples, H), m, m, due)
+                )
                 precision = np.float64 if m < _MANY else np.float32
                 inverse[due] = np.linalg.inv(inward.astype(precision))
             old = ~better & ~fresh  # to where that step began
@@ -128,13 +132,13 @@ class WoundGears:
     @property
     def points(self) -> int:
         """Samples over a period."""
-        return int(_POINTS * max(self.beyond.shape[2] - 1, _LEAST_HARMONICS))
+        return _points(self.beyond.shape[2] - 1, self.delta.shape[2])
 
     def _spread(self, m: int) -> Floats:
         """Parts of g by those of δ at the mean and the first m harmonics, (r, n, 1 + 2m, 1 + 2H)."""
         _, slope, samples = beyond_linear(self.laws, self.delta, self.points)
-        of = np.ones(slope.shape[:2], bool)
-        whole = spread(self.laws, slope, samples, m, self.beyond.shape[2] - 1, of)
+        of, H = np.ones(slope.shape[:2], bool), self.beyond.shape[2] - 1
+        whole = spread(self.laws, slope, _thinned(samples, H), m, H, of)
         return whole.reshape(*of.shape, *whole.shape[1:])
 
     def change(self, drive: Complexes, beyond: Complexes) -> Complexes:
@@ -170,6 +174,15 @@ class WoundGears:
         own = 0.5 * (rr + ii) + 0.5j * (ir - ri)
         whole = ((parts**2).sum(axis=(2, 4)) @ (0.5 * variance)[..., None])[..., 0]
         return own, np.maximum(whole - np.abs(own) ** 2 * variance, 0)
+
+
+def _points(H: int, count: int) -> int:
+    return max(_POINTS * max(H, _LEAST_HARMONICS), _FURTHER_POINTS * (count - 1))
+
+
+def _thinned(samples: Floats, H: int) -> Floats:
+    """Samples that suffice for slopes."""
+    return samples[..., :: samples.shape[-1] // _points(H, 0)]
 
 
 def _inward(compliance: Complexes, spread: Floats) -> Floats:
