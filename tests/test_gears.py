@@ -29,8 +29,10 @@ from jointid import (
     track,
 )
 from jointid.cut.arm import Drive
-from jointid.estimation.estimators.joint_laws import fitted_gears
-from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.estimation.estimators.fitted_gears import fitted_gears
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
+from jointid.estimation.start_values import other_laws, with_backlash
 from jointid.figures.springs import torsion_curve
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, sine_stiffness
 from jointid.gears.laws import GearLaws
@@ -61,6 +63,13 @@ WORN = {
     "play": replace(PAPER, backlash_rad=[0.003, 0.0]),
     "wide play": replace(PAPER, backlash_rad=[0.0138, 0.0465]),
     "hysteresis": replace(PAPER, hysteresis_Nm=[0.08, 0.0], hysteresis_rad=0.003),
+    "heavy rotors": replace(PAPER, M=[0.0123, 0.0057], cubic=[30000.0, 1000.0]),
+    "wide loops": replace(
+        PAPER, cubic=[40000.0, 300.0], hysteresis_Nm=[0.15, 0.02], hysteresis_rad=0.002
+    ),
+    "friction": replace(
+        PAPER, coulomb=[0.2, 0.05], viscous=[2e-3, 4e-4], backlash_rad=[0.01, 0.02], cubic=[9000.0, 0.0]
+    ),
 }
 
 
@@ -74,7 +83,7 @@ def measured() -> dict[str, Phasors]:
 
 def fitted(name: str) -> ElasticityFit:
     """Fit of a worn robot; its K and D are within the errors."""
-    fit = identify_elasticity(measured()[name], INERTIA)
+    fit = identify_elasticity(measured()[name], Inertia(WORN[name].M, PAPER.M2))
     assert np.all(np.abs(fit.estimate - WORN[name].answer) < 4 * fit.standard_error)
     return fit
 
@@ -174,39 +183,34 @@ def test_the_edges_of_a_play_are_followed_between_samples() -> None:
 @pytest.mark.parametrize("gear", [HARD, Gear(backlash_rad=0.03), DAHL], ids=lambda gear: gear.kind)
 def test_the_noise_of_a_law_is_that_of_many_draws(gear: Gear) -> None:
     rng, draws, H = np.random.default_rng(1), 1500, 5
-    laws, orders = GearLaws.of([replace(gear, K=43.0)]), np.arange(1, H + 1)
-    kappa = (43.0 + 2j * orders)[None, None]
-    f = np.array([[[1.3 + 0.6j, 0, 0.1j, 0, 0.02]]])
-    moved, low = f / kappa / orders**2, np.array([[[True, True]]])
-    found = WoundGears.solve(laws, kappa, f, moved, low, np.zeros((1, 1, 0)))
-    torque, deflection = np.full((1, 1, H), 1e-7), np.full((1, 1, H), 1e-11)
-    by_torque, by_moved, rest = found.noise(torque, deflection)
-
-    def noise(variance: np.ndarray) -> np.ndarray:
-        parts = rng.standard_normal((2, draws, 1, H)) * np.sqrt(variance[0] / 2)
-        return parts[0] + 1j * parts[1]
-
-    own, further = noise(torque), noise(deflection)
-    with_noise = WoundGears.solve(
-        laws, np.repeat(kappa, draws, 0), f + own, moved + further, np.repeat(low, draws, 0),
-        np.zeros((draws, 1, 0)),
-    )  # fmt: skip
-    left = with_noise.law - found.law - by_torque * own - by_moved * further
-    size = (np.abs(by_torque) ** 2 * torque + np.abs(by_moved) ** 2 * deflection + rest).max()
+    laws, orders = GearLaws.of([replace(gear, K=43.0)]), np.arange(H + 1)
+    kappa = 43.0 + 2j * orders
+    compliance = np.where(orders < 3, 1 / kappa, 0)[None, None]
+    f = np.array([0, 1.3 + 0.6j, 0, 0.1j, 0, 0.02])
+    drive = (f / kappa / np.where(orders < 3, 1, orders) ** 2)[None, None]
+    found = WoundGears.solve(laws, drive, compliance, H, 2)
+    variance = np.where(orders[1:] < 3, 1e-7 / np.abs(kappa[1:]) ** 2, 1e-11)[None, None]
+    own, rest = found.noise(variance)
+    parts = rng.standard_normal((2, draws, 1, H)) * np.sqrt(variance[0] / 2)
+    noise = parts[0] + 1j * parts[1]
+    drives = np.repeat(drive, draws, 0)
+    drives[..., 1:] += noise
+    with_noise = WoundGears.solve(laws, drives, np.repeat(compliance, draws, 0), H, 2)
+    left = (with_noise.beyond - found.beyond)[..., 1:] - own * noise
+    size = (np.abs(own) ** 2 * variance + rest).max()
     np.testing.assert_allclose((np.abs(left) ** 2).mean(axis=0), rest[0], rtol=0.2, atol=0.01 * size)
 
 
 def test_a_motion_that_leans_has_no_mean_torque() -> None:
     """An even harmonic of the torque moves the gear to one side of its play."""
     gear = Gear(K=43.0, backlash_rad=0.03)
-    f = np.array([[[1.0 + 0j, 0.3j, 0]]])
-    none = np.zeros((1, 1, 0))
-    found = WoundGears.solve(GearLaws.of([gear]), 43.0 + 0j * f, f, f / 43.0, f == f, none)
+    f = np.array([[[0, 1.0 + 0j, 0.3j, 0]]])
+    found = WoundGears.solve(GearLaws.of([gear]), f / 43.0, np.full_like(f, 1 / 43.0), 3, 3)
     fine = found.delta[0, 0, 0].real + samples_of(found.delta[0, 0, 1:], 1 << 14)
     torque = gear.torque(fine)
     assert abs(found.delta[0, 0, 0]) > 1e-3
     assert abs(torque.mean()) < 1e-4
-    assert np.abs(phasors_of(torque, 3) - f[0, 0]).max() < 1e-4
+    assert np.abs(phasors_of(torque, 3) - f[0, 0, 1:]).max() < 1e-4
 
 
 def test_stiffness_in_a_sine_is_that_of_an_integration() -> None:
@@ -275,6 +279,51 @@ def test_hysteresis_is_no_damping() -> None:
     fit = fitted("hysteresis")
     assert fit.gears[0].kind == "hysteresis"
     assert fit.gears[0].hysteresis_Nm == pytest.approx(0.08, rel=0.15)
+
+
+def test_gears_that_harden_far_beyond_their_stiffness_are_found_behind_heavy_rotors() -> None:
+    """Their torque is a small part of the motors' own."""
+    gears = fitted("heavy rotors").gears
+    assert [gear.laws for gear in gears] == [("hardening",)] * 2
+    assert [gear.cubic for gear in gears] == pytest.approx([30000.0, 1000.0], rel=2e-3)
+
+
+def test_hysteresis_is_found_beside_much_hardening() -> None:
+    gears = fitted("wide loops").gears
+    assert [gear.laws for gear in gears] == [("hardening", "hysteresis")] * 2
+    assert [gear.hysteresis_Nm for gear in gears] == pytest.approx([0.15, 0.02], rel=0.01)
+
+
+def test_several_laws_are_reached_through_models_that_are_far_off() -> None:
+    """Beside friction, neither hardening nor play alone brings the fit near the data."""
+    fit = identify_elasticity(measured()["friction"], INERTIA)
+    assert [set(gear.laws) for gear in fit.gears] == [{"hardening", "backlash"}, {"backlash"}]
+    np.testing.assert_allclose(fit.K, PAPER.K, rtol=2e-3)
+
+
+def test_a_fit_of_backlash_starts_near_it() -> None:
+    """From the deflection over the torque; noise of high harmonics would hide the torque."""
+    phasors = measured()["play"]
+    start = with_backlash(phasors, InertiaPrior.of(INERTIA, *phasors.q.shape))
+    np.testing.assert_allclose(start.K, PAPER.K, rtol=0.05)
+    assert start["backlash"] == pytest.approx([0.003, 0.0], abs=0.0015)
+
+
+def test_a_loop_without_height_starts_again_as_a_usual_one() -> None:
+    """Without a level no width makes a difference."""
+    phasors = measured()["hysteresis"]
+    prior = InertiaPrior.of(INERTIA, *phasors.q.shape)
+    layout = ParameterLayout.of(2, effects=["hysteresis"])
+
+    def again(level: float) -> tuple[Parameters, ...]:
+        values = {"K": PAPER.K, "hysteresis": [level, level], "presliding": [0.002, 0.002]}
+        p = layout.named(layout.pack(**values))
+        return other_laws(phasors, prior, p, p)
+
+    (start,) = again(1e-6)
+    assert np.all(start["hysteresis"] > 0.01)
+    np.testing.assert_allclose(start["presliding"], start["hysteresis"] / PAPER.K)
+    assert not again(0.08)
 
 
 def test_a_linear_gear_stays_linear_by_request() -> None:

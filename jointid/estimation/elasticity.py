@@ -7,9 +7,9 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Candidate, Choice
+from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import SpringEquations
-from jointid.estimation.estimators.joint_laws import fitted_gears
 from jointid.estimation.estimators.linear_fit import Estimate
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import Parameters

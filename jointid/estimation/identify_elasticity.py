@@ -9,6 +9,7 @@ import numpy as np
 from jointid.arrays import Complexes
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit, made_fit
+from jointid.estimation.estimators.balance import balance, noise_of, wind_up
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import SpringEquations, spring_equations
 from jointid.estimation.estimators.linear_fit import LINEAR, Estimate, prior_covariance, weighted
@@ -178,4 +179,8 @@ class _Data:
         s: Complexes = np.asarray(1j * phasors.omega[:, None] * orders)
         own: Complexes = np.asarray((s * s)[..., None] * prior.M[prior.rotor, None])
         arm = ideal_compliance(prior, prior.M2, prior.gravity, s)
-        return torsion_curves(s, phasors.harmonics, phasors.harmonic_covariance, own, 1.0, 0.0, arm)
+        by = balance(own, np.ones_like(own))
+        rows, z = (wind_up(by, arm), by), phasors.harmonics[..., None]
+        deflection, torque = ((each @ z)[..., 0] for each in rows)
+        noise = noise_of(rows, phasors.harmonic_covariance)
+        return torsion_curves(s, deflection, torque, noise)

@@ -65,55 +65,36 @@ class TorsionCurve:
 
 def torsion_curves(
     s: Complexes,
-    z: Complexes,
-    covariance: Complexes,
-    own: Complexes,
-    gain: Complexes | float,
-    friction: Complexes | float,
-    arm: Complexes,
-    arm_friction: Complexes | float = 0.0,
+    deflection: Complexes,
+    torque: Complexes,
+    variance: Floats,
     resolved: np.ndarray | bool = True,
 ) -> tuple[TorsionCurve, ...]:
     """Torsion curves of n gears from H harmonics of r records.
-
-    The torque through a gear is f = gain τ − own q − friction, the balance at its motor. Less the
-    friction P at the arm it moves the arm by θ_a = A⁻¹ (f − P), M2 θ̈_a = f of the ideal arm; the
-    deflection is q − θ_a.
 
     Parameters
     ----------
     s : ndarray, shape (r, H)
         Laplace variable of every harmonic.
-    z, covariance : ndarray, shapes (r, H, 2n) and (r, H, 2n, 2n)
-        Motor angles q and torques τ, and their noise.
-    own, gain : ndarray, shape (r, H, n)
-        Dynamic stiffness of the motors, s²M, and torque over logged torque.
-    friction, arm_friction : ndarray, shape (r, H, n)
-        At the motors, and P at the arm.
-    arm : ndarray, shape (r, H, n, n)
-        Compliance A⁻¹ of the arm.
+    deflection, torque : ndarray, shape (r, H, n)
+        Of the gears.
+    variance : ndarray, shape (2, r, H, n)
+        Of both, from noise.
     resolved : ndarray of bool, shape (r, H, n), default True
         Harmonics that a curve may have.
     """
-    n = z.shape[2] // 2
-    eye = np.eye(n)
-    balance = np.concatenate(
-        [-own[..., None] * eye, (gain * np.ones_like(own))[..., None] * eye], axis=3
-    )
-    wind_up = (
-        np.concatenate([np.broadcast_to(eye, arm.shape), np.zeros_like(arm)], axis=3) - arm @ balance
-    )
-    torque = (balance @ z[..., None])[..., 0] - friction
-    arm_angle = (arm @ (torque - arm_friction)[..., None])[..., 0]
-    signals = np.stack([z[..., :n] - arm_angle, torque])
-    variance = np.stack([((E @ covariance) * E.conj()).sum(axis=3).real for E in (wind_up, balance)])
     clear = np.abs(torque) ** 2 > _CLEAR**2 * variance[1]
     clear[:, 0] = True
+    unclear = ~clear & resolved
     clear &= resolved
     points = max(_POINTS, _PER_HARMONIC * s.shape[1])
-    waves = samples_of(np.where(clear, signals, 0).swapaxes(2, 3), points)  # (2, r, n, t)
-    main = np.where(np.any(z[:, 0] != 0, axis=1), 0, (np.abs(torque) ** 2).sum(axis=2).argmax(axis=1))
-    sigma = np.sqrt(0.5 * np.where(clear, variance, 0).sum(axis=2))
+    signals = np.stack([deflection, torque])
+    # The harmonics that a curve leaves out are an error of it, by what they have beyond the noise.
+    left_out = np.where(unclear, np.abs(signals) ** 2 - variance, 0).sum(axis=2)
+    signals = np.where(clear, signals, 0)
+    waves = samples_of(signals.swapaxes(2, 3), points)  # (2, r, n, t)
+    main = (np.abs(signals[1]) ** 2).sum(axis=2).argmax(axis=1)
+    sigma = np.sqrt(0.5 * (np.where(clear, variance, 0).sum(axis=2) + np.maximum(left_out, 0)))
     return tuple(
         TorsionCurve(
             deflection_rad=waves[0, rows, j],

@@ -17,12 +17,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, Parameters
-from jointid.gears.gear import Gear
-from jointid.gears.harmonic_balance import WoundGears, beyond_linear
+from jointid.estimation.estimators.balance import wind_up
+from jointid.estimation.estimators.parameters import GEAR_LAWS, Parameters
+from jointid.gears.harmonic_balance import NEWTON, WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
 from jointid.gears.torque_spread import dahl
-from jointid.gears.torsion_curve import TorsionCurve
 from jointid.phasors.periods import pairs, phasors_of, samples_of
 
 _CLEAR = 3.0
@@ -43,16 +42,8 @@ _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
 _WIDER = 2.0
 """Frequency over the resonance, up to which deflection in motions follows from the torque."""
-_SIGNIFICANT = 3.5
-"""Standard errors from which a joint has a law that is fitted to all joints."""
-_GEAR_FIELDS = {
-    "cubic": ("cubic", "cubic"),
-    "backlash": ("backlash_rad", "backlash"),
-    "hysteresis": ("hysteresis_Nm", "hysteresis"),
-    "presliding": ("presliding_rad", "hysteresis"),
-    "loss_factor": ("loss_factor", "loss_factor"),
-}
-"""Field of ``Gear`` for each parameter, and the parameter that shows whether the law is present."""
+_NEWTON_OF_LOOPS = 6
+"""Most steps for loops in motions: a right law takes fewer, a wrong one minutes with ``NEWTON``."""
 _GEAR = (
     "K", "cubic", "backlash", "hysteresis", "presliding",
     "piecewise", "knee", "second_bend", "second_knee",
@@ -73,7 +64,7 @@ class JointLaws:
     angle: Floats
     """Motor angles over a period, shape (r, n, t), rad."""
     locked: Floats
-    """Resonance with the motor locked, below which the arm moves less than the gear winds up, rad/s."""
+    """Resonance with the motor locked, below which the deflection follows from the torque, rad/s."""
     free: Floats
     """1/M + M2⁻¹ of each joint, shape (n,)."""
     sines: bool
@@ -103,7 +94,7 @@ class JointLaws:
         angle, torque : ndarray, shape (r, H, n)
             Of the motors, and through the gears.
         variance : ndarray, shape (r, H, 2n)
-            Of both.
+            Of the logged angles and torques.
         arm : ndarray, shape (r, n, n)
             M2⁻¹ of every record.
         rotor : ndarray, shape (r, n)
@@ -112,12 +103,14 @@ class JointLaws:
             Fundamentals of sines, and lines of motions.
         further : ndarray, shape (r, T, n)
         """
-        n, H = angle.shape[2], angle.shape[1]
-        clear = np.abs(np.concatenate([angle, torque], axis=2)) ** 2 > _CLEAR**2 * variance
+        n, H, squared = angle.shape[2], angle.shape[1], (s * s)[..., None]
+        noise = variance.copy()
+        noise[..., n:] += np.abs(squared * rotor[:, None]) ** 2 * variance[..., :n]
+        clear = np.abs(np.concatenate([angle, torque], axis=2)) ** 2 > _CLEAR**2 * noise
         clear[:, 0] = True
         samples = samples_of(np.where(clear[..., :n], angle, 0).swapaxes(1, 2), _points(H))
         largest = np.linalg.norm(torque * clear[..., n:], axis=1).max(axis=0)
-        arm_angle = np.einsum("rij,rhj->rhi", arm, torque) / (s * s)[..., None]
+        arm_angle = np.einsum("rij,rhj->rhi", arm, torque) / squared
         size = np.maximum(np.abs(angle - arm_angle), np.finfo(float).tiny)
         locked = (np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[main]
         middle = np.median(locked, axis=0) * (_WIDER if further.size else 1.0)
@@ -131,9 +124,8 @@ class JointLaws:
 
     @property
     def low(self) -> np.ndarray:
-        """Harmonics below the locked resonance, shape (r, n, m)."""
-        low = np.abs(self.s)[:, None] < self.locked[:, None]
-        return np.asarray(low[..., : max(int(low.sum(axis=2).max()), 0)])
+        """Harmonics below the locked resonance, shape (r, H, n)."""
+        return np.asarray(np.abs(self.s)[..., None] < self.locked)
 
     def units(self, p: Parameters) -> dict[str, Floats]:
         """Value of each parameter at which its law is as large as the linear gear, each shape (n,)."""
@@ -153,6 +145,13 @@ class JointLaws:
             "bristle": np.abs(self.angle).max(axis=(0, 2)),
         }
 
+    def by_signals(self, of_torque: Complexes, arm: Complexes, stiffness: Complexes) -> Complexes:
+        """Deflection of linear gears by angles and torques of the motors, shape (r, H, n, 2n).
+
+        ``of_torque`` are the torques through the gears by them, and ``arm`` is the arm's compliance.
+        """
+        return np.where(self.low[..., None], of_torque / stiffness[..., None], wind_up(of_torque, arm))
+
     def wound(
         self, torque: Complexes, moved: Complexes, stiffness: Complexes, p: Parameters
     ) -> WoundGears | None:
@@ -162,34 +161,39 @@ class JointLaws:
         """
         if not any(name in p.layout for name in GEAR_LAWS):
             return None
-        kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
-        given = self.further.swapaxes(1, 2)
-        free = 0 * given if given.size else self._beyond_measured(p)
-        laws = _laws(_values(p))
+        H, laws = torque.shape[1], _laws(_values(p))
+        beyond = self._beyond_measured(p)
+        further = self.further if self.further.size else 0 * beyond
+        by_torque = self.low / stiffness
+        drive = _with_mean([np.where(self.low, by_torque * torque, moved), further])
+        compliance, m = _with_mean([by_torque, beyond]), int(self.low.sum(axis=1).max())
+        most = _NEWTON_OF_LOOPS if self.further.size and laws.hysteretic else NEWTON
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
             for start in (*self.latest, None):  # the start of other parameters may lead nowhere
-                found = WoundGears.solve(laws, kappa, f, d, self.low, free, start, given=given)
+                found = WoundGears.solve(laws, drive, compliance, H, m, start, most)
                 if np.isfinite(found.delta).all():
                     self.latest[:] = [found]
                     break
         return found
 
     def _beyond_measured(self, p: Parameters) -> Complexes:
-        """Deflection over torque beyond K δ at as many harmonics again, shape (r, n, T).
+        """Deflection over torque beyond K δ at the next harmonics, (r, T, n).
 
         The edges of backlash reach further than the harmonics of the records. There the controller does
         nothing, and the gear moves motor and arm apart. Of motions it is measured, or T = 0.
         """
         H = self.s.shape[1]
-        count = H * (self.sines and ("backlash" in p.layout or "piecewise" in p.layout))
-        s = self.s[:, None, :1] * np.arange(H + 1, H + 1 + count)
-        apart = s * s / self.free[:, None]
-        return np.asarray(-1 / (apart + p.K[:, None] + s * p.D[:, None]))
+        if self.further.size or not self.sines:
+            return 0 * self.further
+        count = H * ("backlash" in p.layout or "piecewise" in p.layout)
+        s = (self.s[:, :1] * np.arange(H + 1, H + 1 + count))[..., None]
+        return np.asarray(1 / (s * s / self.free + p.K + s * p.D))
 
     def slopes(
         self,
         wound: WoundGears | None,
         p: Parameters,
+        gear: Complexes,
         stiffness: Mapping[str, Complexes],
         torque: Mapping[str, Complexes],
     ) -> dict[str, Complexes]:
@@ -197,33 +201,42 @@ class JointLaws:
 
         Parameters
         ----------
+        gear : ndarray, shape (r, H, n)
+            Linear dynamic stiffness.
         stiffness : mapping of str to ndarray, shape (r, H, n)
-            Derivatives of the linear dynamic stiffness by the parameters in it.
+            Its derivatives by the parameters in it.
         torque : mapping of str to ndarray, shape (r, H, n)
             Derivatives of the torque f by other parameters of the same joint.
         """
         if wound is None:
             return {}
-        values, units, parts = _values(p), self.units(p), wound.beyond.shape[2]
-        found = {name: wound.change(f=_with_mean(df)) for name, df in torque.items()}
-        for name in {**stiffness, **dict.fromkeys(n for n in _GEAR if n in p.layout)}:
-            beyond: Complexes | float = 0.0
+        values, units, H = _values(p), self.units(p), gear.shape[1]
+        w = self.law(wound, gear)
+        names = [*torque, *dict.fromkeys((*stiffness, *(n for n in _GEAR if n in p.layout)))]
+        size = (*wound.beyond.shape, len(names))
+        drive, beyond = np.zeros(size, complex), np.zeros(size, complex)
+        for k, name in enumerate(names):
+            if name in torque:
+                drive[..., k] = _with_mean([self.low * torque[name] / gear])
             if name in _GEAR:
                 step = _SMALL * units[name]
                 changed = values.copy()
                 changed[_GEAR.index(name)] += step
                 there, *_ = beyond_linear(_laws(changed), wound.delta, wound.points)
-                beyond = (there[..., :parts] - wound.beyond) / step[:, None]
-            kappa = _with_mean(stiffness[name], float(name == "K")) if name in stiffness else 0.0
-            found[name] = wound.change(beyond=beyond, stiffness=kappa)
-        return {name: slope.swapaxes(1, 2) for name, slope in found.items()}
+                beyond[..., k] = (there[..., : 1 + H] - wound.beyond) / step[:, None]
+            if name in stiffness:
+                linear = _with_mean([self.low * stiffness[name] / gear])
+                linear[..., 0] = (name == "K") / p.K
+                drive[..., k] -= linear * wound.delta[..., : 1 + H]
+        changes = wound.change(drive, beyond)[:, :, 1:].swapaxes(1, 2)
+        return {
+            name: -(changes[..., k] + w * stiffness.get(name, 0.0)) / gear
+            for k, name in enumerate(names)
+        }
 
-    def noise(
-        self, wound: WoundGears, torque: Floats, moved: Floats
-    ) -> tuple[Complexes, Complexes, Floats]:
-        """``WoundGears.noise`` with all arrays (r, H, n)."""
-        first, second, rest = wound.noise(torque.swapaxes(1, 2), moved.swapaxes(1, 2))
-        return first.swapaxes(1, 2), second.swapaxes(1, 2), rest.swapaxes(1, 2)
+    def law(self, wound: WoundGears, stiffness: Complexes) -> Complexes:
+        """w, the deflection beyond that of the linear gear under the same torque, (r, H, n), rad."""
+        return np.asarray(-wound.beyond[..., 1:].swapaxes(1, 2) / stiffness)
 
     def arm_friction(self, torque: Complexes, arm: Complexes) -> Complexes:
         """Phasors of sign θ̇_a, shape (r, H, n), for the arm's compliance A⁻¹, shape (r, H, n, n)."""
@@ -246,49 +259,6 @@ class JointLaws:
         """Derivative of the phasors ``shape`` of z(θ) by the presliding angles, shape (r, H, n)."""
         changed = self.presliding((1 + _STEP) * bristle, shape.shape[1])
         return np.asarray((changed - shape) / (_STEP * np.maximum(bristle, _LEAST_ANGLE)))
-
-
-def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurve]) -> tuple[Gear, ...]:
-    """Gears of n joints with the laws that are significant at each, from their torsion curves' range.
-
-    Parameters
-    ----------
-    covariance : ndarray, shape (P, P)
-        Of the parameters.
-    """
-    error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    found = {}
-    for name, (target, judge) in _GEAR_FIELDS.items():
-        if name in p.layout:
-            clear = np.abs(p[judge]) > _SIGNIFICANT * error[p.layout[judge]]
-            if EFFECTS[judge].positive:
-                clear &= p[judge] > 0
-            found[target] = np.where(clear, p[name], 0.0).tolist()
-    if "piecewise" in p.layout:
-        found |= _slopes(p, covariance)
-    return tuple(
-        Gear(
-            K=max(float(p.K[j]), 0.0),
-            tried_rad=float(curve.amplitude_rad.max(initial=0.0)),
-            tried_Nm=float(curve.amplitude_Nm.max(initial=0.0)),
-            **{field: values[j] for field, values in found.items()},
-        )
-        for j, curve in enumerate(curves)
-    )
-
-
-def _slopes(p: Parameters, covariance: Floats) -> dict[str, list[float]]:
-    """Three slopes and torques as in catalogues; zero at joints without a significant change."""
-    first, last = (np.arange(p.vector.size)[p.layout[bend]] for bend in ("piecewise", "second_bend"))
-    bends, variance = p.vector[[first, last]], np.diag(covariance)[[first, last]]
-    change = np.vstack([bends, bends.sum(axis=0)])  # each may be uncertain, and not their sum
-    doubt = np.vstack([variance, variance.sum(axis=0) + 2 * covariance[first, last]])
-    clear = np.any(change**2 > _SIGNIFICANT**2 * np.maximum(doubt, 0), axis=0)
-    K2, T1 = p.K + bends[0], p.K * p["knee"]
-    seen = np.isfinite(variance[1])
-    K3, T2 = (np.where(seen, x, y) for x, y in ((K2 + bends[1], K2), (T1 + K2 * p["second_knee"], T1)))
-    found = {"K2": K2, "K3": K3, "T1_Nm": T1, "T2_Nm": T2}
-    return {name: np.where(clear, values, 0.0).tolist() for name, values in found.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,9 +299,9 @@ def _points(H: int) -> int:
     return points if points < _FINE else max(_FINE, points // 2)
 
 
-def _with_mean(phasors: Complexes, mean: float = 0.0) -> Complexes:
-    """A mean before phasors (r, H, n): shape (r, n, 1 + H)."""
-    return np.concatenate([np.full_like(phasors[:, :1], mean), phasors], axis=1).swapaxes(1, 2)
+def _with_mean(parts: Sequence[Complexes]) -> Complexes:
+    """A mean of zero before consecutive harmonics, each (r, H, n): shape (r, n, 1 + H)."""
+    return np.concatenate([0 * parts[0][:, :1], *parts], axis=1).swapaxes(1, 2)
 
 
 def _values(p: Parameters) -> Floats:

@@ -67,7 +67,7 @@ class Problem:
     ends: EndTerms | None = None
     motion: Complexes | None = None  # (2, r, H, n), velocity and acceleration of motions
     repeated: Floats | None = None  # (r, n), part of the angles' variance that adds up over periods
-    law_noise: tuple[Complexes, Complexes, Floats] | None = None  # of ``WoundGears.noise``, (r, H, n)
+    law_noise: tuple[Complexes, Floats] | None = None  # of w by noise, ``with_law_noise``, (r, H, n)
 
     @property
     def n(self) -> int:
@@ -230,8 +230,7 @@ def make_problem(
         motion = motor_motion(phasors)
         rotor = prior.M[prior.rotor, None]
         inertial = (s * s)[..., None] * rotor
-        variance = np.einsum("rhjj->rhj", noise.covariance).real.copy()
-        variance[..., n:] += np.abs(inertial) ** 2 * variance[..., :n]
+        variance = np.einsum("rhjj->rhj", noise.covariance).real
         torque, angle = inertial * z[..., :n], z[..., :n]
         main = np.zeros(z.shape[:2], bool)
         main[:, 0] = True

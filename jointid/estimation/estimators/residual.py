@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.estimation.estimators.balance import balance, noise_of
 from jointid.estimation.estimators.joint_laws import SignSlope
 from jointid.estimation.estimators.parameters import ARM_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.problem import (
@@ -84,10 +85,10 @@ class Residual:
         lag = np.exp(-s * (p.delay + p.effect("lag")) * np.ones(n)) * problem.held.filter_gain(p, s)
         advance = np.asarray(1 + s * p.effect("position_filter") * np.ones(n))
         own = motor_stiffness(problem, p)
-        E = _balance(own, lag * p.torque_scale)
-        if problem.law_noise is not None:
-            by_torque, by_moved, _ = problem.law_noise
-            E += X @ (by_torque[..., None] * E + by_moved[..., None] * _moved(E, arm))
+        E = balance(own, lag * p.torque_scale)
+        if problem.law_noise is not None and problem.laws is not None:
+            by_deflection, _ = problem.law_noise
+            E += X @ (by_deflection[..., None] * problem.laws.by_signals(E, arm, gear))
         E[..., :n] = (E[..., :n] - X) * advance[..., None, :]
         CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
         drive = lag * p.torque_scale * problem.z[..., n:]
@@ -101,16 +102,16 @@ class Residual:
             waveform, angle = _without_ends(problem, p, torque, q, own)
             if "arm_coulomb" in problem.layout:
                 law = law[0], p.effect("arm_coulomb") * problem.laws.arm_friction(waveform, arm)
-            moved = angle - (arm @ (waveform - law[1])[..., None])[..., 0]
-            wound = problem.laws.wound(waveform, moved, gear, p)
+            apart = angle - (arm @ (waveform - law[1])[..., None])[..., 0]
+            wound = problem.laws.wound(waveform, apart, gear, p)
             if wound is not None:
-                law = np.asarray(wound.law.swapaxes(1, 2)), law[1]
+                law = problem.laws.law(wound, gear), law[1]
         r = torque - gear_torque(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
         if problem.friction is not None:
             V += problem.friction.spread[..., None, :] * np.eye(n)
         if problem.law_noise is not None:
-            V += (X * problem.law_noise[2][..., None, :]) @ X.conj().swapaxes(2, 3)
+            V += (X * problem.law_noise[1][..., None, :]) @ X.conj().swapaxes(2, 3)
         return cls(
             problem, p, r, V, E, CE, gear, arm, X, lag, advance, images, friction, torque, waveform, law,
             wound,
@@ -187,7 +188,7 @@ class Residual:
         slopes = {}
         if problem.laws is not None:
             sines = own if problem.motion is None else {}  # a small effect of a small effect
-            slopes = problem.laws.slopes(self.wound, p, stiffness, sines)
+            slopes = problem.laws.slopes(self.wound, p, self.gear, stiffness, sines)
         for name, columns in own.items():
             through = self.X * slopes[name][..., None, :] if name in slopes else 0
             whole = columns[..., None, :] * np.eye(n) + through
@@ -309,24 +310,12 @@ def with_law_noise(problem: Problem, vector: Floats) -> Problem:
     at = Residual.at(replace(problem, law_noise=None), vector)
     if at.wound is None or problem.laws is None or not np.isfinite(at.wound.delta).all():
         return problem
-    balance = _balance(motor_stiffness(problem, at.p), at.lag * at.p.torque_scale)
-    parts = balance, _moved(balance, at.arm)
-    variances = (((E @ problem.noise.covariance) * E.conj()).sum(axis=3).real for E in parts)
-    return replace(problem, law_noise=problem.laws.noise(at.wound, *variances))
-
-
-def _balance(own: Complexes, gain: Complexes) -> Complexes:
-    """Torque through the gears by angles and torques of the motors, shape (r, H, n, 2n)."""
-    eye = np.eye(own.shape[2])
-    return np.concatenate([-own[..., None] * eye, gain[..., None] * eye], axis=3)
-
-
-def _moved(balance: Complexes, arm: Complexes) -> Complexes:
-    """Deflection of the gears by angles and torques of the motors, shape (r, H, n, 2n)."""
-    moved = -arm @ balance
-    for j in range(arm.shape[2]):
-        moved[..., j, j] += 1
-    return np.asarray(moved)
+    by = balance(motor_stiffness(problem, at.p), at.lag * at.p.torque_scale)
+    E = problem.laws.by_signals(by, at.arm, at.gear)
+    (variance,) = noise_of([E], problem.noise.covariance)
+    own, rest = at.wound.noise(variance.swapaxes(1, 2))
+    by_deflection, rest = -own.swapaxes(1, 2) / at.gear, rest.swapaxes(1, 2) / np.abs(at.gear) ** 2
+    return replace(problem, law_noise=(by_deflection, rest))
 
 
 def _without_ends(

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
+from jointid.estimation.estimators.balance import balance, noise_of, wind_up
 from jointid.estimation.estimators.problem import Problem, friction_advance, motor_stiffness
 from jointid.estimation.estimators.residual import Residual
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
@@ -131,8 +132,6 @@ class WhitenedResidual:
         """Torque through every gear, by the balance at its motor, over its deflection."""
         at, problem = self.at, self.at.problem
         torque, angle = at.without_ends()
-        tau = problem.z[..., problem.n :]
-        gain, own = at.lag * at.p.torque_scale, motor_stiffness(problem, at.p)
         left, resolved = self.free_friction(), np.ones(torque.shape, bool)
         if problem.ends is not None:
             rows = problem.ends.records
@@ -143,10 +142,11 @@ class WhitenedResidual:
             power = np.abs(torque[rows]) ** 2
             most = 2 * (power * above).sum(axis=1) > power.sum(axis=1)
             resolved[rows] = above & most[:, None]
-        friction = gain * tau - own * angle - torque + left
-        z = np.concatenate([angle, tau], axis=2)
-        noise = problem.noise.covariance
-        return torsion_curves(problem.s, z, noise, own, gain, friction, at.arm, at.law[1], resolved)
+        torque = torque - left
+        deflection = angle - (at.arm @ (torque - at.law[1])[..., None])[..., 0]
+        by = balance(motor_stiffness(problem, at.p), at.lag * at.p.torque_scale)
+        variance = noise_of((wind_up(by, at.arm), by), problem.noise.covariance)
+        return torsion_curves(problem.s, deflection, torque, variance, resolved)
 
     def compensated(self) -> tuple[Complexes, Complexes]:
         """Motor angle and torque without friction, delay, effects and ends, both shape (r, h, n).

@@ -1,0 +1,66 @@
+"""Gears as fitted: the laws that are significant at each joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.estimation.estimators.parameters import EFFECTS, Parameters
+from jointid.gears.gear import Gear
+from jointid.gears.torsion_curve import TorsionCurve
+
+_SIGNIFICANT = 3.5
+"""Standard errors from which a joint has a law that is fitted to all joints."""
+_GEAR_FIELDS = {
+    "cubic": ("cubic", "cubic"),
+    "backlash": ("backlash_rad", "backlash"),
+    "hysteresis": ("hysteresis_Nm", "hysteresis"),
+    "presliding": ("presliding_rad", "hysteresis"),
+    "loss_factor": ("loss_factor", "loss_factor"),
+}
+"""Field of ``Gear`` for each parameter, and the parameter that shows whether the law is present."""
+
+
+def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurve]) -> tuple[Gear, ...]:
+    """Gears of n joints with the laws that are significant at each, from their torsion curves' range.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (P, P)
+        Of the parameters.
+    """
+    error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    found = {}
+    for name, (target, judge) in _GEAR_FIELDS.items():
+        if name in p.layout:
+            clear = np.abs(p[judge]) > _SIGNIFICANT * error[p.layout[judge]]
+            if EFFECTS[judge].positive:
+                clear &= p[judge] > 0
+            found[target] = np.where(clear, p[name], 0.0).tolist()
+    if "piecewise" in p.layout:
+        found |= _slopes(p, covariance)
+    return tuple(
+        Gear(
+            K=max(float(p.K[j]), 0.0),
+            tried_rad=float(curve.amplitude_rad.max(initial=0.0)),
+            tried_Nm=float(curve.amplitude_Nm.max(initial=0.0)),
+            **{field: values[j] for field, values in found.items()},
+        )
+        for j, curve in enumerate(curves)
+    )
+
+
+def _slopes(p: Parameters, covariance: Floats) -> dict[str, list[float]]:
+    """Three slopes and torques as in catalogues; zero at joints without a significant change."""
+    first, last = (np.arange(p.vector.size)[p.layout[bend]] for bend in ("piecewise", "second_bend"))
+    bends, variance = p.vector[[first, last]], np.diag(covariance)[[first, last]]
+    change = np.vstack([bends, bends.sum(axis=0)])  # each may be uncertain, and not their sum
+    doubt = np.vstack([variance, variance.sum(axis=0) + 2 * covariance[first, last]])
+    clear = np.any(change**2 > _SIGNIFICANT**2 * np.maximum(doubt, 0), axis=0)
+    K2, T1 = p.K + bends[0], p.K * p["knee"]
+    seen = np.isfinite(variance[1])
+    K3, T2 = (np.where(seen, x, y) for x, y in ((K2 + bends[1], K2), (T1 + K2 * p["second_knee"], T1)))
+    found = {"K2": K2, "K3": K3, "T1_Nm": T1, "T2_Nm": T2}
+    return {name: np.where(clear, values, 0.0).tolist() for name, values in found.items()}
