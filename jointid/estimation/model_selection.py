@@ -179,11 +179,10 @@ def _fit_first(search: Search) -> None:
         laws += [(rubbing, "backlash", begin) for begin in (with_backlash, by_motion)]
     if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
         laws.append((fits.least(list(fits.tried)), "backlash", with_backlash))
-        search.slow_fits -= 1  # not one of those that compare
     for model, law, begin in laws:
         if (search.is_lost or search.has_motions) and law in fits.optional:
             wider = model.with_part(law)
-            search.fit(wider, begin(search.phasors, search.prior))
+            search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
 
@@ -213,8 +212,7 @@ def _climbed(search: Search, model: Model) -> Model:
         least = np.inf
         for each in wider:  # a delay, lags and filters are similar, which their cost tells apart
             if not (each.is_slow and least < _CLIMB * found.misfit):
-                search.slow_fits -= each.is_slow  # not one of those that compare
-                search.fit(each, found.named)
+                search.fit(each, found.named, compares=False)
                 least = min(least, fits.misfit(each))
         plain = fits.criterion(judged=False)
         nearest = min(wider, key=lambda each: plain.get(each, np.inf))

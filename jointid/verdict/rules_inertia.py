@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, ndtri
 
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
@@ -39,8 +39,8 @@ _ABSURD = 10.0
 _LOWER, _NEARER = 0.7, 0.5
 """Misfit of a linear fit, and difference from the given inertias in standard deviations, over those as
 logged, from which axes look exchanged or reversed."""
-_OFF, _TOGETHER = 3.5, 5e-4
-"""Difference from a given value, in standard deviations, that is not by chance, and its probability."""
+_CHANCE = 5e-4
+"""Probability that any right value differs as far from the given one, and that all together do."""
 _LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 
@@ -91,8 +91,9 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     uncertain = [row for row in prior_rows(own, evidence.poses) if row.unit or not exact]
     rows = sorted(((_significance(row, exact), row) for row in uncertain), key=lambda pair: -pair[0])
     sizes = np.array([size for size, _ in rows if size > 0])
-    together = not exact and chdtrc(sizes.size, sizes @ sizes) < _TOGETHER
-    off = [pair for k, pair in enumerate(rows) if pair[0] > _OFF or (together and k == 0)]
+    together = not exact and chdtrc(sizes.size, sizes @ sizes) < _CHANCE
+    most = -ndtri(_CHANCE / (2 * max(sizes.size, 1)))
+    off = [pair for k, pair in enumerate(rows) if pair[0] > most or (together and k == 0)]
     if not off:
         return
     row = off[0][1]
