@@ -10,6 +10,7 @@ delay turns them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -29,8 +30,8 @@ class HeldTorque:
     """Time for which each torque is held, 0 where it is not, shape (r, 1, 1), s."""
     s: Complexes
     """s of each image, shape (K, r, H, 1)."""
-    share: Complexes
-    """Torque of each image over that at s, shape (K, r, H, 1)."""
+    powers: Complexes
+    """s over the third to sixth power of s of each image, shape (4, K, r, H, 1); 0 where it has none."""
     per_turn_s: Floats
     """Delay that turns the image by 2π, shape (K, r, 1, 1), s."""
     delay_s: Floats
@@ -52,8 +53,15 @@ class HeldTorque:
         orders = np.array([sign * k for k in range(1, count + 1) for sign in (1, -1)], float)
         per_turn = np.where(hold > 0, hold, 1.0) / orders[:, None, None, None]
         image = np.where(seen, s[..., None] + 2j * np.pi / per_turn, s[..., None])
-        share = np.where(seen, s[..., None] / image, 0)
-        return cls(hold, image, share, per_turn, delay_s[:, None, None])
+        inverse = 1 / image
+        third = np.where(seen, s[..., None] * inverse * inverse * inverse, 0)
+        powers = np.array([third, third * inverse, third * inverse**2, third * inverse**3])
+        return cls(hold, image, powers, per_turn, delay_s[:, None, None])
+
+    @cached_property
+    def _sums(self) -> Complexes:
+        """Of ``powers`` over the orders, shape (4, r, H, 1)."""
+        return np.asarray(self.powers.sum(axis=1))
 
     def images(self, p: Parameters, s: Complexes, rotor: Floats, arm: Floats) -> Complexes:
         """Angle by the images per acting torque, shape (r, H, n), rad/(N·m).
@@ -65,17 +73,26 @@ class HeldTorque:
         rotor, arm : ndarray, shapes (r, n) and (r, n, n)
             M and M2⁻¹.
         """
-        own = np.diagonal(arm, axis1=1, axis2=2)[:, None]
-        square, gear = self.s * self.s, p.K + self.s * p.D
-        spring = gear * square / (square + gear * own)
         late = self.delay_s + p.delay + p.effect("lag")
-        passed = self.share * np.exp(-2j * np.pi * late / self.per_turn_s)
+        passed = np.exp(-2j * np.pi * late / self.per_turn_s) if np.any(late) else None
         for name in ("torque_filter", "position_filter"):
             if name in p.layout:
                 T = np.maximum(p[name], 0)  # a negative one filters the log of the torque only
-                passed = passed * ((1 + s * T if name == "torque_filter" else 1) / (1 + self.s * T))
-        moved = square * rotor[:, None] + self.s * p.effect("viscous") + spring
-        return np.asarray((passed / moved).sum(axis=0))
+                gain = (1 + s * T if name == "torque_filter" else 1) / (1 + self.s * T)
+                passed = gain if passed is None else passed * gain
+        M, own = rotor[:, None], np.diagonal(arm, axis1=1, axis2=2)[:, None]
+        # The motor's stiffness over s²M is 1 + a/s + b/s² + c/s³; its inverse is such a series, too.
+        coefficients = (
+            p.effect("viscous") + p.D,
+            p.K - p.D**2 * own,
+            p.D**3 * own**2 - 2 * p.K * p.D * own,
+        )
+        most = 0.5 * np.pi / np.where(self.hold_s > 0, self.hold_s, 1.0)  # half of the slowest image
+        a, b, c = (np.clip(x / M, -(most**k), most**k) for k, x in enumerate(coefficients, start=1))
+        sums = self._sums if passed is None else (self.powers * passed).sum(axis=1)
+        first, second, third, fourth = sums
+        found = first - a * second + (a * a - b) * third + (2 * a * b - a**3 - c) * fourth
+        return np.asarray(found / M, np.complex128)
 
     def filter_gain(self, p: Parameters, s: Complexes) -> Complexes:
         """Acting over logged torque by a filter, shape (r, H, n): 1/(1 + sT), or its inverse, T < 0."""
