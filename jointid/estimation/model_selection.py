@@ -114,13 +114,15 @@ def _searched(search: Search) -> Choice:
         return _choice(search, best)
     if "friction" in search.fits.optional and search.phasors.harmonics.shape[1] > 1:
         probe = Model(0.03, search.base.delay or "delay" in search.fits.optional)
+    others = []
     for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
-        other = search.again(start)
-        other.fit(probe, start)
-        if other.fits.misfit(probe) < least:
-            found = _best(other)
-            if other.fits.misfit(found) < least:
-                return _choice(other, found)
+        others.append(search.again(start))
+        others[-1].fit(probe, start)
+    other = min(others, key=lambda each: each.fits.misfit(probe))
+    if other.fits.misfit(probe) < least:
+        found = _best(other)
+        if other.fits.misfit(found) < least:
+            return _choice(other, found)
     return _choice(search, best)
 
 
@@ -133,7 +135,7 @@ def _best(search: Search) -> Model:
         best = _climbed(search, best)
     if lost or best.reversal is not None:  # parts that only the start values, or gears, suggest
         best = search.pruned(best)
-    while not search.is_spent:
+    while not (search.is_spent or search.is_lost):
         better = grown(search, best)
         if better == best:
             break

@@ -6,11 +6,17 @@ import numpy as np
 from scipy.special import chdtrc, ndtri
 
 from jointid.errors import JointIdError
+from jointid.estimation.candidates import Model
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.linear_fit import weighted
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_each, identify_elasticity
 from jointid.estimation.identify_motion import identify_motion
+from jointid.estimation.model_fits import fit_model
 from jointid.joints import Inertia
+from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.prior_rows import PriorRow, disagreements, prior_rows
 from jointid.uncertainty.validation import compensated_phasors
@@ -36,9 +42,9 @@ _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
 _ABSURD = 10.0
 """Difference from a given inertia, in its standard deviations, from which the answer is not usable."""
-_LOWER, _NEARER = 0.7, 0.5
-"""Misfit of a linear fit, and difference from the given inertias in standard deviations, over those as
-logged, from which axes look exchanged or reversed."""
+_LOWER, _FAR_LOWER, _NEARER = 0.7, 0.3, 0.5
+"""Misfit of a linear fit, that of one with free friction, and difference from the given inertias in
+standard deviations, over those as logged, from which axes look exchanged or reversed."""
 _CHANCE = 5e-4
 """Probability that any right value differs as far from the given one, and that all together do."""
 _LOOSE = 0.3
@@ -65,6 +71,9 @@ def axes_exchanged(evidence: Evidence) -> Iterator[Finding]:
     inertias = [tried[best].inertia(each) for each in evidence.inertias]
     prior = fit.prior.like(inertias, evidence.phasors.q.shape)
     try:
+        probed = _probed(evidence.phasors, prior)
+        if probed > max(_EXPLAINED, _FAR_LOWER * _probed(evidence.phasors, fit.prior)):
+            return
         other = identify_each(evidence.phasors, prior, ["auto"])["auto"]
     except JointIdError:
         return
@@ -79,6 +88,16 @@ def axes_exchanged(evidence: Evidence) -> Iterator[Finding]:
     ]
     proof = f"Residual as given: {texts[0]}; corrected: {texts[1]}."
     yield axes_look_wrong(tried[best], proof)
+
+
+def _probed(phasors: Phasors, prior: InertiaPrior) -> float:
+    """Misfit with free friction and a delay, which hide exchanged axes; infinite without a fit."""
+    equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
+    model = Model(0.03 if phasors.harmonics.shape[1] > 1 else None, delay=True)
+    try:
+        return fit_model(phasors, prior, weighted(equations).p, equations.noise, model).misfit
+    except JointIdError:
+        return np.inf
 
 
 def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
