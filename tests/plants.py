@@ -40,6 +40,9 @@ ROBOTS = {
 BAND_HZ = np.array([3.1, 5.3, 8.7, 11.9, 16.3, 21.7, 28.9])
 """Frequencies that divide no sample rate used here."""
 
+IMAGES = 40
+"""Orders of the steps of a held torque that count."""
+
 
 def orthogonal(count: int, n: int) -> np.ndarray:
     """Torques (count, n) of amplitude 1 whose phases differ from record to record."""
@@ -84,6 +87,22 @@ def motion(
     return np.einsum("rij,rj->ri", response, torques) / -(omega[:, None] ** 2)
 
 
+def between_samples(
+    inertia: Inertia, elasticity: Elasticity, f: float, torque: np.ndarray, step: float, delay_s: float
+) -> np.ndarray:
+    """Motor angle phasors (n,), as sampled, that a held torque makes beside those of its sine.
+
+    The steps of the torque are sines of f + k/step, which the samples cannot tell from f.
+    """
+    A, B = state_space(inertia, elasticity)
+    k = np.concatenate([np.arange(-IMAGES, 0), np.arange(1, IMAGES + 1)])
+    s = 2j * np.pi * (f + k / step)
+    shares = 2j * np.pi * f / s * np.exp(-2j * np.pi * k * delay_s / step)
+    acting = np.broadcast_to(B @ torque, (k.size, len(A)))[..., None]
+    states = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, acting)[..., 0]
+    return shares @ states[:, : inertia.M.size]
+
+
 def steady_records(
     inertia: Inertia,
     elasticity: Elasticity,
@@ -120,6 +139,8 @@ def steady_records(
         commanded = torque * np.exp(1j * omega * lag) / (np.sinc(f * step) if hold else 1.0)
         wave = np.exp(1j * omega * time)[:, None]
         line = offset + drift * (time - begin_s)[:, None]
+        if hold:
+            q = q + between_samples(inertia, elasticity, f, torque, step, delay_s)
         theta, tau = np.imag(q * wave) + line, np.imag(commanded * wave) + line
         records.append(
             SineRecord(

@@ -95,7 +95,7 @@ def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model) -> N
     if leading.parts == wider.parts and fits.misfit(narrow) >= LOST:
         near.insert(0, leading)
     starts = [each.named for model in near if (each := fits.estimate(model))]
-    bar = min(LOST, max(POOR, fits.misfit(narrow)))
+    bar = max(POOR, fits.misfit(narrow))
     for start in [*starts, search.start]:
         if fits.misfit(wider) >= bar and search.may_start_again(wider):
             search.fit(wider, start)

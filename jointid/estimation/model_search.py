@@ -113,13 +113,16 @@ class Search:
         start = without_inertias(self.phasors, self.prior) if self.prior.inertia_std else None
         return () if start is None else (start,)
 
-    def fit(self, model: Model, start: Parameters) -> None:
-        """Fit a model; of two fits from different starts the better one stays."""
+    def fit(self, model: Model, start: Parameters, *, compares: bool = True) -> None:
+        """Fit a model; of two fits from different starts the better one stays.
+
+        Fits with a law are limited if they compare models; those that look for a start are not.
+        """
         tried, earlier = self.fits.tried, self.fits.estimate(model)
         self.starts[model] = self.starts.get(model, 0) + 1
         laws = [law for law in GEAR_LAWS if law in model.effects]
-        if model.is_slow and not (self.has_motions and laws in self.laws):
-            if self.slow_fits == (_MOST_SLOW_FITS_OF_MOTIONS if self.has_motions else _MOST_SLOW_FITS):
+        if compares and model.is_slow and not (self.has_motions and laws in self.laws):
+            if self.slow_fits >= (_MOST_SLOW_FITS_OF_MOTIONS if self.has_motions else _MOST_SLOW_FITS):
                 tried.setdefault(model, JointIdError("Not fitted: the limit of fitted laws is reached."))
                 return
             self.slow_fits += 1

@@ -114,13 +114,15 @@ def _searched(search: Search) -> Choice:
         return _choice(search, best)
     if "friction" in search.fits.optional and search.phasors.harmonics.shape[1] > 1:
         probe = Model(0.03, search.base.delay or "delay" in search.fits.optional)
+    others = []
     for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
-        other = search.again(start)
-        other.fit(probe, start)
-        if other.fits.misfit(probe) < least:
-            found = _best(other)
-            if other.fits.misfit(found) < least:
-                return _choice(other, found)
+        others.append(search.again(start))
+        others[-1].fit(probe, start)
+    other = min(others, key=lambda each: each.fits.misfit(probe))
+    if other.fits.misfit(probe) < least:
+        found = _best(other)
+        if other.fits.misfit(found) < least:
+            return _choice(other, found)
     return _choice(search, best)
 
 
@@ -133,7 +135,7 @@ def _best(search: Search) -> Model:
         best = _climbed(search, best)
     if lost or best.reversal is not None:  # parts that only the start values, or gears, suggest
         best = search.pruned(best)
-    while not search.is_spent:
+    while not (search.is_spent or search.is_lost):
         better = grown(search, best)
         if better == best:
             break
@@ -179,11 +181,10 @@ def _fit_first(search: Search) -> None:
         laws += [(rubbing, "backlash", begin) for begin in (with_backlash, by_motion)]
     if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
         laws.append((fits.least(list(fits.tried)), "backlash", with_backlash))
-        search.slow_fits -= 1  # not one of those that compare
     for model, law, begin in laws:
         if (search.is_lost or search.has_motions) and law in fits.optional:
             wider = model.with_part(law)
-            search.fit(wider, begin(search.phasors, search.prior))
+            search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
 
@@ -213,8 +214,7 @@ def _climbed(search: Search, model: Model) -> Model:
         least = np.inf
         for each in wider:  # a delay, lags and filters are similar, which their cost tells apart
             if not (each.is_slow and least < _CLIMB * found.misfit):
-                search.slow_fits -= each.is_slow  # not one of those that compare
-                search.fit(each, found.named)
+                search.fit(each, found.named, compares=False)
                 least = min(least, fits.misfit(each))
         plain = fits.criterion(judged=False)
         nearest = min(wider, key=lambda each: plain.get(each, np.inf))

@@ -3,14 +3,20 @@
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, ndtri
 
 from jointid.errors import JointIdError
+from jointid.estimation.candidates import Model
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.linear_fit import weighted
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.estimation.identify_motion import identify_motion
+from jointid.estimation.model_fits import fit_model
 from jointid.joints import Inertia
+from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.prior_rows import PriorRow, disagreements, prior_rows
 from jointid.uncertainty.validation import compensated_phasors
@@ -36,11 +42,11 @@ _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
 _ABSURD = 10.0
 """Difference from a given inertia, in its standard deviations, from which the answer is not usable."""
-_LOWER, _NEARER = 0.7, 0.5
-"""Misfit of a linear fit, and difference from the given inertias in standard deviations, over those as
-logged, from which axes look exchanged or reversed."""
-_OFF, _TOGETHER = 3.5, 5e-4
-"""Difference from a given value, in standard deviations, that is not by chance, and its probability."""
+_LOWER, _FAR_LOWER, _NEARER = 0.7, 0.3, 0.5
+"""Misfit of a linear fit, that of one with free friction, and difference from the given inertias in
+standard deviations, over those as logged, from which axes look exchanged or reversed."""
+_CHANCE = 5e-4
+"""Probability that any right value differs as far from the given one, and that all together do."""
 _LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 
@@ -64,6 +70,11 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
         return
     inertias = [tried[best].inertia(each) for each in evidence.inertias]
     try:
+        if not evidence.phasors.motion.any():  # a whole fit takes long, and often in vain
+            prior = fit.prior.like(inertias, evidence.phasors.q.shape)
+            probed = _probed(evidence.phasors, prior)
+            if probed > max(_EXPLAINED, _FAR_LOWER * _probed(evidence.phasors, fit.prior)):
+                return
         other = _refitted(evidence, inertias, fit.prior.inertia_std, fit.prior.torque_std)
     except JointIdError:
         return
@@ -80,6 +91,16 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
     yield axes_look_wrong(tried[best], proof)
 
 
+def _probed(phasors: Phasors, prior: InertiaPrior) -> float:
+    """Misfit with free friction and a delay, which hide exchanged axes; infinite without a fit."""
+    equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
+    model = Model(0.03 if phasors.harmonics.shape[1] > 1 else None, delay=True)
+    try:
+        return fit_model(phasors, prior, weighted(equations).p, equations.noise, model).misfit
+    except JointIdError:
+        return np.inf
+
+
 def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     """Difference of the inertias and torque scales of a fit that explains the data from the given ones.
 
@@ -90,8 +111,9 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     uncertain = [row for row in prior_rows(own, evidence.poses) if row.unit or not exact]
     rows = sorted(((_significance(row, exact), row) for row in uncertain), key=lambda pair: -pair[0])
     sizes = np.array([size for size, _ in rows if size > 0])
-    together = not exact and chdtrc(sizes.size, sizes @ sizes) < _TOGETHER
-    off = [pair for k, pair in enumerate(rows) if pair[0] > _OFF or (together and k == 0)]
+    together = not exact and chdtrc(sizes.size, sizes @ sizes) < _CHANCE
+    most = -ndtri(_CHANCE / (2 * max(sizes.size, 1)))
+    off = [pair for k, pair in enumerate(rows) if pair[0] > most or (together and k == 0)]
     if not off:
         return
     row = off[0][1]

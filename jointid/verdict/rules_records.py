@@ -29,6 +29,8 @@ _HELD = 0.05
 """Amplitude over the joint's largest at the same frequency below which a record holds the joint."""
 _STARTS = 3
 """Records for which a later start is searched, worst first."""
+_COUNTS = 3.0
+"""Amplitude over the encoder step of most records below which rounding is no noise any more."""
 _LOOP_STEP = 0.15
 """Encoder step over the presliding deflection from which K of a simulated robot shifted by 1 to 4 %."""
 _LOOP_SHIFT = 0.03
@@ -256,7 +258,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
         limited = (rounding[stepped, j] > 0.5 * variance[stepped, j]).mean() > 0.5
         if limited or counts.min() < 10:
             size = float(np.median(step[stepped, j]))
-            make = warning if counts.min() < 3 else note
+            make = warning if np.median(counts) < _COUNTS else note
             share = percent(min(1.0, float(np.median(rounding[stepped, j] / variance[stepped, j]))))
             yield make(
                 f"The encoder of joint {j + 1} "

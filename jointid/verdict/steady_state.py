@@ -30,7 +30,8 @@ def unsettled(phasors: Phasors) -> Floats:
     holds says nothing.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
-        significance = phasors.settling / phasors.settling_noise
+        rounding = 2 * phasors.harmonic_rounding[:, 0] / np.abs(phasors.z) ** 2  # of both parts
+        significance = phasors.settling / np.sqrt(phasors.settling_noise**2 + rounding)
     blocks = phasors.degrees_of_freedom[:, None] + 1
     left = np.maximum(np.ceil(blocks / 2) - 1, 1)  # degrees of freedom of the second half's scatter
     chance = (1 + significance**2 / left) ** -left * significance.size

@@ -1,22 +1,25 @@
-"""Motion of the rotors between the samples of a held torque.
+"""Motion of the motors between the samples of a held torque.
 
-A torque that is held from sample to sample, for T, acts at its images s + 2πik/T as well as at s. The
-rotor follows them, and sampled that motion appears at s: relative to the torque at s over the rotor
-inertia it is s/(s + 2πik/T)³, where the torque acts without delay. At a tenth of the sample rate that is
-0.1 % of the rotor's angle, at a sixth 1 %, and a delay turns it.
+A torque that is held from sample to sample, for T, acts at its images s_k = s + 2πik/T as well as at s,
+with s/s_k of the torque at s. The motors follow them, and sampled that motion appears at s. A motor is
+then a rotor on its gear: at the images the arm hardly moves, and the coupling of the joints is of second
+order in it. The images are 0.1 % of the rotor's angle at a tenth of the sample rate, 1 % at a sixth; a
+delay turns them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.parameters import Parameters
 
-_ORDERS = np.array([1, -1, 2, -2, 3, -3])
-"""k of the images. Without the further ones and without the gear, their sum is exact to 2 to 4 %."""
+_MOST_ORDERS, _LEFT = 8, 1e-6
+"""Largest order of the images, and the angle by those of higher order over the rotor's where fewer
+suffice; they fall with the fourth power of the order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +30,8 @@ class HeldTorque:
     """Time for which each torque is held, 0 where it is not, shape (r, 1, 1), s."""
     s: Complexes
     """s of each image, shape (K, r, H, 1)."""
-    response: Complexes
-    """Angle per torque over rotor inertia, without delay, shape (K, r, H, 1), s²."""
+    powers: Complexes
+    """s over the third to sixth power of s of each image, shape (4, K, r, H, 1); 0 where it has none."""
     per_turn_s: Floats
     """Delay that turns the image by 2π, shape (K, r, 1, 1), s."""
     delay_s: Floats
@@ -41,26 +44,55 @@ class HeldTorque:
         Of no order where no torque is held.
         """
         hold = hold_s[:, None, None]
-        orders = _ORDERS if hold.any() else _ORDERS[:0]
-        T = np.where(hold > 0, hold, 1.0)
-        per_turn = T / orders[:, None, None, None]
-        image = s[..., None] + 2j * np.pi / per_turn
-        seen = (hold > 0) & (np.abs(s[..., None]) * T < np.pi)
-        response = np.divide(s[..., None], image**3, out=np.zeros_like(image), where=seen)
-        return cls(hold, image, response, per_turn, delay_s[:, None, None])
+        turn = np.abs(s[..., None]) * hold
+        seen = (hold > 0) & (turn < np.pi)
+        largest = float(turn[seen].max(initial=0.0))
+        # Of order k, 6 (turn / 2π k)⁴; the sum of those beyond k is its third times k.
+        most = np.ceil(np.cbrt(2 * (largest / (2 * np.pi)) ** 4 / _LEFT))
+        count = int(min(most, _MOST_ORDERS))
+        orders = np.array([sign * k for k in range(1, count + 1) for sign in (1, -1)], float)
+        per_turn = np.where(hold > 0, hold, 1.0) / orders[:, None, None, None]
+        image = np.where(seen, s[..., None] + 2j * np.pi / per_turn, s[..., None])
+        inverse = 1 / image
+        third = np.where(seen, s[..., None] * inverse * inverse * inverse, 0)
+        powers = np.array([third, third * inverse, third * inverse**2, third * inverse**3])
+        return cls(hold, image, powers, per_turn, delay_s[:, None, None])
 
-    def images(self, p: Parameters, s: Complexes) -> Complexes:
-        """Angle by the images per acting torque over rotor inertia, shape (r, H, n), s².
+    @cached_property
+    def _sums(self) -> Complexes:
+        """Of ``powers`` over the orders, shape (4, r, H, 1)."""
+        return np.asarray(self.powers.sum(axis=1))
 
-        ``s`` has the shape (r, H, 1).
+    def images(self, p: Parameters, s: Complexes, rotor: Floats, arm: Floats) -> Complexes:
+        """Angle by the images per acting torque, shape (r, H, n), rad/(N·m).
+
+        Parameters
+        ----------
+        p : Parameters
+        s : ndarray, shape (r, H, 1)
+        rotor, arm : ndarray, shapes (r, n) and (r, n, n)
+            M and M2⁻¹.
         """
         late = self.delay_s + p.delay + p.effect("lag")
-        passed = self.response * np.exp(-2j * np.pi * late / self.per_turn_s)
+        passed = np.exp(-2j * np.pi * late / self.per_turn_s) if np.any(late) else None
         for name in ("torque_filter", "position_filter"):
             if name in p.layout:
                 T = np.maximum(p[name], 0)  # a negative one filters the log of the torque only
-                passed = passed * ((1 + s * T if name == "torque_filter" else 1) / (1 + self.s * T))
-        return np.asarray(passed.sum(axis=0))
+                gain = (1 + s * T if name == "torque_filter" else 1) / (1 + self.s * T)
+                passed = gain if passed is None else passed * gain
+        M, own = rotor[:, None], np.diagonal(arm, axis1=1, axis2=2)[:, None]
+        # The motor's stiffness over s²M is 1 + a/s + b/s² + c/s³; its inverse is such a series, too.
+        coefficients = (
+            p.effect("viscous") + p.D,
+            p.K - p.D**2 * own,
+            p.D**3 * own**2 - 2 * p.K * p.D * own,
+        )
+        most = 0.5 * np.pi / np.where(self.hold_s > 0, self.hold_s, 1.0)  # half of the slowest image
+        a, b, c = (np.clip(x / M, -(most**k), most**k) for k, x in enumerate(coefficients, start=1))
+        sums = self._sums if passed is None else (self.powers * passed).sum(axis=1)
+        first, second, third, fourth = sums
+        found = first - a * second + (a * a - b) * third + (2 * a * b - a**3 - c) * fourth
+        return np.asarray(found / M, np.complex128)
 
     def filter_gain(self, p: Parameters, s: Complexes) -> Complexes:
         """Acting over logged torque by a filter, shape (r, H, n): 1/(1 + sT), or its inverse, T < 0."""

@@ -17,7 +17,9 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.estimation.estimators.held_torque import HeldTorque
 from jointid.estimation.estimators.noise import Noise, moderated_noise
+from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.joints import Inertia, dynamic_arm_inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import lifted
@@ -140,12 +142,20 @@ def spring_equations(
     M, arm = inertia_arrays(phasors, inertia)
     eye = np.eye(phasors.n)
     s2 = -(phasors.omega[:, None, None] ** 2)
-    of_a = np.concatenate([(eye + arm * M[:, None]) * s2, -arm], axis=2).astype(complex)
-    of_b = np.concatenate([-M[:, None] * eye * s2**2, eye * s2], axis=2).astype(complex)
-    a, b = np.einsum("rij,rj->ri", of_a, z), np.einsum("rij,rj->ri", of_b, z)
-    for j in np.flatnonzero(np.abs(a).max(axis=0) == 0).tolist():
-        raise _not_deflected(j)
-    K, D = pseudo_inverse(phasors.omega, a, b)
+    rigid_a = np.concatenate([(eye + arm * M[:, None]) * s2, -arm], axis=2).astype(complex)
+    rigid_b = np.concatenate([-M[:, None] * eye * s2**2, eye * s2], axis=2).astype(complex)
+    s = np.asarray(1j * phasors.omega[:, None], np.complex128)
+    held = HeldTorque.of(s, phasors.hold_s, phasors.torque_delay_s)
+    layout = ParameterLayout.of(phasors.n)
+    p = np.zeros(layout.size)
+    for _ in range(2 if held.s.size else 1):  # the motion by the images depends on K and D
+        moved = held.images(layout.named(p), s[..., None], M, arm)[:, 0]
+        of_a, of_b = (_without(moved, rigid) for rigid in (rigid_a, rigid_b))
+        a, b = np.einsum("rij,rj->ri", of_a, z), np.einsum("rij,rj->ri", of_b, z)
+        for j in np.flatnonzero(np.abs(a).max(axis=0) == 0).tolist():
+            raise _not_deflected(j)
+        p = np.concatenate(pseudo_inverse(phasors.omega, a, b))
+    K, D = np.split(p, 2)
     equations = SpringEquations(
         omega=phasors.omega,
         a=a,
@@ -160,6 +170,14 @@ def spring_equations(
     if lost.any():
         raise _not_deflected(int(np.argmax(lost)))
     return equations
+
+
+def _without(moved: Complexes, of_z: Complexes) -> Complexes:
+    """Matrix (r, n, 2n) of signals whose angles hold a motion ``moved``, (r, n), per torque besides."""
+    n = moved.shape[1]
+    found = of_z.copy()
+    found[..., n:] -= of_z[..., :n] * moved[:, None]
+    return found
 
 
 def _not_deflected(joint: int) -> JointIdError:

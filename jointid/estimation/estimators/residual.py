@@ -92,7 +92,9 @@ class Residual:
         E[..., :n] = (E[..., :n] - X) * advance[..., None, :]
         CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
         drive = lag * p.torque_scale * problem.z[..., n:]
-        images = problem.held.images(p, s) * drive / problem.rotor_inertia(p)[problem.prior.rotor, None]
+        rotor = problem.rotor_inertia(p)[problem.prior.rotor]
+        rigid = inverse(problem.arm_inertia(p))[problem.prior.pose]
+        images = problem.held.images(p, s, rotor, rigid) * drive
         q = (problem.z[..., :n] - images) * advance
         torque = drive - own * q
         friction = motor_friction(problem, p)
