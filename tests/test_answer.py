@@ -49,7 +49,10 @@ from jointid.wording import significant
 
 def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
     n = len(K)
-    return SimpleNamespace(n=n, K=np.array(K), D=np.full(n, 0.1), standard_error=np.full(2 * n, error))
+    values = np.array([*K, *[0.1] * n])
+    return SimpleNamespace(
+        n=n, K=values[:n], D=values[n:], estimate=values, standard_error=np.full(2 * n, error)
+    )
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,10 @@ class TestUnits:
         shown = analysis.shown_in("N·m/arcmin at the joint")
         blocks = [b for s in make_report(shown, cut=False).sections for b in s.blocks]
         tables = {b.caption.split()[0]: b for b in blocks if isinstance(b, Table) and b.caption}
-        assert tables["Parts"].rows[0][:2] == ("K1", significant(shown.quantities[0].error, 2))
+        assert tables["Parts"].rows[0][:2] == (
+            "K1 (N·m/arcmin)",
+            significant(shown.quantities[0].error, 2),
+        )
         assert tables["Estimators,"].rows[0][:2] == ("K1 (N·m/arcmin)", shown.quantities[0].shown[0])
 
     def test_exports_stay_at_the_motor(self, analysis: Analysis) -> None:

@@ -89,10 +89,13 @@ def planned(
     duration_s: float,
     limits: Sequence[str],
     shape: tuple[str, float, float] | None,
+    *,
+    usable: bool = False,
 ) -> tuple[Analysis, Any]:
     """Read a study, fit it, and plan sines (Suggestion) or another motion (PlannedMotion).
 
     ``limits`` are the texts of position, velocity and torque; ``shape`` kind and band of the motion.
+    With ``usable``, an answer that is not usable is refused.
     """
     from jointid.uncertainty.motion_plan import MotionLimits, largest_motion, plan_motion
     from jointid.uncertainty.plan import suggest_records
@@ -104,9 +107,11 @@ def planned(
             "Sines are planned from the noise of sines, and this study has records of other motions: "
             "add --motion sweep to plan a motion."
         )
-    if shape is None:
-        with progress("Planning"):
-            analysis = analyse(known, method=method)
+    with progress("Planning"):
+        analysis = analyse(known, method=method)
+        if usable:
+            analysis.require_usable()
+        if shape is None:
             return analysis, suggest_records(
                 analysis.phasors,
                 known.inertias,
@@ -117,15 +122,13 @@ def planned(
                 velocity_limit_rad_s=velocity,
                 highest_hz=0.25 / max(record.interval_s for record in known.records),
             )
-    motion = Motion(*shape, duration_s, odd=shape[0] == "multisine")
-    options = {"--position-limit": position, "--velocity-limit": velocity, "--torque-limit": torque}
-    pairs = zip(vars(largest_motion(known.records)).values(), options.items(), strict=True)
-    n = known.inertia.n
-    chosen = MotionLimits(
-        *(own if given is None else per_joint(name, given, n) for own, (name, given) in pairs)
-    )
-    with progress("Planning"):
-        analysis = analyse(known, method=method)
+        motion = Motion(*shape, duration_s, odd=shape[0] == "multisine")
+        options = {"--position-limit": position, "--velocity-limit": velocity, "--torque-limit": torque}
+        pairs = zip(vars(largest_motion(known.records)).values(), options.items(), strict=True)
+        n = known.inertia.n
+        chosen = MotionLimits(
+            *(own if given is None else per_joint(name, given, n) for own, (name, given) in pairs)
+        )
         interval, inertia = known.records[0].interval_s, known.inertias[0]
         return analysis, plan_motion(
             analysis.fit, inertia, motion, chosen, interval_s=interval, records=count
@@ -229,8 +232,7 @@ def setpoints(
     robot = limits_from_toml(read_toml(limits), limits.name)
     texts = position_limit, velocity_limit, torque_limit
     shape = (motion, from_hz, to_hz) if motion else None
-    analysis, found = planned(study, method, count, duration_s, texts, shape)
-    analysis.require_usable()
+    analysis, found = planned(study, method, count, duration_s, texts, shape, usable=True)
     fit = analysis.fit
     with progress("Running on the simulated robot"):
         experiment = planned_experiment(

@@ -82,6 +82,11 @@ class Search:
         return not self.fits.least_misfit < LOST
 
     @property
+    def has_sought_friction(self) -> bool:
+        """Whether friction that every model has was fitted with free reversals."""
+        return self.base.reversal is None or any(model.reversal for model in self.fits.tried)
+
+    @property
     def is_spent(self) -> bool:
         """Whether the search ends: wrong data would take many fits."""
         return sum(self.starts.values()) >= _MOST_FITS
