@@ -238,6 +238,29 @@ def main_module() -> Iterator[None]:
     sys.modules["__main__"] = main
 
 
+@pytest.fixture(scope="session", autouse=True)
+def valid_figures() -> Iterator[None]:
+    """Every function that draws makes a valid figure: plotly checks its first one, the app none."""
+    import plotly.graph_objects as go
+
+    from jointid.figures.style import Sketch
+
+    made, checked = Sketch.figure, set()
+
+    @functools.wraps(made)
+    def figure(*args: Any, **layout: Any) -> go.Figure:
+        found = made(*args, **layout)
+        code = sys._getframe(1).f_code
+        if code not in checked:
+            checked.add(code)
+            go.Figure(found.to_dict())
+        return found
+
+    Sketch.figure = figure
+    yield
+    Sketch.figure = made
+
+
 @pytest.fixture(scope="session")
 def studies() -> dict[int, Study]:
     """Studies of one, two and three joints."""

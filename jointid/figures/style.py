@@ -153,7 +153,8 @@ class Sketch:
             },
             "shapes": self.shapes,
         }
-        return SerialisedFigure({"data": self.traces, "layout": base | layout})
+        # A test validates every figure: here it would take half of the time of a page.
+        return SerialisedFigure({"data": self.traces, "layout": base | layout}, _validate=False)
 
     def _colour(self, colour: str) -> str:
         return str(getattr(self.ink, colour, colour))
