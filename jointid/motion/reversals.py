@@ -52,7 +52,7 @@ def segment_friction(
     blur, largest = _MARGIN * segment.velocity_noise, np.abs(v).max(axis=1)
     stationary = (blur > _STATIONARY * largest) | (largest == 0)
     stationary |= np.mean(np.abs(v) <= blur[:, None], axis=1) > _STILL
-    late = _rounded_up(segment.turn_rad_s) * np.ones(len(v))
+    late: Floats = segment.turn_rad_s * np.ones(len(v))
     slow, signs = (window, late.tobytes()), (widths.tobytes(), late.tobytes())
     if slow not in segment.known:
         # Smoothing hides where a motor comes to rest; the stretches hold whole samples anyway.
@@ -63,12 +63,6 @@ def segment_friction(
     if signs not in segment.known:
         segment.known[signs] = _of_signs(segment, np.where(stationary, np.inf, blur), late, widths)
     return (*segment.known[signs], segment.known[slow], stationary)
-
-
-def _rounded_up(late: Floats | float) -> Floats:
-    """To one of 20 values a decade: friction of a similar fit has the same stretches."""
-    log = np.log10(np.maximum(late, np.finfo(float).tiny))
-    return np.asarray(np.where(late > 0, 10 ** (np.ceil(20 * log) / 20), 0.0))
 
 
 def _unknown(segment: Segment, thresholds: Floats, blur: Floats) -> Waveforms:
