@@ -146,7 +146,7 @@ def _of_springs(estimate: LikelihoodEstimate) -> Floats:
     scale = np.arange(len(C))[estimate.layout["torque_scale"]]
     known = np.isfinite(C[own, own]) & np.isfinite(C[scale, scale])
     by_scale = np.divide(C[own, scale] ** 2, C[scale, scale], out=np.full(own.size, np.nan), where=known)
-    return np.maximum(C[own, own] - by_scale, 0.0)
+    return np.asarray(np.maximum(C[own, own] - by_scale, 0.0))
 
 
 def fundamental_chance(estimate: LikelihoodEstimate) -> float:
