@@ -67,6 +67,9 @@ WORN = {
     "wide loops": replace(
         PAPER, cubic=[40000.0, 300.0], hysteresis_Nm=[0.15, 0.02], hysteresis_rad=0.002
     ),
+    "beside a stiff gear": replace(
+        PAPER, K=[43.0, 2000.0], D=[0.10, 0.25], hysteresis_Nm=[0.08, 0.0], hysteresis_rad=0.003
+    ),
     "friction": replace(
         PAPER, coulomb=[0.2, 0.05], viscous=[2e-3, 4e-4], backlash_rad=[0.01, 0.02], cubic=[9000.0, 0.0]
     ),
@@ -279,6 +282,18 @@ def test_hysteresis_is_no_damping() -> None:
     fit = fitted("hysteresis")
     assert fit.gears[0].kind == "hysteresis"
     assert fit.gears[0].hysteresis_Nm == pytest.approx(0.08, rel=0.15)
+
+
+def test_hysteresis_is_found_beside_a_stiff_gear() -> None:
+    """The models on the way to it leave the stiff gear uncertain."""
+    assert fitted("beside a stiff gear").gears[0].laws == ("hysteresis",)
+
+
+def test_play_is_found_without_any_scale() -> None:
+    """Inertias and torque constants unknown, K is undetermined, and its ratios are not."""
+    fit = identify_elasticity(measured()["play"], INERTIA, inertia_std=np.inf, torque_std=np.inf)
+    assert fit.gears[0].laws == ("backlash",)
+    assert fit.misfit < 1.5
 
 
 def test_gears_that_harden_far_beyond_their_stiffness_are_found_behind_heavy_rotors() -> None:

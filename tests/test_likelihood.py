@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,6 +46,7 @@ from jointid.estimation.model_average import (
     spread_by_prior,
     spread_of_unseen,
 )
+from jointid.estimation.model_search import Search
 from jointid.estimation.model_selection import choose_model
 from jointid.motion.friction import friction_waveforms
 
@@ -493,3 +495,13 @@ def test_an_optional_part_must_differ_from_zero_by_five_standard_errors(
     covariance[place, place] = (found.p[place] / errors) ** 2 / max(1.0, found.misfit)
     fits = Fits(("delay",), 100, {model: replace(found, covariance=covariance)})
     assert fits.part_is_significant(model, fits.tried[model], "delay") is significant
+
+
+def test_a_search_far_from_the_data_frees_the_reversals_of_friction_that_leads() -> None:
+    """Joints that stick are far from every model whose reversals are not free."""
+    sticking, plain = Model(0.0, delay=False), Model(None, delay=False)
+    search: Any = SimpleNamespace(fits=Fits((), 1, dict.fromkeys([plain, sticking], JointIdError(""))))
+    assert Search.has_sought_friction(search, plain)
+    assert not Search.has_sought_friction(search, sticking)
+    search.fits.tried[Model(0.1, delay=False)] = JointIdError("")
+    assert Search.has_sought_friction(search, sticking)

@@ -135,6 +135,20 @@ def rubs(estimate: LikelihoodEstimate) -> bool:
     return bool(np.any(ratio[coulomb] > _RUBS) or np.any(ratio[viscous] > _SIGNIFICANT))
 
 
+def _of_springs(estimate: LikelihoodEstimate) -> Floats:
+    """Variances of K beside those by torque scales that are fitted, shape (n,).
+
+    NaN where nothing determines the scale: the records tell ratios only.
+    """
+    C, own = estimate.covariance, np.arange(estimate.named.K.size)
+    if "torque_scale" not in estimate.layout:
+        return C[own, own]
+    scale = np.arange(len(C))[estimate.layout["torque_scale"]]
+    known = np.isfinite(C[own, own]) & np.isfinite(C[scale, scale])
+    by_scale = np.divide(C[own, scale] ** 2, C[scale, scale], out=np.full(own.size, np.nan), where=known)
+    return np.asarray(np.maximum(C[own, own] - by_scale, 0.0))
+
+
 def fundamental_chance(estimate: LikelihoodEstimate) -> float:
     """Probability of a larger misfit of the fundamentals by noise; NaN without degrees of freedom."""
     misfit, freedom = estimate.fundamental
@@ -225,9 +239,9 @@ class Fits:
         size = estimate.p[place]
         sigma = np.sqrt(np.diag(estimate.covariance)[place] * own)
         clear = np.abs(size) > _SIGNIFICANT * sigma
-        if part in GEAR_LAWS:  # one in place of the spring is none of the gear
-            of_spring = np.diag(estimate.covariance)[: estimate.named.K.size] * own
-            if np.any(_SIGNIFICANT * np.sqrt(of_spring) > estimate.named.K):
+        if part in GEAR_LAWS and own < NEEDED:  # one in place of the spring is none of the gear
+            lost = _SIGNIFICANT * np.sqrt(_of_springs(estimate) * own) > estimate.named.K
+            if np.any(lost[clear] if clear.any() else lost):
                 return False
         simpler = self.estimate(model.without(part))
         beyond_noise = own > EXPLAINED and simpler is not None and part != "friction"

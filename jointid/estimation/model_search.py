@@ -81,10 +81,9 @@ class Search:
         """Whether no model comes near the data."""
         return not self.fits.least_misfit < LOST
 
-    @property
-    def has_sought_friction(self) -> bool:
-        """Whether friction that every model has was fitted with free reversals."""
-        return self.base.reversal is None or any(model.reversal for model in self.fits.tried)
+    def has_sought_friction(self, model: Model) -> bool:
+        """Whether friction that a model has was fitted with free reversals."""
+        return model.reversal is None or any(each.reversal for each in self.fits.tried)
 
     @property
     def is_spent(self) -> bool:

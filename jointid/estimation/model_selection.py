@@ -135,7 +135,7 @@ def _best(search: Search) -> Model:
         best = _climbed(search, best)
     if lost or best.reversal is not None:  # parts that only the start values, or gears, suggest
         best = search.pruned(best)
-    while not (search.is_spent or (search.is_lost and search.has_sought_friction)):
+    while not (search.is_spent or (search.is_lost and search.has_sought_friction(best))):
         better = grown(search, best)
         if better == best:
             break
