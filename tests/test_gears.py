@@ -289,6 +289,15 @@ def test_hysteresis_is_found_beside_a_stiff_gear() -> None:
     assert fitted("beside a stiff gear").gears[0].laws == ("hysteresis",)
 
 
+def test_hardening_is_found_beside_a_gear_too_stiff_to_be_known() -> None:
+    stiff = replace(PAPER, K=[43.0, 8000.0], D=[0.1, 0.05], cubic=[9000.0, 0.0])
+    (records,) = simulate([(stiff, paper_motions(stiff, BAND))])
+    fit = identify_elasticity(extract_phasors(records), INERTIA)
+    assert [gear.kind for gear in fit.gears] == ["hardening", "linear"]
+    assert fit.K[0] == pytest.approx(43.0, rel=0.05)
+    assert fit.standard_error[1] > 0.1 * fit.K[1]
+
+
 def test_play_is_found_without_any_scale() -> None:
     """Inertias and torque constants unknown, K is undetermined, and its ratios are not."""
     fit = identify_elasticity(measured()["play"], INERTIA, inertia_std=np.inf, torque_std=np.inf)

@@ -450,13 +450,18 @@ def test_an_unseen_part_widens_the_error_where_the_data_may_hold_it(seen: float,
 
 @pytest.mark.parametrize("squared", [1e-7, 0.0])
 def test_a_filter_far_shorter_than_the_delay_widens_the_errors(squared: float) -> None:
-    """Of the log of the torque, within two standard errors; beside a lead of one sample, 4 ms."""
+    """Of the log of a motion's torque, within two standard errors; beside a lead of one sample, 4 ms."""
     layout = ParameterLayout.of(1, delay=True)
     p = layout.named(layout.pack(K=np.array([10.0]), D=np.array([0.1]), delay=np.array(-4e-3)))
     sigma, slope = 5e-8, np.array([[1e6], [0.0]])
     value, information = np.array([-squared]), np.array([[sigma**-2]])
     score = Score(0.0, 1, (0.0, np.zeros(2)), value, information, slope, np.ones(1))
-    fit = SimpleNamespace(named=p, misfit=1.0, elasticity_covariance=np.zeros((2, 2)))
+    fit = SimpleNamespace(
+        named=p,
+        misfit=1.0,
+        elasticity_covariance=np.zeros((2, 2)),
+        phasors=SimpleNamespace(motion=np.array([True])),
+    )
     found = spread_of_unseen(fit, {"torque_filter": score}, None)
     assert np.sqrt(found[0, 0]) > 0.4 * 1e6 * max(squared, sigma)
 

@@ -95,8 +95,9 @@ def spread_of_unseen(
             wide, usual = (prior.link_std(p.K, times) for times in (LOWEST_LINK, _USUAL_LINK))
         elif name in FILTERS:
             part, wide = _in_place_of_delay(p, name, score), never[:1]
-            # Of any size: that which the records show, or could show.
-            if part.information[0, 0] > 0:
+            usual = np.ones(1)  # as large as the delay
+            if estimate.phasors.motion.any() and part.information[0, 0] > 0:
+                # Of any size that motions could show: beside a delay theirs was up to 3.5 σ of K.
                 usual = np.sqrt(part.value**2 + 2 * max(1.0, estimate.misfit) / part.information[0])
         if np.any(usual) and np.any(part.information):
             found += spread_by_prior(part, wide, usual, max(1.0, estimate.misfit))

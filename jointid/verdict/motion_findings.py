@@ -10,7 +10,7 @@ from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.transfer_matrix import TransferMatrix
-from jointid.verdict.evidence import Evidence, Finding, percent, some, warning
+from jointid.verdict.evidence import Evidence, Finding, percent, problem, some, warning
 from jointid.verdict.findings import all_well, of_records, wrong_columns
 from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_effects import effects_found
@@ -18,8 +18,9 @@ from jointid.verdict.rules_inertia import inertias_off, judged
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
 from jointid.verdict.rules_records import counted_twice
 
-_RESTS, _LOOSELY = 0.35, 0.01
-"""Share of the time at rest, and relative standard error of K, from which a joint is reported."""
+_RESTS, _LOOSELY, _UNKNOWN = 0.35, 0.01, 0.5
+"""Share of the time at rest, and relative standard error of K, from which a joint is reported, and the
+latter from which K agrees with 0."""
 _SURE = 1e4
 """Degrees of freedom of the covariance of transfer matrices."""
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
@@ -106,7 +107,8 @@ def _resting(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
     if joints.size:
         j = int(joints[np.argmax(known[joints])])
         size = percent(known[j]) if np.isfinite(known[j]) else "not determined"
-        yield warning(
+        make = problem if np.any(known[joints] > _UNKNOWN) else warning
+        yield make(
             f"{some([f'Joint {k + 1}' for k in joints])} rested for much of the motion",
             f"Motor {j + 1} hardly moved during {percent(shares[j])} of the time. While friction holds "
             f"it, its torque does not show the spring, and K{j + 1} follows from the other joints and "
