@@ -79,7 +79,8 @@ def drift_over_time(
         )
         if np.isfinite(shown.slope_per_s):
             sketch.line(time, shown.line(), "its trend", "identified", hoverinfo="skip")
-        inside = [v for v in (shown.value.min(), shown.value.max()) if np.isfinite(v)]
+        ends = np.concatenate([shown.value - shown.error, shown.value + shown.error])
+        inside = ends[np.isfinite(ends)].tolist()
         low, high = min([low, *inside]), max([high, *inside])
     margin = 0.03 * (high - low)
     x = linear_axis("Date", type="date", nticks=5)
