@@ -18,7 +18,7 @@ _MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
 _REST = 2
 """Samples without clear velocity above which a motor may rest."""
-_STATIONARY, _STILL = 0.5, 0.9
+_STATIONARY, _STILL = 0.5, 0.95
 """Share of the largest velocity with unknown sign, and share of the time without clear velocity, from
 which a joint counts as stationary: what friction holds it with, the springs do not show."""
 
