@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from jointid.arrays import Floats, true_runs
 from jointid.errors import JointIdError
@@ -90,6 +91,8 @@ def coherent_band(record: JointRecord) -> tuple[float, float]:
     frequency, share, above = coherence(record)
     above = _smooth(above)
     octave = above * frequency[:, None] ** 3  # power of the velocity
+    # Beside a line that moves, too: a sweep is slow to start and soon over at its end.
+    octave = maximum_filter1d(octave, _GAP, axis=0)
     moves = (above >= _ABOVE_FLOOR) & (octave >= _SHARE * octave.max(axis=0))
     usable = np.any((_smooth(share) >= _COHERENT) & moves, axis=1)
     usable &= frequency * record.interval_s <= _HIGHEST
