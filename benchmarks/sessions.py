@@ -286,7 +286,7 @@ def _warmed(address: str) -> None:
 
 
 def _kept(sample: Study, number: int, store: Store) -> tuple[str, str]:
-    """Keep a study that nobody else has; returns its workspace and its id."""
+    """Keep a study that nobody else has; returns its workspace and its digest."""
     study, place = replace(sample, name=f"Cell {number}"), new_workspace()
     entry = store.put(
         place,
@@ -294,7 +294,7 @@ def _kept(sample: Study, number: int, store: Store) -> tuple[str, str]:
         study_digest(study),
         pack_study(study, record_format="parquet"),  # as the app keeps them
     )
-    return place, entry.id
+    return place, entry.digest
 
 
 def _row(name: str, seconds: list[float]) -> dict[str, Any]:
