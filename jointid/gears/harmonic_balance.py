@@ -64,7 +64,7 @@ class WoundGears:
         start: WoundGears | None = None,
         most: int = NEWTON,
     ) -> WoundGears:
-        """Solve by Newton steps at the first m harmonics, from the linear deflection if none is known.
+        """Solve by Newton steps at the first m harmonics, from ``start`` or the linear deflection.
 
         Their slopes are those of earlier steps as long as these lead on quickly: to invert the slopes
         takes far longer than to evaluate the torque. Further harmonics, which g hardly changes, follow.

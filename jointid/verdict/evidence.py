@@ -84,6 +84,11 @@ class Evidence:
         return tuple(record for record in self.records if isinstance(record, SineRecord))
 
     @property
+    def has_motions(self) -> bool:
+        """Whether some records are motions; their phasors have a row for each line."""
+        return len(self.sines) < len(self.records)
+
+    @property
     def poses(self) -> tuple[str, ...]:
         """Pose of each record, "" if it has none."""
         return tuple(record.pose or "" for record in self.records)

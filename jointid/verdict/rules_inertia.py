@@ -70,7 +70,7 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
         return
     inertias = [tried[best].inertia(each) for each in evidence.inertias]
     try:
-        if not evidence.phasors.motion.any():  # a whole fit takes long, and often in vain
+        if not evidence.has_motions:  # a whole fit takes long, and often in vain
             prior = fit.prior.like(inertias, evidence.phasors.q.shape)
             probed = _probed(evidence.phasors, prior)
             if probed > max(_EXPLAINED, _FAR_LOWER * _probed(evidence.phasors, fit.prior)):
@@ -164,7 +164,7 @@ def _refitted(
     evidence: Evidence, inertias: list[Inertia], inertia_std: float, torque_std: float | None = None
 ) -> ElasticityFit:
     """The fit of the same records with other inertias, one of each record."""
-    if len(evidence.sines) < len(evidence.records):
+    if evidence.has_motions:
         return identify_motion(
             evidence.records, inertias, inertia_std=inertia_std, torque_std=torque_std
         )

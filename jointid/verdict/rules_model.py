@@ -103,7 +103,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     misfit, freedom = fit.fundamental
     noise_freedom = 2 * float(fit.equations.noise.degrees_of_freedom.sum())
-    if _has_motions(evidence):  # it is measured beyond their band
+    if evidence.has_motions:  # it is measured beyond their band
         noise_freedom = 1 / (1 / noise_freedom + 0.5 * (_ROUNDING * _share_of_angles(fit)) ** 2)
     beyond = freedom > 0 and fdtrc(freedom, noise_freedom, misfit) < _CHANCE
     if fit.misfit <= EXPLAINED and not beyond:
@@ -137,10 +137,6 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         *changes,
     )
     yield replace(finding, code="model limits")
-
-
-def _has_motions(evidence: Evidence) -> bool:
-    return len(evidence.sines) < len(evidence.records)
 
 
 def _share_of_angles(fit: ElasticityFit) -> float:
@@ -193,9 +189,8 @@ def _odd_record(evidence: Evidence) -> tuple[str, list[Change]]:
     fit = evidence.fit
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = np.nan_to_num(np.abs(fit.residual / fit.residual_noise) ** 2, posinf=0.0).mean(axis=1)
-    has_motions = _has_motions(evidence)
     labels, of_row = np.array(fit.phasors.labels), np.arange(len(squares))
-    if has_motions:  # a motion has a row for each line
+    if evidence.has_motions:  # a motion has a row for each line
         labels, of_row = np.unique(labels, return_inverse=True)
     each = np.bincount(of_row, squares) / np.bincount(of_row)
     *others, worst = np.argsort(each).tolist()
@@ -205,7 +200,9 @@ def _odd_record(evidence: Evidence) -> tuple[str, list[Change]]:
         f" Most of it is in {labels[worst]}: {times_noise(each[worst])}; in the others "
         f"up to {times_noise(each[others[-1]])}."
     )
-    return text, [] if has_motions else [Change("leave out", (int(np.argmax(of_row == worst)),))]
+    return text, [] if evidence.has_motions else [
+        Change("leave out", (int(np.argmax(of_row == worst)),))
+    ]
 
 
 def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
