@@ -323,12 +323,14 @@ def _proportional(evidence: Evidence, first: int, second: int) -> bool:
     """Whether two records differ only by one complex factor, within the noise."""
     z, deviation = evidence.phasors.z, evidence.phasors.standard_deviation
     size = np.maximum(np.abs(z[first]), np.abs(z[second]))
-    x, y = z[first] / np.where(size > 0, size, 1), z[second] / np.where(size > 0, size, 1)
+    moves = size > np.finfo(float).tiny  # smaller numbers have lost digits
+    scale = 1 / size[moves]
+    x, y = z[first, moves] * scale, z[second, moves] * scale
     if not x.any():
         return False
     factor = np.vdot(x, y) / np.vdot(x, x)
     apart = np.abs(y - factor * x)
-    noise = np.hypot(deviation[second], abs(factor) * deviation[first]) / np.where(size > 0, size, 1)
+    noise = np.hypot(deviation[second, moves], abs(factor) * deviation[first, moves]) * scale
     return bool(np.all(apart <= np.maximum(4 * noise, 1e-6)) and np.all(apart < 0.1))
 
 
