@@ -247,8 +247,10 @@ class _Fundamentals:
             A, b = (_real(x * w) for x, w in (
                 (self.friction[used, j], weight[:, None]), (rest[used, j], weight)
             ))  # fmt: skip
-            found[:, j] = np.maximum(np.linalg.lstsq(A, b, rcond=None)[0], 0.0)
-            residual.append(b - A @ found[:, j])
+            if np.isfinite(A).all() and np.isfinite(b).all():
+                found[:, j] = np.maximum(np.linalg.lstsq(A, b, rcond=None)[0], 0.0)
+                b -= A @ found[:, j]
+            residual.append(b)
         return np.concatenate(residual), found
 
     def relative(self, p: Floats) -> Floats:
@@ -308,8 +310,9 @@ def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) ->
 
 
 def _size(residual: Floats) -> float:
-    """Typical size: outliers do not count."""
-    return float(np.median(np.abs(residual))) if residual.size else np.inf
+    """Typical size: outliers do not count; what overflows is infinite."""
+    size = np.nan_to_num(np.abs(residual), nan=np.inf, posinf=np.inf)
+    return float(np.median(size)) if size.size else np.inf
 
 
 def _real(values: Complexes) -> Floats:
