@@ -168,7 +168,7 @@ def test_corners_say_where_overshoot_lies() -> None:
         ({"zone_m": 0.0141}, r"shorter side of 0.028 m. Use a zone of at most 0.014 m"),
         ({"zone_m": -0.001}, "zone_m = -0.001 m: it must not be negative"),
         ({"speed_m_s": 0.0}, "speed_m_s = 0 m/s: it must be positive"),
-        ({"speed_m_s": 2.0}, r"speed_m_s = 2 m/s is not reached.*Lower speed_m_s to 0.31"),
+        ({"speed_m_s": 2.0}, r"speed of 2 m/s is not reached.*Lower the speed to 0.31"),
         ({"width_m": float("nan")}, "width_m"),
         ({"repetitions": 0}, "repetitions = 0"),
         ({"repetitions": 1.5}, "repetitions = 1.5"),

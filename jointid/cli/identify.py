@@ -82,7 +82,7 @@ def arm_side(
         Path | None,
         typer.Option(
             parser=named,
-            help="Robot as .urdf, .xml (MJCF) or .toml (Denavit-Hartenberg).",
+            help="Robot as .urdf, .xml (MJCF) or .toml (Denavit–Hartenberg).",
             show_default="the study's [robot_model]",
         ),
     ] = None,

@@ -71,7 +71,7 @@ def plan(
     from jointid.uncertainty.planned_records import phasor_text
 
     names = document["parameters"]
-    rows = [["today", "", "", *map(percent, document["relative_error_today"])]]
+    rows = [["now", "", "", *map(percent, document["relative_error_today"])]]
     for k, record in enumerate(document["records"], start=1):
         torques = ", ".join(map(phasor_text, found.records.relative[0][k - 1].tolist()))
         errors = map(percent, record["relative_error_after"])
@@ -157,7 +157,7 @@ def _print_motion(analysis: Analysis, found: PlannedMotion, as_json: bool) -> No
     today = fit.standard_error / np.abs(fit.estimate)
     columns = ([percent(float(x)) for x in each] for each in (today, found.alone, found.together))
     rows = [list(row) for row in zip(found.names, *columns, strict=True)]
-    print_table(["", "today", "motion alone", "together"], rows, right=(1, 2, 3))
+    print_table(["", "now", "motion alone", "together"], rows, right=(1, 2, 3))
 
 
 def _document(suggestion: Suggestion) -> dict[str, Any]:

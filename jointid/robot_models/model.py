@@ -49,7 +49,7 @@ class RobotModel(RobotDescription):
         gear_ratio: ArrayLike | None = None,
         rotor_inertia: ArrayLike | None = None,
     ) -> RobotModel:
-        """Read a robot from URDF (.urdf), MJCF (.xml) or Denavit-Hartenberg TOML (.toml).
+        """Read a robot from URDF (.urdf), MJCF (.xml) or Denavit–Hartenberg TOML (.toml).
 
         No other file is read: meshes and included files are not opened.
 
@@ -75,7 +75,7 @@ class RobotModel(RobotDescription):
             fault = getattr(error, "strerror", None) or error
             raise JointIdError(
                 f"{path!s:.200} cannot be read: {fault!s:.200}. Give a robot's file: .urdf, .xml "
-                "(MJCF) or .toml (Denavit-Hartenberg)."
+                "(MJCF) or .toml (Denavit–Hartenberg)."
             ) from error
         return cls.parse(file.name, data, gear_ratio=gear_ratio, rotor_inertia=rotor_inertia)
 
@@ -98,7 +98,7 @@ class RobotModel(RobotDescription):
         suffix = Path(name).suffix.lower()
         if suffix not in _READERS:
             raise JointIdError(
-                f"{name:.200}: expected a robot as .urdf, .xml (MJCF) or .toml (Denavit-Hartenberg).",
+                f"{name:.200}: expected a robot as .urdf, .xml (MJCF) or .toml (Denavit–Hartenberg).",
                 file=name,
             )
         robot = cls(**vars(_READERS[suffix](name, data)))

@@ -73,7 +73,7 @@ def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
             st.markdown(f"**{_QUANTITIES[quantity]} {spread.name}**: {_in_words(spread)}")
             plot(
                 distribution(spread, dark=dark),
-                f"How many studies have which {spread.name}",
+                f"Histogram of {spread.name} over the studies",
                 key=f"fleet_{quantity}",
             )
     st.caption(
@@ -179,7 +179,7 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
         st.caption(
             "Median of the slopes between all pairs of studies (Theil and Sen), in % of the trend at the"
             " median date, ± one standard error from the scatter around the line. Of many robots, some "
-            f"seem to drift by chance: a drift below {_CLEAR:g} standard errors does not count."
+            f"seem to drift by chance: a drift below {_CLEAR:g} standard errors is not significant."
         )
 
 

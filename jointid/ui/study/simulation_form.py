@@ -51,7 +51,7 @@ _WRONG_HELP = (
     "correct the inertias."
 )
 _GAIN_HELP = (
-    "1.05: the log shows 5 % more torque than the motors make. One number for all joints, or one each."
+    "1.05: the log shows 5 % more torque than the motors produce. One number for all joints, or one each."
 )
 _ROBOT = {
     "K": ("Stiffness K (N·m/rad), one per joint", "43, 7.5"),
