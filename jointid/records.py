@@ -28,7 +28,7 @@ class JointRecord:
     """Motor torques, like the angles, N·m."""
     torque_hold: bool = False
     """Whether the torque of a sample is held until the next one (zero-order hold), as a digital
-    controller does, or the samples are the momentary torque."""
+    controller does, or the samples are the instantaneous torque."""
     torque_delay_s: float = 0.0
     """The torque acts this much after its sample, s."""
     start_s: float | None = None

@@ -65,7 +65,7 @@ def identify_motion(
     inertia_std, torque_std, gear
         As in :func:`identify_elasticity`.
     friction, delay : bool, default False
-        Parts that every model has.
+        Fit them in every model compared.
 
     Returns
     -------

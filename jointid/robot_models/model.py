@@ -60,7 +60,7 @@ class RobotModel(RobotDescription):
             Motor turns per joint turn, in place of those of the file. URDF states them as
             ``mechanicalReduction`` of transmissions, MJCF as ``gear`` of actuators.
         rotor_inertia : array_like, shape (n,), optional
-            Motor side, kg·m², in place of those of the file. MJCF states N² times them as ``armature``.
+            Motor side, kg·m², in place of those of the file. MJCF states them times N² as ``armature``.
 
         Raises
         ------
@@ -162,11 +162,11 @@ class RobotModel(RobotDescription):
         return np.asarray(self._torque(*self._checked(q=q, dq=dq, ddq=ddq)))
 
     def torque_changes(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Floats, Floats]:
-        """Change of ``torque`` by what is uncertain of payload, (..., n, 4), and links, (..., n, n).
+        """Change of ``torque`` with the payload, (..., n, 4), and with every link, (..., n, n).
 
-        By one standard deviation of the payload's mass and of its centre along x, y and z of the
-        flange, which is as uncertain as the mass, in relation to its distance from the flange; and by
-        every link's own mass and inertia: its torque.
+        For the payload per standard deviation of its mass and of its centre along x, y and z of the
+        flange; relative to its distance from the flange, the centre is as uncertain as the mass. For a
+        link per unit relative change of its mass and inertia, which is its own torque.
         """
         angles, *rates = self._checked(q=q, dq=dq, ddq=ddq)
         motion, load = self.links.motion(angles + self.zero, *rates), self.payload
