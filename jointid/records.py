@@ -261,5 +261,5 @@ def require_torques(records: Sequence[JointRecord]) -> None:
         raise JointIdError(
             f"Joint {j + 1} moves, but its torque tau_m{j + 1}_Nm is constant in every record: "
             f"{record.tau_Nm[record.start, j]:.6g} N·m in {record.label or f'record {moving + 1}'}. "
-            f"K{j + 1} and D{j + 1} cannot be identified. Log the torque or the current of motor {j + 1}."
+            f"K{j + 1} and D{j + 1} cannot be identified. Log the torque or current of motor {j + 1}."
         )

@@ -149,7 +149,7 @@ def test_friction_acts_in_a_simulated_motion() -> None:
     ("settings", "message"),
     [
         ({"kind": "chirp"}, "expected sweep, multisine, random, moves"),
-        ({"kind": "sweep", "from_hz": 9.0, "to_hz": 3.0}, "raise its upper limit"),
+        ({"kind": "sweep", "from_hz": 9.0, "to_hz": 3.0}, "raise its upper end"),
         ({"kind": "random", "duration_s": 0.5}, "Record longer, or raise the lowest"),
     ],
 )

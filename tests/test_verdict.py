@@ -1034,7 +1034,7 @@ def of_rubbing_arm() -> Phasors:
 @pytest.mark.parametrize(
     ("given", "title"),
     [
-        (Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed relative"),
+        (Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed"),
         (
             Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]),
             "The inertias of joints 1 and 2 look exchanged",

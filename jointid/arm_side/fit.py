@@ -81,9 +81,9 @@ class ArmSideFit:
         """Deflection motor/N − arm of another record, shape (N, n), rad; NaN without a fit.
 
         Limited to the band of the fit, apart from the transmission error. Only the motion of the motors
-        is used. The constant offset is that of the fit; where the record has a sensor it is the median difference
-        from the sensor, since encoders may be referenced again between records. Positions beyond
-        those of the fit are extrapolated.
+        is used. The constant offset is that of the fit; where the record has a sensor it is the median
+        difference from the sensor, since encoders may be referenced again between records. Positions
+        beyond those of the fit are extrapolated.
         """
         with one_thread():
             return self._predict(record)

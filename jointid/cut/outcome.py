@@ -165,7 +165,7 @@ def gear_cuts(
     *,
     friction: MotorFrictionLike | None = None,
 ) -> tuple[TrackingRun, TrackingRun]:
-    """Cuts of a robot with nonlinear gears: the servo assumes their linear K and D, or their laws as well.
+    """Cuts of a robot with nonlinear gears: the servo assumes linear K and D, or the laws as well.
 
     Parameters and errors as in :func:`cut_outcome`.
     """

@@ -187,8 +187,8 @@ def _frequencies(values: ArrayLike, sample_rate_hz: float) -> Floats:
     wrong = (frequencies <= 0) | (frequencies >= sample_rate_hz / 2)
     if wrong.any():
         raise JointIdError(
-            f"A sine of {frequencies[wrong][0]:g} Hz cannot be simulated: its frequency must be positive "
-            f"and below half the sample rate of {sample_rate_hz:g} Hz."
+            f"A sine of {frequencies[wrong][0]:g} Hz cannot be simulated: its frequency must be "
+            f"positive and below half the sample rate of {sample_rate_hz:g} Hz."
         )
     return frequencies
 

@@ -67,7 +67,7 @@ class Motion:
             checked_setting(self, name, unit, positive=True)
         if self.from_hz >= self.to_hz:
             raise JointIdError(
-                f"The band from {self.from_hz:g} Hz to {self.to_hz:g} Hz is empty: raise its upper limit."
+                f"The band from {self.from_hz:g} Hz to {self.to_hz:g} Hz is empty: raise its upper end."
             )
         if self.duration_s * self.from_hz < _PERIODS and self.kind != "moves":
             raise JointIdError(

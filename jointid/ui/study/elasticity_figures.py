@@ -190,9 +190,7 @@ def _sentence(prediction: TorquePrediction) -> str:
         "Cross-check: K and D from half of the frequencies predict the gear torques at the others "
         f"to {apart} % (median), {times} × the noise (limit {limit})."
     )
-    doubt = (
-        " The model lacks an effect, or half of the frequencies do not determine all its parameters."
-    )
+    doubt = " The model lacks an effect, or half of the frequencies do not determine all its parameters."
     return text + doubt * (prediction.misfit > EXPLAINED)
 
 

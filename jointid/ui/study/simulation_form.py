@@ -50,9 +50,7 @@ _WRONG_HELP = (
     "The given inertias differ from the robot's by this much, each up or down at random; the fit must "
     "correct the inertias."
 )
-_GAIN_HELP = (
-    "1.05: the log shows 5 % more torque than the motors produce. One number for all joints, or one each."
-)
+_GAIN_HELP = "1.05: the logged torque is 5 % too large. One number for all joints, or one each."
 _ROBOT = {
     "K": ("Stiffness K (N·m/rad), one per joint", "43, 7.5"),
     "D": ("Damping D (N·m·s/rad)", "0.10, 0.015"),
