@@ -49,7 +49,7 @@ def plan(
 ) -> None:
     """Suggest the next records and predict the standard errors after each.
 
-    Limits are one number for all joints, or numbers with commas: 2.5,2.8.
+    Limits are one number for all joints, or several separated by commas: 2.5,2.8.
     """
     limits = position_limit, velocity_limit, torque_limit
     shape = (motion, from_hz, to_hz) if motion else None

@@ -120,7 +120,7 @@ def promise(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str
         return "The robot has exactly the identified springs; their error is not known."
     if not outcome.springs_matter:
         text = remaining_error_text(outcome, servo, friction)
-        return f"{text} The page Cut, tab Accuracy of K, shows the cost of an error of K."
+        return f"{text} The page Cut, tab Accuracy of K, shows the effect of an error of K."
     return (
         "K and D of the robot differ from the identified ones within their error bars: the path error "
         f"stays {_below(outcome.after_m)} with a probability of 95 %, "

@@ -143,8 +143,8 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
     st.header("Drift over time", anchor=False)
     if not dated:
         st.info(
-            "No study states its date. Give it on import, in step 5 under Optional, or in study.toml: "
-            'date = 2026-11-20; and to follow one robot, its name: robot = "cell 7, robot A".'
+            "No study states its date. State it on import (step 5, Optional) or in study.toml: "
+            'date = 2026-11-20. To follow one robot, state its name as well: robot = "cell 7, robot A".'
         )
         st.page_link(IMPORT.path, label=IMPORT.name)
         return

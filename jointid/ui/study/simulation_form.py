@@ -61,7 +61,7 @@ _ROBOT = {
         _M2_HELP,
     ),
     "coulomb": ("Coulomb friction (N·m)", "0.02, 0.01", "Constant, opposite to the motion."),
-    "viscous": ("Viscous friction (N·m·s/rad)", "0, 0", "Grows with the velocity."),
+    "viscous": ("Viscous friction (N·m·s/rad)", "0, 0", "Proportional to the velocity."),
 }
 """Label, default and explanation of each text."""
 _EXPERIMENTS: dict[str, tuple[Any, ...]] = {
