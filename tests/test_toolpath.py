@@ -186,7 +186,7 @@ def test_infeasible_rectangles_say_what_would_do(settings_, message) -> None:
 def test_the_speed_that_the_message_names_is_feasible() -> None:
     with pytest.raises(JointIdError) as refused:
         rectangle(speed_m_s=0.8, zone_m=0.004)
-    named = float(str(refused.value).split("Lower speed_m_s to ")[1].split(" m/s")[0])
+    named = float(str(refused.value).split("Lower the speed to ")[1].split(" m/s")[0])
     assert top_speed(rectangle(speed_m_s=named, zone_m=0.004)) == pytest.approx(named, rel=1e-9)
 
 
