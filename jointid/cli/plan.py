@@ -18,7 +18,7 @@ from jointid.cli.output import print_columns, print_json, print_table, progress,
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
 from jointid.simulation.motion import Motion
-from jointid.wording import percent
+from jointid.wording import counted, percent
 
 if TYPE_CHECKING:
     from jointid.uncertainty.motion_plan import PlannedMotion
@@ -153,7 +153,8 @@ def _print_motion(analysis: Analysis, found: PlannedMotion, as_json: bool) -> No
         )
         return
     count, seconds = len(found.records), found.duration_s
-    print(f"{found.motion.kind}, {count} records, {seconds:.4g} s in all: relative standard errors\n")
+    total = f"{counted(count, 'record')}, {seconds:.4g} s in all"
+    print(f"{found.motion.kind}, {total}: relative standard errors\n")
     today = fit.standard_error / np.abs(fit.estimate)
     columns = ([percent(float(x)) for x in each] for each in (today, found.alone, found.together))
     rows = [list(row) for row in zip(found.names, *columns, strict=True)]
