@@ -53,7 +53,7 @@ class StiffnessUnit:
         given.
         """
         if name not in STIFFNESS_UNITS:
-            raise JointIdError(f'The unit "{name:.60}" is not known: {listed(STIFFNESS_UNITS)}.')
+            raise JointIdError(f'The unit "{name:.60}" is not known. Units: {listed(STIFFNESS_UNITS)}.')
         side, angle = STIFFNESS_UNITS[name]
         if side == "motor":
             return cls(angle)
