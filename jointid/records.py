@@ -105,7 +105,7 @@ class _OfOneFrequency:
 class SineRecord(JointRecord, _OfOneFrequency):
     """A log of n joints that move in a sine of one known frequency under closed-loop control.
 
-    ``frequency_hz`` is its first argument; the others are those of ``JointRecord``.
+    The first arguments are ``frequency_hz``, ``time_s``, ``theta_rad`` and ``tau_Nm``.
 
     Raises JointIdError on shapes that disagree, values that are not finite, times that do not
     increase, less than one period of data after ``start_s``, or a frequency at or above half the sample
