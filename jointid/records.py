@@ -213,7 +213,7 @@ class MotionRecord(JointRecord):
 
 
 def _is_constant(samples: Floats) -> bool:
-    """Whether all samples are equal; the first few tell of most signals that they are not."""
+    """Whether all samples are equal; for most signals the first few show that they are not."""
     return all(bool(np.all(part == samples[0])) for part in (samples[:_GLANCE], samples))
 
 
