@@ -100,7 +100,7 @@ class TestErrorBars:
         self, app: AppTest, joints: int
     ) -> None:
         said = next(c.value for c in opened(app, "app.py", joints).caption if "Cross-check" in c.value)
-        found = re.search(r"median error of (\S+) %; residual (\S+) × noise", said)
+        found = re.search(r"to (\S+) % \(median\), (\S+) × the noise", said)
         assert found is not None
         assert 0 < float(found[1]) < 5
         assert 0.3 < float(found[2]) < 3
@@ -122,7 +122,7 @@ def test_every_page_about_several_poses(app: AppTest, studies: dict[int, Study])
     several = replace(study, records=records, poses=dict.fromkeys("ab", study.inertia))
     at = upload(app.run(), several, "poses.zip")
     (said,) = [c.value for c in at.caption if "Cross-check" in c.value]
-    apart = re.search(r"gear torques at the others with a median error of (\S+) %", said)
+    apart = re.search(r"predict the gear torques at the others to (\S+) % \(median\)", said)
     assert apart is not None
     assert float(apart[1]) < 1.0
     at.session_state["details"] = "Model check"

@@ -187,8 +187,8 @@ def _sentence(prediction: TorquePrediction) -> str:
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
     text = (
-        "Cross-check: K and D from half of the frequencies predict the gear torques at the others with "
-        f"a median error of {apart} %; residual {times} × noise (limit {limit})."
+        "Cross-check: K and D from half of the frequencies predict the gear torques at the others "
+        f"to {apart} % (median), {times} × the noise (limit {limit})."
     )
     doubt = " The model lacks an effect, or half of the frequencies do not determine all its parameters."
     return text + doubt * (prediction.misfit > EXPLAINED)
