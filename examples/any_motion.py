@@ -1,4 +1,4 @@
-"""Two records of five seconds in random motion in place of a morning of sines."""
+"""K from two records of five seconds in random motion, in place of sines."""
 
 from __future__ import annotations
 

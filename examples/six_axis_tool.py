@@ -1,4 +1,4 @@
-"""How far 100 N at the tool of a six-axis robot move it, pose by pose."""
+"""How far a force of 100 N moves the tool of a six-axis robot, pose by pose."""
 
 from __future__ import annotations
 

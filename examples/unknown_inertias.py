@@ -30,7 +30,7 @@ def main() -> None:
         pose="loaded",
         seed=1,
     )
-    entered = Inertia(M=[0.0027, 0.00095], M2=[[0.0037, 0.00042], [0.00042, 0.0021]])  # of a drawing
+    entered = Inertia(M=[0.0027, 0.00095], M2=[[0.0037, 0.00042], [0.00042, 0.0021]])  # from a drawing
     poses = {"loaded": entered.with_added(PAYLOAD)}
     studies = {
         "inertias to 10 %, torque scale not stated": Study(empty, entered, inertia_std=0.1),

@@ -219,13 +219,13 @@ def analyse_arm_side(study: Study, robot: RobotModel | None = None) -> ArmSideFi
     records, robot = study.motion_records, study.robot_model if robot is None else robot
     if all(record.arm_rad is None for record in records):
         raise JointIdError(
-            "No record has a sensor behind a gear: give columns theta_a1_rad …, or find K and D "
-            "from the motors alone with analyse (jointid identify)."
+            "No record has a sensor behind a gear: give columns theta_a1_rad …, or identify K and "
+            "D from the motors alone with analyse (jointid identify)."
         )
     if robot is None:
         raise JointIdError(
             "Sensors behind the gears need the robot model: give a file .urdf, .xml (MJCF) or .toml "
-            "(Denavit-Hartenberg), or state [robot_model] in study.toml."
+            "(Denavit–Hartenberg), or state [robot_model] in study.toml."
         )
     if study.gear_ratio is not None and not np.isfinite(robot.coupling).all():
         robot = replace(robot, coupling=np.diag(1 / study.gear_ratio))

@@ -25,8 +25,8 @@ _AGREEMENT = 0.01
 """Stiffnesses that differ by at most 1 % count as equal: the path error is then below 0.1 mm."""
 
 UNSTATED_TORQUE_SCALE = (
-    "The uncertainty of the torque scale is not stated: K, D and the inertias hold if the torque "
-    "constants are exact. If they are known to 2 %, set std = 0.02 under [torque] in study.toml."
+    "The torque scale is not stated: K, D and the inertias hold if the torque constants are exact. If "
+    "they are known to 2 %, set std = 0.02 under [torque] in study.toml or in the inertia file."
 )
 UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
 """Unit of each quantity."""
@@ -53,7 +53,7 @@ class StiffnessUnit:
         given.
         """
         if name not in STIFFNESS_UNITS:
-            raise JointIdError(f'The unit "{name:.60}" is not known: {listed(STIFFNESS_UNITS)}.')
+            raise JointIdError(f'The unit "{name:.60}" is not known. Units: {listed(STIFFNESS_UNITS)}.')
         side, angle = STIFFNESS_UNITS[name]
         if side == "motor":
             return cls(angle)

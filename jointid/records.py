@@ -28,7 +28,7 @@ class JointRecord:
     """Motor torques, like the angles, N·m."""
     torque_hold: bool = False
     """Whether the torque of a sample is held until the next one (zero-order hold), as a digital
-    controller does, or the samples are the momentary torque."""
+    controller does, or the samples are the instantaneous torque."""
     torque_delay_s: float = 0.0
     """The torque acts this much after its sample, s."""
     start_s: float | None = None
@@ -105,7 +105,7 @@ class _OfOneFrequency:
 class SineRecord(JointRecord, _OfOneFrequency):
     """A log of n joints that move in a sine of one known frequency under closed-loop control.
 
-    ``frequency_hz`` is its first argument; the others are those of ``JointRecord``.
+    The first arguments are ``frequency_hz``, ``time_s``, ``theta_rad`` and ``tau_Nm``.
 
     Raises JointIdError on shapes that disagree, values that are not finite, times that do not
     increase, less than one period of data after ``start_s``, or a frequency at or above half the sample
@@ -213,7 +213,7 @@ class MotionRecord(JointRecord):
 
 
 def _is_constant(samples: Floats) -> bool:
-    """Whether all samples are equal; the first few tell of most signals that they are not."""
+    """Whether all samples are equal; for most signals the first few show that they are not."""
     return all(bool(np.all(part == samples[0])) for part in (samples[:_GLANCE], samples))
 
 
@@ -261,5 +261,5 @@ def require_torques(records: Sequence[JointRecord]) -> None:
         raise JointIdError(
             f"Joint {j + 1} moves, but its torque tau_m{j + 1}_Nm is constant in every record: "
             f"{record.tau_Nm[record.start, j]:.6g} N·m in {record.label or f'record {moving + 1}'}. "
-            f"K{j + 1} and D{j + 1} cannot be found. Log the torque or the current of motor {j + 1}."
+            f"K{j + 1} and D{j + 1} cannot be identified. Log the torque or current of motor {j + 1}."
         )

@@ -72,7 +72,9 @@ def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
         When no frequency can be inverted.
     """
     groups = {omega: partial(_solve, phasors, omega, group) for omega, group in phasors.by_frequency()}
-    problem = f"The transfer matrix of {counted(phasors.n, 'joint')} cannot be found at any frequency."
+    problem = (
+        f"The transfer matrix of {counted(phasors.n, 'joint')} cannot be estimated at any frequency."
+    )
     return _matrix(groups, problem)
 
 
@@ -102,7 +104,7 @@ def motion_transfer_matrix(
     low, high = min(band[0] for *_, band in parts), max(band[1] for *_, band in parts)
     centres = np.arange(low + half, high - half, 2 * half).tolist()
     bands = {2 * np.pi * centre: partial(_local, spectra, centre, half) for centre in centres}
-    return _matrix(bands, "The transfer matrix cannot be found from these motions.")
+    return _matrix(bands, "The transfer matrix cannot be estimated from these motions.")
 
 
 def _spectrum(

@@ -8,8 +8,7 @@ from jointid.ui.shared.page import start
 
 start(
     "Import a log",
-    "Logs of any controller become a study in five steps. One long log with many runs is as good as one "
-    "log per run.",
+    "Logs of any controller become a study in five steps. A log may hold one run or many.",
 )
 progress = st.container(key="progress").empty()
 with kept_import():

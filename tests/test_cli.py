@@ -442,13 +442,13 @@ def test_a_log_is_converted_by_its_mapping(studies: dict[int, Study], here: Path
     with (here / "robot.toml").open("a", encoding="utf-8") as toml:
         toml.write("std = 0.1\n[torque]\nstd = 0.04\n")
     stated = ["convert", "log.csv", *given, "--overwrite", "--json"]
-    assert "--torque-std" not in run.invoke(app, stated).stderr
+    assert "torque scale is not stated" not in run.invoke(app, stated).stderr
     study = load_study(here / "new.zip")
     assert (study.inertia_std, study.torque_std) == (0.1, 0.04)
     ok(*stated, "--inertia-std", "inf", "--torque-std", "0")
     study = load_study(here / "new.zip")
     assert (study.inertia_std, study.torque_std) == (np.inf, 0.0)
-    assert "--torque-std" in run.invoke(app, [*stated, "--inertia", "again.toml"]).stderr
+    assert "torque scale is not stated" in run.invoke(app, [*stated, "--inertia", "again.toml"]).stderr
     assert "torque_std = -1.0: expected" in refused(1, *stated[:-1], "--torque-std", "-1")
 
 

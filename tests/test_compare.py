@@ -91,7 +91,7 @@ def test_a_softer_robot_differs_significantly_in_either_order(
     assert not at.exception, at.exception[0].stack_trace
     said = at.header[0].value.replace("\N{NO-BREAK SPACE}", " ")
     assert said.startswith("paper, compared with soft.zip: joint 1 is 11 % stiffer")
-    assert said.endswith("significantly, if the torque scales are exact")
+    assert said.endswith("(significant), if the torque scales are exact")
     table = at.table[0].value
     assert list(table.columns[:3]) == ["Quantity", "Difference", "Significant"]
     assert table.loc[table.Quantity == "K1 (N·m/rad)", "Significant"].item() == "yes, over 100 σ"

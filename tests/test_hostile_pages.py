@@ -90,7 +90,7 @@ def test_hostile_logs_from_the_upload_to_the_study(app: AppTest) -> None:
     assert any("Still open" in caption.value for caption in at.caption)
     at = shown(at.button_group(key="import inertia source").set_value("TOML").run())
     at = shown(at.text_area(key="import toml").set_value(hostile_toml()).run())
-    assert any("And M2 of 2 poses" in caption.value for caption in at.caption)
+    assert any("M2 of 2 poses" in caption.value for caption in at.caption)
     at = shown(next(b for b in at.button if b.label == "Open as study").click().run())
     assert PIECES["qpic"] in at.title[0].value.replace(JOINER, "").replace("\\", "")
 

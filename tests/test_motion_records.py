@@ -149,8 +149,8 @@ def test_friction_acts_in_a_simulated_motion() -> None:
     ("settings", "message"),
     [
         ({"kind": "chirp"}, "expected sweep, multisine, random, moves"),
-        ({"kind": "sweep", "from_hz": 9.0, "to_hz": 3.0}, "give a band"),
-        ({"kind": "random", "duration_s": 0.5}, "Record longer, or raise from_hz"),
+        ({"kind": "sweep", "from_hz": 9.0, "to_hz": 3.0}, "raise its upper end"),
+        ({"kind": "random", "duration_s": 0.5}, "Record longer, or raise the lowest"),
     ],
 )
 def test_impossible_motions_are_refused(settings: dict[str, Any], message: str) -> None:
@@ -380,7 +380,7 @@ def test_a_reversed_axis_is_named_in_a_study_of_motions() -> None:
         for record in study.motion_records
     ]
     found = analyse(replace(study, records=reversed_)).findings
-    assert found[0].title == "Joint 1 or joint 2 looks reversed against the other"
+    assert found[0].title == "Joint 1 or joint 2 looks reversed relative to the other"
     assert found[0].level == "problem"
 
 

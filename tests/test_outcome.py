@@ -215,7 +215,7 @@ class TestThePromise:
         """With the true K before, the 95th percentile of the uncertain robots is worse."""
         right = cut_outcome(robot(0.02), PATH, robot(0.02).elasticity, samples=30)
         assert right.before_m < right.after_m
-        assert "not better" in right.not_better
+        assert "not smaller" in right.not_better
         assert not cut_outcome(robot(0.02), PATH, None, samples=30).not_better
 
 

@@ -228,5 +228,5 @@ def test_bad_settings_are_refused(option, message) -> None:
 
 @pytest.mark.parametrize("option", [{"bandwidth_hz": 5000.0}, {"delay_samples": 80}])
 def test_an_unstable_loop_is_reported(option) -> None:
-    with pytest.raises(JointIdError, match="unstable: lower bandwidth_hz or delay_samples"):
+    with pytest.raises(JointIdError, match="unstable: lower its bandwidth or delay"):
         cut(Servo(**option), assumed=None)

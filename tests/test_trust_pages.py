@@ -151,7 +151,7 @@ class TestTheNextExperiment:
         assert said is not None
         assert float(said[2]) < float(said[1])
         # A plan of one's own begins as the suggestion.
-        today = [float(x.split(" ± ")[1].split(")")[0]) for x in column(at, "Today")]
+        today = [float(x.split(" ± ")[1].split(")")[0]) for x in column(at, "Now")]
         assert len(today) == 2 * joints
         assert len(column(at, "Both together")) == 2 * joints
 

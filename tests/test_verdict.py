@@ -229,7 +229,7 @@ def test_the_time_from_which_a_record_is_steady_is_proposed_and_mends_it() -> No
     (finding,) = (f for f in told.findings if "settling" in f.title)
     starts = dict(re.findall(r"(\d+\.csv), from ([\d.]+) s on", finding.detail))
     assert starts.keys() == {"6.csv", "11.csv"}
-    assert "Let the records begin at these times" in finding.remedy
+    assert "Start the records at these times" in finding.remedy
     for k in (6, 11):
         start = float(starts[f"{k}.csv"])
         assert begin + 0.15 < start < records[k].time_s.mean()
@@ -1034,7 +1034,7 @@ def of_rubbing_arm() -> Phasors:
 @pytest.mark.parametrize(
     ("given", "title"),
     [
-        (Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed against"),
+        (Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed"),
         (
             Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]),
             "The inertias of joints 1 and 2 look exchanged",

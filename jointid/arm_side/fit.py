@@ -43,7 +43,7 @@ class ArmSideFit:
     standard_error: Floats
     """Of K, shape (n,), N·m/rad: noise, payload, choice of terms, rigid model; NaN where refused."""
     skew_s: Floats
-    """Age of the arm's sample against the motor's, shape (n,), s; NaN without a sensor."""
+    """Age of the arm's sample relative to the motor's, shape (n,), s; NaN without a sensor."""
     skew_error_s: Floats
     """Standard error of ``skew_s``, shape (n,), s."""
     reasons: tuple[str, ...]
@@ -80,10 +80,10 @@ class ArmSideFit:
     def predict(self, record: MotionRecord) -> Floats:
         """Deflection motor/N − arm of another record, shape (N, n), rad; NaN without a fit.
 
-        In the band of the fit, with the tooth orders above it. Only the motor's motion is used. The
-        constant offset is that of the fit; where the record has a sensor it is the median difference
-        from the sensor, since encoders may be referenced again between records. Positions beyond
-        those of the fit are extrapolated.
+        Limited to the band of the fit, apart from the transmission error. Only the motion of the motors
+        is used. The constant offset is that of the fit; where the record has a sensor it is the median
+        difference from the sensor, since encoders may be referenced again between records. Positions
+        beyond those of the fit are extrapolated.
         """
         with one_thread():
             return self._predict(record)

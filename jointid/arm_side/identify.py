@@ -64,9 +64,9 @@ def identify_arm_side(
     band_hz : float, optional
         Upper edge of the band, Hz; otherwise that of each record, or 6 Hz.
     torque_std : float, default 0.03
-        Relative standard deviation of the rigid model: of the mass and inertia of every link, behind
-        which a payload hides, and of the torque, which scales K. 0 for an exact model. It is not that
-        of the motors' torque constants: those are free within 30 %.
+        Relative standard deviation of the rigid model: of the mass and inertia of every link, which
+        acts like a payload, and of the torque, which scales K. 0 for an exact model. It is not that of
+        the motors' torque constants: those are free within 30 %.
 
     Returns
     -------

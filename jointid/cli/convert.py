@@ -9,17 +9,13 @@ from typing import Annotated, Any
 import typer
 
 import jointid.cli.options as options
+from jointid.answer import UNSTATED_TORQUE_SCALE
 from jointid.cli.files import require_new_output, robot_from
 from jointid.cli.output import print_json, print_new_study, print_table, progress
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
 from jointid.study import Study
 from jointid.wording import counted, significant
-
-_NOT_STATED = (
-    "The torque scale is not stated: K and D hold if the torque constants are exact. State how well "
-    "they are known with --torque-std, or as std under [torque] in the inertia file."
-)
 
 
 def convert(
@@ -132,7 +128,7 @@ def convert(
             *notes,
             f"{study.remarks[-1]} Correct them in {mapping}, or confirm them (assumed = []).",
         )
-    for line in (*notes, *[_NOT_STATED] * (study.torque_std is None)):
+    for line in (*notes, *[UNSTATED_TORQUE_SCALE] * (study.torque_std is None)):
         typer.echo(line, err=True)
 
 

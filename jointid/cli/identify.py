@@ -65,7 +65,7 @@ def _print_tables(analysis: Analysis) -> None:
     rows = [[q.name, *q.shown, value] for q, value in zip(fitted, known, strict=True)]
     print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
     if analysis.state != NOT_USABLE:
-        print("Valid within the records, motor side:")
+        print("Gears, valid within the records, motor side:")
         print(*(gear_text(fit, j) for j in range(fit.n)), sep="\n")
     print(f"\n{ERROR_BARS} Its parts:")
     columns = error_table(fit, analysis.unit)
@@ -82,7 +82,7 @@ def arm_side(
         Path | None,
         typer.Option(
             parser=named,
-            help="Robot as .urdf, .xml (MJCF) or .toml (Denavit-Hartenberg).",
+            help="Robot as .urdf, .xml (MJCF) or .toml (Denavit–Hartenberg).",
             show_default="the study's [robot_model]",
         ),
     ] = None,

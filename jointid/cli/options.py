@@ -34,7 +34,7 @@ def numbers(text: str) -> list[float]:
         return [float(part) for part in text.split(",")]
     except ValueError:
         raise typer.BadParameter(
-            f'"{text}": expected numbers with commas between, as in 43,7.5'
+            f'"{text}": expected numbers separated by commas, as in 43,7.5'
         ) from None
 
 

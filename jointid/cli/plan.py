@@ -18,7 +18,7 @@ from jointid.cli.output import print_columns, print_json, print_table, progress,
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
 from jointid.simulation.motion import Motion
-from jointid.wording import percent
+from jointid.wording import counted, percent
 
 if TYPE_CHECKING:
     from jointid.uncertainty.motion_plan import PlannedMotion
@@ -49,7 +49,7 @@ def plan(
 ) -> None:
     """Suggest the next records and predict the standard errors after each.
 
-    Limits are one number for all joints, or numbers with commas: 2.5,2.8.
+    Limits are one number for all joints, or several separated by commas: 2.5,2.8.
     """
     limits = position_limit, velocity_limit, torque_limit
     shape = (motion, from_hz, to_hz) if motion else None
@@ -71,7 +71,7 @@ def plan(
     from jointid.uncertainty.planned_records import phasor_text
 
     names = document["parameters"]
-    rows = [["today", "", "", *map(percent, document["relative_error_today"])]]
+    rows = [["now", "", "", *map(percent, document["relative_error_today"])]]
     for k, record in enumerate(document["records"], start=1):
         torques = ", ".join(map(phasor_text, found.records.relative[0][k - 1].tolist()))
         errors = map(percent, record["relative_error_after"])
@@ -153,11 +153,12 @@ def _print_motion(analysis: Analysis, found: PlannedMotion, as_json: bool) -> No
         )
         return
     count, seconds = len(found.records), found.duration_s
-    print(f"{found.motion.kind}, {count} records, {seconds:.4g} s in all: relative standard errors\n")
+    total = f"{counted(count, 'record')}, {seconds:.4g} s in all"
+    print(f"{found.motion.kind}, {total}: relative standard errors\n")
     today = fit.standard_error / np.abs(fit.estimate)
     columns = ([percent(float(x)) for x in each] for each in (today, found.alone, found.together))
     rows = [list(row) for row in zip(found.names, *columns, strict=True)]
-    print_table(["", "today", "motion alone", "together"], rows, right=(1, 2, 3))
+    print_table(["", "now", "motion alone", "together"], rows, right=(1, 2, 3))
 
 
 def _document(suggestion: Suggestion) -> dict[str, Any]:

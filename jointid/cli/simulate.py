@@ -89,7 +89,7 @@ def simulate(
 ) -> None:
     """Simulate closed-loop experiments, sines or another motion, and save them as a study.
 
-    Options with a value per joint take one number for all, or numbers with commas: 43,7.5.
+    Options with a value per joint take one number for all, or several separated by commas: 43,7.5.
     """
     import numpy as np
 

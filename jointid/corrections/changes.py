@@ -85,7 +85,7 @@ def _delay(study: Study, change: Change) -> tuple[Study, str]:
 def _hold(study: Study, change: Change) -> tuple[Study, str]:
     hold = bool(change.values[0])
     each = dict.fromkeys(_concerned(study, change), hold)
-    words = "held until the next sample" if hold else "momentary"
+    words = "held until the next sample" if hold else "not held"
     made = _each(study, each, lambda record, held: replace(record, torque_hold=held))
     return made, f"Torque set to {words}."
 
@@ -146,7 +146,7 @@ _CHANGES: Mapping[ChangeKind, tuple[_Make, _Label]] = {
     ),
     "hold": (
         _hold,
-        lambda _, change: f"Treat the torque as {'held' if change.values[0] else 'momentary'}",
+        lambda _, change: f"Treat the torque as {'held' if change.values[0] else 'not held'}",
     ),
     "scale": (
         _scale,

@@ -2,7 +2,7 @@
 
 Joint side throughout, except :meth:`PlanarArm.inertia`: joint angles, rates and torques are those of the
 links. A motor shaft turns ``gear_ratio`` times its joint, so θ_motor = N q, τ_arm = N τ_motor,
-K_arm = N² K and a rotor weighs N² J_m on the joint side.
+K_arm = N² K and a rotor has the inertia N² J_m on the joint side.
 
 Meaning of the joint angle ``q``, by drive:
 
@@ -11,7 +11,7 @@ Meaning of the joint angle ``q``, by drive:
 
 With φ the absolute link angles, φ = L q holds for both, L = I or [[1, 0], [1, 1]]. In φ the equations
 of motion have one form (Spong, Hutchinson and Vidyasagar, Robot Modeling and Control, chapter 7),
-and virtual work carries them to q: M_q = Lᵀ M_φ L, c_q = Lᵀ c_φ.
+and virtual work converts them to q: M_q = Lᵀ M_φ L, c_q = Lᵀ c_φ.
 """
 
 from dataclasses import dataclass

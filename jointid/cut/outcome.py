@@ -83,7 +83,7 @@ class Outcome:
         """Sentence where the servo before may cut as well as with the identified values; else empty."""
         if self.distribution is None or self.before_m > self.after_m:
             return ""
-        return "Within its uncertainty, the identified result is not better than that before."
+        return "Within the error bars, the path error after is not smaller than that before."
 
     @property
     def spread_m(self) -> float:
@@ -165,7 +165,7 @@ def gear_cuts(
     *,
     friction: MotorFrictionLike | None = None,
 ) -> tuple[TrackingRun, TrackingRun]:
-    """Cuts of a robot with nonlinear gears: the servo knows their linear K and D, or their laws as well.
+    """Cuts of a robot with nonlinear gears: the servo assumes linear K and D, or the laws as well.
 
     Parameters and errors as in :func:`cut_outcome`.
     """

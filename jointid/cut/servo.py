@@ -201,5 +201,5 @@ def require_tracking(error_rad: Floats) -> None:
     if not np.abs(error_rad).max() < LOST_RAD:
         raise JointIdError(
             f"The arm diverged: a motor is more than {LOST_RAD:g} rad (joint side) from its reference. "
-            "The control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."
+            "The control loop is unstable: lower its bandwidth or delay, or raise its sample rate."
         )

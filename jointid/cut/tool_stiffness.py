@@ -24,7 +24,7 @@ class ToolStiffness:
     compliance: Floats
     """Tool deflection over force, shape (d, d), m/N."""
     resonances_hz: Floats
-    """Undamped natural frequencies with the motors held, shape (n,), Hz."""
+    """Undamped natural frequencies with the motors locked, shape (n,), Hz."""
     lever: Floats
     """Tool motion over motor motion J C, shape (d, n), m/rad."""
     stiffness: Floats

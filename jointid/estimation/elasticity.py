@@ -50,9 +50,8 @@ class ElasticityFit:
     D: Floats
     """Damping, shape (n,), N·m·s/rad."""
     covariance: Floats
-    """Covariance of (K1 ... Kn, D1 ... Dn), shape (2n, 2n), the total error: of noise, times
-    ``inflation``, of the prior, of the choice of the model and, with friction, of its truncated
-    harmonics."""
+    """Covariance of (K1 ... Kn, D1 ... Dn), shape (2n, 2n), from all causes: noise times ``inflation``,
+    prior, choice of model and, with friction, its truncated harmonics."""
     residual: Complexes
     """Difference of measured and modelled joint torque by record and joint, shape (r, n), N·m."""
     residual_noise: Floats

@@ -65,7 +65,7 @@ def identify_motion(
     inertia_std, torque_std, gear
         As in :func:`identify_elasticity`.
     friction, delay : bool, default False
-        Parts that every model has.
+        Fit them in every model compared.
 
     Returns
     -------
@@ -319,8 +319,8 @@ def _require_motion(phasors: Phasors) -> None:
     for j in np.flatnonzero(held | (clear.max(axis=0) < _MOVES)).tolist():
         raise JointIdError(
             f"Joint {j + 1} is not excited: theta_m{j + 1}_rad does not move above its noise within the "
-            f"band of any record, so K{j + 1} and D{j + 1} cannot be found. Move joint {j + 1}, or "
-            "widen band_hz."
+            f"band of any record, so K{j + 1} and D{j + 1} cannot be identified. Move joint {j + 1}, "
+            "or widen band_hz."
         )
 
 

@@ -172,7 +172,7 @@ _NESTING_NOTE = """\
 _ROTOR_NOTE = """\
 <!-- The rotor link carries the rotor inertia reflected to the joint side. As a separate body it also
      turns with its parent. That is exact for a joint on the base and for parallelogram drives, but too
-     much inertia for a motor that rides on a moving link: use MuJoCo's armature there. The
+     much inertia for a motor on a moving link: use MuJoCo's armature there. The
      rotor's mass only keeps it from being zero. -->"""
 
 

@@ -66,7 +66,7 @@ def write_error(path: Path, error: OSError) -> JointIdError:
     return JointIdError(
         f"{path} cannot be written: {error.strerror or error}.",
         file=str(path),
-        hint="Make room or check the permissions, or choose another path.",
+        hint="Free space, check the permissions, or choose another path.",
     )
 
 

@@ -274,6 +274,6 @@ class Store:
             yield
         except OSError as error:
             raise JointIdError(
-                f"The store {self.folder} cannot be {what}: {error.strerror or error}. Free space or "
-                "permit it, or name another folder in JOINTID_DATA_DIR."
+                f"The store {self.folder} cannot be {what}: {error.strerror or error}. Free space, "
+                "correct the permissions, or name another folder in JOINTID_DATA_DIR."
             ) from error

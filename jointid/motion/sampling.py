@@ -63,7 +63,7 @@ def uniform_parts(record: MotionRecord, index: int, name: str) -> list[UniformPa
         parts.append(_uniform(record, index, used))
     if not parts:
         raise JointIdError(
-            f"{name}: no stretch without a gap has {SHORTEST} samples (median step "
+            f"{name}: no segment without a gap has {SHORTEST} samples (median step "
             f"{interval * 1e3:.4g} ms). Log without interruptions."
         )
     return parts

@@ -198,7 +198,7 @@ class Phasors:
 
 
 def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = None) -> Phasors:
-    """Fit sine, cosine, offset and drift to every signal; equation (2) is the case of whole periods.
+    """Fit sine, cosine, offset and trend to every signal; equation (2) is the case of whole periods.
 
     Parameters
     ----------

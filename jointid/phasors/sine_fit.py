@@ -87,7 +87,7 @@ def _window(record: SineRecord, harmonics: int) -> Window:
     samples = record.samples
     if samples < FEWEST_SAMPLES:
         raise JointIdError(
-            f"{record.label or 'A record'} has {samples} usable samples; a sine with offset and drift "
+            f"{record.label or 'A record'} has {samples} usable samples; a sine with offset and trend "
             f"needs {FEWEST_SAMPLES}. Sample faster, or record longer."
         )
     orders, block = _layout(samples, 1 / (record.frequency_hz * record.interval_s), harmonics)

@@ -109,8 +109,9 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     yield Table(
         tuple(PRIOR_HEADER),
         tuple(tuple(row.cells) for row in analysis.priors),
-        "Inertias and torque scales, motor side: J_m rotors, J_a arm, J_12 coupling. σ is the standard "
-        "deviation of the given value. " + (UNSTATED_TORQUE_SCALE if study.torque_std is None else ""),
+        "Inertias and torque scales, motor side: J_m rotors, J_a arm, J_12 coupling. σ: standard "
+        "deviation of the less certain value. "
+        + (UNSTATED_TORQUE_SCALE if study.torque_std is None else ""),
         "lrrlr",
     )
     if further := further_quantities(fit):

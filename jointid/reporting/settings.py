@@ -26,7 +26,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     study, fit = analysis.study, analysis.fit
     holds = {record.torque_hold for record in study.records}
     delays = sorted({record.torque_delay_s for record in study.records})
-    hold = "held to the next sample" if True in holds else "momentary"
+    hold = "held to the next sample" if True in holds else "instantaneous"
     hold = hold if len(holds) == 1 else "differs by record"
     harmonics = [("Harmonics fitted", str(analysis.phasors.harmonics.shape[1]))]
     facts = [

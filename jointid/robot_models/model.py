@@ -49,7 +49,7 @@ class RobotModel(RobotDescription):
         gear_ratio: ArrayLike | None = None,
         rotor_inertia: ArrayLike | None = None,
     ) -> RobotModel:
-        """Read a robot from URDF (.urdf), MJCF (.xml) or Denavit-Hartenberg TOML (.toml).
+        """Read a robot from URDF (.urdf), MJCF (.xml) or Denavit–Hartenberg TOML (.toml).
 
         No other file is read: meshes and included files are not opened.
 
@@ -60,7 +60,7 @@ class RobotModel(RobotDescription):
             Motor turns per joint turn, in place of those of the file. URDF states them as
             ``mechanicalReduction`` of transmissions, MJCF as ``gear`` of actuators.
         rotor_inertia : array_like, shape (n,), optional
-            Motor side, kg·m², in place of those of the file. MJCF states N² times them as ``armature``.
+            Motor side, kg·m², in place of those of the file. MJCF states them times N² as ``armature``.
 
         Raises
         ------
@@ -75,7 +75,7 @@ class RobotModel(RobotDescription):
             fault = getattr(error, "strerror", None) or error
             raise JointIdError(
                 f"{path!s:.200} cannot be read: {fault!s:.200}. Give a robot's file: .urdf, .xml "
-                "(MJCF) or .toml (Denavit-Hartenberg)."
+                "(MJCF) or .toml (Denavit–Hartenberg)."
             ) from error
         return cls.parse(file.name, data, gear_ratio=gear_ratio, rotor_inertia=rotor_inertia)
 
@@ -98,7 +98,7 @@ class RobotModel(RobotDescription):
         suffix = Path(name).suffix.lower()
         if suffix not in _READERS:
             raise JointIdError(
-                f"{name:.200}: expected a robot as .urdf, .xml (MJCF) or .toml (Denavit-Hartenberg).",
+                f"{name:.200}: expected a robot as .urdf, .xml (MJCF) or .toml (Denavit–Hartenberg).",
                 file=name,
             )
         robot = cls(**vars(_READERS[suffix](name, data)))
@@ -162,11 +162,11 @@ class RobotModel(RobotDescription):
         return np.asarray(self._torque(*self._checked(q=q, dq=dq, ddq=ddq)))
 
     def torque_changes(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Floats, Floats]:
-        """Change of ``torque`` by what is uncertain of payload, (..., n, 4), and links, (..., n, n).
+        """Change of ``torque`` with the payload, (..., n, 4), and with every link, (..., n, n).
 
-        By one standard deviation of the payload's mass and of its centre along x, y and z of the
-        flange, which is as uncertain as the mass, in relation to its distance from the flange; and by
-        every link's own mass and inertia: its torque.
+        For the payload per standard deviation of its mass and of its centre along x, y and z of the
+        flange; relative to its distance from the flange, the centre is as uncertain as the mass. For a
+        link per unit relative change of its mass and inertia, which is its own torque.
         """
         angles, *rates = self._checked(q=q, dq=dq, ddq=ddq)
         motion, load = self.links.motion(angles + self.zero, *rates), self.payload

@@ -187,8 +187,8 @@ def _frequencies(values: ArrayLike, sample_rate_hz: float) -> Floats:
     wrong = (frequencies <= 0) | (frequencies >= sample_rate_hz / 2)
     if wrong.any():
         raise JointIdError(
-            f"frequencies_hz contains {frequencies[wrong][0]:g} Hz: must be positive and below half "
-            f"the sample rate of {sample_rate_hz:g} Hz."
+            f"A sine of {frequencies[wrong][0]:g} Hz cannot be simulated: its frequency must be "
+            f"positive and below half the sample rate of {sample_rate_hz:g} Hz."
         )
     return frequencies
 
@@ -205,8 +205,8 @@ def _record_lengths(excitation: Excitation, controller: Controller, frequency: F
     if np.any(samples * frequency < controller.sample_rate_hz):
         slowest = float(frequency.min())
         raise JointIdError(
-            f"duration_s = {excitation.duration_s:g} s is less than one period of {slowest:g} Hz "
-            f"({1 / slowest:.4g} s). Record longer, or set periods."
+            f"A record of {excitation.duration_s:g} s is less than one period of {slowest:g} Hz "
+            f"({1 / slowest:.4g} s). Record longer, or raise the lowest frequency."
         )
     return samples
 

@@ -67,12 +67,13 @@ class Motion:
             checked_setting(self, name, unit, positive=True)
         if self.from_hz >= self.to_hz:
             raise JointIdError(
-                f"from_hz = {self.from_hz:g} Hz, to_hz = {self.to_hz:g} Hz: give a band, 0 < from < to."
+                f"The band from {self.from_hz:g} Hz to {self.to_hz:g} Hz is empty: raise its upper end."
             )
         if self.duration_s * self.from_hz < _PERIODS and self.kind != "moves":
             raise JointIdError(
-                f"duration_s = {self.duration_s:g} s: {_PERIODS} periods of {self.from_hz:g} Hz last "
-                f"{_PERIODS / self.from_hz:.3g} s. Record longer, or raise from_hz."
+                f"A motion of {self.duration_s:g} s is too short: {_PERIODS} periods of "
+                f"{self.from_hz:g} Hz last {_PERIODS / self.from_hz:.3g} s. Record longer, or raise the "
+                "lowest frequency."
             )
 
     def limits(self, n: int) -> tuple[Floats, Floats, Floats]:

@@ -180,8 +180,8 @@ class Robot:
         if largest >= 1 - 1e-12:
             raise JointIdError(
                 f"The closed loop is unstable: the largest eigenvalue of the sampled loop has magnitude "
-                f"{largest:.6f} and must stay below 1. Lower bandwidth_hz or the gains, shorten "
-                f"torque_delay_s, or raise sample_rate_hz ({1 / self.T:g} Hz)."
+                f"{largest:.6f} and must stay below 1. Lower the bandwidth or the gains, shorten the "
+                f"torque delay, or raise the sample rate ({1 / self.T:g} Hz)."
             )
 
     def _steady_state(self, reference: Reference, k: int) -> tuple[Floats, Floats, deque[Floats]]:

@@ -124,7 +124,7 @@ def plan_motion(
     if np.any(limits.torque_Nm <= coulomb):
         j = int(np.argmax(limits.torque_Nm <= coulomb)) + 1
         raise JointIdError(
-            f"The torque limit of joint {j} does not exceed its friction: raise torque_limit_Nm."
+            f"The torque limit of joint {j} does not exceed its friction: raise this limit."
         )
     noise = sensor_noise(fit, interval_s)
     friction = MotorFriction(coulomb=coulomb, viscous=viscous, step_s=max(interval_s, 1.25e-4))

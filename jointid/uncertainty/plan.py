@@ -165,7 +165,7 @@ def suggest_records(
     if np.any(torque <= 0):
         j = int(np.argmin(torque)) + 1
         raise JointIdError(
-            f"The torque limit of joint {j} does not exceed its friction: raise torque_limit_Nm."
+            f"The torque limit of joint {j} does not exceed its friction: raise this limit."
         )
     if frequencies_hz is None:
         frequency = _candidate_frequencies(phasors, pose, fit, duration_s, highest_hz)

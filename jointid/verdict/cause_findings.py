@@ -133,7 +133,7 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
     ),
     "gear torque": (
         "The torques look measured behind the gears, not at the motors",
-        "Read as torques behind the gears, without the share of the rotors, they give K of about {K}.",
+        "Read as torques behind the gears, which exclude the rotors, they give K of about {K}.",
         "Choose the columns of the motors' torques ({tau} in a study's tables), or add M times the "
         "motor's acceleration to them.",
         "edit mapping",
@@ -172,7 +172,7 @@ def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
         found = [f"the {what} of joints {joints} look exchanged"]
     for j in np.flatnonzero(hypothesis.scale[:n] < 0).tolist():
         which, others = ("1 or joint 2", "other") if n == 2 else (f"{j + 1}", "others")
-        found.append(f"joint {which} looks reversed against the {others}")
+        found.append(f"joint {which} looks reversed relative to the {others}")
     return problem(
         capitalised(", and ".join(found)),
         proof,

@@ -106,13 +106,15 @@ def _resting(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
     joints = np.flatnonzero((shares > _RESTS) & (known > _LOOSELY))
     if joints.size:
         j = int(joints[np.argmax(known[joints])])
-        size = percent(known[j]) if np.isfinite(known[j]) else "not determined"
+        result = f"do not determine K{j + 1}."
+        if np.isfinite(known[j]):
+            result = f"determine K{j + 1}: one standard error is {percent(known[j])}."
         make = problem if np.any(known[joints] > _UNKNOWN) else warning
         yield make(
-            f"{some([f'Joint {k + 1}' for k in joints])} rested for much of the motion",
-            f"Motor {j + 1} hardly moved during {percent(shares[j])} of the time. While friction holds "
-            f"it, its torque does not show the spring, and K{j + 1} follows from the other joints and "
-            f"the short moves: one standard error is {size}.",
+            f"{some([f'Joint {k + 1}' for k in joints])} rests for much of the motion",
+            f"Motor {j + 1} hardly moves during {percent(shares[j])} of the time. While friction holds "
+            "it, its torque carries no information on the spring. The other joints and the short moves "
+            + result,
             f"Move joint {j + 1} faster or farther, with torques well above its friction, so that it "
             "reverses without a rest.",
             float(min(known[j], 1.0)),

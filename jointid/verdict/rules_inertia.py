@@ -119,7 +119,7 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     row = off[0][1]
     unit = f" {row.unit}".rstrip()
     given = plain(row.given) + ("" if exact else f" ± {significant(row.given_std, 2)}")
-    others = f" Also wrong: {some([other.name for _, other in off[1:]])}." if off[1:] else ""
+    others = f" Also different: {some([other.name for _, other in off[1:]])}." if off[1:] else ""
     change = relative(own.estimate - fit.estimate, fit.estimate)
     k = int(np.argmax(change))
     accounts = "K and D come from the fitted values."

@@ -71,9 +71,8 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
     )
     detail = (
         f"With it, {before}; without it, the residual of the other {evidence.phasors.omega.size - 1} is "
-        f"{times_noise(found.misfit_without)}. Alone, it gives "
-        f"{number(float(found.stiffness[k]), 2)} times the dynamic stiffness of joint {k + 1} from the "
-        "others. "
+        f"{times_noise(found.misfit_without)}. Its dynamic stiffness of joint {k + 1} is "
+        f"{number(float(found.stiffness[k]), 2)} times that of the other records. "
     )
     title, cause, remedy = _told(found, label, n)
     changes = [Change("leave out", (found.record,))]

@@ -115,7 +115,7 @@ def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
         return " ".join(parts), "Measure again. Wait longer before recording."
     ones = "this time" if len(steady) == 1 else "these times"
     return " ".join(parts), (
-        f"Let the records begin at {ones}: by the start of the run on import, or by start_s in "
+        f"Start the records at {ones}: set the start of the run on import, or start_s in "
         f"study.toml. {'Measure the others again. ' if never else ''}Next time: wait longer before "
         "recording."
     )

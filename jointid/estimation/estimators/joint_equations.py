@@ -132,11 +132,11 @@ def spring_equations(
         j = int(np.argmax(empty[: phasors.n] & empty[phasors.n :])) + 1
         raise JointIdError(
             f"Joint {j} is not excited: the columns theta_m{j}_rad and tau_m{j}_Nm hold no sine in any "
-            f"record, so K{j} and D{j} cannot be found. Move joint {j}."
+            f"record, so K{j} and D{j} cannot be identified. Move joint {j}."
         )
     if np.all(empty[phasors.n :]):
         raise JointIdError(
-            "No record holds a sine in any torque, so that K and D cannot be found: check the columns "
+            "No torque holds a sine in any record, so K and D cannot be identified: check the columns "
             f"tau_m1_Nm to tau_m{phasors.n}_Nm."
         )
     M, arm = inertia_arrays(phasors, inertia)
@@ -184,7 +184,7 @@ def _not_deflected(joint: int) -> JointIdError:
     j = joint + 1
     return JointIdError(
         f"Joint {j} is not excited: its spring is not deflected above the noise in any record, so "
-        f"K{j} and D{j} cannot be found. Move joint {j} more, and check the columns theta_m{j}_rad "
+        f"K{j} and D{j} cannot be identified. Move joint {j} more, and check the columns theta_m{j}_rad "
         f"and tau_m{j}_Nm."
     )
 
@@ -198,8 +198,8 @@ def _require_plausible(phasors: Phasors) -> None:
         n = phasors.n
         name = f"theta_m{column + 1}_rad" if column < n else f"tau_m{column - n + 1}_Nm"
         raise JointIdError(
-            f"{phasors.labels[record]}: {name} has an amplitude of {size[record, column]:.3g}; at most "
-            f"{LARGEST:g} can be analysed. Check the unit and the values of this column."
+            f"{phasors.labels[record]}: {name} has an amplitude of {size[record, column]:.3g}; the "
+            f"limit is {LARGEST:g}. Check the unit and the values of this column."
         )
 
 
@@ -236,7 +236,7 @@ def inertia_arrays(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> tu
         if sizes.min() < LEAST or sizes.max() > LARGEST:
             wrong = sizes.min() if sizes.min() < LEAST else sizes.max()
             raise JointIdError(
-                f"M or M2 holds {wrong:.3g} kg·m²; from {LEAST:g} to {LARGEST:g} can be analysed. "
+                f"M or M2 holds {wrong:.3g} kg·m²; the limits are {LEAST:g} and {LARGEST:g} kg·m². "
                 "Check the unit of the inertias."
             )
     arm = np.linalg.inv(dynamic_arm_inertia(phasors.omega, inertias))

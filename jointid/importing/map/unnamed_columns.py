@@ -53,7 +53,7 @@ def pairs_by_shape(
         for role, k, how in (("position", q, "smoother"), ("torque", t, "rougher")):
             why = f"it is the {how} one" if gains[best] >= _CLEAR else "of its place"
             text = f'No column has a name; "{columns[k].name}" is only a proposal, because {why}. '
-            reasons.append(Reason(f"{role} of joint {number}", text + "Check it in the picture."))
+            reasons.append(Reason(f"{role} of joint {number}", text + "Check it in the figure."))
     return [(columns[q], columns[t]) for q, t in layouts[best]]
 
 

@@ -30,8 +30,8 @@ class Unwrapped:
         """Return a sentence for the user; ``first`` names the place of the first jump."""
         times = counted(self.jumps.size, "time")
         return (
-            f'"{channel.column}" covers one turn only and jumps by it {times} ({self.turn:.6g} '
-            f"{channel.unit}){first}: the jumps are removed."
+            f'"{channel.column}" covers one turn only and jumps {times} by {self.turn:.6g} '
+            f"{channel.unit}{first}: the jumps are removed."
         )
 
 

@@ -23,8 +23,8 @@ def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> Non
     """Show path and tracking error, and the torques."""
     st.caption(
         "Path error: distance to the nearest point of the path. Tracking error: distance to the "
-        "reference position at that time. Torque: command of each motor; a servo that knows the springs "
-        "adds the torque that moves the motors by the deflection x."
+        "reference position at that time. Torque: command of each motor; a servo that assumes elastic "
+        "joints adds the torque that moves the motors by the deflection x."
     )
     what = "Path error, tracking error and motor torques over time"
     page.show(f"over_time {settings}", partial(cut_over_time, outcome), what)
@@ -34,7 +34,7 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     """Show the path error for some errors of K̂, in both joints and in each alone."""
     st.write(
         "Largest path error when the servo assumes a wrong K̂ and the robot has the identified K, with "
-        "this path and controller. Of both signs of an error, the worse counts."
+        "this path and controller: the larger one of both signs of the error."
     )
     try:
         exact, wrong = cached_cuts.offset_costs(page, settings.after, outcome.robot)
@@ -46,7 +46,7 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
         {"Error of K̂ in": ["both joints", "joint 1", "joint 2"]}
         | {f"± {100 * offset:g} %": [*map(millimetres, errors)] for offset, errors in offsets}
     )
-    st.caption(f"With exact K̂, friction, delay and encoders leave {millimetres(exact)}.")
+    st.caption(f"With exact K̂, friction, delay and encoders cause {millimetres(exact)}.")
 
 
 _FORCE_N = 100.0
@@ -85,7 +85,7 @@ def _stiffnesses(
             return planar_tool_stiffness(robot.arm, q, elasticity)
 
         nominal = None if robot.nominal is None else planar(robot.nominal)
-        where = "the arm of the cut, tool at the cutting point, motors held"
+        where = "the arm of the cut, tool at the cutting point, motors locked"
         return planar(robot.elasticity), nominal, robot.covariance[:2, :2], where
     model, names = study.robot_model, list(study.pose_angles_rad)
     pose = names[0]
@@ -95,7 +95,7 @@ def _stiffnesses(
     nominal = None if study.nominal is None else tool_stiffness(model, angles, study.nominal)
     of = tool_stiffness(model, angles, fit.elasticity)
     degrees = ", ".join(significant(float(value), 3) for value in np.rad2deg(angles))
-    return of, nominal, fit.covariance[:n, :n], f"joint angles {degrees}°, motors held"
+    return of, nominal, fit.covariance[:n, :n], f"joint angles {degrees}°, motors locked"
 
 
 def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where: str) -> None:

@@ -52,7 +52,7 @@ def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> N
 def _own_headline(found: PathDeflection) -> str:
     """Deflection of the study's own robot at the largest zone, before and after."""
     before = found.rigid_m if found.assumed_m is None else found.assumed_m
-    servo = "a servo for rigid joints" if found.assumed_m is None else "the nominal K"
+    servo = "a rigid servo" if found.assumed_m is None else "the nominal K"
     return unbroken(
         f"Tool deflection of this robot: {millimetres(before)} with {servo}, "
         f"{millimetres(found.identified_m)} with the identified K"
@@ -120,7 +120,7 @@ def promise(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str
         return "The robot has exactly the identified springs; their error is not known."
     if not outcome.springs_matter:
         text = remaining_error_text(outcome, servo, friction)
-        return f"{text} The page Cut, tab Accuracy of K, shows the cost of an error of K."
+        return f"{text} The page Cut, tab Accuracy of K, shows the effect of an error of K."
     return (
         "K and D of the robot differ from the identified ones within their error bars: the path error "
         f"stays {_below(outcome.after_m)} with a probability of 95 %, "
@@ -176,11 +176,11 @@ def show_assumptions() -> None:
         "encoders; the sizes of the zones (1, 5 and 10 mm) and how a corner is rounded; an "
         "acceleration of at most 15 m/s² and ramps of at least 50 ms; which parameters were "
         "non-optimal.\n\n"
-        "**Both robots are simulated.** The robot before has exactly the identified springs, the best "
-        "estimate of the real ones. After the identification the servo has them too; the remaining "
-        "error comes from the uncertainty of the fit: the blue path is that of a robot at the 95 % "
-        "point of the path error. Errors of the inertias act through K and D; neither robot has "
-        "flexible links."
+        "**Both robots are simulated.** Before identification, the robot has exactly the identified "
+        "springs, the best estimate of the real ones. After it, the servo assumes these springs, and "
+        "those of the robot differ within the error bars: the blue path is that of the robot at the "
+        "95th percentile of the path error. Errors of the inertias act through K and D; neither robot "
+        "has flexible links."
     )
 
 

@@ -155,7 +155,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
             number |= {key: enter_number(place, f"cut_{key}", *of) for key, of in entries.items()}
         with places[2]:
             st.markdown("**Robot**")
-            place, hint = places[2], "Coulomb friction is constant, against the motion."
+            place, hint = places[2], "Coulomb friction is constant, opposite to the motion."
             source = choose_from(place, "cut_friction", "Friction at the motors", _FRICTION, help_=hint)
             coulomb = "0.5, 0.25"
             if source == "Custom":

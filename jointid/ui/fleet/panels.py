@@ -73,7 +73,7 @@ def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
             st.markdown(f"**{_QUANTITIES[quantity]} {spread.name}**: {_in_words(spread)}")
             plot(
                 distribution(spread, dark=dark),
-                f"How many studies have which {spread.name}",
+                f"Histogram of {spread.name} over the studies",
                 key=f"fleet_{quantity}",
             )
     st.caption(
@@ -143,8 +143,8 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
     st.header("Drift over time", anchor=False)
     if not dated:
         st.info(
-            "No study states its date. Give it on import, in step 5 under Optional, or in study.toml: "
-            'date = 2026-11-20; and to follow one robot, its name: robot = "cell 7, robot A".'
+            "No study states its date. State it on import (step 5, Optional) or in study.toml: "
+            'date = 2026-11-20. To follow one robot, state its name as well: robot = "cell 7, robot A".'
         )
         st.page_link(IMPORT.path, label=IMPORT.name)
         return
@@ -179,7 +179,7 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
         st.caption(
             "Median of the slopes between all pairs of studies (Theil and Sen), in % of the trend at the"
             " median date, ± one standard error from the scatter around the line. Of many robots, some "
-            f"seem to drift by chance: a drift below {_CLEAR:g} standard errors does not count."
+            f"seem to drift by chance: a drift below {_CLEAR:g} standard errors is not significant."
         )
 
 

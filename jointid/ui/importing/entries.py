@@ -26,7 +26,7 @@ _HELD = {True: "held until the next sample", False: "not held: measured, or inte
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """First parts of the names of entries from the drive's data sheet, not the file."""
 _SIDE_HELP = "Robot controllers often log values of the joint; drives log those of their motor."
-_SIGN_HELP = "Mark one of the two if a positive torque moves the logged position to smaller values."
+_SIGN_HELP = "Select one of the two if a positive torque moves the logged position to smaller values."
 _SWITCHES = {
     ("position", "side"): (JOINT, "Position is of the joint, behind the gear", _SIDE_HELP),
     ("torque", "side"): (JOINT, "Torque is of the joint, behind the gear", _SIDE_HELP),

@@ -204,9 +204,7 @@ def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
         curves = others if len(others) <= _FEW_CURVES else list(proposed[1:]) or others
         key = f"import curves {log.signature}"
         begun = curves[:_FEW_CURVES]
-        chosen = st.multiselect(
-            "Columns in the picture", others, begun, key=key, persist_state="session"
-        )
+        chosen = st.multiselect("Columns in the figure", others, begun, key=key, persist_state="session")
         if chosen:
             shown = {headings[name]: log.column(name).values for name in (time, *chosen)}
             plot(raw_columns(shown, dark=is_dark()), "Columns as they are in the file")

@@ -114,7 +114,7 @@ def show_inertia(robot: KnownRobot) -> None:
             f"D = {numbers_out(nominal.D.tolist())} N·m·s/rad."
         )
     if robot.poses:
-        show_note(f"And M2 of {counted(len(robot.poses), 'pose')}: {', '.join(robot.poses)}.")
+        show_note(f"M2 of {counted(len(robot.poses), 'pose')}: {', '.join(robot.poses)}.")
 
 
 def _by_numbers(ratios: Sequence[float]) -> KnownRobot | None:

@@ -108,7 +108,7 @@ def import_steps(progress: DeltaGenerator) -> None:
             ready = bool(used) and runs is not None and not runs.has_problems
             steps.tell(RUNS, ready, _runs_in_words(used))
             if ready:
-                go_on_button("Go on", RUNS)
+                go_on_button("Continue", RUNS)
     with steps.step(INERTIAS):
         if log is None or drives is None or runs is None:
             st.caption(_WAITS[INERTIAS])
@@ -236,7 +236,7 @@ def _open_as_study(
         steps.tell(INERTIAS, state.startswith("M"), state)
         if robot is None or runs.has_problems:
             return bool(clicked)
-        with st.spinner("Cutting the records out"):
+        with st.spinner("Extracting the records"):
             study = study_from_logs(
                 list(runs.logs.values()),
                 [runs.used[key] for key in runs.logs],

@@ -74,7 +74,7 @@ def show_storage_state() -> None:
     if dropped() and not st.session_state.get(_PROBLEM):
         st.caption(
             "The study made from these logs is kept. Logs and entries stay open in this session only; "
-            "a further change keeps them again."
+            "the next change stores them again."
             if st.session_state.get(_MADE) == st.session_state[_WRITTEN]
             else "Logs and entries are kept at this page's address until they are closed or opened as a "
             "study."

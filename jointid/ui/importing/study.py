@@ -78,8 +78,8 @@ def ask_robot(
         )
     if clicked and known is None:
         problem = problem or (
-            "Inertias are missing: enter those of all joints in step 5. K and D cannot be found "
-            "without them."
+            "Inertias are missing: enter those of all joints in step 5. K and D cannot be "
+            "identified without them."
         )
     if problem:
         show_error(problem)

@@ -155,7 +155,7 @@ def download(
     kind: Literal["primary", "secondary"] = "secondary",
     hint: str | None = None,
 ) -> None:
-    """Draw a button that saves a file and leaves the page as it is; its name tells its type."""
+    """Draw a button that saves a file and leaves the page as it is; its name states its type."""
     mime, _ = guess_type(file_name)
     key = f"save {label}"
     st.download_button(label, data, file_name, mime, key=key, help=hint, on_click="ignore", type=kind)

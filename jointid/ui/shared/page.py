@@ -196,8 +196,8 @@ def _show_notices() -> None:
     shown, wanted = st.session_state.get("not_found", (None, ""))
     if wanted and shown == st.session_state["chosen"]:
         show_info(
-            f"{wanted} is not, or no longer, in this workspace. This is another study: open the file "
-            "again."
+            f"{wanted} is not, or no longer, in this workspace. The page shows another study: open "
+            "the file again."
         )
     _show_refused()
 
@@ -234,7 +234,7 @@ def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Pa
     if choice is None:
         st.title("No study yet")
         st.write(
-            "There are no sample studies beside the app. Open a .zip in the sidebar, or make records:"
+            "There are no sample studies beside the app. Open a .zip in the sidebar, or create a study:"
         )
         st.page_link(SIMULATE.path, label=SIMULATE.name)
         st.page_link(IMPORT.path, label=IMPORT.name)

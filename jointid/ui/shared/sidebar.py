@@ -53,7 +53,7 @@ def choose_study() -> tuple[str, str, str] | None:
             list(STIFFNESS_UNITS),
             key="unit",
             bind="query-params",
-            help="For the answer, its report, and all tables and figures of K, D and the gears. Through "
+            help="For the answer, its report, and all tables and figures of K, D and the gears. With "
             "a gear ratio N, a stiffness K at the motor is N² K at the joint. Records, phasors, H and "
             "files stay at the motor, in SI units.",
         )

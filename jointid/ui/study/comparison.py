@@ -129,7 +129,7 @@ def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
     names = [markdown_escape(name) for name in (other.key, page.key)]
     stated = all(each.study.torque_std is not None for each in (page, other))
     condition = "" if stated else ", if the torque scales are exact"
-    return f"{', compared with '.join(names)}: {changes}, significantly{condition}"
+    return f"{', compared with '.join(names)}: {changes} (significant){condition}"
 
 
 def _change(row: Difference) -> str:

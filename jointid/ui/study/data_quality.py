@@ -28,8 +28,8 @@ from jointid.wording import minus, significant, with_error
 _ROUNDING_S = 1e-9
 """Below a nanosecond, uneven time steps are rounding of the times."""
 HARMONICS = (
-    "Odd harmonics show friction, a hardening gear or backlash; their phases tell friction from the "
-    "gear. Even ones show friction that depends on the direction, or gravity or a one-sided load "
+    "Odd harmonics show friction, a hardening gear or backlash; their phases separate friction from "
+    "the gear. Even ones show friction that depends on the direction, or gravity or a one-sided load "
     "across backlash."
 )
 
@@ -54,7 +54,7 @@ def show_quality(page: Page) -> None:
             "- **Dist.**, distortion: amplitude of the harmonics over that of the sine. "
             "Friction causes it.\n"
             "- **Settl.**, settling: relative difference of the sine between the first quarter "
-            "and the second half. Above 1 % the robot had not settled.\n"
+            "and the second half. Above 1 % the robot has not settled.\n"
             "- **Found**: frequency of the motor's angle; it should equal the stated one.\n"
             "- **Jitter**: largest deviation of a sample time from a uniform grid."
         )

@@ -127,7 +127,7 @@ def show_arm_side(page: Page) -> None:
     )
     robot, model, file = study.robot_model, "", None
     if robot is None:
-        kinds = "URDF, MJCF (.xml) or Denavit-Hartenberg TOML, with gear ratios."
+        kinds = "URDF, MJCF (.xml) or Denavit–Hartenberg TOML, with gear ratios."
         file = st.file_uploader("Robot model", _ROBOT_MODELS, help=kinds)
         if file is None:
             return
@@ -166,7 +166,7 @@ def show_arm_side(page: Page) -> None:
 
 
 def _predicted(page: Page, analysis: Analysis) -> TorquePrediction:
-    doing = "Fitting half of the frequencies, predicting the other"
+    doing = "Fitting half of the frequencies, predicting the others"
     return page.computed("prediction", doing, predict_torques, analysis.fit)
 
 
@@ -190,9 +190,7 @@ def _sentence(prediction: TorquePrediction) -> str:
         "Cross-check: K and D from half of the frequencies predict the gear torques at the others "
         f"to {apart} % (median), {times} × the noise (limit {limit})."
     )
-    doubt = (
-        " The model lacks an effect, or these records show less than the whole fit takes into account."
-    )
+    doubt = " The model lacks an effect, or half of the frequencies do not determine all its parameters."
     return text + doubt * (prediction.misfit > EXPLAINED)
 
 

@@ -230,8 +230,8 @@ def show_motion_plan(page: Page, analysis: Analysis, sines: PlanSettings | None 
         return
     show_text_table(plan_table(plans))
     st.caption(
-        "Relative standard errors. Together: with the records so far, with shared inertias. The peaks "
-        "are those of the simulated motors and contain friction."
+        "Relative standard errors. Together: with the present records and shared inertias. The peaks "
+        "are those of the simulated motors and include friction."
     )
     for plan in plans:
         download(

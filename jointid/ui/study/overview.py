@@ -267,7 +267,9 @@ def _finding(page: Page, analysis: Analysis, finding: Finding, lead: str = "") -
 def freed_note(analysis: Analysis) -> str:
     """Explain "without friction" in a figure's legend, if present."""
     words = removed_effects(analysis)
-    return f' "{words[0].upper()}{words[1:]}": removed from the data as identified.' if words else ""
+    return (
+        f' "{words[0].upper()}{words[1:]}": data with the identified effects removed.' if words else ""
+    )
 
 
 def show_steps() -> None:

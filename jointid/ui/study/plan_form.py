@@ -57,7 +57,7 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
             f"plan_{key}_{digest[:12]}",
             label,
             ", ".join(f"{x:.3g}" for x in largest),
-            f"One per joint, {of}. At first the largest of the study.",
+            f"One per joint, {of}. Default: the largest of the study.",
         )
         for place, key, label, largest, of in (
             (
@@ -259,7 +259,7 @@ def predicted_table(errors: PredictedErrors, analysis: Analysis) -> Table:
     today = analysis.quantities
     return {
         "": [f"{found.name} ({found.unit})" for found in today],
-        "Today": [found.shown[0] for found in today],
+        "Now": [found.shown[0] for found in today],
         "This plan alone": plus_minus(analysis.unit.shown(errors.planned)),
         "Both together": plus_minus(analysis.unit.shown(errors.together)),
     }

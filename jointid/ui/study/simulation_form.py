@@ -50,9 +50,7 @@ _WRONG_HELP = (
     "The given inertias differ from the robot's by this much, each up or down at random; the fit must "
     "correct the inertias."
 )
-_GAIN_HELP = (
-    "1.05: the log shows 5 % more torque than the motors make. One number for all joints, or one each."
-)
+_GAIN_HELP = "1.05: the logged torque is 5 % too large. One number for all joints, or one each."
 _ROBOT = {
     "K": ("Stiffness K (N·m/rad), one per joint", "43, 7.5"),
     "D": ("Damping D (N·m·s/rad)", "0.10, 0.015"),
@@ -63,7 +61,7 @@ _ROBOT = {
         _M2_HELP,
     ),
     "coulomb": ("Coulomb friction (N·m)", "0.02, 0.01", "Constant, opposite to the motion."),
-    "viscous": ("Viscous friction (N·m·s/rad)", "0, 0", "Grows with the velocity."),
+    "viscous": ("Viscous friction (N·m·s/rad)", "0, 0", "Proportional to the velocity."),
 }
 """Label, default and explanation of each text."""
 _EXPERIMENTS: dict[str, tuple[Any, ...]] = {

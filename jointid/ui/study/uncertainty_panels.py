@@ -102,8 +102,8 @@ def show_inertias(analysis: Analysis) -> None:
     cells = zip(*(row.cells for row in analysis.priors), strict=True)
     show_text_table(dict(zip(map(capitalised, PRIOR_HEADER), cells, strict=True)))
     st.caption(
-        "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation σ that the "
-        "study states. Fitted: together with K and D."
+        "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation that the "
+        "study states. Fitted: together with K and D. σ: standard deviation of the less certain value."
     )
     try:
         found = prior_influence(analysis.fit)

@@ -95,7 +95,7 @@ def _scaled(values: Any, about: dict[str, str]) -> tuple[Any, str]:
         return values, f"the channel's {said} are applied, as its values are unscaled integers."
     return values, (
         f"the channel has {said}. The export does not say whether its values include them: they "
-        "are used as exported. Check the size of the motion in the picture."
+        "are used as exported. Check the size of the motion in the figure."
     )
 
 
