@@ -24,7 +24,6 @@ from jointid.answer import (
     model_name,
     without,
 )
-from jointid.estimation.elasticity import Friction
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.exporting import (
     LANGUAGES,
@@ -49,9 +48,10 @@ from jointid.wording import significant
 
 def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
     n = len(K)
-    values = np.array([*K, *[0.1] * n])
+    layout = ParameterLayout.of(n)
+    p, errors = layout.named(layout.pack(K=K, D=[0.1] * n)), layout.named(np.full(2 * n, error))
     return SimpleNamespace(
-        n=n, K=values[:n], D=values[n:], estimate=values, standard_error=np.full(2 * n, error)
+        n=n, K=p.K, D=p.D, estimate=p.vector, standard_error=errors.vector, parameters=p, errors=errors
     )
 
 
@@ -263,8 +263,12 @@ def test_what_nothing_determines_is_said_in_words(study: Study) -> None:
 def test_a_negative_viscous_friction_is_explained(
     study: Study, viscous: tuple[float, float], said: str
 ) -> None:
-    friction = Friction(np.ones(2), np.array(viscous), np.full(4, 0.002))
-    note = friction_note(replace(analyse(study, method="weighted").fit, friction=friction))
+    plain, layout = analyse(study, method="weighted").fit, ParameterLayout.of(2, friction=True)
+    vector = layout.pack(K=plain.K, D=plain.D, viscous=viscous)
+    covariance = np.diag(np.full(layout.size, 0.002**2))
+    note = friction_note(
+        replace(plain, parameters=layout.named(vector), parameter_covariance=covariance)
+    )
     assert said in note
     assert bool(note) == bool(said)
 

@@ -24,6 +24,7 @@ from jointid.analysis import Analysis
 from jointid.arrays import Floats
 from jointid.cut.arm import Drive, PlanarArm, require_two_joints
 from jointid.errors import JointIdError
+from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.gears.gear import Gear
 from jointid.joints import Elasticity, Inertia
 from jointid.wording import with_error
@@ -168,7 +169,7 @@ def reason_unusable(analysis: Analysis) -> str:
     wide = np.flatnonzero(~(error <= _HARDLY_KNOWN * np.abs(value)))
     if wide.size == 0:
         return ""
-    names = [f"{'K' if k < fit.n else 'D'}{k % fit.n + 1}" for k in wide]
+    names = [elasticity_labels(fit.n)[k] for k in wide]
     k = int(wide[0])
     return (
         f"{', '.join(names)} {'is' if wide.size == 1 else 'are'} not known well enough for a path "

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.answer import AT_MOTOR, StiffnessUnit
+from jointid.answer import AT_MOTOR, StiffnessUnit, elasticity_quantities
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.wording import UNDETERMINED, significant
 
 _PARTS = {
@@ -47,8 +46,7 @@ def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> dict[str,
     total = fit.standard_error
     known = np.isfinite(total) & (total > 0)
     parts.sort(key=lambda part: -float(np.max(part.error[known] / total[known], initial=0.0)))
-    names = zip(elasticity_labels(fit.n), unit.units(fit.n), strict=True)
-    columns = {"": [f"{name} ({of})" for name, of in names]}
+    columns = {"": [found.heading for found in elasticity_quantities(fit, unit)]}
     for name, error in (("total error", total), *((part.name, part.error) for part in parts)):
         unknown = UNDETERMINED if error is total else "–"
         sizes = zip(unit.shown(error).tolist(), np.isinf(total), strict=True)

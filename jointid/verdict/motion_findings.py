@@ -102,7 +102,7 @@ def _resting(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
     """Joints that friction holds so long that their own torques hardly show the spring."""
     if fit.friction is None:
         return
-    known = fit.standard_error[: fit.n] / np.abs(fit.K)
+    known = fit.errors.K / np.abs(fit.K)
     joints = np.flatnonzero((shares > _RESTS) & (known > _LOOSELY))
     if joints.size:
         j = int(joints[np.argmax(known[joints])])
