@@ -165,8 +165,8 @@ def with_backlash(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     soft = np.maximum(np.abs(found[0]), _LEAST)
     layout = ParameterLayout.of(n, friction=True, effects=["backlash"])
     values = {"K": 1 / soft, "backlash": 2 * found[1], "D": np.abs(found[2]) / soft}
-    rubs = {"coulomb": np.maximum(found[3], 0.0), "viscous": np.zeros(n)}
-    return layout.named(layout.pack(**values, **rubs))
+    friction = {"coulomb": np.maximum(found[3], 0.0), "viscous": np.zeros(n)}
+    return layout.named(layout.pack(**values, **friction))
 
 
 def without_inertias(phasors: Phasors, prior: InertiaPrior) -> Parameters | None:

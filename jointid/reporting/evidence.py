@@ -120,13 +120,12 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
     )
     below = millimetres(outcome.after_m)
     below = below if below.startswith("under") else f"below {below}"
-    left = (
-        "" if outcome.springs_matter else remaining_error_text(outcome, friction=outcome.robot.friction)
-    )
-    friction = " and friction" if outcome.robot.friction is not None else ""
+    friction = outcome.robot.friction
+    left = "" if outcome.depends_on_elasticity else remaining_error_text(outcome, friction=friction)
     yield Paragraph(
         "The same path, a rectangle of 28 × 45 mm at 300 mm/s, cut before and after. Before: a robot "
-        f"with the identified springs{friction}, whose servo {servo}. After: the servo assumes the "
+        f"with the identified springs{' and friction' * (friction is not None)}, whose servo {servo}. "
+        "After: the servo assumes the "
         "identified values, "
         + (
             "and those of the robot are drawn from their uncertainty: of "

@@ -100,7 +100,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         yield Paragraph(
             f"Simulated path error of {robot_text(outcome.robot)}, as in Figure 7 of the paper: "
             f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after "
-            f"({outcome.which}). {outcome.not_better if outcome.springs_matter else ''}".rstrip()
+            f"({outcome.which}). {outcome.not_better if outcome.depends_on_elasticity else ''}".rstrip()
         )
     caption = f"Parts of the standard errors by cause, {analysis.unit.side}."
     yield Table.of(error_table(fit, analysis.unit), caption)

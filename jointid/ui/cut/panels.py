@@ -78,7 +78,7 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
         "Path error: largest simulated distance of the tool from the reference path.\n"
         f"- **Before, {before}**: {_robot(outcome.robot)} {_servo(outcome)}\n"
         f"- **After, {after}**: the servo assumes the identified values. "
-        f"{promise(outcome, settings.servo, settings.friction)}\n"
+        f"{accuracy_text(outcome, settings.servo, settings.friction)}\n"
         f"- **Both**: {_conditions(settings)}"
     )
     if outcome.before.torque_limit_hit or outcome.after.torque_limit_hit:
@@ -114,11 +114,11 @@ def _springs(elasticity: Elasticity) -> str:
     return f"K = {_three(elasticity.K)} N·m/rad, D = {_three(elasticity.D)} N·m·s/rad"
 
 
-def promise(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str:
+def accuracy_text(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str:
     """Explain the path error after the identification."""
     if outcome.distribution is None:
         return "The robot has exactly the identified springs; their error is not known."
-    if not outcome.springs_matter:
+    if not outcome.depends_on_elasticity:
         text = remaining_error_text(outcome, servo, friction)
         return f"{text} The page Cut, tab Accuracy of K, shows the cost of an error of K."
     return (
@@ -244,7 +244,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 )
             st.caption(
                 "A rectangle of 28 × 45 mm with corner zones of 10 mm at 300 mm/s, cut by "
-                f"{arm}. {promise(outcome, TYPICAL_SERVO, of.friction)}"
+                f"{arm}. {accuracy_text(outcome, TYPICAL_SERVO, of.friction)}"
                 + " Both simulations include the identified friction."
                 * bool(of.friction)
             )
