@@ -139,6 +139,15 @@ def test_torques_that_explain_part_of_the_motion_give_no_band() -> None:
     assert float(spacing) == 1.2
 
 
+def test_torques_that_follow_the_noise_of_the_encoder_give_no_band() -> None:
+    """Coherent at all frequencies, but no motion."""
+    noise = rng(19).normal(size=(4002, 1))
+    following = record(noise[1:-1], np.diff(noise, 2, axis=0))
+    assert np.median(coherence(following).coherence) > 0.99
+    with pytest.raises(JointIdError, match="with a motion above the noise"):
+        coherent_band(following)
+
+
 def test_fewer_than_five_lines_are_no_band() -> None:
     with pytest.raises(JointIdError, match="not coherent"):
         coherent_band(moved(banded(84.0, 95.0, 1e-3, 17)))  # three lines below the highest
@@ -151,11 +160,15 @@ EVEN, ODD = np.array([4, 6, 8, 10, 12, 14]), np.array([7, 13])
 
 
 def multisine(
-    excited: np.ndarray = EXCITED, periods: float = REPEATS, between: float = 0.0, **sizes: np.ndarray
+    excited: np.ndarray = EXCITED,
+    periods: float = REPEATS,
+    between: float = 0.0,
+    share: tuple[float, ...] = (1.0,) * 5,
+    **sizes: float,
 ) -> np.ndarray:
     """Lines of a period with amplitudes that grow by channel, and one tone between them: (N, 4)."""
     phase = 2 * np.pi * np.arange(round(periods * PERIOD))[:, None] / PERIOD
-    lines = {int(k): 1 / k**2 for k in excited}
+    lines = {int(k): a / k**2 for k, a in zip(excited, share, strict=False)}
     for name, orders in (("even", EVEN), ("odd", ODD)):
         lines |= {int(k): sizes.get(name, 0.0) for k in orders if int(k) not in lines}
     wave = sum(size * np.sin(k * phase + k**2) for k, size in lines.items())
@@ -194,6 +207,16 @@ def test_a_joint_at_rest_has_no_part_in_the_choice_of_lines() -> None:
     signals = multisine(even=1e-4, odd=2e-4)
     signals[:, 1] *= 1e-6
     np.testing.assert_allclose(levels(signals)[1], levels(multisine(even=1e-4))[1], rtol=1e-6)
+
+
+def test_a_weak_line_is_excited_from_a_tenth_of_the_usual_ones_on() -> None:
+    """By its acceleration; a weaker one is distortion."""
+    share = (1.0, 0.5, 0.5, 0.5, 0.08)
+    size = np.sqrt(np.mean((np.array(share) / EXCITED**2) ** 2))
+    np.testing.assert_allclose(levels(multisine(odd=2e-4, share=share))[2], 2e-4 / size, rtol=1e-9)
+    found = levels(multisine(share=(1.0, 0.5, 0.02, 0.5, 0.5)))[2]
+    size = np.sqrt(np.mean((np.array([1.0, 0.5, 0.5, 0.5]) / EXCITED[[0, 1, 3, 4]] ** 2) ** 2))
+    np.testing.assert_allclose(found, 0.02 / 81 / np.sqrt(3) / size, rtol=1e-9)
 
 
 def test_two_periods_are_enough_and_less_are_not() -> None:

@@ -1,6 +1,5 @@
 """Panels of the page Cut, and its summary for the first screen."""
 
-from collections.abc import Iterable
 from html import escape
 
 import streamlit as st
@@ -18,7 +17,7 @@ from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.messages import show_note, show_text_table, show_warning
 from jointid.ui.shared.method_steps import CUT
 from jointid.ui.shared.page import Page
-from jointid.wording import counted, significant, unbroken
+from jointid.wording import counted, three_digits, unbroken
 
 
 def show_rule(robot: CutRobot) -> None:
@@ -92,7 +91,7 @@ def _robot(robot: CutRobot) -> str:
         return f"the example arm with the paper's springs, {springs}."
     if robot.rule != "relative":
         return f"a robot with the identified springs, {springs}."
-    own, factor = robot.of_the_study(robot.elasticity), _three(robot.scale)
+    own, factor = robot.of_the_study(robot.elasticity), three_digits(robot.scale)
     return (
         f"the example arm with the identified springs scaled by {factor}: {springs}, where this study's "
         f"robot has {_springs(own)}."
@@ -111,7 +110,7 @@ def _servo(outcome: Outcome) -> str:
 
 
 def _springs(elasticity: Elasticity) -> str:
-    return f"K = {_three(elasticity.K)} N·m/rad, D = {_three(elasticity.D)} N·m·s/rad"
+    return f"K = {three_digits(elasticity.K)} N·m/rad, D = {three_digits(elasticity.D)} N·m·s/rad"
 
 
 def accuracy_text(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str:
@@ -135,20 +134,16 @@ def _conditions(settings: CutSettings) -> str:
     text = f"a controller of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}; "
     if settings.friction is None:
         return text + "motors without friction."
-    text += f"motors with a Coulomb friction of {_three(settings.friction.coulomb)} N·m. The servo "
-    if settings.compensated:
-        return text + "compensates it."
-    return text + "does not compensate it, which adds to the error."
+    servo = "compensates it"
+    if not settings.compensated:
+        servo = "does not compensate it, which adds to the error"
+    coulomb = three_digits(settings.friction.coulomb)
+    return f"{text}motors with a Coulomb friction of {coulomb} N·m. The servo {servo}."
 
 
 def _below(length_m: float) -> str:
     text = millimetres(length_m)
     return text if text.startswith("under") else f"below {text}"
-
-
-def _three(values: Iterable[float]) -> str:
-    """Values with three digits."""
-    return ", ".join(significant(float(value), 3) for value in values)
 
 
 def show_assumptions() -> None:
