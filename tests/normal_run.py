@@ -73,6 +73,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_gears.py": {
         "test_play_is_not_taken_for_slopes": ("2",),
+        "test_several_laws_are_reached_through_models_that_are_far_off": (),
         "test_simulated_records_obey_their_law": ("backlash",),
         "test_the_cut_agrees_with_an_independent_integration": ("parallelogram-hysteresis",),
     },
@@ -137,7 +138,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_a_long_study_is_analysed_like_another": (),
     },
     "test_motion.py": {
-        "test_a_delay_turns_the_images_of_the_torque": ("changed[12]",),
+        "test_a_delay_turns_the_images_of_the_torque": ("changed1",),
         "test_an_initial_state_does_not_change_the_answer": (),
         "test_errors_hold_rounding_that_repeats": (),
         "test_friction_is_chosen_by_itself": (),
@@ -237,7 +238,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_factor_of_one_record_is_named": ("1-87.0*",),
         "test_inertias_of_another_drive_are_a_finding": (),
         "test_one_record_in_degrees_is_named_and_no_inertia_blamed": (),
-        "test_what_is_wrong_in_every_record_accuses_none": ("six-0.8",),
+        "test_what_is_wrong_in_every_record_accuses_none": ("sound-0.97",),
         "test_wrong_scale_comes_first_and_hides_what_follows_from_it": ("*-weighted",),
     },
     "test_wheel.py": {
