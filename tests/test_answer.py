@@ -180,7 +180,7 @@ def test_one_that_needs_care_says_why(study: Study) -> None:
 def test_the_parts_add_up_to_the_whole_error(study: Study) -> None:
     for std, method in ((0.05, "auto"), (0.3, "weighted"), (0.0, "least-squares")):
         found = analyse(replace(study, inertia_std=std, torque_std=0.02), method=method).fit
-        total = sum(np.square(part.error) for part in error_parts(found))
+        total = sum(np.square(error) for error in error_parts(found).values())
         assert total == pytest.approx(np.square(found.standard_error))
 
 

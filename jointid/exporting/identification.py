@@ -72,7 +72,7 @@ def to_document(analysis: Analysis) -> dict[str, Any]:
         ),
         "units": _UNITS,
         "undetermined": dict.fromkeys(names, f"{UNDETERMINED} by these records"),
-        "error_parts": {part.key: part.error for part in error_parts(fit)},
+        "error_parts": error_parts(fit),
         "friction": fit.friction and vars(fit.friction),
         "delay": _stated(delay),
         "effects": {
