@@ -71,10 +71,6 @@ class StiffnessUnit:
         """Side of the gear at which K and D are given."""
         return "seen from the motor" if self.gear_ratio is None else "at the joint"
 
-    def units(self, n: int) -> list[str]:
-        """Unit of K of n joints, then of their D."""
-        return [f"N·m/{self.angle}"] * n + ["N·m·s/rad"] * n
-
     def shown(self, estimate: ArrayLike) -> Floats:
         """Convert K1 ... Kn, D1 ... Dn or their errors, shape (2n,), from N·m/rad at the motor."""
         values = np.asarray(estimate, float)
@@ -116,14 +112,10 @@ AT_MOTOR = StiffnessUnit()
 def elasticity_quantities(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[Quantity, ...]:
     """K1 ... Kn and D1 ... Dn with the total standard error."""
     table = quantities(fit)
-    shown = zip(
-        (*table["K"], *table["D"]),
-        unit.shown(fit.estimate).tolist(),
-        unit.shown(fit.standard_error).tolist(),
-        unit.units(fit.n),
-        strict=True,
-    )
-    return tuple(replace(q, value=value, error=error, unit=of) for q, value, error, of in shown)
+    values, errors = unit.shown(fit.estimate).tolist(), unit.shown(fit.standard_error).tolist()
+    stiffness = [replace(q, unit=f"N·m/{unit.angle}") for q in table["K"]]
+    found = (*stiffness, *table["D"])
+    return tuple(replace(q, value=values[q.place], error=errors[q.place]) for q in found)
 
 
 def further_quantities(fit: ElasticityFit) -> tuple[Quantity, ...]:

@@ -109,10 +109,6 @@ class CutRobot:
         """Description of the robot that cuts."""
         return RULES[self.rule].format(drive=self.arm.drive)
 
-    def on_this_arm(self, elasticity: Elasticity) -> Elasticity:
-        """Scale values of the study to this arm."""
-        return _scaled(elasticity, np.array(self.scale))
-
     def of_the_study(self, elasticity: Elasticity) -> Elasticity:
         """Scale values of this arm to the study."""
         return _scaled(elasticity, 1 / np.array(self.scale))
@@ -200,7 +196,7 @@ def assumed_elasticity(
         what = "[nominal] of the study" if assumption == "study" else "custom"
         raise JointIdError(f"{what} gives no K and D: add them, or choose another nominal controller.")
     require_two_joints(chosen, "nominal controller")
-    return robot.on_this_arm(chosen) if assumption == "custom" else chosen
+    return _scaled(chosen, np.array(robot.scale)) if assumption == "custom" else chosen
 
 
 def _matching_drive(inertias: list[Inertia]) -> Drive | None:
