@@ -451,7 +451,7 @@ def test_play_is_not_taken_for_slopes(seed: int) -> None:
         inertia,
         Elasticity([36, 9.5], [0.08, 0.02]),
         np.geomspace(3, 28, tries(8, long=12)).tolist(),
-        excitation=Excitation(periods=tries(6.5, long=12.5)),
+        excitation=Excitation(periods=tries(6.5, long=None)),
         gears=[Gear(K=K, backlash_rad=b) for K, b in zip((36, 9.5), play, strict=True)],
         measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.03, 0.015]),
         seed=seed,
