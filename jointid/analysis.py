@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from jointid.answer import AT_MOTOR, Quantity, StiffnessUnit, answer_sentence, elasticity_quantities
+from jointid.answer import AT_MOTOR, StiffnessUnit, answer_sentence, elasticity_quantities
 from jointid.arm_side.fit import ArmSideFit
 from jointid.arm_side.identify import identify_arm_side
 from jointid.arrays import Floats
@@ -18,6 +18,7 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.identify_elasticity import identify_each, require_method
 from jointid.estimation.identify_motion import identify_motion
+from jointid.estimation.quantities import Quantity
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors, extract_phasors, no_phasors
 from jointid.records import require_torques
@@ -93,7 +94,7 @@ class Analysis:
         found = [elasticity_quantities(fit, self.unit) for fit in fits.values()]
         for k, same in enumerate(zip(*found, strict=True)):
             given = [] if self.nominal is None else [plain(float(f"{self.nominal[k]:.5g}"))]
-            columns[f"{same[0].name} ({same[0].unit})"] = [*(each.shown[0] for each in same), *given]
+            columns[same[0].heading] = [*(each.shown[0] for each in same), *given]
         residuals = [significant(float(np.sqrt(fit.misfit)), 2) for fit in fits.values()]
         return columns | {"Residual / noise": residuals + ["–" for _ in last]}
 

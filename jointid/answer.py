@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.estimators.parameters import EFFECTS, elasticity_labels
+from jointid.estimation.estimators.parameters import EFFECTS
+from jointid.estimation.quantities import Quantity, quantities
 from jointid.joints import Elasticity
 from jointid.wording import capitalised, decimal_place, enumerated, listed, significant, with_error
 
@@ -28,13 +29,9 @@ UNSTATED_TORQUE_SCALE = (
     "The torque scale is not stated: K, D and the inertias hold if the torque constants are exact. If "
     "they are known to 2 %, set std = 0.02 under [torque] in study.toml or in the inertia file."
 )
-UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
-"""Unit of each quantity."""
 ERROR_BARS = "± is one standard error from all causes."
-EFFECT_PARAMETERS = {
-    name: text for effect in EFFECTS.values() for name, text in effect.parameters.items()
-}
-"""Label and unit of every parameter of the effects."""
+_ELSEWHERE = ("K", "D", "curve", "M", "M2", "torque_scale")
+"""Quantities with tables of their own, and a curve whose numbers mean nothing one by one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +71,6 @@ class StiffnessUnit:
         """Side of the gear at which K and D are given."""
         return "seen from the motor" if self.gear_ratio is None else "at the joint"
 
-    def units(self, n: int) -> list[str]:
-        """Unit of K of n joints, then of their D."""
-        return [f"N·m/{self.angle}"] * n + ["N·m·s/rad"] * n
-
     def shown(self, estimate: ArrayLike) -> Floats:
         """Convert K1 ... Kn, D1 ... Dn or their errors, shape (2n,), from N·m/rad at the motor."""
         values = np.asarray(estimate, float)
@@ -116,56 +109,31 @@ STIFFNESS_UNITS = {
 AT_MOTOR = StiffnessUnit()
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A fitted number with its standard error."""
-
-    name: str
-    value: float
-    error: float
-    unit: str
-
-    @property
-    def shown(self) -> tuple[str, str]:
-        """The value ± its error, and their unit; times in milliseconds."""
-        scale, unit = (1e3, "ms") if self.unit == "s" else (1.0, self.unit)
-        return with_error(scale * self.value, scale * self.error), unit
-
-
 def elasticity_quantities(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[Quantity, ...]:
     """K1 ... Kn and D1 ... Dn with the total standard error."""
-    values = (unit.shown(fit.estimate), unit.shown(fit.standard_error))
-    return _quantities(elasticity_labels(fit.n), *values, unit.units(fit.n))
+    table = quantities(fit)
+    values, errors = unit.shown(fit.estimate).tolist(), unit.shown(fit.standard_error).tolist()
+    stiffness = [replace(q, unit=f"N·m/{unit.angle}") for q in table["K"]]
+    found = (*stiffness, *table["D"])
+    return tuple(replace(q, value=values[q.place], error=errors[q.place]) for q in found)
 
 
 def further_quantities(fit: ElasticityFit) -> tuple[Quantity, ...]:
     """Friction, delay and effects that were fitted together with K and D."""
-    found: list[Quantity] = []
-    if (friction := fit.friction) is not None:
-        names = _of_joints("Coulomb friction", fit.n) + _of_joints("viscous friction", fit.n)
-        values = np.concatenate([friction.coulomb, friction.viscous])
-        units = ["N·m"] * fit.n + ["N·m·s/rad"] * fit.n
-        found += _quantities(names, values, friction.standard_error, units)
-    if fit.delay is not None:
-        found.append(Quantity("torque delay", fit.delay, fit.delay_error or 0.0, "s"))
-    for name, (values, errors) in effect_values(fit).items():
-        label, unit = EFFECT_PARAMETERS[name]
-        found += _quantities(_of_joints(label, fit.n), values, errors, [unit] * fit.n)
-    return tuple(found)
+    table = quantities(fit).items()
+    return tuple(quantity for kind, found in table if kind not in _ELSEWHERE for quantity in found)
 
 
 def friction_note(fit: ElasticityFit) -> str:
     """Meaning of a negative viscous friction; empty without one."""
-    if fit.friction is None:
-        return ""
-    viscous, error = fit.friction.viscous, fit.friction.standard_error[fit.n :]
-    negative = [f"joint {j + 1}" for j in np.flatnonzero(viscous < 0)]
+    negative = [found for found in quantities(fit).get("viscous", ()) if found.value < 0]
     if not negative:
         return ""
-    if np.all(viscous > -_AGREEING * error):
-        return f"The negative viscous friction of {enumerated(negative)} agrees with 0."
+    joints = enumerated([f"joint {found.joints[0]}" for found in negative])
+    if all(found.value > -_AGREEING * found.error for found in negative):
+        return f"The negative viscous friction of {joints} agrees with 0."
     return (
-        f"The viscous friction of {enumerated(negative)} is negative: friction falls with speed "
+        f"The viscous friction of {joints} is negative: friction falls with speed "
         "(Stribeck effect), or another loss is attributed to it. It holds at the measured speeds only."
     )
 
@@ -186,7 +154,7 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
     largest = torques(gear.tried_Nm, digits=2) if gear.tried_Nm else "–"
     terms = {"Law": " + ".join(gear.laws), "Largest torque": largest}
     small = "K outside the backlash" if gear.backlash_rad else "K at small torque"
-    K, error = scale.stiffness * gear.K, scale.stiffness * float(fit.standard_error[joint])
+    K, error = scale.stiffness * gear.K, scale.stiffness * float(fit.errors.K[joint])
     terms[small] = f"{with_error(K, error)} {scale.unit}"
     if gear.kind in ("hardening", "piecewise"):
         edge = gear.tried_rad
@@ -211,24 +179,6 @@ def gear_text(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) ->
     terms = gear_terms(fit, joint, unit).items()
     parts = [f"{name if name[0] in 'KT' else name.lower()} {value}" for name, value in terms]
     return f"Joint {joint + 1}: {'; '.join(parts)}"
-
-
-def effect_values(fit: ElasticityFit) -> dict[str, tuple[Floats, Floats]]:
-    """Values and standard errors, each shape (n,), of fitted effects, by names of their parameters."""
-    layout, p = fit.parameters.layout, fit.parameters
-    error = np.sqrt(np.diag(fit.parameter_covariance))
-    return {name: (p[name], error[layout[name]]) for name in EFFECT_PARAMETERS if name in layout}
-
-
-def _quantities(
-    names: Sequence[str], values: Floats, errors: Floats, units: Sequence[str]
-) -> tuple[Quantity, ...]:
-    rows = zip(names, values.tolist(), errors.tolist(), units, strict=True)
-    return tuple(Quantity(*row) for row in rows)
-
-
-def _of_joints(name: str, n: int) -> list[str]:
-    return [f"{name} {j + 1}" for j in range(n)]
 
 
 def model_name(fit: ElasticityFit) -> str:
@@ -262,12 +212,12 @@ def answer_sentence(
     ``nominal`` holds K and D in the controller at present; ``torque_stated`` is whether the uncertainty
     of the torque scale is part of the errors. If not, the sentence says so.
     """
-    unknown = [j for j in range(fit.n) if not fit.K[j] > _AGREEING * fit.standard_error[j]]
-    if unknown:
+    unknown = np.flatnonzero(~(fit.K > _AGREEING * fit.errors.K))
+    if unknown.size:
         which = enumerated([f"joint {j + 1}" for j in unknown])
         return f"These records do not determine the stiffness of {which}: see the findings."
     condition = "" if torque_stated else ", if the torque scale is exact"
-    undetermined = [f"D{j + 1}" for j in range(fit.n) if np.isinf(fit.standard_error[fit.n + j])]
+    undetermined = [f"D{j + 1}" for j in np.flatnonzero(np.isinf(fit.errors.D))]
     tail = f" These records do not determine {enumerated(undetermined)}." if undetermined else ""
     return f"{_stiffnesses(fit, nominal, unit)}{condition}.{tail}"
 
@@ -320,7 +270,7 @@ def _grouped(differences: Sequence[tuple[str, str, float]]) -> str:
 def _difference(fit: ElasticityFit, nominal: Elasticity, j: int) -> tuple[str, str, float]:
     """Kind of the difference of a stiffness from the nominal one, its size in words, its size."""
     ratio = float(fit.K[j] / nominal.K[j])
-    error = float(fit.standard_error[j] / nominal.K[j])
+    error = float(fit.errors.K[j] / nominal.K[j])
     if abs(ratio - 1) <= max(_AGREEMENT, _AGREEING * error):
         return "has its nominal stiffness", "", 0.0
     if _PER_CENT[0] < ratio < _PER_CENT[1]:

@@ -105,6 +105,11 @@ def significant(value: float, digits: int = 4) -> str:
     return minus(f"{mantissa}×10{str(exponent).translate(_SUPERSCRIPTS)}")
 
 
+def three_digits(values: Iterable[float]) -> str:
+    """Return numbers with three significant digits and commas between them."""
+    return ", ".join(significant(float(value), 3) for value in values)
+
+
 def percent(share: float) -> str:
     """Return a relative error in per cent with two digits."""
     return f"{significant(100 * share, 2)} %" if math.isfinite(share) else UNDETERMINED

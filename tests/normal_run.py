@@ -27,6 +27,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_energy_and_angular_momentum_are_kept": ("parallelogram",),
     },
     "test_arm_side.py": {
+        "test_a_wrong_torque_constant_does_not_change_the_payload": (),
         "test_jitter_of_the_clock_is_resampled": (),
     },
     "test_benchmarks.py": {
@@ -72,7 +73,9 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_what_is_interrupted_goes_on_where_it_stopped": (),
     },
     "test_gears.py": {
+        "test_hardening_is_found_beside_a_gear_too_stiff_to_be_known": (),
         "test_play_is_not_taken_for_slopes": ("2",),
+        "test_several_laws_are_reached_through_models_that_are_far_off": (),
         "test_simulated_records_obey_their_law": ("backlash",),
         "test_the_cut_agrees_with_an_independent_integration": ("parallelogram-hysteresis",),
     },
@@ -97,6 +100,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_what_is_no_log_is_said_and_the_others_open": ("",),
     },
     "test_import_readers.py": {
+        "test_a_zip_bomb_of_arrays_is_refused": (),
         "test_each_kind_of_log_gives_k_and_d": ("log73.mat", "log.xlsx", "bag.mcap"),
     },
     "test_import_roles.py": {
@@ -128,6 +132,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_another_beginning_is_found_also_where_the_model_does_not_fit_well": (),
         "test_any_law_of_friction_leaves_the_answer": ("Stribeck*",),
         "test_friction_and_delay_together": (),
+        "test_friction_turns_with_the_motor_not_with_its_filtered_position": (),
         "test_parts_that_are_demanded_are_fitted_also_where_there_are_none": (
             "False-*-maximum-likelihood", "True-True-True-auto",
         ),
@@ -137,11 +142,12 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_a_long_study_is_analysed_like_another": (),
     },
     "test_motion.py": {
-        "test_a_delay_turns_the_images_of_the_torque": ("changed[12]",),
+        "test_a_delay_turns_the_images_of_the_torque": ("changed1",),
         "test_an_initial_state_does_not_change_the_answer": (),
         "test_errors_hold_rounding_that_repeats": (),
         "test_friction_is_chosen_by_itself": (),
         "test_inertias_need_not_be_known": (),
+        "test_joints_that_move_in_turn_with_friction": (),
         "test_motions_of_two_joints": ("None-moves", "None-sweep", "inf-random"),
         "test_without_noise_k_and_d_are_exact": ("1000.0*",),
     },
@@ -182,6 +188,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_samples.py": {
         "test_the_failed_study_names_its_cause_and_the_remedy_mends_it": (),
+        "test_the_fleet_has_a_soft_joint_and_one_that_wears": (),
     },
     "test_sensor_steps.py": {
         "test_rounding_of_slow_and_sticking_motion_is_claimed": ("67.0-*",),
@@ -233,11 +240,11 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_verdict.py": {
         "test_exchanged_joints_and_units_that_inertias_absorb": ("sound*", "<lambda>-inertia4*"),
-        "test_friction_does_not_hide_exchanged_or_reversed_axes": ("given0*0.0", "given[12]*0.05"),
+        "test_friction_does_not_hide_exchanged_or_reversed_axes": ("given[12]*0.05",),
         "test_factor_of_one_record_is_named": ("1-87.0*",),
         "test_inertias_of_another_drive_are_a_finding": (),
         "test_one_record_in_degrees_is_named_and_no_inertia_blamed": (),
-        "test_what_is_wrong_in_every_record_accuses_none": ("six-0.8",),
+        "test_what_is_wrong_in_every_record_accuses_none": ("sound-0.97",),
         "test_wrong_scale_comes_first_and_hides_what_follows_from_it": ("*-weighted",),
     },
     "test_wheel.py": {
@@ -247,7 +254,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_whole_error.py": {
         "test_links_far_above_the_band_widen_the_errors": (),
-        "test_play_and_hysteresis_are_found_together": ("0.02-*",),
+        "test_play_and_hysteresis_are_found_together": (),
         "test_tables_have_their_columns": (),
         "test_wrong_inertias_cost_little": ("paper*", "Manutec*"),
     },

@@ -24,8 +24,8 @@ from jointid.answer import (
     model_name,
     without,
 )
-from jointid.estimation.elasticity import Friction
-from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.estimation.estimators.parameters import EFFECTS, PARAMETERS, ParameterLayout
+from jointid.estimation.quantities import quantities
 from jointid.exporting import (
     LANGUAGES,
     code_listing,
@@ -49,9 +49,10 @@ from jointid.wording import significant
 
 def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
     n = len(K)
-    values = np.array([*K, *[0.1] * n])
+    layout = ParameterLayout.of(n)
+    p, errors = layout.named(layout.pack(K=K, D=[0.1] * n)), layout.named(np.full(2 * n, error))
     return SimpleNamespace(
-        n=n, K=values[:n], D=values[n:], estimate=values, standard_error=np.full(2 * n, error)
+        n=n, K=p.K, D=p.D, estimate=p.vector, standard_error=errors.vector, parameters=p, errors=errors
     )
 
 
@@ -179,7 +180,7 @@ def test_one_that_needs_care_says_why(study: Study) -> None:
 def test_the_parts_add_up_to_the_whole_error(study: Study) -> None:
     for std, method in ((0.05, "auto"), (0.3, "weighted"), (0.0, "least-squares")):
         found = analyse(replace(study, inertia_std=std, torque_std=0.02), method=method).fit
-        total = sum(np.square(part.error) for part in error_parts(found))
+        total = sum(np.square(error) for error in error_parts(found).values())
         assert total == pytest.approx(np.square(found.standard_error))
 
 
@@ -263,10 +264,48 @@ def test_what_nothing_determines_is_said_in_words(study: Study) -> None:
 def test_a_negative_viscous_friction_is_explained(
     study: Study, viscous: tuple[float, float], said: str
 ) -> None:
-    friction = Friction(np.ones(2), np.array(viscous), np.full(4, 0.002))
-    note = friction_note(replace(analyse(study, method="weighted").fit, friction=friction))
+    plain, layout = analyse(study, method="weighted").fit, ParameterLayout.of(2, friction=True)
+    vector = layout.pack(K=plain.K, D=plain.D, viscous=viscous)
+    covariance = np.diag(np.full(layout.size, 0.002**2))
+    note = friction_note(
+        replace(plain, parameters=layout.named(vector), parameter_covariance=covariance)
+    )
     assert said in note
     assert bool(note) == bool(said)
+
+
+def test_one_table_holds_every_fitted_number_with_its_place(study: Study) -> None:
+    layout = ParameterLayout.of(
+        2,
+        friction=True,
+        curve_parts=3,
+        delay=True,
+        effects=[*EFFECTS],
+        rotors=2,
+        arms=1,
+        torque_scale=True,
+    )
+    plain, vector = analyse(study, method="weighted").fit, np.arange(1.0, layout.size + 1)
+    vector[:4] = plain.estimate
+    found = replace(plain, parameters=layout.named(vector), parameter_covariance=np.diag(vector**2))
+    table = quantities(found)
+    rows = [quantity for of_one in table.values() for quantity in of_one]
+    assert [row.place for row in rows] == list(range(layout.size))
+    assert [row.name for row in rows] == list(layout.labels)
+    assert len({row.name for row in rows}) == layout.size
+    assert table.keys() == PARAMETERS.keys() == {row.parameter for row in rows}
+    assert [row.value for row in rows] == vector.tolist()
+    np.testing.assert_array_equal([row.error for row in rows[:4]], found.standard_error)
+    assert [row.error for row in rows[4:]] == vector[4:].tolist()
+    assert all(row.unit == PARAMETERS[row.parameter].unit for row in rows)
+    assert table["D"][1].heading == "D2 (N·m·s/rad)"
+    assert table["D"][1].meaning == "damping of joint 2"
+    assert table["delay"][0].meaning == "torque delay"
+    assert [row.joints for row in table["M2"]] == [(1, 1), (2, 1), (2, 2)]
+    assert [row.name for row in table["M"]][2:] == ["J_m1, pose 2", "J_m2, pose 2"]
+    assert [row.joints for row in table["curve"]] == [(1,)] * 3 + [(2,)] * 3
+    shown = {quantity.parameter for quantity in further_quantities(found)}
+    assert shown == table.keys() - {"K", "D", "curve", "M", "M2", "torque_scale"}
 
 
 def test_effects_are_named_with_their_values(study: Study) -> None:

@@ -39,7 +39,6 @@ from jointid.exporting import (
     modelica_table,
     mujoco_snippet,
     phasor_table,
-    scipy_state_space,
     sdf_snippet,
     state_space,
     to_json,
@@ -203,7 +202,7 @@ def response(A: Any, B: Any, C: Any, D: Any, s: complex) -> np.ndarray:
 @pytest.mark.parametrize("n", ROBOTS)
 def test_the_state_space_answers_as_the_robot(n: int) -> None:
     inertia, elasticity = ROBOTS[n]
-    model = scipy_state_space(inertia, elasticity)
+    model = state_space(inertia, elasticity)
     H = motor_response(OMEGA, inertia, elasticity)
     for k, omega in enumerate(OMEGA):
         found = response(model.A, model.B, model.C, model.D, 1j * omega)

@@ -70,17 +70,14 @@ WORN = {
     "beside a stiff gear": replace(
         PAPER, K=[43.0, 2000.0], D=[0.10, 0.25], hysteresis_Nm=[0.08, 0.0], hysteresis_rad=0.003
     ),
-    "friction": replace(
-        PAPER, coulomb=[0.2, 0.05], viscous=[2e-3, 4e-4], backlash_rad=[0.01, 0.02], cubic=[9000.0, 0.0]
-    ),
 }
+MOTIONS = {"noise": 0.003, "periods": 4.5}
 
 
 @cache
 def measured() -> dict[str, Phasors]:
     """Phasors of the worn robots, which are integrated side by side."""
-    motions = {"noise": 0.003, "periods": 4.5}
-    logs = simulate([(robot, paper_motions(robot, BAND, **motions)) for robot in WORN.values()])
+    logs = simulate([(robot, paper_motions(robot, BAND, **MOTIONS)) for robot in WORN.values()])
     return {name: extract_phasors(records) for name, records in zip(WORN, logs, strict=True)}
 
 
@@ -320,7 +317,11 @@ def test_hysteresis_is_found_beside_much_hardening() -> None:
 
 def test_several_laws_are_reached_through_models_that_are_far_off() -> None:
     """Beside friction, neither hardening nor play alone brings the fit near the data."""
-    fit = identify_elasticity(measured()["friction"], INERTIA)
+    rubbing = replace(
+        PAPER, coulomb=[0.2, 0.05], viscous=[2e-3, 4e-4], backlash_rad=[0.01, 0.02], cubic=[9000.0, 0.0]
+    )
+    (records,) = simulate([(rubbing, paper_motions(rubbing, BAND, **MOTIONS))])
+    fit = identify_elasticity(extract_phasors(records), INERTIA)
     assert [set(gear.laws) for gear in fit.gears] == [{"hardening", "backlash"}, {"backlash"}]
     np.testing.assert_allclose(fit.K, PAPER.K, rtol=2e-3)
 
@@ -450,6 +451,7 @@ def test_play_is_not_taken_for_slopes(seed: int) -> None:
         inertia,
         Elasticity([36, 9.5], [0.08, 0.02]),
         np.geomspace(3, 28, tries(8, long=12)).tolist(),
+        excitation=Excitation(periods=tries(6.5, long=None)),
         gears=[Gear(K=K, backlash_rad=b) for K, b in zip((36, 9.5), play, strict=True)],
         measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.03, 0.015]),
         seed=seed,

@@ -18,7 +18,7 @@ from jointid.importing import (
     segment_records,
     study_from_logs,
 )
-from jointid.importing.find.segment import lines_worth
+from jointid.importing.find.segment import significant_lines
 
 
 def several(lines: list[float], seconds: float, seed: int, rest_s: float = 0.5) -> Run:
@@ -154,7 +154,7 @@ def test_weak_lines_count_by_their_torque() -> None:
     hz = np.array([2.0, 7.3, 23.0])
     waves = np.sin(2 * np.pi * np.outer(time, hz))
     theta, tau = waves @ (1 / hz**2), waves @ [1.0, 1.0, 1.0]
-    assert lines_worth(time, theta[:, None], tau[:, None], hz) == hz.tolist()
+    assert significant_lines(time, theta[:, None], tau[:, None], hz) == hz.tolist()
 
 
 def test_rests_of_both_patterns_and_a_single_sine_between() -> None:

@@ -202,13 +202,13 @@ class TestThePromise:
         drawn = rough.distribution.max_contour_error_m
         assert rough.spread_m == pytest.approx(np.percentile(drawn, 95) - np.percentile(drawn, 5))
         assert rough.spread_m < 0.01 * rough.after_m
-        assert not rough.springs_matter
+        assert not rough.depends_on_elasticity
         uncertain = cut_outcome(robot(0.02), PATH, None, samples=30)
         assert uncertain.spread_m > 0.1 * uncertain.after_m
-        assert uncertain.springs_matter
+        assert uncertain.depends_on_elasticity
         unknown = cut_outcome(robot(5.0), PATH, None)
         assert np.isnan(unknown.spread_m)
-        assert unknown.springs_matter
+        assert unknown.depends_on_elasticity
         assert not unknown.not_better
 
     def test_a_result_that_is_not_better_says_so(self) -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from plants import BAND_HZ, PAPER, SERIAL, campaign, motion, steady_records
 
 from jointid import JointIdError, SineRecord, extract_phasors
+from jointid.phasors.extract import Phasors, no_phasors
 
 
 def sine(
@@ -279,3 +280,16 @@ def test_wrong_records_are_refused() -> None:
     for harmonics in (0, -1, 2.5, "three"):
         with pytest.raises(JointIdError, match="harmonics"):
             extract_phasors([one], harmonics=harmonics)  # type: ignore[arg-type]
+
+
+def test_phasors_of_no_record_have_the_joints_and_no_rows() -> None:
+    none = no_phasors(2)
+    assert none.q.shape == none.tau.shape == none.drift.shape == (0, 2)
+    assert none.z.shape == none.settling.shape == (0, 4)
+    assert none.covariance.shape == (0, 4, 4)
+    assert none.harmonics.shape == none.harmonic_rounding.shape == (0, 1, 4)
+    assert none.omega.shape == none.duration_s.shape == none.degrees_of_freedom.shape == (0,)
+    some = extract_phasors([sine(5.0, np.arange(2000) / 1000.0)], harmonics=3)
+    both = Phasors.joined([no_phasors(1), some])
+    for name, value in vars(some).items():
+        np.testing.assert_array_equal(getattr(both, name), value)

@@ -90,7 +90,6 @@ def test_today_is_what_the_fit_says(n: int) -> None:
     predicted = predict_standard_errors(plan, phasors, inertia, fit)
     assert np.allclose(predicted.today, fit.standard_error, rtol=0.1)
     assert np.all(predicted.together < predicted.today)
-    assert len(predicted.names) == 2 * n
 
 
 def test_the_same_again_makes_it_root_two_better() -> None:
@@ -217,7 +216,7 @@ def test_suggestion_cuts_the_worst_error(n: int) -> None:
     assert np.all(np.diff(suggestion.relative_error, axis=0) <= 0)
     records = suggestion.records
     again = predict_standard_errors(records, phasors, inertia, fit)
-    assert np.allclose(again.together / np.abs(again.estimate), suggestion.relative_error[-1])
+    assert np.allclose(again.together / np.abs(fit.estimate), suggestion.relative_error[-1])
     # Better than the same number of records taken at random from what was done before.
     rng = np.random.default_rng(0)
     frequencies, torques = campaign(BAND_HZ, n)
@@ -227,7 +226,7 @@ def test_suggestion_cuts_the_worst_error(n: int) -> None:
             inertia, fit.elasticity, frequencies[rows], torque_Nm=torques[rows], duration_s=3.0
         )
         other = predict_standard_errors(plan, phasors, inertia, fit)
-        assert (other.together / other.estimate).max() > suggestion.worst[-1]
+        assert (other.together / fit.estimate).max() > suggestion.worst[-1]
 
 
 def test_suggested_records_do_what_was_promised() -> None:

@@ -37,7 +37,7 @@ def errors(phasors: Phasors, std: float) -> tuple[np.ndarray, np.ndarray, np.nda
     misfit = Misfit.of(residual, p, quadratic(residual, p)[2])
     residual = WhitenedResidual.of(problem, p, misfit.scale)
     C = fit.parameter_covariance
-    weight = problem.pull(p)[1]
+    weight = problem.prior_residual(p)[1]
     wide = widened_covariance(residual, C, (C * weight) @ C)
     assert np.all(np.linalg.eigvalsh(wide / np.sqrt(np.outer(np.diag(C), np.diag(C)))) > -1e-9)
     truth = np.r_[PAPER.K, PAPER.D]

@@ -180,17 +180,6 @@ def test_errors_are_what_they_say(drive) -> None:
         assert run.contour_error_m[i] == pytest.approx(nearest, abs=1e-5)
 
 
-def test_overshoot_is_measured_beyond_the_side() -> None:
-    """A corner far ahead of the others in size: by eye on the tool path itself."""
-    path = rectangle(zone_m=0.001, centre_m=(1.15, 0.0))
-    run = track(PlanarArm.example(), path, TRUE)
-    box = np.abs(run.tool_m - [1.15, 0.0]) - [0.014, 0.0225]
-    # Beyond the rectangle anywhere, along a side or after a corner, is at least as far.
-    assert 0 < run.corner_overshoot_m <= box.max() + 1e-9
-    exact = track(PlanarArm.example(), path, TRUE, TRUE)
-    assert exact.corner_overshoot_m < 1e-6
-
-
 def test_the_other_elbow_and_another_place() -> None:
     arm = PlanarArm.example("serial")
     path = rectangle(centre_m=(0.3, -0.9), angle_rad=1.0)
@@ -255,12 +244,11 @@ def test_what_does_not_fit_is_refused() -> None:
         track(arm, path, TRUE, friction=SimpleNamespace(coulomb=[-1.0, 0.0], viscous=[0.0, 0.0]))
 
 
-def test_a_straight_line_has_no_corner() -> None:
+def test_a_straight_line_is_cut_as_well() -> None:
     line = Toolpath(
         start_m=[1.1, 0.0],
         velocity_m_s=[[0, 0], [0.2, 0.1], [0.2, 0.1], [0, 0]],
         duration_s=[0.1, 0.2, 0.1],
     )
     run = track(PlanarArm.example(), line, TRUE)
-    assert run.corner_overshoot_m == 0.0
     assert run.max_contour_error_m > 1e-5

@@ -119,7 +119,8 @@ def test_play_and_hysteresis_are_found_together(share: float, run: int) -> None:
         dahl = {"hysteresis_Nm": share * loads.torque, "hysteresis_rad": share * loads.deflection}
         return dahl | {"backlash_rad": 0.06 * loads.deflection}
 
-    found = outcomes([Case(change=change, band=(0.5, 3.0, tries(6, long=8))).campaign(run, noise=0.01)])
+    case = Case(change=change, band=(0.5, 3.0, tries(6, long=8)), motions={"periods": PERIODS})
+    found = outcomes([case.campaign(run, noise=0.01)])
     assert np.abs(found[0].z).max() < 5, told(found)
     assert np.abs(found[0].error).max() < 0.01, told(found)
     assert found[0].analysis is not None

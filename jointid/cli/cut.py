@@ -95,7 +95,7 @@ def cut(
         print(f"\nThe path error after identification is not known: {problem}")
     if worse := [f"{zone:g} mm" for zone, o in zip(zones, outcomes, strict=True) if o.not_better]:
         print(f"Corner zone {enumerated(worse)}: {next(o.not_better for o in outcomes if o.not_better)}")
-    if not (largest := outcomes[-1]).springs_matter:
+    if not (largest := outcomes[-1]).depends_on_elasticity:
         print(remaining_error_text(largest, friction=robot.friction))
 
 

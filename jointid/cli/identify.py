@@ -57,12 +57,10 @@ def _print_findings(analysis: Analysis) -> None:
 
 def _print_tables(analysis: Analysis) -> None:
     fit, nominal = analysis.fit, analysis.nominal
+    known = [] if nominal is None else [plain(float(value)) for value in nominal]
     fitted = (*analysis.quantities, *further_quantities(fit))
-    known = [""] * len(fitted)
-    if nominal is not None:
-        known[: 2 * fit.n] = [plain(float(value)) for value in nominal]
     print(f"\nModel: {model_name(fit)}. K and D {analysis.unit.side}.")
-    rows = [[q.name, *q.shown, value] for q, value in zip(fitted, known, strict=True)]
+    rows = [[q.name, *q.shown, *known[q.place : q.place + 1]] for q in fitted]
     print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
     if analysis.state != NOT_USABLE:
         print("Gears, valid within the records, motor side:")

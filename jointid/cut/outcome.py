@@ -94,7 +94,7 @@ class Outcome:
         return float(high - low)
 
     @property
-    def springs_matter(self) -> bool:
+    def depends_on_elasticity(self) -> bool:
         """Whether the path error after the identification depends on the uncertainty of K and D.
 
         False if the robots drawn have practically equal errors, which then come from friction and the

@@ -24,6 +24,7 @@ from jointid.analysis import Analysis
 from jointid.arrays import Floats
 from jointid.cut.arm import Drive, PlanarArm, require_two_joints
 from jointid.errors import JointIdError
+from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.gears.gear import Gear
 from jointid.joints import Elasticity, Inertia
 from jointid.wording import with_error
@@ -108,10 +109,6 @@ class CutRobot:
         """Description of the robot that cuts."""
         return RULES[self.rule].format(drive=self.arm.drive)
 
-    def on_this_arm(self, elasticity: Elasticity) -> Elasticity:
-        """Scale values of the study to this arm."""
-        return _scaled(elasticity, np.array(self.scale))
-
     def of_the_study(self, elasticity: Elasticity) -> Elasticity:
         """Scale values of this arm to the study."""
         return _scaled(elasticity, 1 / np.array(self.scale))
@@ -168,7 +165,7 @@ def reason_unusable(analysis: Analysis) -> str:
     wide = np.flatnonzero(~(error <= _HARDLY_KNOWN * np.abs(value)))
     if wide.size == 0:
         return ""
-    names = [f"{'K' if k < fit.n else 'D'}{k % fit.n + 1}" for k in wide]
+    names = [elasticity_labels(fit.n)[k] for k in wide]
     k = int(wide[0])
     return (
         f"{', '.join(names)} {'is' if wide.size == 1 else 'are'} not known well enough for a path "
@@ -199,7 +196,7 @@ def assumed_elasticity(
         what = "[nominal] of the study" if assumption == "study" else "custom"
         raise JointIdError(f"{what} gives no K and D: add them, or choose another nominal controller.")
     require_two_joints(chosen, "nominal controller")
-    return robot.on_this_arm(chosen) if assumption == "custom" else chosen
+    return _scaled(chosen, np.array(robot.scale)) if assumption == "custom" else chosen
 
 
 def _matching_drive(inertias: list[Inertia]) -> Drive | None:

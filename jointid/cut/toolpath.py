@@ -130,22 +130,6 @@ class Toolpath:
                 np.minimum(closest, near, out=closest)
         return np.asarray(np.sqrt(closest).reshape(point.shape[:-1]))
 
-    def corners(self) -> tuple[Floats, Floats, Floats]:
-        """Return the corners of the path, the intersections of consecutive sides, each shape (c, 2).
-
-        These are the corner points, m; the unit vectors of the sides that end there, beyond which lies
-        the overshoot; and the spans from the beginning of a corner to that of the next, or to the path's
-        end, s.
-        """
-        before = self.velocity_m_s[:-1]
-        turning = np.flatnonzero(self._turning())
-        # A piece moves by T/2 (v_a + v_b), so its two tangents meet T/2 v_a from its start.
-        point = self.knot_m[turning] + 0.5 * before[turning] * self.duration_s[turning, None]
-        ahead = before[turning] / np.linalg.norm(before[turning], axis=1, keepdims=True)
-        begins = self.time_s[turning]
-        span = np.stack([begins, np.append(begins[1:], self.end_s)[: begins.size]], axis=1)
-        return point, ahead, span
-
     def _turning(self) -> np.ndarray:
         """Mask of the pieces that change direction, shape (m,)."""
         before, after = self.velocity_m_s[:-1], self.velocity_m_s[1:]

@@ -43,8 +43,6 @@ class TrackingRun:
     """Distance of the tool from the nearest point of the reference path, shape (k,), m."""
     tracking_error_m: Floats
     """Distance of the tool from its reference position at the same time, shape (k,), m."""
-    corner_overshoot_m: float
-    """Largest overshoot past the line of the next side, over all corners, m."""
     torque_limit_hit: bool
     """Whether a motor torque reached its limit."""
 
@@ -145,7 +143,6 @@ def track(
         motor_angle_rad=angles[:, 2:],
         contour_error_m=toolpath.distance(tool),
         tracking_error_m=np.hypot(*(tool - reference).T),
-        corner_overshoot_m=corner_overshoot(toolpath, time, tool),
         torque_limit_hit=bool((np.abs(held) >= plan.limit).any()),
     )
 
@@ -163,13 +160,3 @@ def substeps_per_sample(servo: Servo, dt: float) -> int:
     """Number of equal steps, none longer than ``dt``, in a control interval."""
     require_step(dt)
     return max(1, int(np.ceil(servo.interval_s / dt - 1e-9)))
-
-
-def corner_overshoot(toolpath: Toolpath, time_s: Floats, tool_m: Floats) -> float:
-    """Largest overshoot past the line of the next side, over all corners, m."""
-    farthest = 0.0
-    for point, ahead, (begin, end) in zip(*toolpath.corners(), strict=True):
-        first, last = np.searchsorted(time_s, [begin, end])
-        past = (tool_m[first:last] - point) @ ahead
-        farthest = max(farthest, float(past.max(initial=0.0)))
-    return farthest

@@ -33,7 +33,7 @@ _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
 _BEND = 4.0
 """Largest ratio of two slopes of a gear; catalogues have up to 2."""
-_RUBS = 2.0
+_DISSIPATIVE = 2.0
 """Standard errors by which Coulomb friction must be positive."""
 _CERTAIN = 200.0
 """Squared parameter over its variance from which a model without it need not be fitted."""
@@ -128,11 +128,11 @@ class Choice:
     """Covariance of K1 ... Kn, D1 ... Dn by the choice between models, shape (2n, 2n)."""
 
 
-def rubs(estimate: LikelihoodEstimate) -> bool:
+def dissipates(estimate: LikelihoodEstimate) -> bool:
     """Whether the friction of an estimate takes energy: Coulomb friction, or viscous alone."""
     coulomb, viscous = (estimate.layout[name] for name in ("coulomb", "viscous"))
     ratio = estimate.p / np.sqrt(np.maximum(np.diag(estimate.covariance), np.finfo(float).tiny))
-    return bool(np.any(ratio[coulomb] > _RUBS) or np.any(ratio[viscous] > _SIGNIFICANT))
+    return bool(np.any(ratio[coulomb] > _DISSIPATIVE) or np.any(ratio[viscous] > _SIGNIFICANT))
 
 
 def _of_springs(estimate: LikelihoodEstimate) -> Floats:
@@ -261,7 +261,7 @@ class Fits:
                 return False
             clear &= size > 0
         elif part == "friction" and not model.curve:
-            if not rubs(estimate):
+            if not dissipates(estimate):
                 return False
             clear &= size > 0
         return bool(clear.any()) or (simpler is not None and simpler.misfit > NEEDED * own)

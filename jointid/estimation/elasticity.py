@@ -114,6 +114,12 @@ class ElasticityFit:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
+    def errors(self) -> Parameters:
+        """Standard errors of all ``parameters`` by their names; of K and D those from all causes."""
+        others = np.sqrt(np.diag(self.parameter_covariance))[2 * self.n :]
+        return Parameters(self.parameters.layout, np.concatenate([self.standard_error, others]))
+
+    @property
     def noise_error(self) -> Floats:
         """Part of ``standard_error`` that comes from noise, shape (2n,)."""
         parts = (self.unseen_error, self.prior_error, self.choice_error)
@@ -145,7 +151,7 @@ class ElasticityFit:
     @property
     def condition(self) -> float:
         """Condition number of A in equation (12), its columns in units of D1, K1, D2, K2, ..."""
-        error = self.standard_error[self.n :]
+        error = self.errors.D
         damping = np.maximum(np.abs(self.D), np.where(np.isfinite(error), error, 0.0))
         p = np.stack([damping, np.abs(self.K)], axis=1)
         return float(np.linalg.cond(self.equations.matrix()[0] * p.ravel()))
@@ -159,14 +165,14 @@ class ElasticityFit:
         JointIdError
             When K or D is unphysical, so that the data or the inertias are wrong.
         """
-        n = self.n
-        for j in range(n):
+        D_error = self.errors.D
+        for j in range(self.n):
             if self.K[j] <= 0:
                 raise JointIdError(
                     f"K{j + 1} comes out as {self.K[j]:.4g} N·m/rad; a spring needs K > 0. Check the "
                     f"sign and unit of the torque of joint {j + 1}, the gear ratios, and M and M2."
                 )
-            if self.D[j] < -2 * self.standard_error[n + j]:
+            if self.D[j] < -2 * D_error[j]:
                 raise JointIdError(
                     f"D{j + 1} comes out as {self.D[j]:.4g} N·m·s/rad; a damper needs D > 0. "
                     "The torque probably leads or lags: check torque_hold and torque_delay_s."

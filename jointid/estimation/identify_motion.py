@@ -10,7 +10,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Model, rubs
+from jointid.estimation.candidates import Model, dissipates
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
@@ -177,7 +177,7 @@ def _with_first_noise(
     for each in (Model(None, delay=False), Model(0.0, delay=False))["coulomb" in start.layout :]:
         with contextlib.suppress(JointIdError):
             richer = fit_model(few, own, start, noise, each)
-            if found is not None and (richer.misfit > _BETTER * found.misfit or not rubs(richer)):
+            if found is not None and (richer.misfit > _BETTER * found.misfit or not dissipates(richer)):
                 break
             model, found = each, richer
     if found is None:

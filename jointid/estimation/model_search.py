@@ -71,7 +71,7 @@ class Search:
         return bool(self.phasors.motion.any())
 
     @property
-    def may_rub(self) -> bool:
+    def may_have_friction(self) -> bool:
         """Whether a model may have friction of sines."""
         friction = self.base.reversal is not None or "friction" in self.fits.optional
         return friction and not self.has_motions

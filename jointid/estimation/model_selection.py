@@ -98,7 +98,7 @@ def choose_model(
     )
     if first is not None:
         search.fit(first, linear)
-    if search.may_rub:
+    if search.may_have_friction:
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
     return _searched(search)
 
@@ -154,7 +154,7 @@ def _fit_first(search: Search) -> None:
     rubbing, free = replace(base, reversal=0.0), replace(base, reversal=0.03)
     by_start = "coulomb" in start.layout
     distorted = search.phasors.harmonics.shape[1] >= MANY_HARMONICS
-    if search.is_lost and (by_start or (search.may_rub and distorted)):
+    if search.is_lost and (by_start or (search.may_have_friction and distorted)):
         search.fit(rubbing, start)
         found = fits.estimate(rubbing)
         clear = by_start or fits.is_certain(rubbing, "friction")
@@ -177,7 +177,7 @@ def _fit_first(search: Search) -> None:
     laws = []
     if not needs_friction and not search.has_motions:
         laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
-    if search.may_rub:
+    if search.may_have_friction:
         laws += [(rubbing, "backlash", begin) for begin in (with_backlash, by_motion)]
     if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
         laws.append((fits.least(list(fits.tried)), "backlash", with_backlash))

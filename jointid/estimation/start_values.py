@@ -110,7 +110,7 @@ def other_laws(
             values["presliding"] = np.where(wide | sharp | flat, _NARROW * peak / K, p["presliding"])
             found.append(p.layout.named(p.layout.pack(**values)))
     if "piecewise" in p.layout and "cubic" in start.layout:
-        knees = [Block(name, p.K.shape, ()) for name in ("knee", "second_knee")]
+        knees = [Block(name, p.K.shape) for name in ("knee", "second_knee")]
         layout = ParameterLayout((*start.layout.blocks, *knees))
         for share in _KNEES:
             wind_up = np.repeat(share, p.K.size) * np.tile(peak / start.K, 2)
@@ -122,7 +122,7 @@ def with_delay(p: Parameters) -> Parameters:
     """The parameters, with the mean of the lags as the delay where there are lags."""
     if "lag" not in p.layout or "delay" in p.layout:
         return p
-    delayed = ParameterLayout((*p.layout.blocks, Block("delay", (), ("delay",))))
+    delayed = ParameterLayout((*p.layout.blocks, Block("delay", ())))
     return delayed.named(np.append(p.vector, p["lag"].mean()))
 
 
@@ -165,8 +165,8 @@ def with_backlash(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     soft = np.maximum(np.abs(found[0]), _LEAST)
     layout = ParameterLayout.of(n, friction=True, effects=["backlash"])
     values = {"K": 1 / soft, "backlash": 2 * found[1], "D": np.abs(found[2]) / soft}
-    rubs = {"coulomb": np.maximum(found[3], 0.0), "viscous": np.zeros(n)}
-    return layout.named(layout.pack(**values, **rubs))
+    friction = {"coulomb": np.maximum(found[3], 0.0), "viscous": np.zeros(n)}
+    return layout.named(layout.pack(**values, **friction))
 
 
 def without_inertias(phasors: Phasors, prior: InertiaPrior) -> Parameters | None:

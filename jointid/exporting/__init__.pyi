@@ -13,7 +13,6 @@ from .robot_models import urdf_snippet as urdf_snippet
 from .state_space import StateSpaceModel as StateSpaceModel
 from .state_space import control_frd as control_frd
 from .state_space import control_state_space as control_state_space
-from .state_space import scipy_state_space as scipy_state_space
 from .state_space import state_space as state_space
 from .tables import gear_table as gear_table
 from .tables import modelica_table as modelica_table

@@ -44,7 +44,6 @@ def code_listing(analysis: Analysis, language: str) -> str:
         raise JointIdError(f"The language {language!r} is not supported: choose one of {known}.")
     comment, line, brackets, names, frame = LANGUAGES[language]
     fit, study = analysis.fit, analysis.study
-    n, error = fit.n, fit.standard_error
     unusable = (comment or "# ") if analysis.state == NOT_USABLE else ""
     answer = " ".join(answer_text(analysis).split())
     facts = [
@@ -57,13 +56,13 @@ def code_listing(analysis: Analysis, language: str) -> str:
     width = _WIDTH - len(comment)
     lines = [comment + part for fact in facts for part in wrap(fact, width, break_long_words=False)]
     lines += [unusable + first for first in frame[:1]]
-    rows = {"K": fit.K, "K_std": error[:n], "D": fit.D, "D_std": error[n:]}
+    rows = {"K": fit.K, "K_std": fit.errors.K, "D": fit.D, "D_std": fit.errors.D}
     for name, values in rows.items():
         code = unusable + line if name in names else f"{comment}{{name}}: {{values}}"
         if np.isfinite(values).all():
             opening, closing, separator = brackets
             shown = opening + separator.join(map(_real, values.tolist())) + closing
-            lines.append(code.format(name=names.get(name, name), n=n, values=shown))
+            lines.append(code.format(name=names.get(name, name), n=fit.n, values=shown))
         else:
             lines.append(f"{comment}{name}: not determined by the records")
     lines += [unusable + last for last in frame[1:]]

@@ -15,8 +15,8 @@ import numpy as np
 import tomli_w
 
 from jointid.analysis import Analysis
-from jointid.answer import AT_MOTOR, UNITS, effect_values, model_name
-from jointid.estimation.estimators.parameters import elasticity_labels
+from jointid.answer import AT_MOTOR, model_name
+from jointid.estimation.estimators.parameters import EFFECT_PARAMETERS, PARAMETERS, elasticity_labels
 from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.files.study_saving import inertia_table
@@ -25,7 +25,10 @@ from jointid.uncertainty.error_parts import error_parts
 from jointid.uncertainty.prior_rows import PriorRow
 from jointid.wording import UNDETERMINED, counted
 
-_UNITS = UNITS | {"inertia": "kg·m²", "coulomb": "N·m", "viscous": "N·m·s/rad", "delay": "s"}
+_UNITS = {
+    ("inertia" if kind == "M" else kind): PARAMETERS[kind].unit
+    for kind in ("K", "D", "M", "coulomb", "viscous", "delay")
+}
 _TOML_WORDS = {"disagreement": "none"} | dict.fromkeys(
     ("given_std", "inertia_std", "torque_std"), "unknown"
 )
@@ -53,7 +56,6 @@ def to_document(analysis: Analysis) -> dict[str, Any]:
     fit, study = analysis.fit, analysis.study
     known = np.isfinite(fit.standard_error)
     names = np.array(elasticity_labels(fit.n))[~known].tolist()
-    effects = effect_values(fit).items()
     delay = {"seconds": fit.delay, "standard_error": fit.delay_error}
     document: dict[str, Any] = {
         "format": 1,
@@ -70,10 +72,14 @@ def to_document(analysis: Analysis) -> dict[str, Any]:
         ),
         "units": _UNITS,
         "undetermined": dict.fromkeys(names, f"{UNDETERMINED} by these records"),
-        "error_parts": {part.key: part.error for part in error_parts(fit)},
+        "error_parts": error_parts(fit),
         "friction": fit.friction and vars(fit.friction),
         "delay": _stated(delay),
-        "effects": {name: {"values": v, "standard_error": error} for name, (v, error) in effects},
+        "effects": {
+            name: {"values": fit.parameters[name], "standard_error": fit.errors[name]}
+            for name in EFFECT_PARAMETERS
+            if name in fit.parameters.layout
+        },
         "gears": fit.gears and _columns(fit.gears, [*(f.name for f in fields(Gear)), "kind"]),
         "inertia": inertia_table(analysis.inertia()),  # as fitted together with K and D
         "poses": {pose: inertia_table(analysis.inertia(pose)) for pose in study.poses},

@@ -237,11 +237,10 @@ def _heading(analysis: Analysis, arm: ArmSide) -> list[str]:
         f"N^2 D,",
         "     rotor inertia N^2 J_m, Coulomb friction |N| F_c, viscous friction N^2 F_v.",
     ]
-    errors = fit.standard_error
     for j, J_m in enumerate(analysis.inertia().M):
         lines.append(
-            f"     Joint {j + 1}, motor side: K = {_text(fit.K[j])} N.m/rad {_error(errors[j])}, "
-            f"D = {_text(fit.D[j])} N.m.s/rad {_error(errors[fit.n + j])}, J_m = {_text(J_m)} kg.m^2."
+            f"     Joint {j + 1}, motor side: K = {_text(fit.K[j])} N.m/rad {_error(fit.errors.K[j])}, "
+            f"D = {_text(fit.D[j])} N.m.s/rad {_error(fit.errors.D[j])}, J_m = {_text(J_m)} kg.m^2."
         )
         gear = fit.gears[j]
         if gear.kind != "linear":

@@ -10,7 +10,7 @@ The motor acceleration needs only the 2n states x, ẋ, and its response is fini
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,10 +18,6 @@ from jointid.arrays import Floats
 from jointid.errors import import_optional
 from jointid.joints import Elasticity, Inertia, require_same_joints
 from jointid.transfer_matrix import TransferMatrix
-
-if TYPE_CHECKING:
-    from scipy.signal import StateSpace
-
 
 _CONTROL = ("control", "control", "Models for python-control", "control")
 
@@ -49,13 +45,6 @@ def state_space(inertia: Inertia, elasticity: Elasticity) -> StateSpaceModel:
     spring = np.hstack([np.diag(elasticity.K), np.diag(elasticity.D)])  # torque from (x, ẋ)
     A = np.vstack([np.hstack([none, eye]), -(motor + np.linalg.inv(inertia.M2)) @ spring])
     return StateSpaceModel(A, np.vstack([none, motor]), -motor @ spring, motor)
-
-
-def scipy_state_space(inertia: Inertia, elasticity: Elasticity) -> StateSpace:
-    """Return the model of ``state_space`` as a continuous ``scipy.signal.StateSpace``."""
-    from scipy.signal import StateSpace
-
-    return StateSpace(*state_space(inertia, elasticity))
 
 
 def control_state_space(inertia: Inertia, elasticity: Elasticity) -> Any:

@@ -1,6 +1,6 @@
 from .phasor_plane import phasor_plane as phasor_plane
 from .response import VIEWS as VIEWS
-from .response import compared_models as compared_models
+from .response import compared_responses as compared_responses
 from .response import element_response as element_response
 from .response import model_over_measurement as model_over_measurement
 from .response import single_record as single_record

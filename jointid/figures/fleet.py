@@ -3,8 +3,8 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.answer import UNITS
 from jointid.arrays import Floats
+from jointid.estimation.estimators.parameters import PARAMETERS
 from jointid.figures.style import Sketch, linear_axis, plain_text
 from jointid.fleet.spread import Drift, Spread
 from jointid.wording import with_error
@@ -24,7 +24,7 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
     inside = (spread.value >= low) & (spread.value <= high)
     count = int(np.clip(2 * np.sqrt(inside.sum()), 5, _MOST_BINS))
     height, edges = np.histogram(spread.value[inside], bins=count, range=(low, high))
-    unit = UNITS[spread.name[0]]
+    unit = PARAMETERS[spread.name[0]].unit
     hover = f"%{{y}} studies<br>%{{customdata[0]:.4g}} to %{{customdata[1]:.4g}} {unit}<extra></extra>"
     ends, edge = np.stack([edges[:-1], edges[1:]], axis=1), {"width": 1, "color": _PAPER[dark]}
     studies = {"type": "bar", "x": ends.mean(axis=1), "y": height, "width": np.diff(edges)}
@@ -49,7 +49,7 @@ def drift_over_time(
 
     ``all_times_s``, shape (m,), are the dates of the studies, s since 1970, NaN where not stated.
     """
-    sketch, unit = Sketch(dark), UNITS[spread.name[0]]
+    sketch, unit = Sketch(dark), PARAMETERS[spread.name[0]].unit
     low, high = _range(spread)
     dated = np.isfinite(all_times_s) & (spread.value >= low) & (spread.value <= high)
     sketch.points(
@@ -90,7 +90,7 @@ def drift_over_time(
 
 def _add_outliers(sketch: Sketch, spread: Spread, low: float, high: float) -> None:
     """Crosses on the axis; arrows at its ends for what lies beyond."""
-    which, unit = spread.outliers, UNITS[spread.name[0]]
+    which, unit = spread.outliers, PARAMETERS[spread.name[0]].unit
     value = spread.value[which]
     symbols = np.where(value < low, "triangle-left", np.where(value > high, "triangle-right", "x"))
     rows = [row for row, out in zip(spread.rows, which, strict=True) if out]

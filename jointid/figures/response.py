@@ -66,7 +66,7 @@ def model_over_measurement(
     return _magnitudes(curves, joint, [magnitude_limits(analysis, pose, joint)], 300, dark)
 
 
-def compared_models(
+def compared_responses(
     analyses: tuple[Analysis, Analysis], names: tuple[str, str], joint: int, *, dark: bool = False
 ) -> go.Figure:
     """Plot |H_jj| of two studies, each with its model as a line and its measurement as points.

@@ -101,8 +101,6 @@ def row_of(
     requested estimator and ``time_s`` the time of reading and analysis.
     """
     fit, known = analysis.fit, analysis.study
-    n = fit.n
-    error = fit.standard_error
     friction, nominal = fit.friction, known.nominal
     return Row(
         study=study,
@@ -115,12 +113,12 @@ def row_of(
         robot=known.robot,
         date="" if known.date is None else known.date.isoformat(),
         origin=known.origin,
-        joints=n,
+        joints=fit.n,
         records=len(known.records),
         K=_numbers(fit.K),
         D=_numbers(fit.D),
-        K_error=_numbers(error[:n]),
-        D_error=_numbers(error[n:]),
+        K_error=_numbers(fit.errors.K),
+        D_error=_numbers(fit.errors.D),
         K_nominal=() if nominal is None else _numbers(nominal.K),
         D_nominal=() if nominal is None else _numbers(nominal.D),
         coulomb=() if friction is None else _numbers(friction.coulomb),

@@ -13,6 +13,7 @@ import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.background.child_process import Child, Ended, Limits
 from jointid.errors import JointIdError
+from jointid.estimation.estimators.parameters import PARAMETERS
 from jointid.files.atomic_write import write_file
 from jointid.fleet.jobs import WORKER
 from jointid.fleet.row import MAX_JOINTS, Row, from_plain
@@ -39,7 +40,6 @@ _ARROW_TYPES: dict[object, Any] = {
 _OPTIONAL = ("delay_s", "delay_error_s", "misfit", "findings")
 """Columns that may have no value."""
 _TYPES = {f.name: _ARROW_TYPES[f.type] for f in fields(Row) if f.name not in _JOINTWISE}
-_UNITS = {"K": b"N.m/rad", "D": b"N.m.s/rad", "c": b"N.m", "v": b"N.m.s/rad"}
 
 
 def write_rows(path: Path, rows: Sequence[Row]) -> None:
@@ -72,7 +72,8 @@ def as_table(rows: Sequence[Row]) -> Any:
     for j in range(joints):
         for name, column in _JOINTWISE.items():
             values = [v[j] if j < len(v := getattr(row, name)) else None for row in rows]
-            add(column.format(j + 1), values, pa.float64(), _UNITS[name[0]])
+            unit = PARAMETERS[name.partition("_")[0]].unit.replace("·", ".")
+            add(column.format(j + 1), values, pa.float64(), unit.encode())
     for name in _TAIL:
         values = [_text(getattr(row, name)) for row in rows]
         add(name, values, _TYPES[name], b"s" if name.endswith("_s") else b"")

@@ -62,9 +62,9 @@ class CheckedTable:
         """Return a string."""
         return self._typed(key, str, "a text in quotes", default)
 
-    def flag(self, key: str, default: bool | None = None) -> bool:
+    def flag(self, key: str) -> bool:
         """Return true or false."""
-        return self._typed(key, bool, "true or false", default)
+        return self._typed(key, bool, "true or false")
 
     def integer(self, key: str) -> int:
         """Return a whole number."""

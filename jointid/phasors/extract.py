@@ -14,7 +14,7 @@ from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.phasors.fitted_sine import SineFit, padded
 from jointid.phasors.segment import Segment
-from jointid.phasors.sensor_steps import hidden_variance, may_have_steps, sharing, step_variance
+from jointid.phasors.sensor_steps import may_have_steps, sharing, step_variance, unresolved_variance
 from jointid.phasors.settling import settling_change
 from jointid.phasors.sine_fit import fit_sines
 from jointid.phasors.spectrum import frequencies_found
@@ -243,7 +243,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         covariance[record][:, range(2 * n), range(2 * n)] += white
     if rounding.any():
         covariance[:, :, range(2 * n), range(2 * n)] += rounding * sharing(records, fits)[:, None]
-    covariance[:, :, range(n), range(n)] += hidden_variance(records)[:, None]
+    covariance[:, :, range(n), range(n)] += unresolved_variance(records)[:, None]
     covariance *= timing[..., :, None] * timing[..., None, :].conj()
     # Leakage of harmonics over an incomplete period: plain fit less the fit with harmonics.
     leakage = z - np.array([fit.harmonics[0] for fit in fits]) * timing[:, 0]

@@ -112,7 +112,7 @@ def sharing(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> Floats:
     return shared
 
 
-def hidden_variance(records: Sequence[SineRecord]) -> Floats:
+def unresolved_variance(records: Sequence[SineRecord]) -> Floats:
     """Variance of angles that stand still in a record, because their motion is below a step; (r, n).
 
     Such a log is constant, without scatter. The step follows from the joint's other records. The motion

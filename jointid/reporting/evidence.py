@@ -6,7 +6,6 @@ import numpy as np
 
 from jointid.analysis import NOT_USABLE, Analysis
 from jointid.answer import gear_text
-from jointid.arrays import Floats
 from jointid.cut.outcome import (
     TYPICAL_SERVO,
     ZONES_M,
@@ -28,7 +27,7 @@ from jointid.reporting.figures import (
     single_record_figure,
     torsion_figure,
 )
-from jointid.wording import capitalised, significant
+from jointid.wording import capitalised, three_digits
 
 _GAP = 12.0
 """Between two figures side by side, points."""
@@ -116,18 +115,16 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
     servo = (
         "assumes rigid joints"
         if assumed is None
-        else f"assumes K = {_list(assumed.K)} N·m/rad and D = {_list(assumed.D)} N·m·s/rad"
+        else f"assumes K = {three_digits(assumed.K)} N·m/rad and D = {three_digits(assumed.D)} N·m·s/rad"
     )
     below = millimetres(outcome.after_m)
     below = below if below.startswith("under") else f"below {below}"
-    left = (
-        "" if outcome.springs_matter else remaining_error_text(outcome, friction=outcome.robot.friction)
-    )
-    friction = " and friction" if outcome.robot.friction is not None else ""
+    friction = outcome.robot.friction
+    left = "" if outcome.depends_on_elasticity else remaining_error_text(outcome, friction=friction)
     yield Paragraph(
         "The same path, a rectangle of 28 × 45 mm at 300 mm/s, cut before and after. Before: a robot "
-        f"with the identified springs{friction}, whose servo {servo}. After: the servo assumes the "
-        "identified values, "
+        f"with the identified springs{' and friction' * (friction is not None)}, whose servo {servo}. "
+        "After: the servo assumes the identified values, "
         + (
             "and those of the robot are drawn from their uncertainty: of "
             f"{outcome.distribution.K.shape[0]} robots, 95 % stay {below} "
@@ -170,7 +167,3 @@ def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
         for true, assumed in ((robot.elasticity, outcome.assumed), (outcome.p95, robot.elasticity))
     )
     return before, after
-
-
-def _list(values: Floats) -> str:
-    return ", ".join(significant(float(value), 3) for value in values)

@@ -84,16 +84,14 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
     caption = f"{capitalised(analysis.unit.side)}. {ERROR_BARS} Nominal: in the controller at present."
     rows: list[tuple[str, ...]] = []
-    for k, found in enumerate(analysis.quantities):
-        j = k % fit.n
+    for found in analysis.quantities:
         nominal, change = "–", "–"
         if analysis.nominal is not None:
-            reference = float(analysis.nominal[k])
+            reference = float(analysis.nominal[found.place])
             nominal = plain(reference)
             if analysis.state != NOT_USABLE:
                 change = change_from(found.value, found.error, reference)
-        meaning = f"{'stiffness' if k < fit.n else 'damping'} of joint {j + 1}"
-        rows.append((f"{found.name}, {meaning}", *found.shown, nominal, change))
+        rows.append((f"{found.name}, {found.meaning}", *found.shown, nominal, change))
     if study.nominal is None:
         header, rows = header[:3], [row[:3] for row in rows]
         caption = caption.partition(" Nominal")[0]
@@ -102,7 +100,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         yield Paragraph(
             f"Simulated path error of {robot_text(outcome.robot)}, as in Figure 7 of the paper: "
             f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after "
-            f"({outcome.which}). {outcome.not_better if outcome.springs_matter else ''}".rstrip()
+            f"({outcome.which}). {outcome.not_better if outcome.depends_on_elasticity else ''}".rstrip()
         )
     caption = f"Parts of the standard errors by cause, {analysis.unit.side}."
     yield Table.of(error_table(fit, analysis.unit), caption)

@@ -91,8 +91,8 @@ def play(
     steady_hz = min(2 * np.pi * BANDWIDTH_HZ * ratio / _DAMPING_STEP, _RATE_HZ[1])
     rate = max(_RATE_HZ[0], _SAMPLES_PER_PERIOD * experiment.highest_hz, steady_hz)
     controller = Controller(sample_rate_hz=rate, bandwidth_hz=BANDWIDTH_HZ)
-    rubbing = MotorFriction(coulomb, viscous, step_s=1 / rate)
-    robot = Robot(inertia, elasticity, controller, rubbing)
+    motor_friction = MotorFriction(coulomb, viscous, step_s=1 / rate)
+    robot = Robot(inertia, elasticity, controller, motor_friction)
     time = np.arange(int(np.ceil(experiment.duration_s * rate)) + 1) / rate
     exact = experiment.motion(time)
     reference = _Commanded(np.zeros(1), np.zeros((n, 1), complex), none)
@@ -106,8 +106,8 @@ def play(
         arm, spring = _arm(motors, inertia, elasticity, 1 / rate)
         peaks += _motion_peaks(way, time, motors, arm)
         if motors is exact:
-            rubs = coulomb * np.sign(exact.velocity) + viscous * exact.velocity
-            torque = inertia.M * exact.acceleration + spring + rubs
+            loss_Nm = coulomb * np.sign(exact.velocity) + viscous * exact.velocity
+            torque = inertia.M * exact.acceleration + spring + loss_Nm
             peaks.append(Peaks.of("torque", way, time, torque))
     return PlayedExperiment(experiment, elasticity, coulomb, time, theta, tau, tuple(peaks))
 

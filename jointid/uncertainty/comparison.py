@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.answer import AT_MOTOR, Quantity, StiffnessUnit, elasticity_quantities
+from jointid.answer import AT_MOTOR, StiffnessUnit, elasticity_quantities
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.quantities import Quantity
 from jointid.wording import counted
 
 

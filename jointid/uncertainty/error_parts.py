@@ -1,13 +1,10 @@
 """Parts of the standard errors of K and D by their cause."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from jointid.answer import AT_MOTOR, StiffnessUnit
+from jointid.answer import AT_MOTOR, StiffnessUnit, elasticity_quantities
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.wording import UNDETERMINED, significant
 
 _PARTS = {
@@ -19,23 +16,12 @@ _PARTS = {
 """Name of each part; the fit holds it as ``noise_error`` and so on."""
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorPart:
-    """Part of the standard errors due to one cause."""
+def error_parts(fit: ElasticityFit) -> dict[str, Floats]:
+    """Return the parts of ``fit.standard_error`` by cause, each (2n,); their squares add up to its own.
 
-    key: str
-    name: str
-    error: Floats
-    """Of K1 ... Kn, D1 ... Dn, shape (2n,); the squares of all parts add up to the total."""
-
-
-def error_parts(fit: ElasticityFit) -> tuple[ErrorPart, ...]:
-    """Return the parts of ``fit.standard_error``; those that do not apply are zero."""
-    parts = []
-    for key, name in _PARTS.items():
-        error = np.broadcast_to(getattr(fit, f"{key}_error"), 2 * fit.n)
-        parts.append(ErrorPart(key, name, np.asarray(error, float)))
-    return tuple(parts)
+    Parts that do not apply are zero.
+    """
+    return {key: np.zeros(2 * fit.n) + getattr(fit, f"{key}_error") for key in _PARTS}
 
 
 def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> dict[str, list[str]]:
@@ -43,13 +29,12 @@ def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> dict[str,
 
     Parts that are zero throughout are left out; that with the largest share of an error comes first.
     """
-    parts = [part for part in error_parts(fit) if np.any(part.error > 0)]
+    parts = [(_PARTS[key], error) for key, error in error_parts(fit).items() if np.any(error > 0)]
     total = fit.standard_error
     known = np.isfinite(total) & (total > 0)
-    parts.sort(key=lambda part: -float(np.max(part.error[known] / total[known], initial=0.0)))
-    names = zip(elasticity_labels(fit.n), unit.units(fit.n), strict=True)
-    columns = {"": [f"{name} ({of})" for name, of in names]}
-    for name, error in (("total error", total), *((part.name, part.error) for part in parts)):
+    parts.sort(key=lambda part: -float(np.max(part[1][known] / total[known], initial=0.0)))
+    columns = {"": [found.heading for found in elasticity_quantities(fit, unit)]}
+    for name, error in (("total error", total), *parts):
         unknown = UNDETERMINED if error is total else "–"
         sizes = zip(unit.shown(error).tolist(), np.isinf(total), strict=True)
         columns[name] = [unknown if lost else significant(size, 2) for size, lost in sizes]

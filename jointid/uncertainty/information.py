@@ -147,7 +147,7 @@ class PlanningModel:
 
         A linear estimator keeps the given inertias; their errors are carried into K and D.
         """
-        weight = self.problem.pull(self.p)[1]
+        weight = self.problem.prior_residual(self.p)[1]
         own = 2 * self.fit.n
         if self.fit.method not in LINEAR:
             return determined_covariance(information + weight)[:own, :own]

@@ -44,10 +44,6 @@ class PredictedErrors:
     They are infinite where nothing determines a parameter.
     """
 
-    names: tuple[str, ...]
-    """K1 ... Kn, D1 ... Dn."""
-    estimate: Floats
-    """Values of the fit, shape (2n,)."""
     today: Floats
     """Standard errors with the existing records, shape (2n,); about those of the fit."""
     planned: Floats
@@ -84,14 +80,7 @@ def predict_standard_errors(
     omega = 2 * np.pi * planned.frequency_hz
     new = now.planned_information(omega, planned.angle_rad, planned.duration_s).sum(axis=0)
     old = now.today
-    today, alone, both = (now.standard_errors(matrix) for matrix in (old, new, old + new))
-    return PredictedErrors(
-        names=elasticity_labels(fit.n),
-        estimate=fit.estimate,
-        today=today,
-        planned=alone,
-        together=both,
-    )
+    return PredictedErrors(*(now.standard_errors(matrix) for matrix in (old, new, old + new)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
-from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.estimation.estimators.parameters import PARAMETERS, ParameterLayout
 from jointid.wording import enumerated, minus, plain, significant, with_error
 
 
@@ -72,7 +72,6 @@ def prior_rows(fit: ElasticityFit, poses: Sequence[str] = ()) -> tuple[PriorRow,
     layout = ParameterLayout.of(
         fit.n, rotors=1, arms=1, torque_scale="torque_scale" in priors
     )  # labels of one pose
-    variance = np.diag(fit.parameter_covariance)
     rows = []
     for block in layout.blocks[2:]:
         mean = given[block.name].ravel()
@@ -81,13 +80,12 @@ def prior_rows(fit: ElasticityFit, poses: Sequence[str] = ()) -> tuple[PriorRow,
         is_fitted = block.name in fit.parameters.layout
         if is_fitted:
             value = fit.parameters[block.name].ravel()
-            error = np.sqrt(variance[fit.parameters.layout[block.name]])
-        unit = "" if block.name == "torque_scale" else "kg·m²"
+            error = fit.errors[block.name].ravel()
         columns = (column.tolist() for column in (mean, std, value, error))
         for k, (a, a_std, b, b_std) in enumerate(zip(*columns, strict=True)):
             pose, element = divmod(k, len(block.labels))
             name = block.labels[element] + _suffix(prior, block.name, pose, poses)
-            rows.append(PriorRow(name, unit, a, a_std, b, b_std, is_fitted))
+            rows.append(PriorRow(name, PARAMETERS[block.name].unit, a, a_std, b, b_std, is_fitted))
     return tuple(rows)
 
 

@@ -99,8 +99,6 @@ class Bootstrap:
     """K1 ... Kn, D1 ... Dn of each draw, shape (draws, 2n)."""
     standard_error: Floats
     """Their standard deviation, shape (2n,), to compare with the fit's; infinite where that is."""
-    bias: Floats
-    """Their mean less the fit, shape (2n,)."""
     failed: int
     """Number of draws without an estimate."""
 
@@ -169,7 +167,6 @@ def bootstrap(
     return Bootstrap(
         estimates=table,
         standard_error=np.where(np.isfinite(fit.standard_error), table.std(axis=0, ddof=1), np.inf),
-        bias=table.mean(axis=0) - fit.estimate,
         failed=draws - len(found),
     )
 

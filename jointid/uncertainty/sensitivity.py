@@ -29,11 +29,6 @@ class PriorInfluence:
     shift: Floats
     """Change of K and D when a given value is larger by its standard deviation, shape (2n, E)."""
 
-    @property
-    def error(self) -> Floats:
-        """Standard errors of K and D from all given values, shape (2n,)."""
-        return np.asarray(np.linalg.norm(self.shift, axis=1))
-
 
 def prior_influence(fit: ElasticityFit) -> PriorInfluence:
     """Influence of each given value; empty if all are exact, zero for unknown ones, which are fitted.

@@ -66,7 +66,7 @@ def motion_findings(
     causes += [] if own is None else inertias_off(evidence, own)
     found += [*causes, *effects_found(evidence), *torque_lags(evidence)]
     if not causes:
-        resting = list(_resting(fit, rests))
+        resting = list(_joints_at_rest(fit, rests))
         rules = (model_limits, hardly_tested, hardly_known)[: 2 if resting else 3]
         found += [*resting, *(each for rule in rules for each in rule(evidence))]
     if not any(finding.level in ("problem", "warning") for finding in found):
@@ -98,11 +98,11 @@ def _responses(
     return Phasors.joined(parts), inertias
 
 
-def _resting(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
+def _joints_at_rest(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
     """Joints that friction holds so long that their own torques hardly show the spring."""
     if fit.friction is None:
         return
-    known = fit.standard_error[: fit.n] / np.abs(fit.K)
+    known = fit.errors.K / np.abs(fit.K)
     joints = np.flatnonzero((shares > _RESTS) & (known > _LOOSELY))
     if joints.size:
         j = int(joints[np.argmax(known[joints])])

@@ -34,7 +34,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     fit, logged = evidence.fit, evidence.phasors
     if fit.method == "least-squares" or np.any(fit.K <= 0):
         return
-    if fit.friction is not None and np.any(fit.friction.coulomb < -fit.friction.standard_error[: fit.n]):
+    if fit.friction is not None and np.any(fit.friction.coulomb < -fit.errors["coulomb"]):
         return  # friction dissipates energy
     if any(gear.laws != ("linear",) for gear in fit.gears):
         return  # the gears make most of the difference, and have findings of their own

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jointid.answer import EFFECT_PARAMETERS, Quantity, effect_values
-from jointid.estimation.estimators.parameters import GEAR_LAWS
+from jointid.estimation.estimators.parameters import GEAR_LAWS, PARAMETERS
+from jointid.estimation.quantities import quantities
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.evidence import Evidence, Finding, note
 from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample, hold_change
@@ -57,20 +57,13 @@ _REMEDIES = {
 def effects_found(evidence: Evidence) -> Iterator[Finding]:
     """Every effect that the chosen model has, with its size."""
     fit = evidence.fit
-    for name, (sizes, errors) in effect_values(fit).items():
+    for name, found in quantities(fit).items():
         if name not in _REMEDIES:
             continue
-        label, unit = EFFECT_PARAMETERS[name]
-        shown = [
-            Quantity(label, float(size), float(error), unit).shown
-            for size, error in zip(sizes, errors, strict=True)
-        ]
-        values = ", ".join(
-            f"{value} {of}".rstrip() + f" (joint {j})" for j, (value, of) in enumerate(shown, start=1)
-        )
+        values = ", ".join(" ".join(q.shown).rstrip() + f" (joint {q.joints[0]})" for q in found)
+        clearest = max(found, key=lambda q: abs(q.value) / (q.error if q.error > 0 else np.inf))
         title, remedy = _REMEDIES[name]
-        negative = sizes[int(np.argmax(np.abs(sizes) / np.where(errors > 0, errors, np.inf)))] < 0
-        title = re.sub(r"\{(.*)\|(.*)\}", r"\2" if negative else r"\1", title)
+        title = re.sub(r"\{(.*)\|(.*)\}", r"\2" if clearest.value < 0 else r"\1", title)
         others = " or ".join(alternatives(fit, name).values())
         if name in _TIMES:
             remedy = half_a_sample(evidence) or remedy
@@ -78,7 +71,8 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
             remedy = f"{remedy} {_settled_by(evidence)}".strip()
         yield note(
             f"{title}, or there is {others}" if others else title,
-            f"{capitalised(label)}: {values}. {CANNOT_TELL if others else ''}The fit includes it.",
+            f"{capitalised(PARAMETERS[name].name)}: {values}. {CANNOT_TELL if others else ''}"
+            "The fit includes it.",
             remedy,
             0.01,
             "",

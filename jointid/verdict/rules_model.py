@@ -60,7 +60,7 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
                 2.0,
                 "edit mapping",
             )
-        elif fit.D[j] < -2 * fit.standard_error[fit.n + j]:
+        elif fit.D[j] < -2 * fit.errors.D[j]:
             yield warning(
                 f"D{j + 1} is negative",
                 f"The estimate is {number(fit.D[j])} N·m·s/rad; a damper has a positive D.",
@@ -245,7 +245,7 @@ def one_frequency(evidence: Evidence) -> Iterator[Finding]:
 def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
     """No record near a resonance, where the elasticity shows most."""
     fit = evidence.fit
-    if np.any(fit.K <= 0) or np.any(-2 * fit.standard_error[fit.n :] > fit.D):
+    if np.any(fit.K <= 0) or np.any(-2 * fit.errors.D > fit.D):
         return
     error = fit.standard_error / np.sqrt(fit.inflation)
     share = float(relative(error, fit.estimate).max())

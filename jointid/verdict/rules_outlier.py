@@ -74,7 +74,7 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
         f"{times_noise(found.misfit_without)}. Its dynamic stiffness of joint {k + 1} is "
         f"{number(float(found.stiffness[k]), 2)} times that of the other records. "
     )
-    title, cause, remedy = _told(found, label, n)
+    title, cause, remedy = _outlier_text(found, label, n)
     changes = [Change("leave out", (found.record,))]
     known = [1.0, *(factor for factor, *_ in _KNOWN)]
     if found.factor is not None and np.isin(found.factor, known).all():
@@ -124,7 +124,7 @@ def find_outlier(
     return Outlier(first, float(whole.cost[0]), left, own / expected, factor, by_angle)
 
 
-def _told(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
+def _outlier_text(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
     """Title, cause and remedy."""
     if found.factor is None:
         return (

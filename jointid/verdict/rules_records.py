@@ -207,7 +207,7 @@ def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
     if fit.friction is None:
         return
     stationary = chosen_friction(phasors, fit).stationary
-    has_friction = fit.friction.coulomb > 3 * fit.friction.standard_error[: fit.n]
+    has_friction = fit.friction.coulomb > 3 * fit.errors["coulomb"]
     for j in np.flatnonzero(stationary.any(axis=0) & has_friction):
         names = [phasors.labels[i] for i in np.flatnonzero(stationary[:, j])]
         share = len(names) / len(phasors.labels)

@@ -107,7 +107,7 @@ def quadratic(residual: WhitenedResidual, p: Floats) -> tuple[float, Floats, Flo
     """Cost, half its gradient, and normal matrix, the prior's part included."""
     problem = residual.at.problem
     rows, columns = residual.rows.reshape(-1), residual.columns().reshape(-1, p.size)
-    deviation, weight = problem.pull(p)
+    deviation, weight = problem.prior_residual(p)
     cost = float(rows @ rows) + penalty(problem, p)
     gradient = columns.T @ rows + 0.5 * weight @ deviation
     return cost, gradient, columns.T @ columns + 0.5 * weight
@@ -115,5 +115,5 @@ def quadratic(residual: WhitenedResidual, p: Floats) -> tuple[float, Floats, Flo
 
 def penalty(problem: Problem, p: Floats) -> float:
     """Cost of the prior: a negative log likelihood like the data's."""
-    deviation, weight = problem.pull(p)
+    deviation, weight = problem.prior_residual(p)
     return float(0.5 * deviation @ weight @ deviation)

@@ -156,7 +156,7 @@ def maximum_likelihood(
     named = problem.layout.named(p)
     if not prior.blocks():
         _require_separable(problem, normal)
-    normal = fitted.information() + 0.5 * problem.pull(p)[1]
+    normal = fitted.information() + 0.5 * problem.prior_residual(p)[1]
     covariance = 0.5 * determined_covariance(normal)
     for name in ("coulomb", "curve"):
         if name in problem.layout:  # a motor that never reverses shows none
@@ -238,7 +238,7 @@ def _determined_by_data(problem: Problem, p: Floats, normal: Floats) -> float:
     """Number of parameters that the data determine: P − tr(C B), with the prior's information B."""
     variance = positive_inverse(normal) / 2
     known = np.where(np.isfinite(variance), variance, 0.0)
-    by_prior = np.einsum("ij,ji->i", problem.pull(p)[1], known)
+    by_prior = np.einsum("ij,ji->i", problem.prior_residual(p)[1], known)
     return float(p.size - np.minimum(by_prior, 1.0).sum())
 
 
@@ -264,7 +264,7 @@ def _prior_part(problem: Problem, p: Floats, covariance: Floats) -> Floats:
     With the information A of the data and B of the prior, C = (A + B)⁻¹ = C A C + C B C.
     """
     C = finite_part(covariance)
-    part = C @ problem.pull(p)[1] @ C
+    part = C @ problem.prior_residual(p)[1] @ C
     np.fill_diagonal(part, np.maximum(np.diag(part), 0.0))  # rounding
     return np.asarray(part)
 

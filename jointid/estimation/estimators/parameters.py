@@ -1,5 +1,7 @@
 """Named blocks of the parameter vector: stiffness, damping, friction, effects, inertias.
 
+``PARAMETERS`` is the one table of what they are called and measured in.
+
 The effects are deviations of real robots from equation (1), each of one or two numbers per joint.
 """
 
@@ -95,14 +97,50 @@ LAWS = (*GEAR_LAWS, "arm_coulomb", "motor_presliding")
 """All nonlinear laws."""
 
 
+class Meaning(NamedTuple):
+    """What the numbers of a block are, on the motor side."""
+
+    name: str
+    unit: str
+    symbol: str = ""
+    """In place of the name in front of the joint's number."""
+
+    def of_joint(self, j: int) -> str:
+        """Name of the number of joint ``j``, from 1."""
+        return f"{self.symbol or self.name + ' '}{j}"
+
+
+EFFECT_PARAMETERS = {
+    name: Meaning(*text) for effect in EFFECTS.values() for name, text in effect.parameters.items()
+}
+"""Every block of the effects."""
+
+PARAMETERS = {
+    "K": Meaning("stiffness", "N·m/rad", "K"),
+    "D": Meaning("damping", "N·m·s/rad", "D"),
+    "coulomb": Meaning("Coulomb friction", "N·m"),
+    "viscous": Meaning("viscous friction", "N·m·s/rad"),
+    "curve": Meaning("friction curve", "N·m"),
+    "delay": Meaning("torque delay", "s"),
+    **EFFECT_PARAMETERS,
+    "M": Meaning("rotor inertia", "kg·m²", "J_m"),
+    "M2": Meaning("arm inertia", "kg·m²"),
+    "torque_scale": Meaning("torque scale", ""),
+}
+"""Every block of parameters, in the order of reports."""
+
+
 class Block(NamedTuple):
     """One named block of a parameter vector."""
 
     name: str
+    """Key of ``PARAMETERS``."""
     shape: tuple[int, ...]
     """Shape of its values; () is a single number."""
-    labels: tuple[str, ...]
-    """Name of each number for messages and tables, in C order."""
+    labels: tuple[str, ...] = ()
+    """Name of each number for messages and tables, in C order; none in start values."""
+    joints: tuple[tuple[int, ...], ...] = ()
+    """Joint, from 1, or pair of joints of each number; () where it belongs to all."""
 
 
 @dataclass(frozen=True)
@@ -144,28 +182,34 @@ class ParameterLayout:
             One torque scale per joint.
         """
         joints = range(1, n + 1)
-        blocks = [_of_joints(n, letter, letter) for letter in "KD"]
+        each = tuple((j,) for j in joints)
+
+        def of_joints(name: str) -> Block:
+            return Block(name, (n,), tuple(map(PARAMETERS[name].of_joint, joints)), each)
+
+        blocks = [of_joints("K"), of_joints("D")]
         if friction:
-            curve = (f"friction curve {c + 1} of joint {j}" for j in joints for c in range(curve_parts))
-            blocks += [
-                _of_joints(n, "coulomb", "Coulomb friction "),
-                _of_joints(n, "viscous", "viscous friction "),
-                Block("curve", (n, curve_parts), tuple(curve)),
-            ]
+            of = [(c, j) for j in joints for c in range(curve_parts)]
+            labels = tuple(f"{PARAMETERS['curve'].name} {c + 1} of joint {j}" for c, j in of)
+            blocks += [of_joints("coulomb"), of_joints("viscous")]
+            blocks.append(Block("curve", (n, curve_parts), labels, tuple((j,) for _, j in of)))
         if delay:
-            blocks.append(Block("delay", (), ("delay",)))
+            blocks.append(Block("delay", (), (PARAMETERS["delay"].name,), ((),)))
         for effect in effects:
-            parameters = EFFECTS[effect].parameters.items()
-            blocks += [_of_joints(n, name, f"{label} ") for name, (label, _) in parameters]
+            blocks += map(of_joints, EFFECTS[effect].parameters)
         if rotors:
-            names = [f"J_m{j}{_suffix(m, rotors)}" for m in range(rotors) for j in joints]
-            blocks.append(Block("M", (rotors, n), tuple(names)))
+            names = [
+                f"{PARAMETERS['M'].of_joint(j)}{_suffix(m, rotors)}"
+                for m in range(rotors)
+                for j in joints
+            ]
+            blocks.append(Block("M", (rotors, n), tuple(names), each * rotors))
         if arms:
-            pairs = [(i, j) for i in joints for j in range(1, i + 1)]
+            pairs = tuple((i, j) for i in joints for j in range(1, i + 1))
             names = [f"{arm_inertia(i, j)}{_suffix(p, arms)}" for p in range(arms) for i, j in pairs]
-            blocks.append(Block("M2", (arms, len(pairs)), tuple(names)))
+            blocks.append(Block("M2", (arms, len(pairs)), tuple(names), pairs * arms))
         if torque_scale:
-            blocks.append(_of_joints(n, "torque_scale", "torque scale "))
+            blocks.append(of_joints("torque_scale"))
         return cls(tuple(blocks))
 
     @cached_property
@@ -246,10 +290,6 @@ class Parameters:
     def delay(self) -> float:
         """Seconds by which the torque lags; 0 where it is not fitted."""
         return float(self["delay"]) if "delay" in self.layout else 0.0
-
-
-def _of_joints(n: int, name: str, label: str) -> Block:
-    return Block(name, (n,), tuple(f"{label}{j}" for j in range(1, n + 1)))
 
 
 def _suffix(index: int, count: int) -> str:

@@ -162,7 +162,7 @@ class Problem:
             means |= {name: share * rise for name, share in _BENDS.items()}
         return self.layout.pack(**(means | same))
 
-    def pull(self, vector: Floats) -> tuple[Floats, Floats]:
+    def prior_residual(self, vector: Floats) -> tuple[Floats, Floats]:
         """Deviation from the prior's mean, shape (P,), and the prior's information, shape (P, P)."""
         deviation, weight = np.zeros(vector.size), np.zeros((vector.size, vector.size))
         for name, (mean, _) in self.prior.blocks().items():

@@ -89,11 +89,11 @@ class WhitenedResidual:
 
     def information(self) -> Floats:
         """Normal matrix Σ JᵀJ without harmonics that are within their noise, shape (P, P)."""
-        rows = self.heard_columns.reshape(-1, self.at.problem.layout.size)
+        rows = self.visible_columns.reshape(-1, self.at.problem.layout.size)
         return np.asarray(rows.T @ rows)
 
     @cached_property
-    def heard_columns(self) -> Floats:
+    def visible_columns(self) -> Floats:
         """Jacobian of the rows without harmonics that are within their noise, shape (r, m, P).
 
         The noise of a harmonic that does not exist would add as much to it as a small signal, and make
@@ -101,13 +101,13 @@ class WhitenedResidual:
         """
         problem = self.at.problem
         variance = np.einsum("rhjj->rhj", problem.noise.covariance).real * self.weight[..., None]
-        heard = np.any(np.abs(problem.z) ** 2 > _CLEAR**2 * variance, axis=2)
-        heard[:, 0] = True
+        visible = np.any(np.abs(problem.z) ** 2 > _CLEAR**2 * variance, axis=2)
+        visible[:, 0] = True
         J = self._jacobian(self.smoothed())
-        heard |= ~problem.known
-        if heard.all() or self.projection.complement:
-            return self.projection.rows(J * heard[..., None, None])
-        return self.free.projection(self.W * heard[..., None, None], self.at.V).rows(J)
+        visible |= ~problem.known
+        if visible.all() or self.projection.complement:
+            return self.projection.rows(J * visible[..., None, None])
+        return self.free.projection(self.W * visible[..., None, None], self.at.V).rows(J)
 
     def misfit_by_harmonic(self, rank: int) -> Floats:
         """Cost over expected cost of each group of rows, (G,); rank is that of the free friction.
@@ -215,7 +215,7 @@ def repeated_covariance(residual: WhitenedResidual, covariance: Floats) -> tuple
         return np.zeros_like(covariance), 0.0
     n, C = problem.n, finite_part(covariance)
     errors = (residual.W @ residual.at.E[..., :n]) * np.sqrt(problem.repeated)[:, None, None]
-    whole = residual.projection.whitened(residual.heard_columns)
+    whole = residual.projection.whitened(residual.visible_columns)
     pulls = (errors.conj().swapaxes(2, 3) @ whole).reshape(-1, whole.shape[3])
     share = 2 * float((np.abs(errors) ** 2).sum()) / max(problem.rows, 1)
     return 2 * C @ (pulls.conj().T @ pulls).real @ C, share
@@ -227,7 +227,7 @@ def _shifts(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, Flo
     size = np.where(size > 0, size, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     root = size[:, None] * vectors * np.sqrt(2 * np.maximum(values, 0.0))  # of the inverse normal matrix
-    columns = residual.heard_columns @ root
+    columns = residual.visible_columns @ root
     leverage, directions = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)
     gradient = (columns.swapaxes(1, 2) @ residual.rows[..., None])[..., 0]
     left = np.sqrt(1 - np.clip(leverage, 0.0, _MOST_LEVERAGE))

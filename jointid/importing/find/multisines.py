@@ -11,7 +11,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.importing.find.lines import MOST_LINES, find_lines, fit_lines, in_lines
-from jointid.importing.find.segment import FEWEST_PERIODS, lines_worth
+from jointid.importing.find.segment import FEWEST_PERIODS, significant_lines
 from jointid.importing.find.steady_state import SEED_FRAMES, frames_of, grown, weighted
 
 _SHORTEST = 512  # samples of a window
@@ -63,7 +63,7 @@ def excited_lines(time: Floats, signals: Floats, share: float = 0.0) -> list[flo
     lines = find_lines(time, theta, tau)
     if len(lines) > 1 and (len(lines) == MOST_LINES or in_lines(time, theta, lines) < share):
         return []
-    return lines_worth(time, theta, tau, lines) if len(lines) > 1 else lines
+    return significant_lines(time, theta, tau, lines) if len(lines) > 1 else lines
 
 
 def _averaged(values: Floats, width: int) -> Floats:

@@ -120,7 +120,7 @@ def measured(
     )
 
 
-def lines_worth(time: Floats, theta: Floats, tau: Floats, lines: Sequence[float]) -> list[float]:
+def significant_lines(time: Floats, theta: Floats, tau: Floats, lines: Sequence[float]) -> list[float]:
     """Keep the excited lines (Hz): drop harmonics of other lines, noise, and very small lines.
 
     The position amplitude of an excited line falls with the square of its frequency and its torque does

@@ -11,7 +11,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.find.lines import find_lines
-from jointid.importing.find.segment import Segment, lines_worth, measured
+from jointid.importing.find.segment import Segment, measured, significant_lines
 from jointid.importing.find.segment_search import SegmentSearch
 from jointid.importing.find.unused_spans import moving_spans, unused_spans, without_sweeps
 from jointid.importing.map.mapped_log import MappedLog
@@ -197,7 +197,7 @@ def measure_run(
             f"No joint moves from {start_s:g} s to {stop_s:g} s: choose times at which one does."
         )
     lines = find_lines(time, theta, tau)
-    found = measured(time, theta, tau, lines_worth(time, theta, tau, lines)) if lines else None
+    found = measured(time, theta, tau, significant_lines(time, theta, tau, lines)) if lines else None
     if found and min(found.share, found.torque_share) >= _LEAST_SHARE:
         return found
     try:

@@ -16,7 +16,7 @@ from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import NO_POSE, choose_segment, side_by_side, table
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.wording import minus, significant, with_error
+from jointid.wording import minus, significant, three_digits, with_error
 
 
 def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> None:
@@ -94,7 +94,7 @@ def _stiffnesses(
     angles, n = study.pose_angles_rad[pose], fit.n
     nominal = None if study.nominal is None else tool_stiffness(model, angles, study.nominal)
     of = tool_stiffness(model, angles, fit.elasticity)
-    degrees = ", ".join(significant(float(value), 3) for value in np.rad2deg(angles))
+    degrees = three_digits(np.rad2deg(angles))
     return of, nominal, fit.covariance[:n, :n], f"joint angles {degrees}°, motors locked"
 
 
@@ -111,7 +111,7 @@ def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where
             "Stiffness (N/mm)": [significant(1e-3 / value, 3) for value in values],
         }
     )
-    lowest = ", ".join(significant(value, 3) for value in of.resonances_hz[:3])
+    lowest = three_digits(of.resonances_hz[:3])
     st.caption(
         f"Directions are in {'world' if len(directions) == 3 else 'base'} axes; a force along one of "
         f"them moves the tool along it. Lowest natural frequencies: {lowest} Hz."

@@ -1,6 +1,5 @@
 """Panels of the page Cut, and its summary for the first screen."""
 
-from collections.abc import Iterable
 from html import escape
 
 import streamlit as st
@@ -18,7 +17,7 @@ from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.messages import show_note, show_text_table, show_warning
 from jointid.ui.shared.method_steps import CUT
 from jointid.ui.shared.page import Page
-from jointid.wording import counted, significant, unbroken
+from jointid.wording import counted, three_digits, unbroken
 
 
 def show_rule(robot: CutRobot) -> None:
@@ -78,7 +77,7 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
         "Path error: largest simulated distance of the tool from the reference path.\n"
         f"- **Before, {before}**: {_robot(outcome.robot)} {_servo(outcome)}\n"
         f"- **After, {after}**: the servo assumes the identified values. "
-        f"{promise(outcome, settings.servo, settings.friction)}\n"
+        f"{accuracy_text(outcome, settings.servo, settings.friction)}\n"
         f"- **Both**: {_conditions(settings)}"
     )
     if outcome.before.torque_limit_hit or outcome.after.torque_limit_hit:
@@ -92,7 +91,7 @@ def _robot(robot: CutRobot) -> str:
         return f"the example arm with the paper's springs, {springs}."
     if robot.rule != "relative":
         return f"a robot with the identified springs, {springs}."
-    own, factor = robot.of_the_study(robot.elasticity), _three(robot.scale)
+    own, factor = robot.of_the_study(robot.elasticity), three_digits(robot.scale)
     return (
         f"the example arm with the identified springs scaled by {factor}: {springs}, where this study's "
         f"robot has {_springs(own)}."
@@ -111,14 +110,14 @@ def _servo(outcome: Outcome) -> str:
 
 
 def _springs(elasticity: Elasticity) -> str:
-    return f"K = {_three(elasticity.K)} N·m/rad, D = {_three(elasticity.D)} N·m·s/rad"
+    return f"K = {three_digits(elasticity.K)} N·m/rad, D = {three_digits(elasticity.D)} N·m·s/rad"
 
 
-def promise(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str:
+def accuracy_text(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str:
     """Explain the path error after the identification."""
     if outcome.distribution is None:
         return "The robot has exactly the identified springs; their error is not known."
-    if not outcome.springs_matter:
+    if not outcome.depends_on_elasticity:
         text = remaining_error_text(outcome, servo, friction)
         return f"{text} The page Cut, tab Accuracy of K, shows the effect of an error of K."
     return (
@@ -135,20 +134,16 @@ def _conditions(settings: CutSettings) -> str:
     text = f"a controller of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}; "
     if settings.friction is None:
         return text + "motors without friction."
-    text += f"motors with a Coulomb friction of {_three(settings.friction.coulomb)} N·m. The servo "
-    if settings.compensated:
-        return text + "compensates it."
-    return text + "does not compensate it, which adds to the error."
+    servo = "compensates it"
+    if not settings.compensated:
+        servo = "does not compensate it, which adds to the error"
+    coulomb = three_digits(settings.friction.coulomb)
+    return f"{text}motors with a Coulomb friction of {coulomb} N·m. The servo {servo}."
 
 
 def _below(length_m: float) -> str:
     text = millimetres(length_m)
     return text if text.startswith("under") else f"below {text}"
-
-
-def _three(values: Iterable[float]) -> str:
-    """Values with three digits."""
-    return ", ".join(significant(float(value), 3) for value in values)
 
 
 def show_assumptions() -> None:
@@ -244,7 +239,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 )
             st.caption(
                 "A rectangle of 28 × 45 mm with corner zones of 10 mm at 300 mm/s, cut by "
-                f"{arm}. {promise(outcome, TYPICAL_SERVO, of.friction)}"
+                f"{arm}. {accuracy_text(outcome, TYPICAL_SERVO, of.friction)}"
                 + " Both simulations include the identified friction."
                 * bool(of.friction)
             )

@@ -7,7 +7,7 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.analysis import NOT_USABLE, STATES, USABLE, WITH_CARE
-from jointid.answer import UNITS
+from jointid.estimation.estimators.parameters import PARAMETERS
 from jointid.figures.fleet import distribution, drift_over_time
 from jointid.files.study_files import load_study
 from jointid.fleet.row import Row
@@ -83,7 +83,7 @@ def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
 
 
 def _in_words(spread: Spread) -> str:
-    unit = UNITS[spread.name[0]]
+    unit = PARAMETERS[spread.name[0]].unit
     if np.isfinite(spread.spread):
         share = 100 * spread.spread / abs(spread.median) if spread.median else float("nan")
         text = with_error(spread.median, spread.spread)
@@ -244,8 +244,8 @@ def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
         column_config={"Study": st.column_config.Column(pinned=True)},
     )
     st.caption(
-        f"K in {UNITS['K']}, D in {UNITS['D']}, seen from the motor, ± one standard error. A table of "
-        "many joints scrolls sideways."
+        f"K in {PARAMETERS['K'].unit}, D in {PARAMETERS['D'].unit}, seen from the motor, ± one standard "
+        "error. A table of many joints scrolls sideways."
     )
     st.selectbox(
         "Study to show",

@@ -10,7 +10,7 @@ import streamlit as st
 from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE, WITH_CARE
 from jointid.answer import AT_MOTOR
-from jointid.figures import compared_models
+from jointid.figures import compared_responses
 from jointid.ui.shared.entries import choose_from
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
@@ -112,7 +112,7 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
     st.header("Both models", anchor=False)
     page.show_per_joint(
         f"compare {page.key} {other.key} {other.digest} {other.method}",
-        partial(compared_models, (first, second), (page.key, other.key)),
+        partial(compared_responses, (first, second), (page.key, other.key)),
         "Magnitude of H{0}{0} of both studies",
     )
 

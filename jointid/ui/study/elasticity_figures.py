@@ -264,7 +264,7 @@ def show_poses(page: Page, analysis: Analysis) -> None:
         for value, error in zip(fits.estimates, fits.standard_error, strict=True)
     ]
     for k, found in enumerate(analysis.quantities):
-        columns[f"{found.name} ({found.unit})"] = [
+        columns[found.heading] = [
             *(with_error(value[k], error[k]) for value, error in pairs),
             significant(float(fits.significance[k]), 2),
         ]

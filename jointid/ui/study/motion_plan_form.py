@@ -29,7 +29,7 @@ from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.study.plan_form import PlanSettings, pose_inertia
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
 from jointid.uncertainty.plan import PlannedRecords
-from jointid.wording import file_stem, percent, significant
+from jointid.wording import file_stem, percent, significant, three_digits
 
 _LIMITS = {
     "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
@@ -286,8 +286,8 @@ def plan_table(plans: tuple[PlannedMotion, ...]) -> Table:
     columns: dict[str, list[str]] = {
         "Motion": [_KINDS[plan.motion.kind] for plan in plans],
         "Duration": [f"{len(p.records)} × {significant(p.motion.duration_s, 3)} s" for p in plans],
-        "Peak velocity (rad/s)": [_listed(peak.velocity_rad_s) for peak in peaks],
-        "Peak torque (N·m)": [_listed(peak.torque_Nm) for peak in peaks],
+        "Peak velocity (rad/s)": [three_digits(peak.velocity_rad_s) for peak in peaks],
+        "Peak torque (N·m)": [three_digits(peak.torque_Nm) for peak in peaks],
         "Worst error alone": [percent(float(plan.alone.max())) for plan in plans],
         "Worst error together": [percent(float(plan.together.max())) for plan in plans],
     }
@@ -304,7 +304,3 @@ def plan_columns(plan: PlannedMotion) -> Table:
             columns[f"record{number}_theta_m{j + 1}_rad"] = record.theta_rad[:, j].tolist()
             columns[f"record{number}_tau_m{j + 1}_Nm"] = record.tau_Nm[:, j].tolist()
     return columns
-
-
-def _listed(values: np.ndarray) -> str:
-    return ", ".join(significant(float(value), 3) for value in values)

@@ -8,8 +8,9 @@ import streamlit as st
 
 from jointid import Analysis, Finding, JointIdError, Study
 from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
-from jointid.answer import ERROR_BARS, Quantity, change_from
+from jointid.answer import ERROR_BARS, change_from
 from jointid.corrections.changes import corrected, label
+from jointid.estimation.quantities import Quantity
 from jointid.figures.response_curves import removed_effects
 from jointid.files.digest import study_digest
 from jointid.ui.shared import workspace
@@ -17,7 +18,7 @@ from jointid.ui.shared.messages import markdown_escape, show_error, show_note, s
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.ui.shared.page import Page
 from jointid.verdict.evidence import Change
-from jointid.wording import UNDETERMINED, counted, plain, significant, unbroken
+from jointid.wording import UNDETERMINED, capitalised, counted, plain, significant, unbroken
 
 _PREVIEWED, _BEFORE = "previewed_change", "study_before_change"
 _SUFFIX = ", corrected"
@@ -79,7 +80,7 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
 
 def _compared(before: Analysis, after: Analysis) -> dict[str, list[str]]:
     columns = {"": ["State"]}
-    columns[""] += [f"{found.name} ({found.unit})" for found in before.quantities]
+    columns[""] += [found.heading for found in before.quantities]
     columns[""] += ["Residual of the whole model / noise"]
     for heading, each in (("Now", before), ("With the change", after)):
         misfit = float(np.sqrt(each.fit.misfit))
@@ -171,11 +172,11 @@ def show_tiles(analysis: Analysis) -> None:
         show_text_table(_values_table(analysis, found))
         return
     with st.container(horizontal=True):  # K1, K2, D1, D2, as in sentences, tables and files
-        for row in (range(n), range(n, 2 * n)) if n > 1 else (range(2),):
+        for row in (found[:n], found[n:]) if n > 1 else (found,):
             width = len(row) * (_TILE_WIDTH + _TILE_GAP) - _TILE_GAP
             with st.container(horizontal=True, width=width):
-                for k in row:
-                    _tile(analysis, found[k], k)
+                for quantity in row:
+                    _tile(analysis, quantity)
 
 
 def show_bands(analysis: Analysis) -> None:
@@ -202,27 +203,24 @@ def _values_table(analysis: Analysis, found: Sequence[Quantity]) -> dict[str, li
     for name, own in (("K", found[:n]), ("D", found[n:])):
         columns[f"{name} ({own[0].unit})"] = [quantity.shown[0] for quantity in own]
         if analysis.nominal is not None and analysis.state != NOT_USABLE:
-            first = 0 if name == "K" else n
-            columns[f"nominal {name}"] = [_nominal(analysis, q, first + j) for j, q in enumerate(own)]
+            columns[f"nominal {name}"] = [_nominal(analysis, quantity) for quantity in own]
     return columns
 
 
-def _nominal(analysis: Analysis, found: Quantity, k: int) -> str:
+def _nominal(analysis: Analysis, found: Quantity) -> str:
     """Nominal value with its change, empty without one."""
     if analysis.nominal is None:
         return ""
-    reference = float(analysis.nominal[k])
+    reference = float(analysis.nominal[found.place])
     change = f" ({change_from(found.value, found.error, reference)})" if reference > 0 else ""
     return unbroken(plain(float(f"{reference:.5g}")) + change)
 
 
-def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
-    n = analysis.fit.n
-    assumed = f"nominal {text}" if (text := _nominal(analysis, found, k)) else None
-    label = f"{found.name} ({found.unit})"
+def _tile(analysis: Analysis, found: Quantity) -> None:
+    assumed = f"nominal {text}" if (text := _nominal(analysis, found)) else None
+    label = found.heading
     if analysis.state == NOT_USABLE:
         label, assumed = f":red[Not usable:] {label}", None
-    what = "Stiffness" if k < n else "Damping"
     st.metric(
         label,
         found.shown[0],
@@ -231,7 +229,7 @@ def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
         delta_arrow="off",
         border=True,
         width=_TILE_WIDTH,
-        help=f"{what} of joint {k % n + 1} {analysis.unit.side}. {ERROR_BARS} "
+        help=f"{capitalised(found.meaning)} {analysis.unit.side}. {ERROR_BARS} "
         "Nominal: in the controller at present.",
     )
 

@@ -258,7 +258,7 @@ def predicted_table(errors: PredictedErrors, analysis: Analysis) -> Table:
     """Error bars today, as everywhere else, with the plan alone, and with both."""
     today = analysis.quantities
     return {
-        "": [f"{found.name} ({found.unit})" for found in today],
+        "": [found.heading for found in today],
         "Now": [found.shown[0] for found in today],
         "This plan alone": plus_minus(analysis.unit.shown(errors.planned)),
         "Both together": plus_minus(analysis.unit.shown(errors.together)),

@@ -68,7 +68,7 @@ def show_matrix(fit: ElasticityFit) -> None:
     names = [name for j in range(1, fit.n + 1) for name in (f"D{j}", f"K{j}")]
     table({name: A[:, k].tolist() for k, name in enumerate(names)} | {"b": b.tolist()}, height=300)
     st.write("Correlation of the estimates:")
-    order = [f"K{j + 1}" for j in range(fit.n)] + [f"D{j + 1}" for j in range(fit.n)]
+    order = list(elasticity_labels(fit.n))
     rows = [[significant(float(x), 2) for x in row] for row in fit.correlation]
     columns = {name: [row[k] for row in rows] for k, name in enumerate(order)}
     show_text_table({"": order} | columns)
@@ -157,7 +157,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     if isinstance(left_out, Jackknife):
         errors["Jackknife"] = left_out.standard_error
     show_text_table(
-        {"": [f"{quantity.name} ({quantity.unit})" for quantity in analysis.quantities]}
+        {"": [quantity.heading for quantity in analysis.quantities]}
         | {name: plus_minus(analysis.unit.shown(error)) for name, error in errors.items()}
     )
     if drawn.failed:
