@@ -14,6 +14,8 @@ _SLOW_RAD = tuple(a * _ARC_SECOND for a in (1.0, 3.0, 10.0, 30.0, 100.0))
 """Expected size of the transmission error once a turn of the joint; harmonic k has 1/k of it."""
 _RIPPLE_RAD = tuple(a * _ARC_SECOND for a in (0.1, 3.0))
 """Expected size of each wave of the gear's ripple and of the harmonics of the motor."""
+_TEETH_RAD = 10 * _ARC_SECOND
+"""Expected size of a periodic error that the deflection shows above the band."""
 _FRICTION_RAD = 20 * _ARC_SECOND
 """Expected deflection by friction in the gear."""
 _FRICTION_LOAD_NM = 3000.0
@@ -55,9 +57,9 @@ class TermSet:
         std[groups["slow"]] = self.slow_rad / np.tile(SLOW_HARMONICS, 2)
         std[groups["motor"]] = self.ripple_rad / np.tile(MOTOR_HARMONICS, 2)
         std[groups["ripple"]] = self.ripple_rad
+        std[groups["teeth"]] = _TEETH_RAD
         if self.friction is not None:
             std[groups[f"friction {self.friction}"]] = _FRICTION_RAD
-            std[groups[f"start {self.friction}"]] = _FRICTION_RAD
             std[groups[f"loaded {self.friction}"]] = _FRICTION_RAD / _FRICTION_LOAD_NM
         return std
 

@@ -11,7 +11,7 @@ from jointid.arm_side.candidates import Average, Scale, average, noise_of
 from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
-from jointid.arm_side.position_map import PositionMap, position_map
+from jointid.arm_side.position_map import PositionMap, position_map, tooth_orders
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
 from jointid.arrays import Floats, bounded_number, frozen
 from jointid.errors import JointIdError
@@ -21,9 +21,12 @@ from jointid.small_matrices import one_thread
 
 LARGEST_ERROR = 0.25
 """Relative standard error beyond which a stiffness is refused."""
-_SLIP = 0.02
-"""Lowest velocity, in parts of the joint's largest: below it friction in the gear has no direction."""
-_OTHER_SLIPS = (0.0, 0.1)
+_MOVES = 0.02
+"""Largest velocity of a joint in a record, in parts of that in all records, from which it moves."""
+_SLIP = 0.1
+"""Lowest velocity, in parts of the joint's largest in a record: as a joint starts or stops, friction
+and lubrication of the gear change its deflection by more than any law of friction here."""
+_OTHER_SLIPS = (0.05, 0.2)
 """Other choices of that limit; the change of the result is part of the error."""
 _PARTS = (6, 10)
 """Numbers of parts of the time, each left out in turn: the same part of every record."""
@@ -210,7 +213,11 @@ def _joint(
     fastest = max((np.abs(motions[k].dq[:, j]).max() for k in seen), default=0.0)
     if fastest == 0.0:
         return None
-    ripple = Ripple.over(np.concatenate([motions[k].raw[:, j] for k in seen]))
+    angle, above = (
+        np.concatenate([getattr(motions[k], name)[motions[k].inner, j] for k in seen])
+        for name in ("raw", "above_band")
+    )
+    ripple = near.ripple if near else Ripple.over(angle, tooth_orders(angle, above))
     y, columns, speed, source, progress, every = [], [], [], [], [], []
     for i, k in enumerate(seen):
         m, motor = motions[k], given[k].theta_rad[given[k].start :, j]
@@ -222,7 +229,8 @@ def _joint(
         every.append(terms.columns)
         y.append(m.deflection[rows, j])
         columns.append(np.hstack([terms.columns[rows], offset]))
-        speed.append(np.abs(m.dq[rows, j]) / fastest)
+        largest = np.abs(m.dq[:, j]).max()
+        speed.append(np.abs(m.dq[rows, j]) / largest * (largest > _MOVES * fastest))
         source.append(np.full(rows.size, i))
         moving = np.cumsum(speed[-1] > _SLIP)
         progress.append((moving - 1) / max(1, moving[-1]))
@@ -250,7 +258,7 @@ def _joint(
         spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
         variance = variance + np.sum(spread**2, axis=0) / (1 + len(_OTHER_SLIPS))
     if round_ == _ROUNDS - 1:
-        left = _left_over([motions[k] for k in seen], every, beta, j)
+        left = _left_over([motions[k] for k in seen], every, beta, j, ripple.orders)
     jackknife = np.zeros(2)
     for count in _PARTS if round_ else ():
         part = (part_of * count).astype(int)
@@ -276,14 +284,16 @@ def _joint(
     )
 
 
-def _left_over(motions: list[BandLimited], terms: list[Floats], beta: Floats, j: int) -> PositionMap:
+def _left_over(
+    motions: list[BandLimited], terms: list[Floats], beta: Floats, j: int, orders: Floats
+) -> PositionMap:
     """Map of the residual of joint j, at rest as well, over its position."""
     slow, fast = [], []
     for m, columns in zip(motions, terms, strict=True):
         residual = (m.deflection[:, j] - columns @ beta[: columns.shape[1]])[m.inner]
         slow.append(residual - np.median(residual))
-        fast.append((m.raw_deflection[:, j] - m.lowpass(m.raw_deflection[:, j]))[m.inner])
-    return position_map([m.raw[m.inner, j] for m in motions], slow, fast)
+        fast.append(m.above_band[m.inner, j])
+    return position_map([m.raw[m.inner, j] for m in motions], slow, fast, orders)
 
 
 def _reason(joint: JointDeflection | None, sensor: bool) -> str:
