@@ -21,11 +21,11 @@ from jointid.small_matrices import one_thread
 
 LARGEST_ERROR = 0.25
 """Relative standard error beyond which a stiffness is refused."""
-_MOVES = 0.02
-"""Largest velocity of a joint in a record, in parts of that in all records, from which it moves."""
+_REST = 0.02
+"""Velocity, in parts of the joint's largest, up to which it rests."""
 _SLIP = 0.1
-"""Lowest velocity, in parts of the joint's largest in a record: as a joint starts or stops, friction
-and lubrication of the gear change its deflection by more than any law of friction here."""
+"""Lowest velocity, in parts of the largest between two rests or reversals: as a joint starts or stops,
+friction and lubrication of the gear change its deflection by more than any law of friction here."""
 _OTHER_SLIPS = (0.05, 0.2)
 """Other choices of that limit; the change of the result is part of the error."""
 _PARTS = (6, 10)
@@ -229,8 +229,7 @@ def _joint(
         every.append(terms.columns)
         y.append(m.deflection[rows, j])
         columns.append(np.hstack([terms.columns[rows], offset]))
-        largest = np.abs(m.dq[:, j]).max()
-        speed.append(np.abs(m.dq[rows, j]) / largest * (largest > _MOVES * fastest))
+        speed.append(_over_own_move(m.dq[:, j], _REST * fastest)[rows])
         source.append(np.full(rows.size, i))
         moving = np.cumsum(speed[-1] > _SLIP)
         progress.append((moving - 1) / max(1, moving[-1]))
@@ -282,6 +281,14 @@ def _joint(
         float(np.sqrt(np.mean(residual**2))),
         left,
     )
+
+
+def _over_own_move(v: Floats, rest: float) -> Floats:
+    """Velocity v (N,) over the largest between two rests or reversals, (N,); 0 up to ``rest``."""
+    size = np.abs(v) * (np.abs(v) > rest)
+    begins = np.flatnonzero(np.diff(np.sign(size * v), prepend=np.nan))
+    peak = np.maximum.reduceat(np.abs(v), begins).clip(rest)
+    return np.asarray(size / np.repeat(peak, np.diff(begins, append=v.size)))
 
 
 def _left_over(

@@ -10,8 +10,8 @@ from jointid.arm_side.band_limited import BandLimited, GaussianFilter
 from jointid.arrays import Floats
 from jointid.robot_models.model import RobotModel
 
-PRESLIDING_RAD = (1e-4, 1e-3)
-"""Motion after a reversal in which friction in the gear builds up; one model each."""
+_PRESLIDING_RAD = 3e-4
+"""Motion after a reversal in which friction in the gear builds up."""
 SLOW_HARMONICS = (1, 2, 3, 4)
 """Harmonics of the joint angle: eccentric gear wheels and encoder discs."""
 MOTOR_HARMONICS = (1, 2)
@@ -64,10 +64,10 @@ def waves(angle: Floats, orders: Floats) -> Floats:
     return np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
 
 
-def _presliding(q: Floats, reach_rad: float) -> Floats:
+def _presliding(q: Floats) -> Floats:
     """Dahl's friction state between −1 and 1, from rest."""
     step = np.diff(q, prepend=q[0])
-    decay, state = np.exp(-np.abs(step) / reach_rad), np.zeros_like(q)
+    decay, state = np.exp(-np.abs(step) / _PRESLIDING_RAD), np.zeros_like(q)
     for i in range(1, q.size):
         sign = np.sign(step[i])
         state[i] = sign + (state[i - 1] - sign) * decay[i] if sign else state[i - 1]
@@ -108,7 +108,7 @@ def joint_terms(
     ripple : Ripple
     """
     lowpass, raw = motion.lowpass, motion.raw[:, j]
-    friction = lowpass(np.stack([_presliding(raw, reach) for reach in PRESLIDING_RAD], axis=1))
+    friction = lowpass(_presliding(raw))[:, None]
     parts = {
         "compliance": torque[:, j, None],
         "skew": motion.dq[:, j, None],
@@ -118,10 +118,9 @@ def joint_terms(
         "motor": lowpass(waves(motor, np.array(MOTOR_HARMONICS, float))),
         "ripple": lowpass(waves(raw - ripple.start_rad, ripple.wavenumbers)),
         "teeth": lowpass(waves(raw, ripple.orders)),
+        "friction": friction,
+        "loaded": friction * np.abs(torque[:, j, None]),
     }
-    for k in range(len(PRESLIDING_RAD)):
-        parts[f"friction {k}"] = friction[:, k, None]
-        parts[f"loaded {k}"] = friction[:, k, None] * np.abs(torque[:, j, None])
     ends = np.cumsum([0, *(part.shape[1] for part in parts.values())])
     groups = {name: slice(a, b) for name, a, b in zip(parts, ends[:-1], ends[1:], strict=True)}
     return Terms(np.concatenate(list(parts.values()), axis=1), groups)
