@@ -11,7 +11,7 @@ from jointid.arm_side.candidates import Average, Scale, average, noise_of
 from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
-from jointid.arm_side.position_map import PositionMap, position_map, tooth_orders
+from jointid.arm_side.position_map import position_map, tooth_orders
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
 from jointid.arrays import Floats, bounded_number, frozen
 from jointid.errors import JointIdError
@@ -213,10 +213,8 @@ def _joint(
     fastest = max((np.abs(motions[k].dq[:, j]).max() for k in seen), default=0.0)
     if fastest == 0.0:
         return None
-    angle, above = (
-        np.concatenate([getattr(motions[k], name)[motions[k].inner, j] for k in seen])
-        for name in ("raw", "above_band")
-    )
+    angle = np.concatenate([motions[k].raw[motions[k].inner, j] for k in seen])
+    above = np.concatenate([motions[k].above_band[motions[k].inner, j] for k in seen])
     ripple = near.ripple if near else Ripple.over(angle, tooth_orders(angle, above))
     y, columns, speed, source, progress, every = [], [], [], [], [], []
     for i, k in enumerate(seen):
@@ -226,7 +224,7 @@ def _joint(
         rows = np.arange(len(m.q))[m.inner][::step]
         offset = np.zeros((rows.size, len(seen)))
         offset[:, i] = 1.0
-        every.append(terms.columns)
+        every.append((m.deflection[m.inner, j], terms.columns[m.inner]))
         y.append(m.deflection[rows, j])
         columns.append(np.hstack([terms.columns[rows], offset]))
         speed.append(_over_own_move(m.dq[:, j], _REST * fastest)[rows])
@@ -257,7 +255,9 @@ def _joint(
         spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
         variance = variance + np.sum(spread**2, axis=0) / (1 + len(_OTHER_SLIPS))
     if round_ == _ROUNDS - 1:
-        left = _left_over([motions[k] for k in seen], every, beta, j, ripple.orders)
+        rest = [deflection - X @ beta[: X.shape[1]] for deflection, X in every]
+        slow = np.concatenate([each - np.median(each) for each in rest])
+        left = position_map(angle, slow, above, ripple.orders)
     jackknife = np.zeros(2)
     for count in _PARTS if round_ else ():
         part = (part_of * count).astype(int)
@@ -289,18 +289,6 @@ def _over_own_move(v: Floats, rest: float) -> Floats:
     begins = np.flatnonzero(np.diff(np.sign(size * v), prepend=np.nan))
     peak = np.maximum.reduceat(np.abs(v), begins).clip(rest)
     return np.asarray(size / np.repeat(peak, np.diff(begins, append=v.size)))
-
-
-def _left_over(
-    motions: list[BandLimited], terms: list[Floats], beta: Floats, j: int, orders: Floats
-) -> PositionMap:
-    """Map of the residual of joint j, at rest as well, over its position."""
-    slow, fast = [], []
-    for m, columns in zip(motions, terms, strict=True):
-        residual = (m.deflection[:, j] - columns @ beta[: columns.shape[1]])[m.inner]
-        slow.append(residual - np.median(residual))
-        fast.append(m.above_band[m.inner, j])
-    return position_map([m.raw[m.inner, j] for m in motions], slow, fast, orders)
 
 
 def _reason(joint: JointDeflection | None, sensor: bool) -> str:

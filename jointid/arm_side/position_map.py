@@ -1,6 +1,5 @@
 """Transmission error over the joint's position that remains after the fit: for predictions only."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,30 +37,25 @@ class PositionMap:
         return np.asarray(inside * slow + fast - lowpass(fast))
 
 
-def position_map(
-    q: Sequence[Floats], slow: Sequence[Floats], fast: Sequence[Floats], orders: Floats
-) -> PositionMap:
+def position_map(q: Floats, slow: Floats, fast: Floats, orders: Floats) -> PositionMap:
     """Fit the map to the residual of a model.
 
     Parameters
     ----------
-    q : sequence of ndarray, shape (N,)
-        Joint angles of each record, rad.
-    slow, fast : sequence of ndarray, shape (N,)
-        Residual in the band and above the band, rad.
+    q : ndarray, shape (N,)
+        Joint angles of all records, rad.
+    slow, fast : ndarray, shape (N,)
+        Residual in the band and deflection above the band, rad.
     orders : ndarray, shape (m,)
         Of ``tooth_orders``.
     """
-    angle = np.concatenate(q)
-    period = 1.1 * float(np.ptp(angle)) + 1e-9
-    basis = Ripple(float(angle.min()), period, 1, _MOST_WAVES, orders)
-    y = np.concatenate(slow)
+    low, high = float(q.min()), float(q.max())
+    basis = Ripple(low, 1.1 * (high - low) + 1e-9, 1, _MOST_WAVES, orders)
     # the residual of neighbouring samples is alike: one in ten counts
-    data = Regression(y, waves(angle - basis.start_rad, basis.wavenumbers))
-    noise = np.sqrt(10.0) * max(float(y.std()), 1e-7)
+    data = Regression(slow, waves(q - low, basis.wavenumbers))
+    noise = np.sqrt(10.0) * max(float(slow.std()), 1e-7)
     fitted = data.estimate(noise, np.full(2 * _MOST_WAVES, _WAVE_RAD))
-    range_rad = float(angle.min()), float(angle.max())
-    return PositionMap(basis, range_rad, fitted.beta, _sizes(angle, np.concatenate(fast), orders))
+    return PositionMap(basis, (low, high), fitted.beta, _sizes(q, fast, orders))
 
 
 def tooth_orders(q: Floats, y: Floats) -> Floats:
