@@ -21,6 +21,8 @@ from jointid.small_matrices import one_thread
 
 LARGEST_ERROR = 0.25
 """Relative standard error beyond which a stiffness is refused."""
+_LEAST_RAD = 1e-4
+"""Range of a joint's angle up to which it rests: noise of its encoders."""
 _REST = 0.02
 """Velocity, in parts of the joint's largest, up to which it rests."""
 _SLIP = 0.1
@@ -125,9 +127,10 @@ def _require_alike(record: MotionRecord, robot: RobotModel) -> None:
         return
     q, arm = joint_angles(record, robot)[record.start :], record.arm_rad[record.start :]
     for j in np.flatnonzero(np.isfinite(arm).all(axis=0)).tolist():
+        if np.ptp(q[:, j]) < _LEAST_RAD:
+            continue
         moves = q[:, j] - q[:, j].mean()
-        size = float(moves @ moves)
-        share = float(moves @ arm[:, j]) / size if size > 0 else 1.0
+        share = float(moves @ arm[:, j]) / float(moves @ moves)
         if not 1 / _ALIKE < share < _ALIKE:
             raise JointIdError(
                 f"{record.label or 'A record'}: the sensor of joint {j + 1} moves {share:.3g} times as "
@@ -209,10 +212,11 @@ def _joint(
     skew_error: float,
     round_: int,
 ) -> JointDeflection | None:
-    seen = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
-    fastest = max((np.abs(motions[k].dq[:, j]).max() for k in seen), default=0.0)
-    if fastest == 0.0:
+    sensed = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
+    seen = [k for k in sensed if np.ptp(motions[k].raw[:, j]) >= _LEAST_RAD]
+    if not seen:
         return None
+    fastest = max(np.abs(motions[k].dq[:, j]).max() for k in seen)
     angle = np.concatenate([motions[k].raw[motions[k].inner, j] for k in seen])
     above = np.concatenate([motions[k].above_band[motions[k].inner, j] for k in seen])
     ripple = near.ripple if near else Ripple.over(angle, tooth_orders(angle, above))

@@ -66,7 +66,7 @@ def tooth_orders(q: Floats, y: Floats) -> Floats:
     left = y
     for _ in range(_MOST_ORDERS):
         power = _power(q, left, _COARSEST_ORDER, step, count)
-        if power.max() < _CLEAR * power.mean():
+        if not power.size or power.max() < _CLEAR * power.mean():
             break
         peak = _COARSEST_ORDER + step * int(np.argmax(power))
         near = _power(q, left, peak - step, 0.1 * step, 21)
