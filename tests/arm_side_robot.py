@@ -32,6 +32,8 @@ class Truth:
     teeth: float = 5.0
     hysteresis: float = 5.0
     """Amplitudes of errors over the position, and half the hysteresis, seconds of arc."""
+    rest: float = 0.0
+    """Deflection of a joint that hardly moves, seconds of arc."""
     vibration: float = 1.0
     """Coloured noise of the arm's encoder, seconds of arc."""
     resolution_rad: float = 1e-7
@@ -92,8 +94,10 @@ def motion_record(
         q, velocity = links(t), (links(t + h) - links(t - h)) / (2 * h)
         s, change = torque(t), (torque(t + h) - torque(t - h)) / (2 * h)
         K = np.r_[truth.K, np.full(3, 1e6)]
-        friction = truth.hysteresis * ARC_SECOND * np.tanh(velocity / 3e-3)
-        return q + (s - truth.damping_s * change) / K + friction + truth.transmission_error(q)
+        friction = truth.hysteresis * np.tanh(velocity / 3e-3)
+        friction += truth.rest * np.exp(-np.abs(velocity) / 0.01)
+        error = friction * ARC_SECOND + truth.transmission_error(q)
+        return q + (s - truth.damping_s * change) / K + error
 
     N, J = ROBOT.gear_ratio, ROBOT.rotor_inertia
     before, theta, after = (motors(t + shift) for shift in (-h, 0, h))

@@ -286,6 +286,18 @@ def test_positions_behind_the_gear_are_proposed_beside_those_of_the_motor() -> N
         assert {f"gear ratio of joint {k}" for k in (1, 2)} <= {*guess.assumed}
 
 
+def test_positions_that_move_as_the_sensor_behind_the_gear_are_at_the_joint() -> None:
+    """The "motor position" of some controllers is the motor's angle over the gear ratio, in degrees."""
+    names = ["axis1_secondary_encoder_deg", "axis1_motor_position_deg", "motor_torque_1"]
+    for ratio, found in ((1.001, ("joint", False)), (250.0, ("motor", True))):
+        table = table_named("t", *names)
+        clock, behind, *others = table.columns
+        motor = replace(others[0], values=ratio * behind.values)
+        guess = guess_mapping(replace(table, columns=(clock, behind, motor, *others[1:])))
+        confirm = "side of position of joint 1" in {reason.what for reason in unsure(guess)}
+        assert (guess.mapping.joints[0].position.side, confirm) == found
+
+
 def test_positions_without_a_unit_share_one() -> None:
     """A small motion of one joint does not make it radians beside others in degrees."""
     table = table_named("t", "jPos[0]", "jPos[1]", "nTorque[0]", "nTorque[1]")

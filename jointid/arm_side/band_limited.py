@@ -99,6 +99,11 @@ class BandLimited:
         return np.asarray(elastic - elastic.mean(axis=0))
 
     @property
+    def above_band(self) -> Floats:
+        """Deflection above the band, (N, n), rad."""
+        return self.raw_deflection - self.lowpass(self.raw_deflection)
+
+    @property
     def inner(self) -> slice:
         """Samples whose filter lies within the record."""
         return slice(self.lowpass.reach, len(self.time_s) - self.lowpass.reach)

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from jointid.arm_side.mixed_model import Estimate, Regression, low_frequency_noise
-from jointid.arm_side.terms import MOTOR_HARMONICS, PRESLIDING_RAD, SLOW_HARMONICS
+from jointid.arm_side.terms import MOTOR_HARMONICS, SLOW_HARMONICS
 from jointid.arrays import Floats
 
 _ARC_SECOND = np.pi / 180 / 3600
@@ -14,6 +14,8 @@ _SLOW_RAD = tuple(a * _ARC_SECOND for a in (1.0, 3.0, 10.0, 30.0, 100.0))
 """Expected size of the transmission error once a turn of the joint; harmonic k has 1/k of it."""
 _RIPPLE_RAD = tuple(a * _ARC_SECOND for a in (0.1, 3.0))
 """Expected size of each wave of the gear's ripple and of the harmonics of the motor."""
+_TEETH_RAD = 10 * _ARC_SECOND
+"""Expected size of a periodic error that the deflection shows above the band."""
 _FRICTION_RAD = 20 * _ARC_SECOND
 """Expected deflection by friction in the gear."""
 _FRICTION_LOAD_NM = 3000.0
@@ -41,7 +43,7 @@ class TermSet:
 
     slow_rad: float
     ripple_rad: float
-    friction: int | None
+    friction: bool
 
     def std(self, groups: dict[str, slice], size: int, scale: Scale) -> Floats:
         """Prior standard deviations of all coefficients, shape (size,); offsets come last, free."""
@@ -55,17 +57,14 @@ class TermSet:
         std[groups["slow"]] = self.slow_rad / np.tile(SLOW_HARMONICS, 2)
         std[groups["motor"]] = self.ripple_rad / np.tile(MOTOR_HARMONICS, 2)
         std[groups["ripple"]] = self.ripple_rad
-        if self.friction is not None:
-            std[groups[f"friction {self.friction}"]] = _FRICTION_RAD
-            std[groups[f"start {self.friction}"]] = _FRICTION_RAD
-            std[groups[f"loaded {self.friction}"]] = _FRICTION_RAD / _FRICTION_LOAD_NM
+        std[groups["teeth"]] = _TEETH_RAD
+        std[groups["friction"]] = self.friction * _FRICTION_RAD
+        std[groups["loaded"]] = self.friction * _FRICTION_RAD / _FRICTION_LOAD_NM
         return std
 
 
-CANDIDATES = [
-    TermSet(*choice) for choice in product(_SLOW_RAD, _RIPPLE_RAD, (None, *range(len(PRESLIDING_RAD))))
-]
-_REFERENCE = TermSet(_SLOW_RAD[3], _RIPPLE_RAD[1], 0)
+CANDIDATES = [TermSet(*choice) for choice in product(_SLOW_RAD, _RIPPLE_RAD, (False, True))]
+_REFERENCE = TermSet(_SLOW_RAD[3], _RIPPLE_RAD[1], True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +95,11 @@ def average(data: Regression, groups: dict[str, slice], noise: float, scale: Sca
     fits: list[Estimate] = []
     for candidate in CANDIDATES:
         fit = data.estimate(noise, candidate.std(groups, size, scale))
-        if candidate.friction is not None:
-            k = candidate.friction
+        if candidate.friction:
             opposing = np.zeros(size)
-            state, loaded = (data.columns[:, groups[f"{name} {k}"]] for name in ("friction", "loaded"))
-            opposing[groups[f"friction {k}"]] = 1.0
-            opposing[groups[f"loaded {k}"]] = np.abs(loaded).sum() / max(1e-9, np.abs(state).sum())
+            state, loaded = (data.columns[:, groups[name]] for name in ("friction", "loaded"))
+            opposing[groups["friction"]] = 1.0
+            opposing[groups["loaded"]] = np.abs(loaded).sum() / max(1e-9, np.abs(state).sum())
             fit = fit.not_negative(opposing)
         fits.append(fit)
     cost = [fit.cost for fit in fits]

@@ -100,9 +100,6 @@ class ArmSideFit:
                 if joint is not None:
                     motor = record.theta_rad[record.start :, j]
                     terms = joint_terms(j, motion, torque, payload, motor, joint.ripple)
-                    for name, group in terms.groups.items():
-                        if name.startswith("start"):
-                            terms.columns[:, group] = 0
                     beta, offsets = np.split(joint.beta, [terms.columns.shape[1]])
                     elastic[:, j] = terms.columns @ beta
                     found[:, j] = elastic[:, j] + motion.by_skew(j, elastic[:, j]) + offsets.mean()
@@ -111,7 +108,7 @@ class ArmSideFit:
         for j in map(int, np.flatnonzero(np.isfinite(found).all(axis=0))):
             joint = self.joints[j]
             if joint is not None and joint.position_map is not None:
-                found[:, j] += joint.position_map(motion.raw[:, j])
+                found[:, j] += joint.position_map(motion.raw[:, j], motion.lowpass)
             result[:, j] = np.interp(record.time_s, motion.time_s, found[:, j])
         if record.arm_rad is not None:
             measured = joint_angles(record, self.robot) - record.arm_rad

@@ -11,7 +11,7 @@ from jointid.arm_side.candidates import Average, Scale, average, noise_of
 from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
-from jointid.arm_side.position_map import PositionMap, position_map
+from jointid.arm_side.position_map import position_map, tooth_orders
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
 from jointid.arrays import Floats, bounded_number, frozen
 from jointid.errors import JointIdError
@@ -21,9 +21,14 @@ from jointid.small_matrices import one_thread
 
 LARGEST_ERROR = 0.25
 """Relative standard error beyond which a stiffness is refused."""
-_SLIP = 0.02
-"""Lowest velocity, in parts of the joint's largest: below it friction in the gear has no direction."""
-_OTHER_SLIPS = (0.0, 0.1)
+_LEAST_RAD = 1e-4
+"""Range of a joint's angle up to which it rests: noise of its encoders."""
+_REST = 0.02
+"""Velocity, in parts of the joint's largest, up to which it rests."""
+_SLIP = 0.1
+"""Lowest velocity, in parts of the largest between two rests or reversals: as a joint starts or stops,
+friction and lubrication of the gear change its deflection by more than any law of friction here."""
+_OTHER_SLIPS = (0.05, 0.2)
 """Other choices of that limit; the change of the result is part of the error."""
 _PARTS = (6, 10)
 """Numbers of parts of the time, each left out in turn: the same part of every record."""
@@ -122,9 +127,10 @@ def _require_alike(record: MotionRecord, robot: RobotModel) -> None:
         return
     q, arm = joint_angles(record, robot)[record.start :], record.arm_rad[record.start :]
     for j in np.flatnonzero(np.isfinite(arm).all(axis=0)).tolist():
+        if np.ptp(q[:, j]) < _LEAST_RAD:
+            continue
         moves = q[:, j] - q[:, j].mean()
-        size = float(moves @ moves)
-        share = float(moves @ arm[:, j]) / size if size > 0 else 1.0
+        share = float(moves @ arm[:, j]) / float(moves @ moves)
         if not 1 / _ALIKE < share < _ALIKE:
             raise JointIdError(
                 f"{record.label or 'A record'}: the sensor of joint {j + 1} moves {share:.3g} times as "
@@ -206,11 +212,14 @@ def _joint(
     skew_error: float,
     round_: int,
 ) -> JointDeflection | None:
-    seen = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
-    fastest = max((np.abs(motions[k].dq[:, j]).max() for k in seen), default=0.0)
-    if fastest == 0.0:
+    sensed = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
+    seen = [k for k in sensed if np.ptp(motions[k].raw[:, j]) >= _LEAST_RAD]
+    if not seen:
         return None
-    ripple = Ripple.over(np.concatenate([motions[k].raw[:, j] for k in seen]))
+    fastest = max(np.abs(motions[k].dq[:, j]).max() for k in seen)
+    angle = np.concatenate([motions[k].raw[motions[k].inner, j] for k in seen])
+    above = np.concatenate([motions[k].above_band[motions[k].inner, j] for k in seen])
+    ripple = near.ripple if near else Ripple.over(angle, tooth_orders(angle, above))
     y, columns, speed, source, progress, every = [], [], [], [], [], []
     for i, k in enumerate(seen):
         m, motor = motions[k], given[k].theta_rad[given[k].start :, j]
@@ -219,10 +228,10 @@ def _joint(
         rows = np.arange(len(m.q))[m.inner][::step]
         offset = np.zeros((rows.size, len(seen)))
         offset[:, i] = 1.0
-        every.append(terms.columns)
+        every.append((m.deflection[m.inner, j], terms.columns[m.inner]))
         y.append(m.deflection[rows, j])
         columns.append(np.hstack([terms.columns[rows], offset]))
-        speed.append(np.abs(m.dq[rows, j]) / fastest)
+        speed.append(_over_own_move(m.dq[:, j], _REST * fastest)[rows])
         source.append(np.full(rows.size, i))
         moving = np.cumsum(speed[-1] > _SLIP)
         progress.append((moving - 1) / max(1, moving[-1]))
@@ -250,7 +259,9 @@ def _joint(
         spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
         variance = variance + np.sum(spread**2, axis=0) / (1 + len(_OTHER_SLIPS))
     if round_ == _ROUNDS - 1:
-        left = _left_over([motions[k] for k in seen], every, beta, j)
+        rest = [deflection - X @ beta[: X.shape[1]] for deflection, X in every]
+        slow = np.concatenate([each - np.median(each) for each in rest])
+        left = position_map(angle, slow, above, ripple.orders)
     jackknife = np.zeros(2)
     for count in _PARTS if round_ else ():
         part = (part_of * count).astype(int)
@@ -276,14 +287,12 @@ def _joint(
     )
 
 
-def _left_over(motions: list[BandLimited], terms: list[Floats], beta: Floats, j: int) -> PositionMap:
-    """Map of the residual of joint j, at rest as well, over its position."""
-    slow, fast = [], []
-    for m, columns in zip(motions, terms, strict=True):
-        residual = (m.deflection[:, j] - columns @ beta[: columns.shape[1]])[m.inner]
-        slow.append(residual - np.median(residual))
-        fast.append((m.raw_deflection[:, j] - m.lowpass(m.raw_deflection[:, j]))[m.inner])
-    return position_map([m.raw[m.inner, j] for m in motions], slow, fast)
+def _over_own_move(v: Floats, rest: float) -> Floats:
+    """Velocity v (N,) over the largest between two rests or reversals, (N,); 0 up to ``rest``."""
+    size = np.abs(v) * (np.abs(v) > rest)
+    begins = np.flatnonzero(np.diff(np.sign(size * v), prepend=np.nan))
+    peak = np.maximum.reduceat(np.abs(v), begins).clip(rest)
+    return np.asarray(size / np.repeat(peak, np.diff(begins, append=v.size)))
 
 
 def _reason(joint: JointDeflection | None, sensor: bool) -> str:

@@ -1,10 +1,10 @@
 """Transmission error over the joint's position that remains after the fit: for predictions only."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from jointid.arm_side.band_limited import GaussianFilter
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.terms import Ripple, waves
 from jointid.arrays import Floats
@@ -27,58 +27,57 @@ class PositionMap:
     basis: Ripple
     range_rad: tuple[float, float]
     waves: Floats
-    orders: Floats
     order_waves: Floats
 
-    def __call__(self, q: Floats) -> Floats:
+    def __call__(self, q: Floats, lowpass: GaussianFilter) -> Floats:
         """Error at joint angles (N,), rad; the map is 0 outside the range of the fit."""
         inside = (q >= self.range_rad[0]) & (q <= self.range_rad[1])
         slow = waves(q - self.basis.start_rad, self.basis.wavenumbers) @ self.waves
-        return np.asarray(inside * slow + waves(q, self.orders) @ self.order_waves)
+        fast = waves(q, self.basis.orders) @ self.order_waves
+        return np.asarray(inside * slow + fast - lowpass(fast))
 
 
-def position_map(q: Sequence[Floats], slow: Sequence[Floats], fast: Sequence[Floats]) -> PositionMap:
+def position_map(q: Floats, slow: Floats, fast: Floats, orders: Floats) -> PositionMap:
     """Fit the map to the residual of a model.
 
     Parameters
     ----------
-    q : sequence of ndarray, shape (N,)
-        Joint angles of each record, rad.
-    slow, fast : sequence of ndarray, shape (N,)
-        Residual in the band and above the band, rad.
+    q : ndarray, shape (N,)
+        Joint angles of all records, rad.
+    slow, fast : ndarray, shape (N,)
+        Residual in the band and deflection above the band, rad.
+    orders : ndarray, shape (m,)
+        Of ``tooth_orders``.
     """
-    angle = np.concatenate(q)
-    period = 1.1 * float(np.ptp(angle)) + 1e-9
-    basis = Ripple(float(angle.min()), period, 1, _MOST_WAVES)
-    y = np.concatenate(slow)
+    low, high = float(q.min()), float(q.max())
+    basis = Ripple(low, 1.1 * (high - low) + 1e-9, 1, _MOST_WAVES, orders)
     # the residual of neighbouring samples is alike: one in ten counts
-    data = Regression(y, waves(angle - basis.start_rad, basis.wavenumbers))
-    noise = np.sqrt(10.0) * max(float(y.std()), 1e-7)
+    data = Regression(slow, waves(q - low, basis.wavenumbers))
+    noise = np.sqrt(10.0) * max(float(slow.std()), 1e-7)
     fitted = data.estimate(noise, np.full(2 * _MOST_WAVES, _WAVE_RAD))
-    orders, coefficients = _tooth_orders(angle, np.concatenate(fast))
-    return PositionMap(
-        basis, (float(angle.min()), float(angle.max())), fitted.beta, orders, coefficients
-    )
+    return PositionMap(basis, (low, high), fitted.beta, _sizes(q, fast, orders))
 
 
-def _tooth_orders(q: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Find wavenumbers with clear power in y (N,) over q (N,), and their coefficients."""
+def tooth_orders(q: Floats, y: Floats) -> Floats:
+    """Find wavenumbers with clear power in a deflection above the band y (N,) over angles q (N,)."""
     step = max(0.5, 1.0 / float(np.ptp(q) + 1e-9))
     count = int((_FINEST_ORDER - _COARSEST_ORDER) / step)
     found: list[float] = []
-    coefficients: Floats = np.zeros(0)
     left = y
     for _ in range(_MOST_ORDERS):
         power = _power(q, left, _COARSEST_ORDER, step, count)
-        if power.max() < _CLEAR * power.mean():
+        if not power.size or power.max() < _CLEAR * power.mean():
             break
         peak = _COARSEST_ORDER + step * int(np.argmax(power))
         near = _power(q, left, peak - step, 0.1 * step, 21)
         found.append(peak + step * (0.1 * int(np.argmax(near)) - 1.0))
-        columns = waves(q, np.array(found))
-        coefficients = np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0], float)
-        left = y - columns @ coefficients
-    return np.array(found), coefficients
+        left = y - waves(q, np.array(found)) @ _sizes(q, y, np.array(found))
+    return np.array(found)
+
+
+def _sizes(q: Floats, y: Floats, orders: Floats) -> Floats:
+    """Coefficients of the waves in y (N,)."""
+    return np.asarray(np.linalg.lstsq(waves(q, orders), y, rcond=None)[0], float)
 
 
 def _power(q: Floats, y: Floats, first: float, step: float, count: int) -> Floats:

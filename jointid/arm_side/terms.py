@@ -10,8 +10,8 @@ from jointid.arm_side.band_limited import BandLimited, GaussianFilter
 from jointid.arrays import Floats
 from jointid.robot_models.model import RobotModel
 
-PRESLIDING_RAD = (1e-4, 1e-3)
-"""Motion after a reversal in which friction in the gear builds up; one model each."""
+_PRESLIDING_RAD = 3e-4
+"""Motion after a reversal in which friction in the gear builds up."""
 SLOW_HARMONICS = (1, 2, 3, 4)
 """Harmonics of the joint angle: eccentric gear wheels and encoder discs."""
 MOTOR_HARMONICS = (1, 2)
@@ -33,13 +33,16 @@ class Ripple:
     period_rad: float
     first: int
     count: int
+    orders: Floats
+    """Wavenumbers of clear periodic errors, of teeth or of a sensor's lines, shape (m,)."""
 
     @classmethod
-    def over(cls, q: Floats) -> Ripple:
+    def over(cls, q: Floats, orders: Floats) -> Ripple:
         """Basis for joint angles; its period exceeds their range, so that the two ends are free."""
         period = 1.5 * float(np.ptp(q)) + 1e-9
         first = int(np.ceil(period / _COARSEST_RAD))
-        return cls(float(q.min()), period, first, int(min(_MOST_RIPPLES, np.ceil(period / _FINEST_RAD))))
+        count = int(min(_MOST_RIPPLES, np.ceil(period / _FINEST_RAD)))
+        return cls(float(q.min()), period, first, count, orders)
 
     @property
     def wavenumbers(self) -> Floats:
@@ -61,15 +64,14 @@ def waves(angle: Floats, orders: Floats) -> Floats:
     return np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
 
 
-def _presliding(q: Floats, reach_rad: float) -> tuple[Floats, Floats]:
-    """Dahl's friction state between −1 and 1 from rest, and the remainder of an unknown first state."""
+def _presliding(q: Floats) -> Floats:
+    """Dahl's friction state between −1 and 1, from rest."""
     step = np.diff(q, prepend=q[0])
-    decay = np.exp(-np.abs(step) / reach_rad)
-    state, forgotten = np.zeros_like(q), np.asarray(np.cumprod(decay), float)
+    decay, state = np.exp(-np.abs(step) / _PRESLIDING_RAD), np.zeros_like(q)
     for i in range(1, q.size):
         sign = np.sign(step[i])
         state[i] = sign + (state[i - 1] - sign) * decay[i] if sign else state[i - 1]
-    return state, forgotten
+    return state
 
 
 def joint_torque(
@@ -106,8 +108,7 @@ def joint_terms(
     ripple : Ripple
     """
     lowpass, raw = motion.lowpass, motion.raw[:, j]
-    friction = [np.stack(_presliding(raw, reach), axis=1) for reach in PRESLIDING_RAD]
-    states = lowpass(np.concatenate(friction, axis=1))
+    friction = lowpass(_presliding(raw))[:, None]
     parts = {
         "compliance": torque[:, j, None],
         "skew": motion.dq[:, j, None],
@@ -116,11 +117,10 @@ def joint_terms(
         "slow": lowpass(waves(raw - ripple.start_rad, np.array(SLOW_HARMONICS, float))),
         "motor": lowpass(waves(motor, np.array(MOTOR_HARMONICS, float))),
         "ripple": lowpass(waves(raw - ripple.start_rad, ripple.wavenumbers)),
+        "teeth": lowpass(waves(raw, ripple.orders)),
+        "friction": friction,
+        "loaded": friction * np.abs(torque[:, j, None]),
     }
-    for k in range(len(PRESLIDING_RAD)):
-        parts[f"friction {k}"] = states[:, 2 * k, None]
-        parts[f"start {k}"] = states[:, 2 * k + 1, None]
-        parts[f"loaded {k}"] = states[:, 2 * k, None] * np.abs(torque[:, j, None])
     ends = np.cumsum([0, *(part.shape[1] for part in parts.values())])
     groups = {name: slice(a, b) for name, a, b in zip(parts, ends[:-1], ends[1:], strict=True)}
     return Terms(np.concatenate(list(parts.values()), axis=1), groups)

@@ -151,12 +151,11 @@ def _polynomials(stretches: np.ndarray, N: int, H: int, most: int) -> tuple[Comp
     within = longest[np.cumsum(count[longest]) <= most]
     degrees[within] = count[within]
     late = np.exp(-2j * np.pi * bins * middle / N) * (2j / N)
-    found, rest = ([np.zeros((H, 0), complex)] for _ in range(2))
-    for d in range(int(count.max(initial=0)) + _FURTHER):
-        own = count + _FURTHER > d
-        shape = length[own] * ((-1j) ** d * spherical_jn(d, bins * phase[own])) * late[:, own]
-        std = np.sqrt(1 / (2 * d - 1) + 1 / (2 * d + 3)) if d else np.sqrt(1 / 3)
-        free = degrees[own] > d
-        found.append(shape[:, free])
-        rest.append(std * shape[:, ~free])
-    return np.concatenate(found, axis=1), np.concatenate(rest, axis=1)
+    degree, of = np.nonzero(np.arange(count.max(initial=0) + _FURTHER)[:, None] < count + _FURTHER)
+    # stretches of equal length share their functions
+    pairs, which = np.unique(np.stack([degree, length[of]]), axis=1, return_inverse=True)
+    bessel = spherical_jn(pairs[0], bins * (np.pi * pairs[1] / N))[:, which]
+    shapes = length[of] * ((-1j) ** degree * bessel) * late[:, of]
+    std = np.sqrt(np.where(degree, 1 / (2 * degree - 1) + 1 / (2 * degree + 3), 1 / 3))
+    free = degree < degrees[of]
+    return shapes[:, free], std[~free] * shapes[:, ~free]

@@ -14,7 +14,8 @@ from jointid.estimation.elasticity import Friction
 from jointid.joints import Elasticity, Inertia
 from jointid.setpoints.experiment import Experiment, Motion
 from jointid.simulation.experiment import Controller, Measurement, MotorFriction
-from jointid.simulation.robot import Reference, Robot
+from jointid.simulation.motion import SampledReference
+from jointid.simulation.robot import Robot
 
 _RATE_HZ, _SAMPLES_PER_PERIOD = (2000.0, 20_000.0), 40
 """Lowest and highest rate of the simulated control, and samples per period of the motion."""
@@ -60,18 +61,6 @@ class PlayedExperiment:
     """Peaks of the motion of motors and arm, and of torques, on both robots, motor side."""
 
 
-class _Commanded(Reference):
-    """The motion, sampled at the rate of the simulated control, as its reference from rest."""
-
-    motion: Motion
-    rate_hz: float
-
-    def at(self, time: Floats) -> tuple[Floats, Floats]:
-        """Position and acceleration, each (N, n, 1)."""
-        k = np.maximum(np.rint(time * self.rate_hz).astype(int), 0)
-        return self.motion.position[k, :, None], self.motion.acceleration[k, :, None]
-
-
 def play(
     experiment: Experiment,
     inertia: Inertia,
@@ -84,7 +73,7 @@ def play(
     Negative estimates of friction count as none. Raises JointIdError when the joints disagree or the
     closed loop is unstable.
     """
-    n, none = inertia.n, np.zeros(inertia.n)
+    none = np.zeros(inertia.n)
     friction = friction or MotorFriction()
     coulomb, viscous = np.maximum(none, friction.coulomb), np.maximum(none, friction.viscous)
     ratio = float(np.max(1 + np.diag(inertia.M2) / inertia.M))
@@ -95,8 +84,8 @@ def play(
     robot = Robot(inertia, elasticity, controller, motor_friction)
     time = np.arange(int(np.ceil(experiment.duration_s * rate)) + 1) / rate
     exact = experiment.motion(time)
-    reference = _Commanded(np.zeros(1), np.zeros((n, 1), complex), none)
-    reference.motion, reference.rate_hz = exact, rate
+    position = np.pad(exact.position, ((1, 1), (0, 0)), mode="edge")[..., None]
+    reference = SampledReference(1 / rate, position, first=-1)
     theta, tau = (log[:, :, 0] for log in robot.run(reference, 0, time.size, Measurement(), 0, None))
     acceleration = np.zeros_like(theta)
     acceleration[1:-1] = np.diff(theta, 2, axis=0) * rate**2

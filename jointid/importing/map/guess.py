@@ -14,7 +14,7 @@ from jointid.importing.columns.column_words import (
     words_of,
 )
 from jointid.importing.columns.log_table import LogColumn, LogTable
-from jointid.importing.columns.units import ANGLE_UNITS, POSITION_SCALES, QUANTITIES, TORQUE_UNITS
+from jointid.importing.columns.units import POSITION_SCALES, QUANTITIES
 from jointid.importing.map.guess_time import guess_time
 from jointid.importing.map.mapping import (
     ARM,
@@ -34,6 +34,7 @@ NO_COLUMN = LogColumn("", np.zeros(0))
 """In the place of a column that nothing indicates."""
 _OTHER = {"position": "torque", "torque": "position"}
 _CLEAR = 1.5  # score of a position whose name or unit says so
+_ALIKE = 0.9  # range of one position over that of another from which they move alike
 _MAX_LESS_CLEAR = 0.5  # score below the least clear pair, up to which an unpaired column is reported
 _Group = dict[str, NamedColumn]
 """The clearest column of each role of one joint."""
@@ -61,15 +62,8 @@ class Guess:
 def guess_mapping(table: LogTable) -> Guess:
     """Guess time, positions and torques of a log from names, units and the numbers themselves.
 
-    Parameters
-    ----------
-    table : LogTable
-
-    Returns
-    -------
-    Guess
-        A mapping with a reason for every entry; a role that no column fits has none ("") until the user
-        chooses one. Scales and gear ratios are never in a log: they are 1 until the user gives them.
+    Every entry has a reason; a role that no column fits has none ("") until the user chooses one. Scales
+    and gear ratios are never in a log: they are 1 until the user gives them.
     """
     reasons: list[Reason] = []
     time = guess_time(table, reasons)
@@ -82,12 +76,12 @@ def guess_mapping(table: LogTable) -> Guess:
     if len(pairs) > MAX_JOINTS:
         reasons.append(Reason("joints", f"{len(pairs)} pairs fit; the first {MAX_JOINTS} are proposed."))
     pairs = pairs[:MAX_JOINTS]
-    degrees = any(_angle_unit(position)[:2] == ("deg", False) for position, _ in pairs)
+    degrees = any(guess_unit("position", each)[:2] == ("deg", False) for each, _ in pairs)
     groups = {c.column.name: c.group for c in columns}
     arms = {
         entry.group: entry.column
         for entry in reversed(_behind(columns))
-        if _angle_unit(entry.column)[0] not in POSITION_SCALES
+        if guess_unit("position", entry.column)[0] not in POSITION_SCALES
     }
     joints = tuple(
         _joint(k, pair, arms.get(groups.get(pair[0].name, "")), degrees, reasons)
@@ -179,16 +173,16 @@ def _joint(
     number: int, pair: _Pair, behind: LogColumn | None, degrees: bool, reasons: list[Reason]
 ) -> JointMapping:
     """Mapping of a joint, with the sensor behind its gear if there is one."""
+    sides = {role: _side(role, pair) for role in QUANTITIES}
+    if behind is not None and _move_alike(pair[0], behind):
+        sides["position"] = JOINT, True, f'It moves as "{behind.name}", which is behind the gear.'
     position, torque = (
-        _channel(role, number, column, unit, side, reasons)
-        for role, column, unit, side in (
-            ("position", pair[0], _angle_unit(pair[0], degrees), _side("position", pair)),
-            ("torque", pair[1], _torque_unit(pair[1]), _side("torque", pair)),
-        )
+        _channel(role, number, column, guess_unit(role, column, degrees), side, reasons)
+        for (role, side), column in zip(sides.items(), pair, strict=True)
     )
     arm = None
     if behind is not None:
-        arm = Channel(behind.name, _angle_unit(behind)[0], None, JOINT)
+        arm = Channel(behind.name, guess_unit("position", behind)[0], None, JOINT)
         why = f'The name of "{behind.name}" says that it is behind the gear.'
         reasons.append(Reason(f"{ARM} of joint {number}", why))
     joint = JointMapping(position, torque, arm=arm)
@@ -220,15 +214,20 @@ def _channel(
     return Channel(column.name, unit[0], 1.0 if unit[0] in QUANTITIES[role][1] else None, side[0])
 
 
-def guess_unit(role: str, column: LogColumn) -> tuple[str, bool, str]:
-    """Return the unit of a position or torque, whether the file states it, and why."""
-    return _angle_unit(column) if role == "position" else _torque_unit(column)
+def _move_alike(position: LogColumn, behind: LogColumn) -> bool:
+    """Whether two positions in one unit cover the same range: there is no gear between them."""
+    low, high = sorted(float(np.nanmax(x.values) - np.nanmin(x.values)) for x in (position, behind))
+    return position.unit == behind.unit and low > _ALIKE * high
 
 
-def _angle_unit(column: LogColumn, degrees: bool = False) -> _Said:
-    """Unit of a position; ``degrees`` if values of another joint suggest degrees."""
-    if column.unit in ANGLE_UNITS:
+def guess_unit(role: str, column: LogColumn, degrees: bool = False) -> _Said:
+    """Return a unit, whether the file states it, and why; ``degrees`` if another joint suggests them."""
+    if column.unit in QUANTITIES[role][0]:
         return column.unit, True, f"Stated in the file: {column.unit}."
+    return _torque_unit(column) if role == "torque" else _angle_unit(column, degrees)
+
+
+def _angle_unit(column: LogColumn, degrees: bool) -> _Said:
     values = column.values[np.isfinite(column.values)]
     if not values.size:
         return "rad", False, "Radians, until a column is chosen."
@@ -247,8 +246,6 @@ def _angle_unit(column: LogColumn, degrees: bool = False) -> _Said:
 
 
 def _torque_unit(column: LogColumn) -> _Said:
-    if column.unit in TORQUE_UNITS:
-        return column.unit, True, f"Stated in the file: {column.unit}."
     if drive_object(column.name):
         return "‰", False, "Torque and current of CiA 402 are thousandths of the rated value."
     if WORDS["current"] & set(words_of(column.name)):
@@ -260,6 +257,7 @@ def _side(role: str, pair: _Pair) -> _Said:
     """Side of the gear on which a position or torque is measured: the first rule that fits."""
     column, is_effort = pair[role == "torque"], "effort" in words_of(pair[1].name)
     unit, words = column.unit, set(words_of(column.name))
+    at_motor, degrees = WORDS["motor"] & words, role == "position" and unit == "deg"
     is_current = unit in ("A", "mA", "%", "‰") or WORDS["current"] & words
     torque = (
         (is_current, MOTOR, True, "Currents and shares of the rated torque belong to the motor."),
@@ -271,12 +269,13 @@ def _side(role: str, pair: _Pair) -> _Said:
     position = (
         (_ODRIVE.search(column.name), MOTOR, False, "ODrive states the position of the motor."),
         (WORDS["joint"] & words, JOINT, False, assumed),
-        (unit == "deg", JOINT, False, "Controllers show joint angles in degrees."),
+        (degrees, JOINT, False, "Controllers show joint angles in degrees."),
         (is_effort, JOINT, False, of_effort),
         (unit == "counts", MOTOR, False, "Counts usually come from the motor's encoder."),
     )
     for fits, side, sure, why in (
-        (WORDS["motor"] & words, MOTOR, True, "The name indicates motor."),
+        (at_motor and degrees, MOTOR, False, "The name indicates motor, degrees a joint's angle."),
+        (at_motor, MOTOR, True, "The name indicates motor."),
         *(torque if role == "torque" else position),
     ):
         if fits:
@@ -342,7 +341,7 @@ def propose_joint(
         reasons.append(Reason(f"{role} of joint {number}", text))
         unit: _Said = first.unit, False, f"As for joint 1: {first.unit}."
         if column.unit in QUANTITIES[role][0]:
-            unit = column.unit, True, f"Stated in the file: {column.unit}."
+            unit = guess_unit(role, column)
         side = first.side, False, f"As for joint 1: {first.side} side."
         channels.append(_channel(role, number, column, unit, side, reasons))
     joint = JointMapping(channels[0], channels[1])
