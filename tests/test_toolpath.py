@@ -165,10 +165,10 @@ def test_corners_say_where_overshoot_lies() -> None:
 @pytest.mark.parametrize(
     ("settings_", "message"),
     [
-        ({"zone_m": 0.0141}, r"shorter side of 0.028 m. Use a zone of at most 0.014 m"),
+        ({"zone_m": 0.0141}, r"zone of 14.1 mm .* shorter side of 28 mm. Use a zone of at most 14 mm"),
         ({"zone_m": -0.001}, "zone_m = -0.001 m: it must not be negative"),
         ({"speed_m_s": 0.0}, "speed_m_s = 0 m/s: it must be positive"),
-        ({"speed_m_s": 2.0}, r"speed_m_s = 2 m/s is not reached.*Lower speed_m_s to 0.31"),
+        ({"speed_m_s": 2.0}, r"A speed of 2000 mm/s is not reached.*Lower the speed to 31\d"),
         ({"width_m": float("nan")}, "width_m"),
         ({"repetitions": 0}, "repetitions = 0"),
         ({"repetitions": 1.5}, "repetitions = 1.5"),
@@ -186,7 +186,7 @@ def test_infeasible_rectangles_say_what_would_do(settings_, message) -> None:
 def test_the_speed_that_the_message_names_is_feasible() -> None:
     with pytest.raises(JointIdError) as refused:
         rectangle(speed_m_s=0.8, zone_m=0.004)
-    named = float(str(refused.value).split("Lower speed_m_s to ")[1].split(" m/s")[0])
+    named = float(str(refused.value).split("Lower the speed to ")[1].split(" mm/s")[0]) / 1e3
     assert top_speed(rectangle(speed_m_s=named, zone_m=0.004)) == pytest.approx(named, rel=1e-9)
 
 

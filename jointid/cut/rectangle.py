@@ -86,9 +86,9 @@ def rectangle(
     repetitions = whole_number("repetitions", repetitions, 1)
     if zone_m > min(width_m, height_m) / 2:
         raise JointIdError(
-            f"zone_m = {zone_m:g} m does not fit: two zones share the shorter side of "
-            f"{min(width_m, height_m):g} m. Use a zone of at most {min(width_m, height_m) / 2:g} m or a "
-            "longer side."
+            f"A corner zone of {1e3 * zone_m:g} mm does not fit: two zones share the shorter side of "
+            f"{1e3 * min(width_m, height_m):g} mm. Use a zone of at most "
+            f"{500 * min(width_m, height_m):g} mm or a longer side."
         )
     zone_m = zone_m if zone_m > _SMALLEST_ZONE_M else 0.0
     limits = _Limits(speed_m_s, acceleration_m_s2)
@@ -99,11 +99,11 @@ def rectangle(
     peaks = [limits.peak_speed(corner, length) for length in straights]
     if max(peaks) < _REACHED * speed_m_s:
         raise JointIdError(
-            f"speed_m_s = {speed_m_s:g} m/s is not reached: zones of {zone_m:g} m are passed at "
-            f"{corner:.3g} m/s, and {acceleration_m_s2:g} m/s² and ramps of {_SHORTEST_RAMP_S:g} s "
-            f"allow {max(peaks):.3g} m/s on the longest straight, {max(straights):.3g} m. Lower "
-            f"speed_m_s to {np.floor(max(peaks) * 1e4) / 1e4:g} m/s, or enlarge the sides or "
-            "acceleration_m_s2."
+            f"A speed of {1e3 * speed_m_s:g} mm/s is not reached: zones of {1e3 * zone_m:g} mm are "
+            f"passed at {1e3 * corner:.3g} mm/s, and {acceleration_m_s2:g} m/s² and ramps of "
+            f"{_SHORTEST_RAMP_S:g} s allow {1e3 * max(peaks):.3g} mm/s on the longest straight, "
+            f"{1e3 * max(straights):.3g} mm. Lower the speed to {np.floor(max(peaks) * 1e4) / 10:g} "
+            "mm/s, or enlarge the sides or the acceleration."
         )
     turn = angle + (first + np.arange(5)) * np.pi / 2
     directions = np.stack([np.cos(turn), np.sin(turn)], axis=1)

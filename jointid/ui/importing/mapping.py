@@ -11,8 +11,9 @@ from jointid.importing.map.reasons import unchanged
 from jointid.ui.importing.entries import Entries
 from jointid.ui.importing.files import once
 from jointid.ui.shared.charts import download
-from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.workspace import keep_part, noting_problems, part_entries, read_part
+from jointid.wording import capitalised
 
 _SAVED = "import_mappings"
 _BASE = "import_base"
@@ -120,6 +121,15 @@ def of_mapping(key: str) -> bool:
 def offer_again() -> None:
     """Mark every mapping as used before."""
     st.session_state[_FIRST] = dict.fromkeys(st.session_state.get(_FIRST, {}), "")
+
+
+def show_guesses(key: str, table: importing.LogTable) -> None:
+    """List all guesses with their reasons, as ``jointid convert --guess`` does."""
+    with st.popover("All guesses with their reasons"):
+        reasons = guessed(key, table).reasons
+        columns = {"Entry": [capitalised(reason.what) for reason in reasons]}
+        columns["Sure"] = ["yes" if reason.sure else "to check" for reason in reasons]
+        show_text_table(columns | {"Reason": [reason.text for reason in reasons]})
 
 
 def mapping_files(key: str, table: importing.LogTable) -> None:

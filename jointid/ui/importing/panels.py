@@ -30,6 +30,7 @@ from jointid.ui.importing.mapping import (
     offer_fresh_guess,
     proposed_columns,
     remember,
+    show_guesses,
 )
 from jointid.ui.importing.saved_import import (
     clear_entries,
@@ -127,7 +128,9 @@ def _map_columns(steps: Steps, log: Log) -> Mapping | None:
         show_error(error)
         steps.tell(COLUMNS, False, "to correct")
         asked = None
-    mapping_files(log.key, log.table)
+    with st.container(horizontal=True):
+        show_guesses(log.key, log.table)
+        mapping_files(log.key, log.table)
     show_raw(log.table, proposed_columns(log.key, log.table))
     return None if asked is None or asked.missing else asked.mapping
 
@@ -249,7 +252,7 @@ def _open_as_study(
             forget_import()
             if clicked == "report":
                 st.session_state[REPORT_AT_ONCE] = st.session_state["chosen"]
-        go_to((REPORT if clicked == "report" else OVERVIEW).path)
+        go_to(REPORT if clicked == "report" else OVERVIEW)
     except JointIdError as error:
         show_error(error)
     return True

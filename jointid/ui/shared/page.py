@@ -17,7 +17,7 @@ from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.results import awaited, note_session, result_cache
 from jointid.ui.shared.sidebar import choose_study
-from jointid.ui.shared.workspace import Refused, open_study
+from jointid.ui.shared.workspace import Refused, link_to, open_study
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -41,6 +41,7 @@ h2 { font-size: 1.75rem !important; }
   [role="tablist"] { flex-wrap: wrap; }  /* every tab in view */
   .modebar-container { display: none; }  /* always shown on a touch screen, over the legend */
   [data-testid="stTable"] td + td { min-width: 5.5rem; }
+  [data-testid="stTable"] td:first-child { position: sticky; left: 0; background: Canvas; }
   table.stacked thead { display: none; }
   table.stacked :is(tbody, tr) { display: block; }
   table.stacked tr + tr { border-top: 1px solid GrayText; }
@@ -85,7 +86,7 @@ class Page:
             _show_problem(error)
             if any(record.arm_rad is not None for record in self.study.motion_records):
                 st.write("The sensors behind the gears give K of the joints:")
-                st.page_link(ELASTICITY.path, label=ELASTICITY.name)
+                link_to(ELASTICITY)
             st.stop()
         at_motor = self.study.gear_ratios is None and self.unit.endswith("joint")
         return found if at_motor else found.shown_in(self.unit)
@@ -236,8 +237,8 @@ def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Pa
         st.write(
             "There are no sample studies beside the app. Open a .zip in the sidebar, or make records:"
         )
-        st.page_link(SIMULATE.path, label=SIMULATE.name)
-        st.page_link(IMPORT.path, label=IMPORT.name)
+        link_to(SIMULATE)
+        link_to(IMPORT)
         st.stop()
     key, method, unit = choice
     try:
@@ -254,4 +255,4 @@ def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Pa
 def _show_problem(error: JointIdError) -> None:
     show_error(error)
     st.write("The records themselves can still be viewed:")
-    st.page_link(RECORDS.path, label=RECORDS.name)
+    link_to(RECORDS)
