@@ -100,7 +100,7 @@ def show_in_address() -> None:
     is_bare = "study" not in shown and parts == {"study": next(iter(sample_paths()), "")}
     if not is_bare and any(shown.get(name) != value for name, value in parts.items()):
         shown.update(parts)
-    st.session_state["address"] = shown.get("study")
+    st.session_state["address"] = parts.get("study")
 
 
 def link_to(step: Step, label: str = "", place: DeltaGenerator | None = None, help_: str = "") -> None:
