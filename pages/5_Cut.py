@@ -33,7 +33,6 @@ with stage:
     st.header(panels.headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)
     panels.show_gears(page, settings, outcome.robot)
-panels.show_rule(outcome.robot)
 panels.show_meaning(outcome, settings)
 
 show_tabs(

@@ -22,11 +22,6 @@ from jointid.ui.shared.workspace import link_to
 from jointid.wording import counted, significant, unbroken
 
 
-def show_rule(robot: CutRobot) -> None:
-    """State which robot cuts."""
-    (st.caption if robot.rule == "direct" else st.info)(robot.meaning)
-
-
 def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> None:
     """Show how far a robot with a model of its own bends along the path; nothing without.
 
@@ -71,7 +66,8 @@ def headline(outcome: Outcome) -> str:
 
 
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
-    """Explain the two path errors."""
+    """State which robot cuts, and explain the two path errors."""
+    (st.caption if outcome.robot.rule == "direct" else st.info)(outcome.robot.meaning)
     if outcome.distribution is None:
         show_warning(f"The path error after the identification is not known. {outcome.problem}")
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)

@@ -17,7 +17,6 @@ from jointid.fleet.spread import (
     Drift,
     Spread,
     few_values,
-    fleet_spread,
     robot_drift,
     seconds,
 )
@@ -128,11 +127,6 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
         "State": [SIGNS[row.state] for row in rows],
     }
     table(columns, height=300)
-
-
-def spreads_of(rows: Sequence[Row], joint: int, *, within_robot: bool) -> list[Spread]:
-    """Spread of K and D of one joint."""
-    return [fleet_spread(rows, quantity, joint, within_robot=within_robot) for quantity in "KD"]
 
 
 _CLEAR = 3.0

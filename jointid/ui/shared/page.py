@@ -162,49 +162,58 @@ class Page:
                 plot(figure, description.format(j + 1), key=f"{what} {j}")
         return joints
 
+    def sine_phasors(self) -> Phasors:
+        """Return the phasors of the sines, those of the analysis if it is kept. Raises JointIdError."""
+        kept: Analysis | None = result_cache().get(("analysis", self.digest, self.method))
+        if kept is not None:
+            return kept.phasors
+        return self.computed("phasors", "Fitting sines", extract_phasors, self.study.sine_records)
+
     def phasors(self) -> Phasors:
         """Return the phasors, also of records that do not determine the springs.
 
         Without them, show the reason and end the page.
         """
         try:
-            return self.computed("phasors", "Fitting sines", extract_phasors, self.study.sine_records)
+            return self.sine_phasors()
         except JointIdError as error:
             _show_problem(error)
             st.stop()
 
 
-@st.cache_resource(max_entries=400, show_spinner=False)
+@st.cache_resource(max_entries=240, show_spinner=False)
 def _figure(digest: str, shown: tuple[str, str, bool], what: str, _draw: Callable[..., Any]) -> Any:
     return _draw(dark=shown[2])
 
 
-def start(title: str, introduction: str = "") -> None:
-    """Begin a page that needs no study, with its sidebar and heading."""
-    _set_up(title)
-    choose_study()
+def start(title: str, introduction: str = "", *, heading: bool = True) -> tuple[str, str, str] | None:
+    """Begin a page with its sidebar and heading; return the choices of the sidebar.
+
+    ``title`` is for the browser's tab and, unless the page writes its own, the heading; ``introduction``
+    states what the page shows, in two sentences.
+    """
+    note_session()
+    st.set_page_config(page_title=f"{title} · jointid", page_icon=str(_ICON), layout="wide")
+    dark = is_dark()
+    style = _STYLE % colours(dark).identified + (_ON_PRIMARY if dark else "")
+    st.html(f"<style>{style}</style>")
+    choice = choose_study()
     _show_notices()
-    _show_heading(title, introduction)
-
-
-def _show_heading(title: str, introduction: str) -> None:
-    st.title(title, anchor=False)
-    if introduction:
-        introduce(introduction)
+    if heading:
+        st.title(title, anchor=False)
+        if introduction:
+            introduce(introduction)
+    return choice
 
 
 def _show_notices() -> None:
+    """Show that a study was not found, and the last refused file until it is dismissed."""
     shown, wanted = st.session_state.get("not_found", (None, ""))
     if wanted and shown == st.session_state["chosen"]:
         show_info(
             f"{wanted} is not, or no longer, in this workspace. This is another study: open the file "
             "again."
         )
-    _show_refused()
-
-
-def _show_refused() -> None:
-    """Show the last refused file above the page until it is dismissed; the chosen study stays chosen."""
     refused: Refused | None = st.session_state.get("refused")
     if refused is None:
         return
@@ -215,25 +224,11 @@ def _show_refused() -> None:
     st.divider()
 
 
-def _set_up(title: str) -> None:
-    note_session()
-    st.set_page_config(page_title=f"{title} · jointid", page_icon=str(_ICON), layout="wide")
-    dark = is_dark()
-    style = _STYLE % colours(dark).identified + (_ON_PRIMARY if dark else "")
-    st.html(f"<style>{style}</style>")
-
-
 def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Page:
-    """Begin a page about the chosen study; without one, offer ways to get one and end.
-
-    ``title`` is for the browser's tab and, unless the page writes its own, the heading; ``introduction``
-    states what the page shows, in two sentences.
-    """
-    _set_up(title)
-    choice = choose_study()
-    _show_notices()
+    """Begin a page about the chosen study, see ``start``; without one, offer ways to get one and end."""
+    choice = start(title, introduction, heading=heading)
     if choice is None:
-        st.title("No study yet")
+        (st.header if heading else st.title)("No study yet", anchor=False)
         st.write(
             "There are no sample studies beside the app. Open a .zip in the sidebar, or make records:"
         )
@@ -244,11 +239,10 @@ def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Pa
     try:
         opened = open_study(key)
     except JointIdError as error:
-        st.title(title)
+        if not heading:
+            st.title(title)
         show_error(error)
         st.stop()
-    if heading:
-        _show_heading(title, introduction)
     return Page(key, opened.study, opened.digest, method, unit, is_dark())
 
 

@@ -9,6 +9,7 @@ from jointid.answer import STIFFNESS_UNITS
 from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.study_files import load_study
 from jointid.ui.shared.charts import equip_page
+from jointid.ui.shared.messages import markdown_escape
 from jointid.ui.shared.method_steps import GROUPS
 from jointid.ui.shared.recent_studies import show_recent
 from jointid.ui.shared.workspace import (
@@ -27,7 +28,8 @@ ESTIMATORS = {DEFAULT_METHOD: METHODS.get(DEFAULT_METHOD, "chosen for these reco
 """Estimators with their descriptions, the default first."""
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
-_STATES = {"swapped torques": " (not usable)", "doubled record": " (usable with care)"}
+_ARRIVED = "arrived_study"
+FAULTY_SAMPLES = {"swapped torques": " (not usable)", "doubled record": " (usable with care)"}
 """What the list says of a sample besides its name."""
 
 
@@ -35,18 +37,14 @@ def choose_study() -> tuple[str, str, str] | None:
     """Draw the sidebar and return the study's key, estimator and unit; None without any study."""
     follow_address()
     with st.sidebar:
+        _remember_file()
         links = st.container()
         st.divider()
-        key = _choose()
-        with st.popover("Open a study (.zip)", width="stretch"):
-            st.file_uploader(
-                "A study folder, zipped",
-                type="zip",
-                key=_UPLOADER,
-                on_change=_open_file,
-                help="study.toml with the inertias, and one table per experiment.",
-            )
-        with links:  # drawn last, with the chosen study
+        above = st.container()
+        _open_file()
+        with above:  # drawn last, to include the study just opened
+            key = _choose()
+        with links:
             for group, steps in GROUPS.items():
                 st.caption(group)
                 for step in steps:
@@ -90,7 +88,7 @@ def _choose() -> str | None:
     st.selectbox(
         "Study",
         list(names.values()),
-        format_func=lambda name: name + _STATES.get(name, ""),
+        format_func=lambda name: name + FAULTY_SAMPLES.get(name, ""),
         key="study",
         on_change=_take_choice,
         disabled=not names,
@@ -112,13 +110,37 @@ def _take_choice() -> None:
     )
 
 
+def _remember_file() -> None:
+    """Store a dropped file in the session before anything is drawn.
+
+    A click may end this run at any point; the next run then takes the file from the session.
+    """
+    file = st.session_state.get(_UPLOADER)
+    if file is not None and file.file_id != st.session_state.get("seen_upload"):
+        st.session_state[_ARRIVED] = (file.name, file.getvalue())
+        st.session_state["seen_upload"] = file.file_id
+
+
 def _open_file() -> None:
-    """Keep the study of a dropped file; a callback is not ended by a click elsewhere."""
-    file = st.session_state[_UPLOADER]
-    if file is None:
-        return
-    data = file.getvalue()
-    try:
-        keep(load_study(data), file.name)
-    except JointIdError as error:
-        refuse(file.name, error, data)
+    """Ask for a file, and keep its study."""
+    with st.popover("Open a study (.zip)", width="stretch"):
+        st.file_uploader(
+            "A study folder, zipped",
+            type="zip",
+            key=_UPLOADER,
+            help="study.toml with the inertias, and one table per experiment.",
+        )
+        arrived: tuple[str, bytes] | None = st.session_state.get(_ARRIVED)
+        if arrived is None:
+            return
+        name, data = arrived
+        try:
+            with st.spinner(markdown_escape(f"Reading {name}")):
+                study = load_study(data)
+            keep(study, name)
+        except JointIdError as error:
+            refuse(name, error, data)
+        except Exception:
+            del st.session_state[_ARRIVED]  # an internal error must not recur on every page
+            raise
+        del st.session_state[_ARRIVED]

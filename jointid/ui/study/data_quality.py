@@ -14,7 +14,6 @@ from jointid import (
     Phasors,
     SineRecord,
     TransferMatrix,
-    extract_phasors,
 )
 from jointid.figures import VIEWS, element_response, single_record
 from jointid.phasors.distortion import distortion
@@ -42,8 +41,7 @@ def show_quality(page: Page) -> None:
     if not page.study.sine_records:
         return
     try:
-        found = page.computed("phasors", "Fitting sines", extract_phasors, page.study.sine_records)
-        table(quality_table(page.study.sine_records, found))
+        table(quality_table(page.study.sine_records, page.sine_phasors()))
     except JointIdError as error:
         show_error(error)
     with st.expander("What the columns mean"):
