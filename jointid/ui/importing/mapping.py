@@ -18,7 +18,6 @@ from jointid.wording import capitalised
 _SAVED = "import_mappings"
 _BASE = "import_base"
 _FIRST = "import_first_log"
-_KNOWN = "import_known_mappings"
 _VERSION = "import version"
 _PART = "mappings"
 _MOST_KNOWN = 50
@@ -31,8 +30,7 @@ def guessed(key: str, table: importing.LogTable) -> importing.Guess:
 
 def mapping_of(key: str, table: importing.LogTable) -> importing.Mapping:
     """Return the mapping that the session has for these columns, or the guess."""
-    saved: dict[str, importing.Mapping] = st.session_state.get(_SAVED, {})
-    return saved.get(table.signature) or _known(table.signature) or guessed(key, table).mapping
+    return _known(table.signature) or guessed(key, table).mapping
 
 
 def proposed_columns(key: str, table: importing.LogTable) -> tuple[str, ...]:
@@ -50,11 +48,6 @@ def remember(table: importing.LogTable, mapping: importing.Mapping) -> None:
 
 def keep_mapping(table: importing.LogTable, mapping: importing.Mapping) -> None:
     """Offer a mapping that a study was made with in later sessions of this workspace, too."""
-    known = st.session_state.setdefault(_KNOWN, {})
-    if known.get(table.signature) == mapping:
-        return
-    known[table.signature] = mapping
-
     with noting_problems("The mapping is known in this session only. "):
         stays = [*part_entries(_PART)][-_MOST_KNOWN:]
         data = importing.mapping_to_json(mapping).encode()
@@ -62,20 +55,20 @@ def keep_mapping(table: importing.LogTable, mapping: importing.Mapping) -> None:
 
 
 def _known(signature: str) -> importing.Mapping | None:
-    """Return the mapping that this workspace had for these columns, read once per session."""
-    known: dict[str, importing.Mapping | None] = st.session_state.setdefault(_KNOWN, {})
+    """Return the mapping of this session for these columns, at first that of the workspace."""
+    known: dict[str, importing.Mapping | None] = st.session_state.setdefault(_SAVED, {})
     if signature not in known:
         known[signature] = None
         with noting_problems("The earlier mapping is no longer known. "):
             if kept := read_part(_PART, signature):
                 known[signature] = importing.mapping_from_json(kept)
-    return known.get(signature)
+    return known[signature]
 
 
 def mappings_to_json() -> dict[str, Any]:
     """Return the mappings of this session as JSON values."""
     parts: dict[str, Any] = {
-        key: {k: importing.mapping_to_json(m) for k, m in st.session_state.get(key, {}).items()}
+        key: {k: importing.mapping_to_json(m) for k, m in st.session_state.get(key, {}).items() if m}
         for key in (_SAVED, _BASE)
     }
     return parts | {_FIRST: dict(st.session_state.get(_FIRST, {}))}

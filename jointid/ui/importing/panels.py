@@ -39,7 +39,7 @@ from jointid.ui.importing.saved_import import (
     show_storage_state,
 )
 from jointid.ui.importing.segments import chosen_segments, edit_segments, found_in, settle
-from jointid.ui.importing.steps import COLUMNS, DRIVES, INERTIAS, LOGS, RUNS, Steps, go_on_button
+from jointid.ui.importing.steps import COLUMNS, DRIVES, INERTIAS, LOGS, RUNS, Steps, go_on
 from jointid.ui.importing.study import ask_robot
 from jointid.ui.importing.watched_work import StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot
@@ -109,7 +109,7 @@ def import_steps(progress: DeltaGenerator) -> None:
             ready = bool(used) and runs is not None and not runs.has_problems
             steps.tell(RUNS, ready, _runs_in_words(used))
             if ready:
-                go_on_button("Go on", RUNS)
+                st.button("Go on", type="primary", key=f"go_on {RUNS}", on_click=go_on)
     with steps.step(INERTIAS):
         if log is None or drives is None or runs is None:
             st.caption(_WAITS[INERTIAS])

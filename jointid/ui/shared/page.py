@@ -24,42 +24,7 @@ Found = TypeVar("Found")
 _SIDE_BY_SIDE = 3
 """Joints whose figures are shown all at once."""
 _ICON = Path(__file__).with_name("icon.svg")
-# Contrast of 4.5 to 1 (WCAG AA) and a visible focus, where streamlit lacks them.
-_STYLE = """
-h2 { font-size: 1.75rem !important; }
-[data-testid="stAlert"] h2 { font-size: 1.35rem !important; padding: 0 0 0.5rem; }
-[data-testid="stCode"] code span { color: inherit !important; }
-:is(a, button, input, textarea, summary, main, [tabindex]):focus-visible {
-  outline: 2px solid %s !important; outline-offset: 1px; }
-[data-testid="stLayoutWrapper"]:has(> .st-key-progress) {  /* in view wherever the page is scrolled */
-  position: sticky; top: 3.75rem; z-index: 9; background: Canvas; }
-[data-testid="stMain"] [data-testid="stPageLink-NavLink"] p { text-decoration: underline; }
-/* the toolbar below the figure, clear of the legend */
-.modebar-container { height: 100%% !important; pointer-events: none; }
-.modebar { top: auto !important; bottom: 2px; pointer-events: auto; }
-@media (max-width: 640px) {  /* two cards in a row on a phone; a value and its error in two lines */
-  [role="tablist"] { flex-wrap: wrap; }  /* every tab in view */
-  .modebar-container { display: none; }  /* always shown on a touch screen, over the legend */
-  [data-testid="stTable"] td + td { min-width: 5.5rem; }
-  [data-testid="stTable"] td:first-child { position: sticky; left: 0; background: Canvas; }
-  table.stacked thead { display: none; }
-  table.stacked :is(tbody, tr) { display: block; }
-  table.stacked tr + tr { border-top: 1px solid GrayText; }
-  table.stacked td { display: flex; justify-content: space-between; gap: 1rem; border: 0 !important;
-    padding: 0.15rem 0.5rem !important; }
-  table.stacked td:first-child { font-weight: 600; }
-  table.stacked td::before { content: attr(data-heading); }
-  [data-testid="stElementContainer"]:has(> [data-testid="stMetric"]) {
-    width: calc(50%% - 0.5rem) !important; min-width: 0 !important; flex: none !important; }
-  [data-testid="stMetric"] { padding: 0.6rem !important; min-width: 0 !important; }
-  [data-testid="stMetric"] > div { padding: 0 !important; }
-  [data-testid="stMetricValue"] { font-size: 0.9rem !important; }
-  [data-testid="stMetric"] * { white-space: normal !important; overflow-wrap: anywhere; }
-}
-"""
-_ON_PRIMARY = """
-[data-testid^="stBaseButton-primary"], [data-testid^="stBaseButton-primary"] p { color: #10212C; }
-"""
+_CSS = Path(__file__).with_name("page.css").read_text("utf-8")
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,8 +160,8 @@ def start(title: str, introduction: str = "", *, heading: bool = True) -> tuple[
     note_session()
     st.set_page_config(page_title=f"{title} · jointid", page_icon=str(_ICON), layout="wide")
     dark = is_dark()
-    style = _STYLE % colours(dark).identified + (_ON_PRIMARY if dark else "")
-    st.html(f"<style>{style}</style>")
+    ink = f"--focus: {colours(dark).identified}; --on-primary: {'#10212C' if dark else '#FFFFFF'}"
+    st.html(f"<style>:root {{ {ink}; }}\n{_CSS}</style>")
     choice = choose_study()
     _show_notices()
     if heading:

@@ -218,21 +218,9 @@ def computed_on_click(
 ) -> Found | None:
     """Return a kept result, or compute it after a click, with a progress bar and a button to stop.
 
-    Parameters
-    ----------
-    key : hashable
-        Of the result in the cache.
-    label, name, kind : str
-        Text, key and look of the button.
-    compute : callable
-        Given a function that shows progress; its error is shown.
-    at_once : bool
-        Compute without a click, unless this computation was stopped.
-
-    Returns
-    -------
-    result or None
-        None before the click, and after an error.
+    ``name`` is the button's key, ``kind`` its look; ``compute`` gets a function that shows progress, and
+    its error is shown. ``at_once`` needs no click, unless this computation was stopped. Returns None
+    before the click, and after an error.
     """
     # The place is there with a kept result too: what follows keeps its position on the page.
     place, stopped = st.empty(), f"{name} stopped"

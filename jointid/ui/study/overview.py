@@ -137,7 +137,7 @@ def show_heading(study: Study) -> None:
     """Name, origin and contents."""
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
     badge = f":gray-badge[{study.origin or 'origin not stated'}]"
-    st.markdown(" &nbsp;·&nbsp; ".join([badge, *map(unbroken, study.facts)]))
+    st.markdown(" &nbsp;·&nbsp; ".join([badge, *study.facts]))
     for text in (study.description, *study.remarks):
         if text:
             st.caption(markdown_escape(text))
