@@ -177,7 +177,7 @@ def choose_element(n: int) -> tuple[int, int]:
 def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> None:
     """Show H_ij over frequency; a diagonal element beside the single-record responses of its joint."""
     n, name = page.study.inertia.n, f"H{i + 1}{j + 1}"
-    view = choose_segment("View", VIEWS, "view", hide_label=True)
+    view = choose_segment("View", VIEWS, "view")
     drawn: dict[str, Any] = {"pose": pose, "view": view}
     what = f"{name} over frequency, measured and modelled"
     draw = partial(element_response, analysis, i, j, **drawn)
