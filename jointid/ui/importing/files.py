@@ -15,7 +15,7 @@ from jointid.importing import LogTable, read_log
 from jointid.importing.columns.log_table import MAX_LOG_BYTES
 from jointid.importing.map.simultaneous_logs import joined_table, proposed_tables, simultaneous_groups
 from jointid.ui.importing.steps import go_on
-from jointid.ui.importing.watched_work import StoppedError, Watch
+from jointid.ui.importing.watched_work import Progress, StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot, table
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note
 from jointid.wording import listed
@@ -70,8 +70,8 @@ def drop_logs(forget: Callable[[], None], progress: DeltaGenerator) -> list[Log]
     watch = Watch(len(files), progress)
     for file in files:
         try:
-            key, doing = f"log {file.digest} {file.name}", f"Reading {file.name}"
-            tables = watch.do(key, doing, lambda _, file=file: read_log(file.data, file.name))
+            read = partial(_read, file)
+            tables = watch.do(f"log {file.digest} {file.name}", f"Reading {file.name}", read)
         except StoppedError:
             break
         except JointIdError as error:
@@ -159,6 +159,10 @@ def _close(forget: Callable[[], None]) -> None:
 
 def _short(keys: Iterable[str]) -> str:
     return blake2b("".join(keys).encode(), digest_size=8).hexdigest()
+
+
+def _read(file: Dropped, _: Progress) -> tuple[LogTable, ...]:
+    return read_log(file.data, file.name)
 
 
 _FIRST_ROWS = 50

@@ -1,5 +1,6 @@
 """The studies kept at this address, and the way back to them from the bare address."""
 
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
@@ -22,18 +23,30 @@ _MOST_SHOWN = 20
 _NEARLY_FULL = 0.8
 
 
+def show_notes(place: str | None, forget: str = "") -> None:
+    """Show the notes on removed entries of a place in the store until they are dismissed.
+
+    ``forget`` is a key of the session that goes with them.
+    """
+    with suppress(JointIdError):
+        for note in workspace.store().notes(place) if place else ():
+            given = place, note.id, forget
+            show_warning(note.text)
+            st.button("Dismiss", key=f"dismiss_{note.id}", on_click=_dismiss, args=given)
+
+
+def _dismiss(place: str, note: str, forget: str) -> None:
+    with workspace.noting_problems():
+        workspace.store().dismiss(place, note)
+    if forget:
+        st.session_state.pop(forget, None)
+
+
 def show_recent() -> None:
     """List the workspace's studies, with the notes and problems of the store."""
     if problem := st.session_state.pop("store_problem", None):
         show_warning(problem)
-    for note in workspace.notes():
-        show_warning(note.text)
-        st.button(
-            "Dismiss",
-            key=f"dismiss_{note.id}",
-            on_click=workspace.change_store,
-            args=("dismiss", note.id),
-        )
+    show_notes(workspace.workspace())
     chosen, unknown = (st.session_state.get(key) or "" for key in ("chosen", "unknown_workspace"))
     # The browser remembers workspace and study, forgets an unknown one, or links to those opened last.
     data = {"current": workspace.workspace() or "", "study": quote(chosen), "unknown": unknown}

@@ -17,7 +17,7 @@ from streamlit.delta_generator import DeltaGenerator
 from jointid import JointIdError, Study
 from jointid.files.application import application_folder, sample_studies
 from jointid.files.digest import study_digest
-from jointid.files.store import Entry, Note, Store, new_workspace, part_of, user_folder
+from jointid.files.store import Entry, Store, new_workspace, part_of, user_folder
 from jointid.files.study_files import lines_around, load_study, pack_study
 from jointid.ui.shared.method_steps import Step
 
@@ -129,15 +129,6 @@ def recent() -> dict[str, Entry]:
     return dict(reversed(found.items()))
 
 
-def notes() -> tuple[Note, ...]:
-    """Return the notes on removed studies of this workspace."""
-    place = workspace()
-    try:
-        return () if place is None else store().notes(place)
-    except JointIdError:
-        return ()
-
-
 def names_by_address() -> dict[str, str]:
     """Return the names to choose from by their key in the address (?study=...), kept ones by digest."""
     session = {name: name for name in reversed(_in_session())}
@@ -222,8 +213,8 @@ def noting_problems(prefix: str = "") -> Iterator[None]:
         st.session_state["store_problem"] = f"{prefix}{error}"
 
 
-def change_store(action: Literal["rename", "delete", "dismiss"], *given: str) -> None:
-    """Rename an entry of this workspace, delete it for good, or remove a note that was read."""
+def change_store(action: Literal["rename", "delete"], *given: str) -> None:
+    """Rename an entry of this workspace, or delete it for good."""
     if place := workspace():
         with noting_problems():
             getattr(store(), action)(place, *given)
