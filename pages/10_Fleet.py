@@ -2,6 +2,7 @@
 
 import streamlit as st
 
+from jointid.fleet.spread import fleet_spread
 from jointid.fleet.table import to_parquet
 from jointid.ui.fleet import panels
 from jointid.ui.fleet.files import open_fleet, show_samples_button
@@ -24,7 +25,7 @@ if not rows:
 panels.show_headline(rows)
 if any(row.is_good for row in rows):
     joint, within_robot = panels.choose(rows)
-    spreads = panels.spreads_of(rows, joint, within_robot=within_robot)
+    spreads = [fleet_spread(rows, quantity, joint, within_robot=within_robot) for quantity in "KD"]
     panels.show_spread(spreads, dark=is_dark())
     panels.show_outstanding(spreads, within_robot=within_robot)
     panels.show_drift(spreads, joint, dark=is_dark())

@@ -13,6 +13,7 @@ from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.page import open_page
+from jointid.ui.shared.workspace import link_to
 
 page = open_page("Cut")
 analysis = page.analysis()
@@ -25,14 +26,13 @@ try:
 except JointIdError as error:
     show_error(error)
     if analysis.state == NOT_USABLE:
-        st.page_link(OVERVIEW.path, label=f"{OVERVIEW.name}: findings and remedies")
+        link_to(OVERVIEW, f"{OVERVIEW.name}: findings and remedies")
     st.stop()
 name = NOMINAL_NAMES[settings.assumption]
 with stage:
     st.header(panels.headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)
     panels.show_gears(page, settings, outcome.robot)
-panels.show_rule(outcome.robot)
 panels.show_meaning(outcome, settings)
 
 show_tabs(

@@ -15,6 +15,11 @@ from jointid.ui.study.motion_plan_form import show_motion_plan, show_set_points
 from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted, percent
 
+_LARGE_GAIN = (
+    " The gain is large because these records are at frequencies and phases where the motion depends "
+    "most on K and D, usually close to a resonance, and the records so far determine the inertias: "
+    "together they are better than either alone. The prediction holds as far as the model does."
+)
 page = open_page("Plan")
 analysis = page.analysis()
 if analysis.state == NOT_USABLE:
@@ -36,8 +41,11 @@ found = plan_form.suggestion(page, settings, analysis)
 if found is None:
     st.stop()
 count = settings.count
-before, after = (percent(float(found.worst[k])) for k in (0, -1))
-st.header(f"{counted(count, 'additional record')}: worst error {before} → {after}", anchor=False)
+before, after = (float(found.worst[k]) for k in (0, -1))
+gain = f": worst error {percent(before)} → {percent(after)}" * (analysis.state != NOT_USABLE)
+st.header(f"{counted(count, 'additional record')}{gain}", anchor=False)
+if not gain:
+    st.caption("Predicted with K and D that are not usable: a guide to frequencies, not to errors.")
 show_text_table(plan_form.suggested_table(found))
 for advice in filter(None, (analysis.limit_of_records(found.worst), second_amplitude(analysis.fit))):
     st.info(advice)
@@ -45,6 +53,7 @@ st.caption(
     "Torques: amplitude ∠ phase relative to the first driven joint"
     + (", without the friction of the motors." if analysis.fit.friction is not None else ".")
     + " The errors include noise, inertias and torque scale, as in the study."
+    + _LARGE_GAIN * (before > 2 * after)
 )
 download(
     "Save these records (.csv)",

@@ -31,6 +31,6 @@ try:
         what = f"Simulating {simulation.records} records"
         study = simulated_study(simulation, lambda done: show(done, what))
         keep(study, "simulated")
-        go_to(OVERVIEW.path)
+        go_to(OVERVIEW)
 except JointIdError as error:
     show_error(error)

@@ -136,6 +136,9 @@ class TestMapping:
         assert widget(at, "selectbox", "Torque of joint 1").value == "effort"
         assert figures(at) == 2
         assert any("To check" in m.value for m in at.markdown)
+        guesses = at.table[0].value
+        assert {"Time", "Position of joint 1"} <= set(guesses["Entry"])
+        assert set(guesses["Sure"]) == {"yes", "to check"}
 
     def test_a_sensor_behind_the_gear_is_offered(self, page: AppTest) -> None:
         data = comma_log().replace(b"t,position,effort", b"t,motor_position,effort,link_position")

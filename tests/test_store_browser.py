@@ -90,6 +90,11 @@ def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
         follow(page, name, title)
         chosen(page, "mine.zip")
         assert workspace_of(page) == place
+    for title in (studies[1].name, "Records"):
+        page.go_back()  # one step for each page
+        finished(page, title)
+        chosen(page, "mine.zip")
+    follow(page, "Simulate a robot", "Simulate a robot")
     choose(page, "Estimator", "least-squares")
     expect(page).to_have_url(re.compile("estimator=least-squares"))
     reload(page, "Simulate a robot")

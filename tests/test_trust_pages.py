@@ -155,6 +155,15 @@ class TestTheNextExperiment:
         assert len(today) == 2 * joints
         assert len(column(at, "Both together")) == 2 * joints
 
+    def test_of_an_unusable_answer_no_gain_is_promised(
+        self, app: AppTest, studies: dict[int, Study]
+    ) -> None:
+        torques = [replace(r, tau_Nm=r.tau_Nm[:, ::-1]) for r in studies[2].records]
+        at = upload(app.run(), replace(studies[2], records=torques), "swapped.zip")
+        at = shown(at.switch_page(PLAN).run())
+        assert at.error[0].value.startswith("Not usable")
+        assert [header.value for header in at.header] == ["3 additional records"]
+
     def test_the_tabs_keep_their_place_and_their_key(self, app: AppTest) -> None:
         at = opened(app, PLAN, plan_view="Set points")
         first = [place for place, part in at.main.children.items() if part.type == "tab_container"]

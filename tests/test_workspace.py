@@ -42,6 +42,19 @@ def test_a_sample_needs_no_workspace(folder: Path) -> None:
     assert not folder.exists()
 
 
+def test_the_address_chooses_the_study_whenever_it_changes() -> None:
+    at = begun()
+    assert "study" not in at.query_params
+    for name in ("one joint", "three joints", "one joint"):  # a link, a choice, the Back button
+        if name == "three joints":
+            at.selectbox(key="study").set_value(name)
+        else:
+            at.query_params["study"] = name
+        at = shown(at.run())
+        assert at.selectbox(key="study").value == name
+        assert at.query_params["study"] in (name, [name])
+
+
 @pytest.mark.parametrize("joints", [1, 2, 3])
 def test_another_session_at_the_address_continues(studies: dict[int, Study], joints: int) -> None:
     at = upload(begun(), studies[joints])

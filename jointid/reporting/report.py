@@ -22,7 +22,7 @@ from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks, 
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
-from jointid.uncertainty.error_parts import error_table
+from jointid.uncertainty.error_parts import PARTS_MEANING, error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.wording import capitalised, plain
 
@@ -102,7 +102,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
             f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after "
             f"({outcome.which}). {outcome.not_better if outcome.depends_on_elasticity else ''}".rstrip()
         )
-    caption = f"Parts of the standard errors by cause, {analysis.unit.side}."
+    caption = f"Parts of the standard errors by cause, {analysis.unit.side}. {PARTS_MEANING}"
     yield Table.of(error_table(fit, analysis.unit), caption)
     yield Table(
         tuple(PRIOR_HEADER),

@@ -8,8 +8,8 @@ from jointid.wording import significant
 COMPARED_MODELS = (
     "Fitted models compared. The smallest information criterion is chosen: the residual plus a penalty "
     "for every parameter. A dash: the fit failed, a part of the model is not significant, or its "
-    "friction at the reversals contradicts the fundamentals. Free below 3 %: a motor may stick around a "
-    "reversal, so that its friction is free below 3 % of the largest speed."
+    "friction at the reversals contradicts the fundamentals. Reversals free below 3 %: a motor may "
+    "stick around a reversal, so that its friction is not modelled below 3 % of the largest speed."
 )
 """Explains ``compared_models``."""
 

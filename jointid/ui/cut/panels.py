@@ -17,12 +17,8 @@ from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.messages import show_note, show_text_table, show_warning
 from jointid.ui.shared.method_steps import CUT
 from jointid.ui.shared.page import Page
+from jointid.ui.shared.workspace import link_to
 from jointid.wording import counted, three_digits, unbroken
-
-
-def show_rule(robot: CutRobot) -> None:
-    """State which robot cuts."""
-    (st.caption if robot.rule == "direct" else st.info)(robot.meaning)
 
 
 def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> None:
@@ -41,7 +37,7 @@ def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> N
         st.header(_own_headline(found[-1]), anchor=False)
         if summary:
             st.caption(f"Corner zone {1e3 * ZONES_M[-1]:g} mm. {meaning(analysis)}")
-            st.page_link(CUT.path, label="All corner zones")
+            link_to(CUT, "All corner zones")
             return
     header, rows = rows_of([1e3 * zone for zone in ZONES_M], found)
     show_text_table(dict(zip(header, zip(*rows, strict=True), strict=True)))
@@ -69,7 +65,8 @@ def headline(outcome: Outcome) -> str:
 
 
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
-    """Explain the two path errors."""
+    """State which robot cuts, and explain the two path errors."""
+    (st.caption if outcome.robot.rule == "direct" else st.info)(outcome.robot.meaning)
     if outcome.distribution is None:
         show_warning(f"The path error after the identification is not known. {outcome.problem}")
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
@@ -212,7 +209,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
     if outcome is None:
         show_own_path(page, analysis, summary=True)
         if not has_own_path(analysis):
-            st.page_link(CUT.path, label="Path error on an example arm")
+            link_to(CUT, "Path error on an example arm")
         return
     ink = colours(page.dark)
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
@@ -243,4 +240,4 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 + " Both simulations include the identified friction."
                 * bool(of.friction)
             )
-            st.page_link(CUT.path, label="Watch the cut")
+            link_to(CUT, "Watch the cut")

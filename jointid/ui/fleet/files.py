@@ -1,7 +1,6 @@
 """The fleet that is open: tables of results, and studies analysed here; kept at the page's address."""
 
 import os
-from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from hashlib import blake2b
@@ -72,7 +71,9 @@ def open_fleet() -> OpenFleet:
     _keep(fleet)
     if fleet.rows or fleet.todo:
         left, right = st.columns([4, 1], vertical_alignment="center")
-        left.caption(_where(fleet))
+        kept = "The results are kept at this page's address until they are closed."
+        unkept = "The results are open in this session only; save them below."
+        left.caption(f"{counted(len(fleet.rows), 'study')} open. {kept if fleet.saved else unkept}")
         right.button("Close this fleet", on_click=_close, width="stretch")
     return fleet
 
@@ -211,11 +212,3 @@ def _restore(fleet: OpenFleet) -> None:
             fleet.saved = digest
     except JointIdError as error:
         fleet.problems.append(f"The fleet that was open at this address cannot be shown. {error}")
-
-
-def _where(fleet: OpenFleet) -> str:
-    rows: Sequence[Row] = tuple(fleet.rows.values())
-    text = f"{counted(len(rows), 'study')} open."
-    if fleet.saved:
-        return f"{text} The results are kept at this page's address until they are closed."
-    return f"{text} The results are open in this session only; save them below."

@@ -17,18 +17,19 @@ from jointid.fleet.spread import (
     Drift,
     Spread,
     few_values,
-    fleet_spread,
     robot_drift,
     seconds,
 )
 from jointid.ui.fleet.files import OpenFleet
 from jointid.ui.shared.charts import choose_segment, plot, side_by_side, table
-from jointid.ui.shared.messages import markdown_escape, show_error, show_note
+from jointid.ui.shared.messages import markdown_escape, show_error, show_note, show_text_table
 from jointid.ui.shared.method_steps import IMPORT, OVERVIEW
-from jointid.ui.shared.workspace import go_to, keep, recent
-from jointid.wording import counted, minus, significant, with_error
+from jointid.ui.shared.workspace import go_to, keep, link_to, recent
+from jointid.wording import counted, listed, minus, significant, with_error
 
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
+_MOST_REASONS, _MOST_NAMES = 20, 5
+"""Reasons of failed studies that are listed, and studies named with each."""
 
 
 def show_headline(rows: Sequence[Row]) -> None:
@@ -128,11 +129,6 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
     table(columns, height=300)
 
 
-def spreads_of(rows: Sequence[Row], joint: int, *, within_robot: bool) -> list[Spread]:
-    """Spread of K and D of one joint."""
-    return [fleet_spread(rows, quantity, joint, within_robot=within_robot) for quantity in "KD"]
-
-
 _CLEAR = 3.0
 """Standard errors beyond which a trend is said to be a drift."""
 
@@ -146,7 +142,7 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
             "No study states its date. State it on import (step 5, Optional) or in study.toml: "
             'date = 2026-11-20. To follow one robot, state its name as well: robot = "cell 7, robot A".'
         )
-        st.page_link(IMPORT.path, label=IMPORT.name)
+        link_to(IMPORT)
         return
     drifts = _drifts(spreads, joint)
     robots = list(drifts)
@@ -226,7 +222,14 @@ def show_failed(rows: Sequence[Row]) -> None:
     if not failed:
         return
     st.header(f"Failed: {counted(len(failed), 'study')}", anchor=False)
-    table({"Study": [label(row) for row in failed], "Why": [row.error for row in failed]}, height=300)
+    studies: dict[str, list[str]] = {}
+    for row in failed:
+        studies.setdefault(row.error, []).append(label(row))
+    shown = dict(list(studies.items())[:_MOST_REASONS])
+    names = [listed(each, at_most=_MOST_NAMES) for each in shown.values()]
+    show_text_table({"Studies": names, "Why": list(shown)})
+    if len(studies) > len(shown):
+        st.caption(f"The first {len(shown)} of {len(studies)} reasons; the saved results hold all.")
 
 
 def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
@@ -295,7 +298,7 @@ def _show_study(fleet: OpenFleet, row: Row) -> None:
                     st.session_state["chosen"] = entry.digest
                 else:
                     keep(load_study(fleet.studies[row.content]), label(row))
-                go_to(OVERVIEW.path)
+                go_to(OVERVIEW)
             except JointIdError as error:
                 show_error(error)
         elif row.is_good:

@@ -11,13 +11,13 @@ from jointid.importing.map.reasons import unchanged
 from jointid.ui.importing.entries import Entries
 from jointid.ui.importing.files import once
 from jointid.ui.shared.charts import download
-from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.workspace import keep_part, noting_problems, part_entries, read_part
+from jointid.wording import capitalised
 
 _SAVED = "import_mappings"
 _BASE = "import_base"
 _FIRST = "import_first_log"
-_KNOWN = "import_known_mappings"
 _VERSION = "import version"
 _PART = "mappings"
 _MOST_KNOWN = 50
@@ -30,8 +30,7 @@ def guessed(key: str, table: importing.LogTable) -> importing.Guess:
 
 def mapping_of(key: str, table: importing.LogTable) -> importing.Mapping:
     """Return the mapping that the session has for these columns, or the guess."""
-    saved: dict[str, importing.Mapping] = st.session_state.get(_SAVED, {})
-    return saved.get(table.signature) or _known(table.signature) or guessed(key, table).mapping
+    return _known(table.signature) or guessed(key, table).mapping
 
 
 def proposed_columns(key: str, table: importing.LogTable) -> tuple[str, ...]:
@@ -49,11 +48,6 @@ def remember(table: importing.LogTable, mapping: importing.Mapping) -> None:
 
 def keep_mapping(table: importing.LogTable, mapping: importing.Mapping) -> None:
     """Offer a mapping that a study was made with in later sessions of this workspace, too."""
-    known = st.session_state.setdefault(_KNOWN, {})
-    if known.get(table.signature) == mapping:
-        return
-    known[table.signature] = mapping
-
     with noting_problems("The mapping is known in this session only. "):
         stays = [*part_entries(_PART)][-_MOST_KNOWN:]
         data = importing.mapping_to_json(mapping).encode()
@@ -61,20 +55,20 @@ def keep_mapping(table: importing.LogTable, mapping: importing.Mapping) -> None:
 
 
 def _known(signature: str) -> importing.Mapping | None:
-    """Return the mapping that this workspace had for these columns, read once per session."""
-    known: dict[str, importing.Mapping | None] = st.session_state.setdefault(_KNOWN, {})
+    """Return the mapping of this session for these columns, at first that of the workspace."""
+    known: dict[str, importing.Mapping | None] = st.session_state.setdefault(_SAVED, {})
     if signature not in known:
         known[signature] = None
         with noting_problems("The earlier mapping is no longer known. "):
             if kept := read_part(_PART, signature):
                 known[signature] = importing.mapping_from_json(kept)
-    return known.get(signature)
+    return known[signature]
 
 
 def mappings_to_json() -> dict[str, Any]:
     """Return the mappings of this session as JSON values."""
     parts: dict[str, Any] = {
-        key: {k: importing.mapping_to_json(m) for k, m in st.session_state.get(key, {}).items()}
+        key: {k: importing.mapping_to_json(m) for k, m in st.session_state.get(key, {}).items() if m}
         for key in (_SAVED, _BASE)
     }
     return parts | {_FIRST: dict(st.session_state.get(_FIRST, {}))}
@@ -120,6 +114,15 @@ def of_mapping(key: str) -> bool:
 def offer_again() -> None:
     """Mark every mapping as used before."""
     st.session_state[_FIRST] = dict.fromkeys(st.session_state.get(_FIRST, {}), "")
+
+
+def show_guesses(key: str, table: importing.LogTable) -> None:
+    """List all guesses with their reasons, as ``jointid convert --guess`` does."""
+    with st.popover("All guesses with their reasons"):
+        reasons = guessed(key, table).reasons
+        columns = {"Entry": [capitalised(reason.what) for reason in reasons]}
+        columns["Sure"] = ["yes" if reason.sure else "to check" for reason in reasons]
+        show_text_table(columns | {"Reason": [reason.text for reason in reasons]})
 
 
 def mapping_files(key: str, table: importing.LogTable) -> None:

@@ -30,6 +30,7 @@ from jointid.ui.importing.mapping import (
     offer_fresh_guess,
     proposed_columns,
     remember,
+    show_guesses,
 )
 from jointid.ui.importing.saved_import import (
     clear_entries,
@@ -38,7 +39,7 @@ from jointid.ui.importing.saved_import import (
     show_storage_state,
 )
 from jointid.ui.importing.segments import chosen_segments, edit_segments, found_in, settle
-from jointid.ui.importing.steps import COLUMNS, DRIVES, INERTIAS, LOGS, RUNS, Steps, go_on_button
+from jointid.ui.importing.steps import COLUMNS, DRIVES, INERTIAS, LOGS, RUNS, Steps, go_on
 from jointid.ui.importing.study import ask_robot
 from jointid.ui.importing.watched_work import StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot
@@ -108,7 +109,7 @@ def import_steps(progress: DeltaGenerator) -> None:
             ready = bool(used) and runs is not None and not runs.has_problems
             steps.tell(RUNS, ready, _runs_in_words(used))
             if ready:
-                go_on_button("Continue", RUNS)
+                st.button("Continue", type="primary", key=f"go_on {RUNS}", on_click=go_on)
     with steps.step(INERTIAS):
         if log is None or drives is None or runs is None:
             st.caption(_WAITS[INERTIAS])
@@ -127,7 +128,9 @@ def _map_columns(steps: Steps, log: Log) -> Mapping | None:
         show_error(error)
         steps.tell(COLUMNS, False, "to correct")
         asked = None
-    mapping_files(log.key, log.table)
+    with st.container(horizontal=True):
+        show_guesses(log.key, log.table)
+        mapping_files(log.key, log.table)
     show_raw(log.table, proposed_columns(log.key, log.table))
     return None if asked is None or asked.missing else asked.mapping
 
@@ -249,7 +252,7 @@ def _open_as_study(
             forget_import()
             if clicked == "report":
                 st.session_state[REPORT_AT_ONCE] = st.session_state["chosen"]
-        go_to((REPORT if clicked == "report" else OVERVIEW).path)
+        go_to(REPORT if clicked == "report" else OVERVIEW)
     except JointIdError as error:
         show_error(error)
     return True

@@ -6,7 +6,7 @@ server loses neither. The JSON holds the entries, never results.
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from hashlib import blake2b
 from typing import Any
 
@@ -18,6 +18,7 @@ from jointid.ui.importing.mapping import mappings_from_json, mappings_to_json, o
 from jointid.ui.importing.segments import forget_rows, rows_from_json, rows_to_json
 from jointid.ui.shared import workspace
 from jointid.ui.shared.messages import show_warning
+from jointid.ui.shared.recent_studies import show_notes
 
 _PART = "import"
 _DRAFT = "entries"
@@ -79,17 +80,7 @@ def show_storage_state() -> None:
             else "Logs and entries are kept at this page's address until they are closed or opened as a "
             "study."
         )
-    with suppress(JointIdError):
-        for note in workspace.store().notes(place):
-            left, right = st.columns([4, 1], vertical_alignment="center")
-            show_warning(note.text, left)
-            right.button("Dismiss", key=f"dismiss_{note.id}", on_click=_dismiss, args=(place, note.id))
-
-
-def _dismiss(place: str, note: str) -> None:
-    with suppress(JointIdError):
-        workspace.store().dismiss(place, note)
-    st.session_state.pop(_LOST, None)
+    show_notes(place, _LOST)
 
 
 def forget_import() -> None:

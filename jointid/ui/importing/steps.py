@@ -68,8 +68,3 @@ class Steps:
             st.session_state[_OPEN] = name, version + 1
             st.session_state[_STATES] = self._shown | self._states
             st.rerun()
-
-
-def go_on_button(label: str, key: str) -> bool:
-    """Draw the button at the end of a step."""
-    return st.button(label, type="primary", key=f"go_on {key}", on_click=go_on)

@@ -122,7 +122,6 @@ def choose_segment(
     *,
     format_func: Callable[[T], str] = str,
     hint: str | None = None,
-    hide_label: bool = False,
 ) -> T:
     """Ask for one of a few options side by side, of many in a list; the address keeps the choice.
 
@@ -142,7 +141,6 @@ def choose_segment(
         bind="query-params",
         format_func=format_func,
         help=hint,
-        label_visibility="collapsed" if hide_label else "visible",
     )
     return options[0] if chosen is None else chosen
 

@@ -142,11 +142,6 @@ def _kept(key: str) -> dict[str, Any]:
     return {"key": key, "persist_state": "session", "bind": bind}
 
 
-def fill_in(key: str, value: str) -> None:
-    """Set the value of an entry that is drawn later in this run."""
-    st.session_state[key] = value
-
-
 def enter_text(
     place: DeltaGenerator, key: str, label: str, value: str, help_: str = "", example: str = ""
 ) -> str:

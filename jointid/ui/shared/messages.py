@@ -58,11 +58,6 @@ def _message(kind: str) -> Callable[..., None]:
 show_error, show_warning, show_info, show_note = map(_message, ("error", "warning", "info", "caption"))
 
 
-def show_progress(share: float, text: object, place: DeltaGenerator) -> None:
-    """Show progress; a share outside 0 to 1 is clipped."""
-    place.progress(min(max(share, 0.0), 1.0), markdown_escape(text))
-
-
 def show_text_table(columns: Mapping[str, Sequence[Any]]) -> None:
     """Show a small table without a frame of its own; headings and cells are text.
 

@@ -17,48 +17,14 @@ from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.results import awaited, note_session, result_cache
 from jointid.ui.shared.sidebar import choose_study
-from jointid.ui.shared.workspace import Refused, open_study
+from jointid.ui.shared.workspace import Refused, link_to, open_study
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
 _SIDE_BY_SIDE = 3
 """Joints whose figures are shown all at once."""
 _ICON = Path(__file__).with_name("icon.svg")
-# Contrast of 4.5 to 1 (WCAG AA) and a visible focus, where streamlit lacks them.
-_STYLE = """
-h2 { font-size: 1.75rem !important; }
-[data-testid="stAlert"] h2 { font-size: 1.35rem !important; padding: 0 0 0.5rem; }
-[data-testid="stCode"] code span { color: inherit !important; }
-:is(a, button, input, textarea, summary, main, [tabindex]):focus-visible {
-  outline: 2px solid %s !important; outline-offset: 1px; }
-[data-testid="stLayoutWrapper"]:has(> .st-key-progress) {  /* in view wherever the page is scrolled */
-  position: sticky; top: 3.75rem; z-index: 9; background: Canvas; }
-[data-testid="stMain"] [data-testid="stPageLink-NavLink"] p { text-decoration: underline; }
-/* the toolbar below the figure, clear of the legend */
-.modebar-container { height: 100%% !important; pointer-events: none; }
-.modebar { top: auto !important; bottom: 2px; pointer-events: auto; }
-@media (max-width: 640px) {  /* two cards in a row on a phone; a value and its error in two lines */
-  [role="tablist"] { flex-wrap: wrap; }  /* every tab in view */
-  .modebar-container { display: none; }  /* always shown on a touch screen, over the legend */
-  [data-testid="stTable"] td + td { min-width: 5.5rem; }
-  table.stacked thead { display: none; }
-  table.stacked :is(tbody, tr) { display: block; }
-  table.stacked tr + tr { border-top: 1px solid GrayText; }
-  table.stacked td { display: flex; justify-content: space-between; gap: 1rem; border: 0 !important;
-    padding: 0.15rem 0.5rem !important; }
-  table.stacked td:first-child { font-weight: 600; }
-  table.stacked td::before { content: attr(data-heading); }
-  [data-testid="stElementContainer"]:has(> [data-testid="stMetric"]) {
-    width: calc(50%% - 0.5rem) !important; min-width: 0 !important; flex: none !important; }
-  [data-testid="stMetric"] { padding: 0.6rem !important; min-width: 0 !important; }
-  [data-testid="stMetric"] > div { padding: 0 !important; }
-  [data-testid="stMetricValue"] { font-size: 0.9rem !important; }
-  [data-testid="stMetric"] * { white-space: normal !important; overflow-wrap: anywhere; }
-}
-"""
-_ON_PRIMARY = """
-[data-testid^="stBaseButton-primary"], [data-testid^="stBaseButton-primary"] p { color: #10212C; }
-"""
+_CSS = Path(__file__).with_name("page.css").read_text("utf-8")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +51,7 @@ class Page:
             _show_problem(error)
             if any(record.arm_rad is not None for record in self.study.motion_records):
                 st.write("The sensors behind the gears give K of the joints:")
-                st.page_link(ELASTICITY.path, label=ELASTICITY.name)
+                link_to(ELASTICITY)
             st.stop()
         at_motor = self.study.gear_ratios is None and self.unit.endswith("joint")
         return found if at_motor else found.shown_in(self.unit)
@@ -161,49 +127,58 @@ class Page:
                 plot(figure, description.format(j + 1), key=f"{what} {j}")
         return joints
 
+    def sine_phasors(self) -> Phasors:
+        """Return the phasors of the sines, those of the analysis if it is kept. Raises JointIdError."""
+        kept: Analysis | None = result_cache().get(("analysis", self.digest, self.method))
+        if kept is not None:
+            return kept.phasors
+        return self.computed("phasors", "Fitting sines", extract_phasors, self.study.sine_records)
+
     def phasors(self) -> Phasors:
         """Return the phasors, also of records that do not determine the springs.
 
         Without them, show the reason and end the page.
         """
         try:
-            return self.computed("phasors", "Fitting sines", extract_phasors, self.study.sine_records)
+            return self.sine_phasors()
         except JointIdError as error:
             _show_problem(error)
             st.stop()
 
 
-@st.cache_resource(max_entries=400, show_spinner=False)
+@st.cache_resource(max_entries=240, show_spinner=False)
 def _figure(digest: str, shown: tuple[str, str, bool], what: str, _draw: Callable[..., Any]) -> Any:
     return _draw(dark=shown[2])
 
 
-def start(title: str, introduction: str = "") -> None:
-    """Begin a page that needs no study, with its sidebar and heading."""
-    _set_up(title)
-    choose_study()
+def start(title: str, introduction: str = "", *, heading: bool = True) -> tuple[str, str, str] | None:
+    """Begin a page with its sidebar and heading; return the choices of the sidebar.
+
+    ``title`` is for the browser's tab and, unless the page writes its own, the heading; ``introduction``
+    states what the page shows, in two sentences.
+    """
+    note_session()
+    st.set_page_config(page_title=f"{title} · jointid", page_icon=str(_ICON), layout="wide")
+    dark = is_dark()
+    ink = f"--focus: {colours(dark).identified}; --on-primary: {'#10212C' if dark else '#FFFFFF'}"
+    st.html(f"<style>:root {{ {ink}; }}\n{_CSS}</style>")
+    choice = choose_study()
     _show_notices()
-    _show_heading(title, introduction)
-
-
-def _show_heading(title: str, introduction: str) -> None:
-    st.title(title, anchor=False)
-    if introduction:
-        introduce(introduction)
+    if heading:
+        st.title(title, anchor=False)
+        if introduction:
+            introduce(introduction)
+    return choice
 
 
 def _show_notices() -> None:
+    """Show that a study was not found, and the last refused file until it is dismissed."""
     shown, wanted = st.session_state.get("not_found", (None, ""))
     if wanted and shown == st.session_state["chosen"]:
         show_info(
             f"{wanted} is not, or no longer, in this workspace. The page shows another study: open "
             "the file again."
         )
-    _show_refused()
-
-
-def _show_refused() -> None:
-    """Show the last refused file above the page until it is dismissed; the chosen study stays chosen."""
     refused: Refused | None = st.session_state.get("refused")
     if refused is None:
         return
@@ -214,44 +189,29 @@ def _show_refused() -> None:
     st.divider()
 
 
-def _set_up(title: str) -> None:
-    note_session()
-    st.set_page_config(page_title=f"{title} · jointid", page_icon=str(_ICON), layout="wide")
-    dark = is_dark()
-    style = _STYLE % colours(dark).identified + (_ON_PRIMARY if dark else "")
-    st.html(f"<style>{style}</style>")
-
-
 def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Page:
-    """Begin a page about the chosen study; without one, offer ways to get one and end.
-
-    ``title`` is for the browser's tab and, unless the page writes its own, the heading; ``introduction``
-    states what the page shows, in two sentences.
-    """
-    _set_up(title)
-    choice = choose_study()
-    _show_notices()
+    """Begin a page about the chosen study, see ``start``; without one, offer ways to get one and end."""
+    choice = start(title, introduction, heading=heading)
     if choice is None:
-        st.title("No study yet")
+        (st.header if heading else st.title)("No study yet", anchor=False)
         st.write(
             "There are no sample studies beside the app. Open a .zip in the sidebar, or create a study:"
         )
-        st.page_link(SIMULATE.path, label=SIMULATE.name)
-        st.page_link(IMPORT.path, label=IMPORT.name)
+        link_to(SIMULATE)
+        link_to(IMPORT)
         st.stop()
     key, method, unit = choice
     try:
         opened = open_study(key)
     except JointIdError as error:
-        st.title(title)
+        if not heading:
+            st.title(title)
         show_error(error)
         st.stop()
-    if heading:
-        _show_heading(title, introduction)
     return Page(key, opened.study, opened.digest, method, unit, is_dark())
 
 
 def _show_problem(error: JointIdError) -> None:
     show_error(error)
     st.write("The records themselves can still be viewed:")
-    st.page_link(RECORDS.path, label=RECORDS.name)
+    link_to(RECORDS)

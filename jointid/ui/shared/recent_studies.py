@@ -1,5 +1,6 @@
 """The studies kept at this address, and the way back to them from the bare address."""
 
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
@@ -18,34 +19,38 @@ _component = st.components.v2.component(
 )
 
 
-def offer_last_workspace(current: str | None, study: str, unknown: str) -> None:
-    """Remember the open workspace and the chosen study in the browser, or link to those opened last.
-
-    The id ``unknown`` no longer exists on this server: the browser forgets it.
-    """
-    _component(
-        key="last_workspace", data={"current": current or "", "study": quote(study), "unknown": unknown}
-    )
-
-
 _MOST_SHOWN = 20
 _NEARLY_FULL = 0.8
+
+
+def show_notes(place: str | None, forget: str = "") -> None:
+    """Show the notes on removed entries of a place in the store until they are dismissed.
+
+    ``forget`` is a key of the session that goes with them.
+    """
+    with suppress(JointIdError):
+        for note in workspace.store().notes(place) if place else ():
+            given = place, note.id, forget
+            show_warning(note.text)
+            st.button("Dismiss", key=f"dismiss_{note.id}", on_click=_dismiss, args=given)
+
+
+def _dismiss(place: str, note: str, forget: str) -> None:
+    with workspace.noting_problems():
+        workspace.store().dismiss(place, note)
+    if forget:
+        st.session_state.pop(forget, None)
 
 
 def show_recent() -> None:
     """List the workspace's studies, with the notes and problems of the store."""
     if problem := st.session_state.pop("store_problem", None):
         show_warning(problem)
-    for note in workspace.notes():
-        show_warning(note.text)
-        st.button(
-            "Dismiss",
-            key=f"dismiss_{note.id}",
-            on_click=workspace.change_store,
-            args=("dismiss", note.id),
-        )
+    show_notes(workspace.workspace())
     chosen, unknown = (st.session_state.get(key) or "" for key in ("chosen", "unknown_workspace"))
-    offer_last_workspace(workspace.workspace(), chosen, unknown)
+    # The browser remembers workspace and study, forgets an unknown one, or links to those opened last.
+    data = {"current": workspace.workspace() or "", "study": quote(chosen), "unknown": unknown}
+    _component(key="last_workspace", data=data)
     kept = workspace.recent()
     if not kept:
         return
@@ -66,14 +71,15 @@ def _row(name: str, entry: Entry) -> None:
         )
         with st.popover("Edit", help=f"Rename or delete {markdown_escape(name)}"):
             key = f"name_{entry.id}"
-            st.text_input("Name", entry.name, key=key, on_change=_rename, args=(entry.id, key))
+            st.text_input(
+                "Name",
+                entry.name,
+                key=key,
+                on_change=lambda: workspace.change_store("rename", entry.id, st.session_state[key]),
+            )
             st.caption(f"{entry.size_bytes / 2**20:.1f} MiB. Deleting cannot be undone.")
             remove = "delete", entry.id
             st.button("Delete", key=f"delete_{entry.id}", on_click=workspace.change_store, args=remove)
-
-
-def _rename(entry: str, key: str) -> None:
-    workspace.change_store("rename", entry, st.session_state[key])
 
 
 def _show_storage(kept: dict[str, Entry]) -> None:

@@ -18,7 +18,7 @@ from streamlit.runtime.scriptrunner import get_script_run_ctx
 
 from jointid import JointIdError
 from jointid.background.pool import NoWorkerError, Pool
-from jointid.ui.shared.messages import show_error, show_progress
+from jointid.ui.shared.messages import markdown_escape, show_error
 from jointid.wording import counted
 
 Given = ParamSpec("Given")
@@ -33,7 +33,7 @@ _PRELOADED = (
 """Imported when a worker starts, so that its first computation need not wait."""
 _PATIENCE_S = 5.0
 _LONGEST_TURN_S = 1.0
-_MOST_BYTES = 1 << 29
+_MOST_BYTES = 1 << 28
 _TIME_LEFT_AFTER_S = 0.5
 """After this time the remaining time is shown, or that so far."""
 _ALWAYS_KEPT = 12
@@ -218,21 +218,9 @@ def computed_on_click(
 ) -> Found | None:
     """Return a kept result, or compute it after a click, with a progress bar and a button to stop.
 
-    Parameters
-    ----------
-    key : hashable
-        Of the result in the cache.
-    label, name, kind : str
-        Text, key and look of the button.
-    compute : callable
-        Given a function that shows progress; its error is shown.
-    at_once : bool
-        Compute without a click, unless this computation was stopped.
-
-    Returns
-    -------
-    result or None
-        None before the click, and after an error.
+    ``name`` is the button's key, ``kind`` its look; ``compute`` gets a function that shows progress, and
+    its error is shown. ``at_once`` needs no click, unless this computation was stopped. Returns None
+    before the click, and after an error.
     """
     # The place is there with a kept result too: what follows keeps its position on the page.
     place, stopped = st.empty(), f"{name} stopped"
@@ -267,7 +255,8 @@ def steps_at(bar: DeltaGenerator, began: float | None = None) -> Show:
     def show(done: float, what: str) -> None:
         taken = monotonic() - start
         left = f", {taken * (1 - done) / done:.0f} s left" if done > 0.05 else f", {taken:.0f} s so far"
-        show_progress(done, f"{what}: {done:.0%}{left * (taken > _TIME_LEFT_AFTER_S)}", bar)
+        text = f"{what}: {done:.0%}{left * (taken > _TIME_LEFT_AFTER_S)}"
+        bar.progress(min(max(done, 0.0), 1.0), markdown_escape(text))
 
     return show
 

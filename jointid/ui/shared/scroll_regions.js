@@ -9,10 +9,10 @@ function mark() {
     if ((wide || high) && /auto|scroll/.test(getComputedStyle(region).overflow)) region.tabIndex = 0;
     else region.removeAttribute("tabindex");
   }
-  // On a phone, the rows of a wide table are stacked, with the headings before their cells.
+  // On a phone, the few rows of a wide table are stacked, with the headings before their cells.
   for (const table of document.querySelectorAll("[data-testid=stTable] table")) {
     const headings = [...table.querySelectorAll("th")].map((each) => each.textContent);
-    table.classList.toggle("stacked", innerWidth <= 640 && headings.length > 4);
+    table.classList.toggle("stacked", innerWidth <= 640 && headings.length > 4 && table.rows.length <= 7);
     table.querySelectorAll("td").forEach((cell) => { cell.dataset.heading = headings[cell.cellIndex]; });
   }
   // An upload area has a name and takes the focus: it is no mere decoration.

@@ -12,7 +12,15 @@ from jointid.ui.shared.charts import equip_page
 from jointid.ui.shared.messages import markdown_escape
 from jointid.ui.shared.method_steps import GROUPS
 from jointid.ui.shared.recent_studies import show_recent
-from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, set_in_address
+from jointid.ui.shared.workspace import (
+    follow_address,
+    keep,
+    link_to,
+    names_by_address,
+    refuse,
+    sample_paths,
+    show_in_address,
+)
 
 DEFAULT_METHOD = str(inspect.signature(analyse).parameters["method"].default)
 """The default estimator of ``analyse``."""
@@ -21,23 +29,26 @@ ESTIMATORS = {DEFAULT_METHOD: METHODS.get(DEFAULT_METHOD, "chosen for these reco
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
 _ARRIVED = "arrived_study"
-_STATES = {"swapped torques": " (not usable)", "doubled record": " (usable with care)"}
+FAULTY_SAMPLES = {"swapped torques": " (not usable)", "doubled record": " (usable with care)"}
 """What the list says of a sample besides its name."""
 
 
 def choose_study() -> tuple[str, str, str] | None:
     """Draw the sidebar and return the study's key, estimator and unit; None without any study."""
+    follow_address()
     with st.sidebar:
         _remember_file()
-        for group, steps in GROUPS.items():
-            st.caption(group)
-            for step in steps:
-                st.page_link(step.path, label=step.name, help=step.line)
+        links = st.container()
         st.divider()
         above = st.container()
         _open_file()
         with above:  # drawn last, to include the study just opened
             key = _choose()
+        with links:
+            for group, steps in GROUPS.items():
+                st.caption(group)
+                for step in steps:
+                    link_to(step, help_=step.line)
         st.divider()
         method = st.selectbox(
             "Estimator",
@@ -64,7 +75,7 @@ def choose_study() -> tuple[str, str, str] | None:
 def _choose() -> str | None:
     """Ask which study. The choice lives in the session, and in the address so that it survives F5."""
     names = names_by_address()
-    chosen = st.session_state.get("chosen") or st.query_params.get("study")
+    chosen = st.session_state.get("chosen")
     if chosen not in names and (spaced := str(chosen).replace("_", " ")) in names:
         chosen = spaced  # as the sample's file is called
     if chosen not in names:
@@ -77,7 +88,7 @@ def _choose() -> str | None:
     st.selectbox(
         "Study",
         list(names.values()),
-        format_func=lambda name: name + _STATES.get(name, ""),
+        format_func=lambda name: name + FAULTY_SAMPLES.get(name, ""),
         key="study",
         on_change=_take_choice,
         disabled=not names,
@@ -85,8 +96,7 @@ def _choose() -> str | None:
         "are faulty: one answer is not usable, the other usable with care. Commands take the "
         "name of a sample with or without underscores: six_axes.",
     )
-    if chosen is not None:
-        set_in_address("study", chosen)
+    show_in_address()
     show_recent()
     return None if chosen is None else names[chosen]
 
@@ -123,19 +133,14 @@ def _open_file() -> None:
         arrived: tuple[str, bytes] | None = st.session_state.get(_ARRIVED)
         if arrived is None:
             return
+        name, data = arrived
         try:
-            _keep_or_refuse(*arrived)
+            with st.spinner(markdown_escape(f"Reading {name}")):
+                study = load_study(data)
+            keep(study, name)
+        except JointIdError as error:
+            refuse(name, error, data)
         except Exception:
             del st.session_state[_ARRIVED]  # an internal error must not recur on every page
             raise
         del st.session_state[_ARRIVED]
-
-
-def _keep_or_refuse(name: str, data: bytes) -> None:
-    try:
-        with st.spinner(markdown_escape(f"Reading {name}")):
-            study = load_study(data)
-    except JointIdError as error:
-        refuse(name, error, data)
-    else:
-        keep(study, name)

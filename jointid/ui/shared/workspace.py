@@ -9,15 +9,17 @@ from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError, Study
 from jointid.files.application import application_folder, sample_studies
 from jointid.files.digest import study_digest
-from jointid.files.store import Entry, Note, Store, new_workspace, part_of, user_folder
+from jointid.files.store import Entry, Store, new_workspace, part_of, user_folder
 from jointid.files.study_files import lines_around, load_study, pack_study
+from jointid.ui.shared.method_steps import Step
 
 SAMPLES = application_folder() / "sample_data"
 _MOST_OPENED = 12
@@ -59,10 +61,7 @@ def store() -> Store:
 
 
 def workspace() -> str | None:
-    """Return the workspace of this session, initially from the address; None before the first study.
-
-    The address is set again: links between pages drop it.
-    """
+    """Return the workspace of this session, initially from the address; None before the first study."""
     found: str | None = st.session_state.get("workspace") or st.query_params.get("w")
     if found is None:
         return None
@@ -76,22 +75,43 @@ def workspace() -> str | None:
         )
         return None
     st.session_state["workspace"] = found
-    set_in_address("w", found)
     return found
 
 
-def set_in_address(name: str, value: str) -> None:
-    """Set a parameter of the address, which links between pages drop; without a change, send nothing."""
-    if st.query_params.get(name) != value:
-        st.query_params[name] = value
+def _address() -> dict[str, str]:
+    """Return the study and workspace as parameters of the address."""
+    parts = {"study": st.session_state.get("chosen"), "w": st.session_state.get("workspace")}
+    return {name: value for name, value in parts.items() if value}
 
 
-def go_to(path: str) -> None:
-    """Show another page, whose widgets set their own parts of the address.
+def follow_address() -> None:
+    """Choose the study of the address if it is not the one shown there: by a link or the Back button."""
+    asked = st.query_params.get("study")
+    if asked and asked != st.session_state.get("address"):
+        st.session_state.update(chosen=asked, address=asked)
 
-    Streamlit itself refuses to leave a page with entries of its widgets in the address.
+
+def show_in_address() -> None:
+    """Put study and workspace into the address at once: each change is a step of the Back button.
+
+    The bare address stays that of the first sample.
     """
-    st.switch_page(path, query_params={})
+    parts, shown = _address(), st.query_params
+    is_bare = "study" not in shown and parts == {"study": next(iter(sample_paths()), "")}
+    if not is_bare and any(shown.get(name) != value for name, value in parts.items()):
+        shown.update(parts)
+    st.session_state["address"] = parts.get("study")
+
+
+def link_to(step: Step, label: str = "", place: DeltaGenerator | None = None, help_: str = "") -> None:
+    """Link to a page with this study; streamlit's own link drops it from the address."""
+    about: dict[str, Any] = {"label": label or step.name, "help": help_ or None}
+    (place or st).page_link(step.path, query_params=_address(), **about)
+
+
+def go_to(step: Step) -> None:
+    """Show another page with this study; its widgets set their own parts of the address."""
+    st.switch_page(step.path, query_params=_address())
 
 
 def recent() -> dict[str, Entry]:
@@ -107,15 +127,6 @@ def recent() -> dict[str, Entry]:
     for entry in reversed(entries):
         found[_free(entry.name, {*taken, *found})] = entry
     return dict(reversed(found.items()))
-
-
-def notes() -> tuple[Note, ...]:
-    """Return the notes on removed studies of this workspace."""
-    place = workspace()
-    try:
-        return () if place is None else store().notes(place)
-    except JointIdError:
-        return ()
 
 
 def names_by_address() -> dict[str, str]:
@@ -157,7 +168,7 @@ def keep_part(
     place = workspace() or _new_workspace()
     store().put(part_of(place, part), name, digest, data)
     st.session_state["workspace"] = place
-    set_in_address("w", place)
+    show_in_address()
     if beside is not None:
         others = part_entries(part).items()
         _delete(part, [entry for key, entry in others if key != digest and key not in beside])
@@ -202,8 +213,8 @@ def noting_problems(prefix: str = "") -> Iterator[None]:
         st.session_state["store_problem"] = f"{prefix}{error}"
 
 
-def change_store(action: Literal["rename", "delete", "dismiss"], *given: str) -> None:
-    """Rename an entry of this workspace, delete it for good, or remove a note that was read."""
+def change_store(action: Literal["rename", "delete"], *given: str) -> None:
+    """Rename an entry of this workspace, or delete it for good."""
     if place := workspace():
         with noting_problems():
             getattr(store(), action)(place, *given)

@@ -14,7 +14,7 @@ from jointid.figures import compared_responses
 from jointid.ui.shared.entries import choose_from
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.sidebar import ESTIMATORS
+from jointid.ui.shared.sidebar import ESTIMATORS, FAULTY_SAMPLES
 from jointid.ui.shared.workspace import names_by_address, open_study, sample_paths
 from jointid.ui.study.uncertainty_panels import signed_percent
 from jointid.uncertainty.comparison import Difference, compare
@@ -53,7 +53,8 @@ def _swap(page: Page, second: str, method: str) -> None:
 
 def _partner(page: Page) -> str:
     """Name of the newest own study of as many joints, else of a sample, else of the chosen study."""
-    for name in sorted(names_by_address().values(), key=sample_paths().__contains__):
+    names, samples = names_by_address().values(), sample_paths()
+    for name in sorted(names, key=lambda name: (name in samples, name in FAULTY_SAMPLES)):
         with suppress(JointIdError):
             if name != page.key and open_study(name).study.inertia.n == page.study.inertia.n:
                 return name

@@ -14,7 +14,6 @@ from jointid import (
     Phasors,
     SineRecord,
     TransferMatrix,
-    extract_phasors,
 )
 from jointid.figures import VIEWS, element_response, single_record
 from jointid.phasors.distortion import distortion
@@ -42,8 +41,7 @@ def show_quality(page: Page) -> None:
     if not page.study.sine_records:
         return
     try:
-        found = page.computed("phasors", "Fitting sines", extract_phasors, page.study.sine_records)
-        table(quality_table(page.study.sine_records, found))
+        table(quality_table(page.study.sine_records, page.sine_phasors()))
     except JointIdError as error:
         show_error(error)
     with st.expander("What the columns mean"):
@@ -179,7 +177,7 @@ def choose_element(n: int) -> tuple[int, int]:
 def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> None:
     """Show H_ij over frequency; a diagonal element beside the single-record responses of its joint."""
     n, name = page.study.inertia.n, f"H{i + 1}{j + 1}"
-    view = choose_segment("View", VIEWS, "view", hide_label=True)
+    view = choose_segment("View", VIEWS, "view")
     drawn: dict[str, Any] = {"pose": pose, "view": view}
     what = f"{name} over frequency, measured and modelled"
     draw = partial(element_response, analysis, i, j, **drawn)

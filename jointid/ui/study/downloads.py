@@ -36,7 +36,10 @@ def show_report(page: Page, analysis: Analysis, stem: str) -> None:
         download("Report as PDF", pdf, f"{stem}_report.pdf", kind="primary")
         download("Report as HTML", html, f"{stem}_report.html")
     with st.expander("Preview"):
-        preview(html, height=700)
+        style = "border:0;width:100%;height:700px;display:block"
+        # A frame that can neither run scripts nor reach the app.
+        frame = f'<iframe sandbox title="The report" style="{style}" srcdoc="{escape(html)}"></iframe>'
+        st.iframe(f'<body style="margin:0">{frame}</body>', height=700)
 
 
 def _write(analysis: Analysis, progress: Show) -> tuple[str, bytes]:
@@ -50,13 +53,6 @@ def _write(analysis: Analysis, progress: Show) -> tuple[str, bytes]:
     progress(0.65, paper)
     pdf = run_in_background(to_pdf, report, progress=lambda done: progress(0.65 + 0.35 * done, paper))
     return html, pdf
-
-
-def preview(html: str, *, height: int) -> None:
-    """Show a report on the page, in a frame that can neither run scripts nor reach the app."""
-    style = f"border:0;width:100%;height:{height}px;display:block"
-    frame = f'<iframe sandbox title="The report" style="{style}" srcdoc="{escape(html)}"></iframe>'
-    st.iframe(f'<body style="margin:0">{frame}</body>', height=height)
 
 
 _SNIPPETS = (

@@ -188,7 +188,7 @@ def _sentence(prediction: TorquePrediction) -> str:
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
     text = (
         "Cross-check: K and D from half of the frequencies predict the gear torques at the others "
-        f"to {apart} % (median), {times} × the noise (limit {limit})."
+        f"to {apart} % (median), {times} × the noise; up to {limit} × counts as agreement."
     )
     doubt = " The model lacks an effect, or half of the frequencies do not determine all its parameters."
     return text + doubt * (prediction.misfit > EXPLAINED)

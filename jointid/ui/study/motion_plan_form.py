@@ -19,7 +19,6 @@ from jointid.ui.shared.entries import (
     choose_from,
     enter_number,
     enter_text,
-    fill_in,
     numbers_in,
     numbers_out,
 )
@@ -153,7 +152,8 @@ def _load_limits(keys: dict[str, str]) -> None:
     robot = limits_from_toml(file.getvalue(), file.name)
     for name, key in keys.items():
         value = getattr(robot, name)
-        fill_in(key, ", ".join(value) if name == "joint_names" else numbers_out(value))
+        text = ", ".join(value) if name == "joint_names" else numbers_out(value)
+        st.session_state[key] = text  # of an entry that is drawn later in this run
 
 
 _NUMBERS: dict[str, tuple[Any, ...]] = {

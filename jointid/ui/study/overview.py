@@ -257,9 +257,9 @@ def _finding(page: Page, analysis: Analysis, finding: Finding, lead: str = "") -
     offer_changes(page, analysis, finding)
     if finding.changes and advice:
         st.expander("If this is not the cause").markdown(advice)
-    if finding.action:
+    if finding.action and page.key not in workspace.sample_paths():
         step, part = ACTIONS[finding.action]
-        st.page_link(step.path, label=f"{step.name}: {part}")
+        workspace.link_to(step, f"{step.name}: {part}")
 
 
 def freed_note(analysis: Analysis) -> str:
@@ -274,5 +274,5 @@ def show_steps() -> None:
     """Links to the steps of the method."""
     for step in METHOD:
         name, line = st.columns([1, 5], vertical_alignment="center", gap="small")
-        name.page_link(step.path, label=f"**{step.name}**")
+        workspace.link_to(step, f"**{step.name}**", name)
         line.caption(step.line)  # a link's label is cut off where it is too long for a phone

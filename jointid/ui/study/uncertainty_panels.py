@@ -19,7 +19,7 @@ from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.shared.sidebar import ESTIMATORS
 from jointid.uncertainty.compared_models import COMPARED_MODELS, compared_models
-from jointid.uncertainty.error_parts import error_table
+from jointid.uncertainty.error_parts import PARTS_MEANING, error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import prior_influence
@@ -83,7 +83,7 @@ def show_errors(analysis: Analysis) -> None:
     show_text_table({capitalised(name): cells for name, cells in columns.items()})
     st.caption(
         f"Estimator: **{analysis.fit.method}**. Total: one standard error from all causes; the squares "
-        f"of its parts add up to its square. K and D {analysis.unit.side}."
+        f"of its parts add up to its square. K and D {analysis.unit.side}. {PARTS_MEANING}"
     )
     if analysis.study.torque_std is None:
         st.caption(UNSTATED_TORQUE_SCALE)
