@@ -218,6 +218,18 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
         (["t", "alpha", "beta"], [("", "")]),
         (["t", "one [mm]", "two [rpm]"], [("", "")]),
         (["t", "joint1 position", "data 0", "torque 0", "torque 1"], [("joint1 position", "torque 1")]),
+        (["t", "pos0", "pos1", "trq1", "trq2"], [("pos0", "trq1")]),
+        (["t", "q", "tau_ext", "tau_meas"], [("q", "tau_meas")]),
+        (["t", "q", "tau_ext_hat"], [("q", "")]),
+        (["t", "joint_pos_1", "motor_pos_1", "motor_torque_1"], [("motor_pos_1", "motor_torque_1")]),
+        (["Zeit", "Motorlage", "Motormoment", "Lastlage"], [("Motorlage", "Motormoment")]),
+        (["t", "Pulse S", "Pulse L", "Torque S", "Torque L"],
+         [("Pulse S", "Torque S"), ("Pulse L", "Torque L")]),
+        (["t", "pos", "rpm", "amps"], [("pos", "amps")]),
+        (["tempo", "posição junta 1", "velocidade junta 1", "binário junta 1"],
+         [("posição junta 1", "binário junta 1")]),
+        (["čas", "poloha osy 1", "rychlost osy 1", "moment osy 1"], [("poloha osy 1", "moment osy 1")]),
+        (["zaman", "konum 1", "hız 1", "tork 1"], [("konum 1", "tork 1")]),
     ],
 )  # fmt: skip
 def test_names_of_controllers(names: list[str], expected: list[tuple[str, str]]) -> None:

@@ -86,7 +86,7 @@ def rectangle(
     repetitions = whole_number("repetitions", repetitions, 1)
     if zone_m > min(width_m, height_m) / 2:
         raise JointIdError(
-            f"zone_m = {zone_m:g} m does not fit: two zones share the shorter side of "
+            f"A corner zone of {zone_m:g} m does not fit: two zones share the shorter side of "
             f"{min(width_m, height_m):g} m. Use a zone of at most {min(width_m, height_m) / 2:g} m or a "
             "longer side."
         )

@@ -48,6 +48,10 @@ _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."
 )
+_NO_SIGN = (
+    "Logs do not state it; as logged is assumed. A positive torque must accelerate the joint in the "
+    "positive direction."
+)
 
 
 @dataclass(frozen=True)
@@ -95,9 +99,8 @@ def guess_mapping(table: LogTable) -> Guess:
     )
     hold = "A log does not say whether the torque is held from sample to sample."
     reasons.append(Reason("torque hold", hold))
-    ends = [f"{role} of joint {j + 1}" for j in range(len(joints)) for role in QUANTITIES]
-    unproven = [f"direction of {end}" for end in ends] + [r.what for r in reasons if not r.sure]
-    return Guess(Mapping(time, joints, assumed=tuple(dict.fromkeys(unproven))), tuple(reasons))
+    unproven = dict.fromkeys(reason.what for reason in reasons if not reason.sure)
+    return Guess(Mapping(time, joints, assumed=tuple(unproven)), tuple(reasons))
 
 
 def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
@@ -112,6 +115,10 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]
             if role not in group or entry.score[role] > group[role].score[role]:
                 group[role] = entry
     complete = {key: group for key, group in best.items() if len(group) == 2}
+    if _counts_differ(best.values()):
+        why = "Positions are counted from 0 and torques from 1, or the reverse: choose the columns."
+        reasons.append(Reason("joints", why))
+        return []
     by_their_number = _join_by_number(best, complete)
     keys = [*complete]
     numbers = {key: complete[key]["position"].number for key in keys}
@@ -133,6 +140,15 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]
         pairs.append((group["position"].column, group["torque"].column))
     reasons += _lone_columns(best.values(), complete.values())
     return pairs
+
+
+def _counts_differ(groups: Collection[_Group]) -> bool:
+    """Whether as many positions as torques are numbered, one of them from 0, the other from 1."""
+    q, tau = (
+        sorted({g[role].number or 0 for g in groups if role in g and g[role].number is not None})
+        for role in _OTHER
+    )
+    return {*q[:1], *tau[:1]} == {0, 1} and [k - q[0] for k in q] == [k - tau[0] for k in tau]
 
 
 def _fits(entry: NamedColumn, role: str) -> bool:
@@ -200,8 +216,9 @@ def _joint(
 
 
 def _drive_reasons(number: int, joint: JointMapping) -> list[Reason]:
-    """Reasons for the gear ratio and the scales that a joint needs."""
-    needed = [Reason(f"gear ratio of joint {number}", _NO_RATIO)] if joint.needs_ratio else []
+    """Reasons for the directions, the gear ratio and the scales that a joint needs."""
+    needed = [Reason(f"direction of {role} of joint {number}", _NO_SIGN) for role in QUANTITIES]
+    needed += [Reason(f"gear ratio of joint {number}", _NO_RATIO)] if joint.needs_ratio else []
     for role, (_, scales) in QUANTITIES.items():
         unit = getattr(joint, role).unit
         if unit in scales:

@@ -31,7 +31,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     rows = text.split("\n")
     start, about = _channel_rows(rows, separator)
     names = about["Name"]
-    body = [row for row in rows[start:] if row.strip(f"{separator} ") and row.strip() != "EOF"]
+    body = [row for row in rows[start:] if row.strip() != "EOF"]
     if not body or "Name" not in names:
         raise JointIdError(f"{file} holds no samples with times: export all time lines of the scope.")
     cells = body[0].split(separator)
@@ -39,7 +39,9 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     clocks = [k for k, name in enumerate(names) if name.strip() == "Name"]
     full = {k for k in clocks if k < len(cells) and cells[k].isdigit() and int(cells[k]) > _FULL_STAMP}
     decimal = "," if separator != "," and any("," in row for row in body[:2000]) else "."
-    columns = columns_of(file, body, separator, decimal, len(names), full)
+    columns = columns_of(
+        file, body, names, separator=separator, decimal=decimal, first_line=start + 1, integers=full
+    )
     origin = min((int(columns[k][columns[k] > 0].min()) for k in full), default=0)
     if len(names) != len(about.get("VariableSize", names)):
         raise JointIdError(
