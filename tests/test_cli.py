@@ -436,7 +436,7 @@ def test_a_log_is_converted_by_its_mapping(studies: dict[int, Study], here: Path
     assert "gear ratio of joint 1" in text
     mapping: dict[str, Any] = json.loads((here / "mapping.json").read_text("utf-8"))
     assert {"direction of position of joint 1", "torque hold"} < set(mapping["assumed"])
-    listed = {line.partition("  ")[0] for line in text.splitlines() if "check" in line}
+    listed = {line.strip().partition("  ")[0] for line in text.splitlines() if "check" in line}
     assert listed >= set(mapping["assumed"])
     mapping["joints"][0]["gear_ratio"] = 50.0
     mapping["joints"][0]["position"]["side"] = "joint"
