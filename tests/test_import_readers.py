@@ -271,7 +271,7 @@ def huge_npy() -> bytes:
 @pytest.mark.parametrize(
     ("data", "name", "said"),
     [
-        (huge_npy(), "log.npy", "more than the limit"),
+        (huge_npy(), "log.npy", "more memory than the limit"),
         (b'{"a":' * 100_000 + b"1", "log.json", "not JSON"),
         (b"WPILOG\0\1" + b"\xff" * 400, "log.wpilog", "no entries of numbers"),
         (make.wpilog().replace(b"double", b"strung").replace(b"float[]", b"strings"), "a", "no entries"),

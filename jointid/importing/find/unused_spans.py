@@ -34,8 +34,9 @@ def without_sweeps(
 ) -> tuple[list[Segment], list[tuple[float, float]], list[str]]:
     """Remove pieces of sweeps: return the other runs, start and stop (s) of each sweep, and notes.
 
-    Ramps beside a longer run are removed, too: their frequency is biased. In a piece of a sweep the frequency drifts, which bends the phase; in a staircase of sines it is
-    constant. Noise may hide the drift of a piece between others. Segments are in order of time.
+    In a piece of a sweep the frequency drifts, which bends the phase; in a staircase of sines it is
+    constant. Noise may hide the drift of a piece between others. Ramps beside a longer run are removed,
+    too: they bias the frequency. Segments are in order of time.
     """
     bends = [_trends(log, s) for s in segments]
     edges = [s for k, s in enumerate(segments) if _is_edge(k, segments, bends[k][2])]

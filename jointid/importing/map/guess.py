@@ -48,10 +48,7 @@ _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."
 )
-_NO_SIGN = (
-    "Logs do not state it; as logged is assumed. A positive torque must accelerate the joint in the "
-    "positive direction."
-)
+_NO_SIGN = "Logs do not state it. As logged is assumed: a positive torque accelerates forwards."
 
 
 @dataclass(frozen=True)
@@ -115,10 +112,6 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]
             if role not in group or entry.score[role] > group[role].score[role]:
                 group[role] = entry
     complete = {key: group for key, group in best.items() if len(group) == 2}
-    if _counts_differ(best.values()):
-        why = "Positions are counted from 0 and torques from 1, or the reverse: choose the columns."
-        reasons.append(Reason("joints", why))
-        return []
     by_their_number = _join_by_number(best, complete)
     keys = [*complete]
     numbers = {key: complete[key]["position"].number for key in keys}
@@ -140,15 +133,6 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]
         pairs.append((group["position"].column, group["torque"].column))
     reasons += _lone_columns(best.values(), complete.values())
     return pairs
-
-
-def _counts_differ(groups: Collection[_Group]) -> bool:
-    """Whether as many positions as torques are numbered, one of them from 0, the other from 1."""
-    q, tau = (
-        sorted({g[role].number or 0 for g in groups if role in g and g[role].number is not None})
-        for role in _OTHER
-    )
-    return {*q[:1], *tau[:1]} == {0, 1} and [k - q[0] for k in q] == [k - tau[0] for k in tau]
 
 
 def _fits(entry: NamedColumn, role: str) -> bool:
@@ -310,7 +294,9 @@ def _join_by_number(best: _Groups, complete: _Groups) -> set[str]:
             (role,) = group
             lone[role].setdefault(number, []).append(key)
     if (0 in lone["position"]) != (0 in lone["torque"]):
-        return set()  # one kind counts from 0, the other from 1
+        if all(lone.values()):
+            complete.clear()  # one kind counts from 0, the other from 1
+        return set()
     taken = {group["position"].number for group in complete.values()}
     joined = set()
     for number in [k for k in lone["position"] if k in lone["torque"] and k not in taken]:
@@ -333,10 +319,8 @@ def _lone_columns(groups: Iterable[_Group], pairs: Collection[_Group]) -> list[R
         and pairs
         and entry.score[role] >= min(pair[role].score[role] for pair in pairs) - _MAX_LESS_CLEAR
     ]
-    if not lone:
-        return []
     text = f"{'; '.join(lone)}: left out. If the log has both, give more joints and choose the columns."
-    return [Reason("joints", text)]
+    return [Reason("joints", text)] if lone else []
 
 
 def propose_joint(

@@ -59,7 +59,7 @@ def read_text_table(file: str, data: bytes) -> LogTable:
         if np.isnan(column).all() and not layout.names[k]:
             continue  # an effect of a separator at the end of every line
         unit = "s" if layout.clock[k] else layout.units[k]
-        columns.append(LogColumn(names[k], numbers(column), unit, f"column {k + 1}"))
+        columns.append(LogColumn(names[k], numbers(column), unit))
     left_out = [name for k, name in enumerate(names) if k not in wanted]
     if left_out:
         notes.append(f"Columns without numbers, left out: {listed(left_out)}.")
