@@ -236,7 +236,7 @@ def test_identify_takes_other_uncertainties_than_the_studys(study: Path) -> None
     assert errors("--inertia-std", "0.05") == pytest.approx(as_stated)  # what the study assumes
     loose = errors("--inertia-std", "0.05", "--torque-std", "0.1")
     assert np.all(loose > 2 * as_stated)
-    assert "inertia_std = nan: expected" in refused(1, "identify", study, "--inertia-std", "nan")
+    assert "--inertia-std = nan: expected" in refused(1, "identify", study, "--inertia-std", "nan")
 
 
 # --- simulate, cut, plan

@@ -221,6 +221,7 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
         (["t", "pos0", "pos1", "trq1", "trq2"], [("pos0", "trq1")]),
         (["t", "q", "tau_ext", "tau_meas"], [("q", "tau_meas")]),
         (["t", "q", "tau_ext_hat"], [("q", "")]),
+        (["t", "external encoder [deg]", "motor current"], [("external encoder", "motor current")]),
         (["t", "joint_pos_1", "motor_pos_1", "motor_torque_1"], [("motor_pos_1", "motor_torque_1")]),
         (["Zeit", "Motorlage", "Motormoment", "Lastlage"], [("Motorlage", "Motormoment")]),
         (["t", "Pulse S", "Pulse L", "Torque S", "Torque L"],

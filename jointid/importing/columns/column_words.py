@@ -29,9 +29,9 @@ _LINES = {  # English, German, French, Italian, Spanish and others; without acce
     "vorsteuerung d",
     "no": "disturbance stoermoment stormoment droop "
     "error err fehler deviation abweichung schleppfehler deflection limit limits min max offset "
-    "temperature temp temperatur pressure druck status flag success id phase model ext external",
+    "temperature temp temperatur pressure druck status flag success id phase model",
     "other": "voltage spannung tension volt power leistung state mode digital output force kraft "
-    "busvoltage pwm hat filtered estimate estimated",
+    "busvoltage pwm ext external hat filtered estimate estimated",
     "motor": "motor motorside mot mtr rotor antrieb antriebsseitig motorseitig moteur motore drive",
     "joint": "joint j link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
     "lastseitig junta eixo osa osy osi eksen axel",
@@ -133,6 +133,7 @@ def described(column: LogColumn) -> NamedColumn:
             points -= 4.0
         if role == "torque":  # a load torque may be an estimate of what the current does not explain
             points -= 0.5 * bool(current) + 0.6 * ("load" in words)
+            points -= 3.0 * bool(stated & {"ext", "external"})  # an encoder may be external
         for kind, cost in _COSTS:
             points -= cost * bool(stated & WORDS[kind] - WORDS[role])
         if clock := stated & WORDS["time"]:
