@@ -11,6 +11,7 @@ from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first
 from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_matches
+from jointid.importing.read.text.numbers import number_or
 from jointid.importing.read.text.tables import columns_of
 
 _END = "***End_of_Header***"
@@ -47,7 +48,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
             where, rows, names, separator=separator, decimal=decimal, first_line=top + 2
         )
         about = {key.strip(): cells for key, *cells in (x.split(separator) for x in lines[start:end])}
-        signals = [*_signals(where, about, zip(names, columns, strict=True), decimal, has_times)]
+        signals = [*_signals(where, about, zip(names, columns, strict=True), has_times)]
         before_it = runs[-1][-1] if signals and runs else []
         follows = [s.name for s in before_it] == [s.name for s in signals] and all(
             b.time_s[0] > a.time_s[-1] for a, b in zip(before_it, signals, strict=True)
@@ -81,11 +82,7 @@ def _joined(run: list[list[Signal]]) -> list[Signal]:
 
 
 def _signals(
-    where: str,
-    about: dict[str, list[str]],
-    columns: Iterable[tuple[str, Floats]],
-    decimal: str,
-    has_times: bool,
+    where: str, about: dict[str, list[str]], columns: Iterable[tuple[str, Floats]], has_times: bool
 ) -> Iterator[Signal]:
     """Signals of a segment, with the entries of its header by channel."""
     time, channels = np.zeros(0), count()
@@ -96,7 +93,7 @@ def _signals(
         channel = next(channels)
         entries = {key: cells[channel].strip() for key, cells in about.items() if channel < len(cells)}
         if not has_times or time.size != values.size:
-            start, delta = (_number(entries.get(key, ""), decimal) for key in ("X0", "Delta_X"))
+            start, delta = (number_or(entries.get(key, ""), 0.0) for key in ("X0", "Delta_X"))
             if delta <= 0:
                 raise JointIdError(
                     f"{where}: {name} has neither times nor a Delta_X above 0: export it again."
@@ -105,13 +102,6 @@ def _signals(
         known = np.isfinite(time) & np.isfinite(values)
         if known.any():
             yield Signal(name, time[known], values[known], entries.get("Y_Unit_Label", ""))
-
-
-def _number(text: str, decimal: str) -> float:
-    try:
-        return float(text.replace(decimal, "."))
-    except ValueError:
-        return 0.0
 
 
 READERS = {

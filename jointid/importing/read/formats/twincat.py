@@ -9,6 +9,7 @@ from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_matches
+from jointid.importing.read.text.numbers import number_or
 from jointid.importing.read.text.tables import columns_of
 from jointid.wording import listed
 
@@ -82,7 +83,7 @@ def _channel_rows(rows: list[str], separator: str) -> tuple[int, dict[str, list[
 def _scaled(values: Any, about: dict[str, str]) -> tuple[Any, str]:
     """Values in the channel's unit, and a note where the export does not say whether it scaled them."""
     pairs = [("ScaleFactor", "Offset"), ("Unit ScaleFactor", "Unit Offset")]
-    factors = [(_number(about.get(a, ""), 1.0), _number(about.get(b, ""), 0.0)) for a, b in pairs]
+    factors = [(number_or(about.get(a, ""), 1.0), number_or(about.get(b, ""), 0.0)) for a, b in pairs]
     if all(factor == (1.0, 0.0) for factor in factors):
         return values, ""
     said = ", ".join(f"factor {a:g} and offset {b:g}" for a, b in factors if (a, b) != (1.0, 0.0))
@@ -99,13 +100,6 @@ def _scaled(values: Any, about: dict[str, str]) -> tuple[Any, str]:
         f"the channel has {said}. The export does not say whether its values include them: they "
         "are used as exported. Check the size of the motion in the picture."
     )
-
-
-def _number(text: str, default: float) -> float:
-    try:
-        return float(text.replace(",", "."))
-    except ValueError:
-        return default
 
 
 READERS = {"twincat": Reader("a TwinCAT Scope export", text_matches(_HEAD.pattern), read)}
