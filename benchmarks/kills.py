@@ -69,9 +69,16 @@ def swept(folder: Path, write: Callable[[], object]) -> int:
 
 def jointid(*arguments: object) -> subprocess.Popen[bytes]:
     """Start the command line; a victim has a group of its own, which its workers leave by themselves."""
-    command = [sys.executable, "-m", "jointid.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "jointid", *map(str, arguments)]
     silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     return subprocess.Popen(command, cwd=ROOT, **silent)
+
+
+def finish(*arguments: object) -> None:
+    """Run the command line to its end, which must be good."""
+    code = jointid(*arguments).wait()
+    if code:
+        raise RuntimeError(f"jointid {arguments[0]} ended with code {code}")
 
 
 def batch(count: int, folder: Path) -> Counter[str]:
@@ -81,7 +88,7 @@ def batch(count: int, folder: Path) -> Counter[str]:
     paths = write_studies(folder, 12)
     out, found = folder / "rows.parquet", Counter[str]()
     acknowledged, begin = 0, time.monotonic()
-    jointid("batch", *paths, "--out", out, "--workers", 1).wait()
+    finish("batch", *paths, "--out", out, "--workers", 1)
     lasting = time.monotonic() - begin
     truth = {row.study: (row.K, row.D) for row in read_fleet(out)}
     out.unlink()
@@ -101,8 +108,7 @@ def batch(count: int, folder: Path) -> Counter[str]:
             found["lost"] += lines < acknowledged
             found["acknowledged"] += max(0, lines - max(acknowledged, 1))
         acknowledged = lines
-    end = jointid("batch", *paths, "--out", out, "--workers", 1)
-    end.wait()
+    finish("batch", *paths, "--out", out, "--workers", 1)
     found["lost"] += len(read_fleet(out)) != len(paths)
     found["left over"] += swept(folder, lambda: write_file(folder / "x", b"")) + journal.exists()
     return found
@@ -111,13 +117,13 @@ def batch(count: int, folder: Path) -> Counter[str]:
 def convert(count: int, folder: Path) -> Counter[str]:
     """Kill conversions into a zip and a folder that replace an earlier study."""
     log = write_log(folder)
-    jointid("convert", log, "--guess", folder / "map.json").wait()
+    finish("convert", log, "--guess", folder / "map.json")
     found = Counter[str]()
     for target in (folder / "study.zip", folder / "study"):
         given = ["convert", log, "--mapping", folder / "map.json", "--inertia", folder / "robot.toml"]
         given += ["-o", target, "--overwrite"]
         begin = time.monotonic()
-        jointid(*given).wait()
+        finish(*given)
         lasting = time.monotonic() - begin
         truth = study_digest(load_study(target))
         for k in range((count + 1) // 2):
@@ -126,10 +132,10 @@ def convert(count: int, folder: Path) -> Counter[str]:
             found["kills"] += process.returncode != 0
             found["acknowledged"] += process.returncode == 0
             if not target.exists():  # moved away a moment ago; the next run puts it back
-                found["left over"] += swept(folder, jointid(*given).wait)
+                found["left over"] += swept(folder, lambda given=given: finish(*given))
             found["lost"] += not target.exists()
             found["half written"] += target.exists() and study_digest(load_study(target)) != truth
-        found["left over"] += swept(folder, jointid(*given).wait)
+        found["left over"] += swept(folder, lambda given=given: finish(*given))
     return found
 
 

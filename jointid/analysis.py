@@ -199,6 +199,9 @@ def _analyse(study: Study, method: str) -> Analysis:
                 transfer_matrices=transfer_matrices,
             )
         )
+    if study.assumed and found[0].level == "problem":
+        assumed = f"First check what the import assumed: {'; '.join(study.assumed)}."
+        found = replace(found[0], remedy=f"{assumed} {found[0].remedy}"), *found[1:]
     return Analysis(
         study=study,
         phasors=phasors,

@@ -151,7 +151,8 @@ def test_an_unusable_answer_says_so_first_everywhere(study: Study) -> None:
     assert 'damping="nan"' in urdf_snippet(analysis, [100.0])
     for language, (comment, *_) in LANGUAGES.items():
         first, *others = code_listing(analysis, language).splitlines()
-        assert first.startswith(f"{comment}NOT USABLE")
+        assert first == f"{comment}NOT USABLE: A problem. The values are comments."
+        assert "usable" not in "".join(others)
         assert all(line.startswith(comment) for line in others)
     live: dict[str, object] = {}
     exec(code_listing(analysis, "Python"), live)

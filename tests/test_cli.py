@@ -151,6 +151,18 @@ def test_bad_input_is_code_1_with_one_message(here: Path, study: Path) -> None:
     assert len(message.splitlines()) == 1
 
 
+def test_a_batch_of_a_missing_study_does_not_begin(here: Path, study: Path) -> None:
+    said = refused(1, "batch", study, here / "none.zip", "-o", "r.parquet")
+    assert said == f"Error: {here / 'none.zip'}: nothing is there. Check the path.\n"
+    assert not [*here.glob("r.parquet*")]
+
+
+def test_an_error_names_options_and_not_parameters(study: Path) -> None:
+    assert refused(1, "identify", study, "--inertia-std", "-1").startswith("Error: --inertia-std = -1")
+    assert "--zones-mm -1: expected" in refused(2, "cut", "--zones-mm", "-1")
+    assert "A corner zone of 0.02 m does not fit" in refused(1, "cut", "--zones-mm", "20")
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -224,7 +236,7 @@ def test_identify_takes_other_uncertainties_than_the_studys(study: Path) -> None
     assert errors("--inertia-std", "0.05") == pytest.approx(as_stated)  # what the study assumes
     loose = errors("--inertia-std", "0.05", "--torque-std", "0.1")
     assert np.all(loose > 2 * as_stated)
-    assert "inertia_std = nan: expected" in refused(1, "identify", study, "--inertia-std", "nan")
+    assert "--inertia-std = nan: expected" in refused(1, "identify", study, "--inertia-std", "nan")
 
 
 # --- simulate, cut, plan
@@ -423,6 +435,9 @@ def test_a_log_is_converted_by_its_mapping(studies: dict[int, Study], here: Path
     text = ok("convert", "log.csv", "--guess", "mapping.json")
     assert "gear ratio of joint 1" in text
     mapping: dict[str, Any] = json.loads((here / "mapping.json").read_text("utf-8"))
+    assert {"direction of position of joint 1", "torque hold"} < set(mapping["assumed"])
+    listed = {line.strip().partition("  ")[0] for line in text.splitlines() if "check" in line}
+    assert listed >= set(mapping["assumed"])
     mapping["joints"][0]["gear_ratio"] = 50.0
     mapping["joints"][0]["position"]["side"] = "joint"
     mapping["joints"][0]["torque"]["side"] = "motor"
@@ -449,7 +464,7 @@ def test_a_log_is_converted_by_its_mapping(studies: dict[int, Study], here: Path
     study = load_study(here / "new.zip")
     assert (study.inertia_std, study.torque_std) == (np.inf, 0.0)
     assert "torque scale is not stated" in run.invoke(app, [*stated, "--inertia", "again.toml"]).stderr
-    assert "torque_std = -1.0: expected" in refused(1, *stated[:-1], "--torque-std", "-1")
+    assert "--torque-std = -1.0: expected" in refused(1, *stated[:-1], "--torque-std", "-1")
 
 
 def test_a_log_without_a_sine_is_told_from_one_that_has(studies: dict[int, Study], here: Path) -> None:

@@ -221,8 +221,11 @@ def test_nothing_to_do_is_said(tmp_path: Path) -> None:
             find_studies(paths)
     with pytest.raises(JointIdError, match="No study is given"):
         find_studies([])
-    # What is named outright gets its row, which says what is wrong.
-    assert find_studies([tmp_path / "gone.zip"]) == (tmp_path / "gone.zip",)
+    with pytest.raises(JointIdError, match=r"gone\.zip: nothing is there"):
+        find_studies([tmp_path / "gone.zip"])
+    # What is there gets its row, which says what is wrong.
+    (tmp_path / "log.csv").touch()
+    assert find_studies([tmp_path / "log.csv"]) == (tmp_path / "log.csv",)
 
 
 def test_the_robot_model_is_one_of_the_files(tmp_path: Path) -> None:

@@ -729,9 +729,9 @@ class TestAssumptions:
 
     def test_a_guess_names_all_of_it(self, mapping: Mapping) -> None:
         assert assumptions(mapping) == (
+            "position measured at the joint (joints 1 and 2)",
             "direction of position as logged (joints 1 and 2)",
             "direction of torque as logged (joints 1 and 2)",
-            "position measured at the joint (joints 1 and 2)",
             "gear ratio 1 (joints 1 and 2)",
             "rated torque 1 N·m (joints 1 and 2)",
             "torque not held between samples",

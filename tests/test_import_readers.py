@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -71,6 +72,27 @@ def test_each_kind_of_log_gives_k_and_d(name: str, tmp_path: Path) -> None:
     fit = analyse(study).fit
     np.testing.assert_allclose(fit.K, PAPER.K, rtol=2e-3)
     np.testing.assert_allclose(fit.D, PAPER.D, rtol=2e-2)
+
+
+@pytest.mark.parametrize(
+    ("name", "below", "column"),
+    [
+        ("twincat.csv", 60, "Axis1.ActPos"),
+        ("codesys.csv", 60, "Application.PLC_PRG.lrActPosition"),
+        ("halscope.log", 60, "axis.0.joint-pos-fb"),
+        ("halscope.csv", 60, "axis.0.joint-pos-fb"),
+        ("labview.lvm", 60, "X_Value"),
+    ],
+)
+def test_a_cell_that_is_no_number_is_named_by_line_and_column(
+    name: str, below: int, column: str, tmp_path: Path
+) -> None:
+    lines = FORMATS[name](tmp_path).decode().splitlines()
+    number = re.compile(r"[-+]?\d+[.,]\d+")
+    lines[below] = number.sub("+oops", lines[below], count=1)
+    assert "oops" in lines[below]
+    said = refused("\n".join(lines).encode(), name)
+    assert re.match(rf'{name}(: segment 1)?, line {below + 1}, column {column}: "\+oops" is not', said)
 
 
 def test_formats_inside_a_zip(tmp_path: Path) -> None:
@@ -249,7 +271,7 @@ def huge_npy() -> bytes:
 @pytest.mark.parametrize(
     ("data", "name", "said"),
     [
-        (huge_npy(), "log.npy", "more than the limit"),
+        (huge_npy(), "log.npy", "more memory than the limit"),
         (b'{"a":' * 100_000 + b"1", "log.json", "not JSON"),
         (b"WPILOG\0\1" + b"\xff" * 400, "log.wpilog", "no entries of numbers"),
         (make.wpilog().replace(b"double", b"strung").replace(b"float[]", b"strings"), "a", "no entries"),

@@ -525,6 +525,14 @@ def test_a_table_has_a_row() -> None:
         LogTable("log", tuple(LogColumn(name, log_table.numbers([])) for name in "ab"))
 
 
+@pytest.mark.parametrize("head", ["0,1,2", "1,2,3"])
+def test_a_line_that_counts_the_columns_is_no_row(head: str) -> None:
+    rows = "\n".join(f"{0.002 * k:.3f},{np.sin(k):.6f},{np.cos(k):.6f}" for k in range(50))
+    (table,) = read_log(f"{head}\n{rows}\n".encode(), "log.csv")
+    assert table.rows == 50
+    assert table.names == ("column 1", "column 2", "column 3")
+
+
 @pytest.mark.parametrize("rows", ["1,2,3\n", '"1",2,3\n'])
 def test_one_row_of_numbers_is_no_log(rows: str) -> None:
     with pytest.raises(JointIdError, match="has 1 row of numbers"):

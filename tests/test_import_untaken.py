@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from test_import_segments import BOTH, FIRST, SECOND, Run, angles, check, found_in, log_of
 
-from jointid.importing import MappedLog, find_segments
+from jointid.importing import MappedLog, Segment, find_segments
+from jointid.importing.find.unused_spans import without_sweeps
 
 LADDER = [Run(f, 20, t) for f in (3.1, 5.3, 9.7) for t in (FIRST, SECOND)]
 
@@ -46,6 +47,17 @@ def test_noise_hides_no_slow_sweep() -> None:
     rng = np.random.default_rng(13)
     theta, tau = wave + 0.05 * rng.standard_normal(8500), 0.45 * rng.standard_normal(8500) - wave
     assert find_segments(MappedLog(time, theta[:, None], tau[:, None])) == ()
+
+
+def test_the_ramp_of_a_run_is_no_run_of_its_own() -> None:
+    """A controller's ramp holds a few periods, of a frequency that the growth biases."""
+    time = np.arange(3000) / 1000
+    wave = np.clip((time - 0.5) / 0.3, 0, 1) * np.sin(2 * np.pi * 25 * time)
+    log = MappedLog(time, wave[:, None], -wave[:, None])
+    ramp, run = Segment(0.6, 0.8, 24.85), Segment(0.9, 2.9, 25.0)
+    assert without_sweeps(log, [ramp, run])[0] == [run]
+    steady = Segment(0.82, 1.02, 25.0), Segment(1.1, 2.9, 25.0)
+    assert without_sweeps(log, steady)[0] == [*steady]
 
 
 @pytest.mark.parametrize(

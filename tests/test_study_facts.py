@@ -55,6 +55,16 @@ def test_facts_are_saved_with_the_study(study: Study, paper: Study) -> None:
     assert len({study_digest(each) for each in (study, paper, *others)}) == 5
 
 
+def test_a_problem_names_first_what_the_import_assumed(studies: dict[int, Study]) -> None:
+    known = studies[1]
+    records = [replace(record, tau_Nm=16 * record.tau_Nm) for record in known.records]
+    wrong = replace(known, records=tuple(records), assumed=("gear ratio 1 (joint 1)",))
+    first, *others = analyse(wrong).findings
+    assert first.level == "problem"
+    assert first.remedy.startswith("First check what the import assumed: gear ratio 1 (joint 1). ")
+    assert not any("assumed" in finding.remedy for finding in others)
+
+
 def test_a_study_without_facts_is_written_as_before(paper: Study) -> None:
     toml = pack_study(paper)
     assert study_digest(load_study(toml)) == study_digest(paper)

@@ -81,6 +81,7 @@ def convert(
         require_new_output(output, overwrite, [*logs, mapping, inertia])
     from jointid import save_study
     from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
+    from jointid.importing.map.reasons import grouped, of_joints
     from jointid.importing.map.simultaneous_logs import join_logs
     from jointid.importing.study import parse_date
 
@@ -94,7 +95,10 @@ def convert(
             mapped = json.loads(mapping_to_json(guessed.mapping))
             print_json({"mapping": mapped, "reasons": [asdict(r) for r in guessed.reasons]})
             return
-        rows = [[r.what, "" if r.sure else "check", r.text] for r in guessed.reasons]
+        rows = [
+            [entry + of_joints(joints), "" if sure else "check", text]
+            for (entry, text, sure), joints in grouped(guessed.reasons).items()
+        ]
         print_table(["entry", "", "reason"], rows)
         for text in tables[0].notes:
             typer.echo(f"{tables[0].name}: {text}", err=True)

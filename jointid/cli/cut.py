@@ -1,5 +1,6 @@
 """jointid cut."""
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -42,6 +43,8 @@ def cut(
     from jointid.cut.robot import DEMONSTRATION, NOMINAL_NAMES, cut_robot, demonstration
 
     zones = numbers(zones_mm)
+    if not all(0 <= zone < math.inf for zone in zones):
+        raise typer.BadParameter(f"--zones-mm {zones_mm}: expected lengths of 0 or more.")
     if drive not in ("", "parallelogram", "serial"):
         raise typer.BadParameter(f'--drive "{drive}": expected parallelogram or serial.')
     if assumed not in ("", "study", "rigid", "soft", "stiff"):

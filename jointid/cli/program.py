@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -49,6 +50,18 @@ class Command(TyperCommand):
             elif name is not None:
                 each.metavar = name + " …" * kind.startswith("list[")
         return found
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; an error that is not in a file names options, not parameters of Python."""
+        try:
+            return super().invoke(ctx)
+        except JointIdError as error:
+            options = {p.name: p.opts[0] for p in self.params if "_" in (p.name or "") and p.opts}
+            known = "|".join(map(re.escape, options))
+            if error.file is not None or not known:
+                raise
+            text = re.sub(rf"\b(?:{known})\b", lambda found: options[found[0]], str(error))
+            raise JointIdError(text) from error
 
 
 class _Commands(TyperGroup):

@@ -6,7 +6,7 @@ import numpy as np
 
 from jointid.analysis import NOT_USABLE, Analysis
 from jointid.errors import JointIdError
-from jointid.exporting.identification import answer_text, origin_text
+from jointid.exporting.identification import answer_text, origin_text, warning_text
 from jointid.wording import enumerated
 
 _NAMES = {"K": "K", "K_std": "K_std", "D": "D", "D_std": "D_std"}
@@ -45,11 +45,10 @@ def code_listing(analysis: Analysis, language: str) -> str:
     comment, line, brackets, names, frame = LANGUAGES[language]
     fit, study = analysis.fit, analysis.study
     unusable = (comment or "# ") if analysis.state == NOT_USABLE else ""
-    answer = " ".join(answer_text(analysis).split())
+    name = " ".join(study.name.split()) or "study without a name"
     facts = [
-        f"NOT USABLE, the values are comments: {answer}" if unusable else "",
-        f"{' '.join(study.name.split()) or 'study without a name'}: {analysis.state}",
-        "" if unusable else answer,
+        warning_text(analysis, "The values are comments.") if unusable else f"{name}: {analysis.state}",
+        name if unusable else " ".join(answer_text(analysis).split()),
         origin_text(analysis),
         "Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error from all causes",
     ]

@@ -41,6 +41,12 @@ def answer_text(analysis: Analysis) -> str:
     return " ".join(text for text in (headline, analysis.caution, *analysis.study.remarks) if text)
 
 
+def warning_text(analysis: Analysis, values: str) -> str:
+    """Return the reason why an answer is not usable on one line, and what its values are therefore."""
+    state, _, reason = " ".join(answer_text(analysis).split()).partition(":")
+    return f"{state.upper()}:{reason} {values}"
+
+
 def origin_text(analysis: Analysis) -> str:
     """Return software, study, estimator, model and number of records on one line."""
     fit, study = analysis.fit, analysis.study

@@ -9,7 +9,7 @@ import numpy as np
 from jointid.analysis import NOT_USABLE, Analysis
 from jointid.answer import without
 from jointid.arrays import Floats
-from jointid.exporting.identification import answer_text
+from jointid.exporting.identification import warning_text
 from jointid.gears.gear import knees
 from jointid.phasors.extract import Phasors
 from jointid.records import SineRecord
@@ -117,8 +117,7 @@ def modelica_table(analysis: Analysis) -> str:
     """The same as tables ``gear1, gear2, ...`` of one text file for Modelica's CombiTable1Ds."""
     lines = ["#1"]
     if analysis.state == NOT_USABLE:
-        lines = ["#1 NOT USABLE: the torques are NaN for this reason."]
-        lines.append(f"# {' '.join(answer_text(analysis).split())}")
+        lines = [f"#1 {warning_text(analysis, 'The torques are NaN.')}"]
     for j, table in enumerate(_law_tables(analysis), start=1):
         lines.append(f"double gear{j}({len(table)},2)  # deflection (rad), torque (N.m), motor side")
         lines += [f"{x!r} {y!r}" for x, y in table.tolist()]

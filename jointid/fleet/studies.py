@@ -20,9 +20,9 @@ def find_studies(paths: Iterable[str | os.PathLike[str]]) -> tuple[Path, ...]:
     Each path is a study (a folder with study.toml, that file, or a .zip), a folder of studies at any
     depth, or a pattern such as ``cells/*/2026-*.zip`` or ``cells/**``. Hidden names (".…") are skipped.
     The result is absolute and without links, so that a study has one path; in the order of ``paths``,
-    below a folder by name, numbers in names by value. An explicit path is included even when it is no
-    study: its row has the error. Raises JointIdError when ``paths`` is empty, or a pattern or folder has
-    no study.
+    below a folder by name, numbers in names by value. An existing file is included even when it is no
+    study: its row has the error. Raises JointIdError when ``paths`` is empty, nothing is at a path, or a
+    pattern or folder has no study.
     """
     given = [os.fspath(path) for path in paths]
     if not given:
@@ -42,6 +42,8 @@ def path_text(path: Path) -> str:
 def _expanded(text: str) -> list[Path]:
     path = Path(text).absolute()  # resolving ".." here would be wrong after a link
     if not _MAGIC.search(text) or os.path.lexists(text):
+        if not os.path.lexists(path):
+            raise JointIdError(f"{text:.200}: nothing is there. Check the path.", file=text)
         found, fault = [*_at(path)], f"{path} holds no study"
         if not path.is_dir():
             found = found or [path]

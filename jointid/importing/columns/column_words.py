@@ -11,18 +11,19 @@ from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
 
 _LINES = {  # English, German, French, Italian, Spanish and others; without accents
     "time": "time t zeit zeitstempel timestamp timestamps stamp clock temps tempo tiempo tijd uhrzeit "
-    "zeitpunkt abtastzeit sec secs nsec elapsed messzeit duration",
+    "zeitpunkt abtastzeit sec secs nsec elapsed messzeit duration cas czas zaman tid",
     "sample": "sample samples index idx nr no takt cycle zyklus step schritt ipoc counter zaehler",
     "position": "position positions pos angle angles ang theta th q phi winkel lage lagen ist istwert "
     "lageistwert drehwinkel encoder enc inc ink inkr inkremente increments drehgeber geber resolver "
     "axis achs achse joint gelenk posizione angolo posicion angulo angulaire hoek poscurr "
-    "measured actual act fbk fb feedback pulse pulses xist",
+    "measured actual act fbk fb feedback pulse pulses xist posicao poloha uhel pozycja kat konum "
+    "vinkel lastlage lastwinkel",
     "torque": "torque torques torq trq tau tq mom mmt moment momente eff drehmoment "
     "effort efforts couple coppia par koppel load last current curr cur strom stroom "
-    "iq isq i amp courant corrente corriente intensite torcurr",
+    "iq isq i amp courant corrente corriente intensite torcurr binario tork vridmoment proud prad",
     "velocity": "velocity velocities vel speed speeds dq qd qdot omega w drehzahl geschwindigkeit "
     "geschw vitesse velocita velocidad velocidade snelheid rate rpm dot acceleration acc accel "
-    "beschleunigung qdd ddq jerk dtau dtheta",
+    "beschleunigung qdd ddq jerk dtau dtheta rychlost otacky predkosc hiz hastighet hastighed",
     "command": "command cmd commanded demand input set soll sollwert reference ref "
     "desired des target ziel setpoint setp consigne stell vorgabe planned nominal feedforward ff "
     "vorsteuerung d",
@@ -33,14 +34,16 @@ _LINES = {  # English, German, French, Italian, Spanish and others; without acce
     "busvoltage pwm ext external hat filtered estimate estimated",
     "motor": "motor motorside mot mtr rotor antrieb antriebsseitig motorseitig moteur motore drive",
     "joint": "joint j link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
-    "lastseitig",
+    "lastseitig junta eixo osa osy osi eksen axel",
     "behind": "joint link linkside jointside arm armside loadside output abtrieb abtriebsseitig gelenk "
     "lastseitig",
-    "link": "link linkside arm armside load loadside lastseitig abtrieb abtriebsseitig secondary",
+    "link": "link linkside arm armside load loadside lastlage lastwinkel lastseitig abtrieb "
+    "abtriebsseitig secondary",
     "any": "joint axis achs achse gelenk ist istwert act actual measured fbk fb feedback load last th",
     "path": "axes drives value values main plc prg gvl robot channel state "
-    "controller control encoder foc ictrl pctrl",
-    "current": "current curr cur strom stroom iq isq i amp courant corrente corriente intensite",
+    "controller control encoder foc ictrl pctrl meas",
+    "current": "current curr cur strom stroom iq isq i amp courant corrente corriente intensite proud "
+    "prad",
 }
 WORDS = {kind: set(line.split()) for kind, line in _LINES.items()}
 _ALL_WORDS = set().union(*WORDS.values())
@@ -130,13 +133,14 @@ def described(column: LogColumn) -> NamedColumn:
             points -= 4.0
         if role == "torque":  # a load torque may be an estimate of what the current does not explain
             points -= 0.5 * bool(current) + 0.6 * ("load" in words)
+            points -= 3.0 * bool(stated & {"ext", "external"})  # an encoder may be external
         for kind, cost in _COSTS:
             points -= cost * bool(stated & WORDS[kind] - WORDS[role])
         if clock := stated & WORDS["time"]:
             points -= 1.0 if clock <= {"t"} else 4.0
         if role == "position":
             points -= 2.5 * bool(stated & WORDS["command"])  # a torque's command is nearly the torque
-            points -= 0.25 * bool("motor" in words)
+            points += 0.25 * bool("motor" in words)
         score[role] = points
     if stated & WORDS["torque"] - _SOFT:
         score["position"] -= 4.0  # "q7_tau" is the torque of a joint

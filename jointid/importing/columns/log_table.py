@@ -34,8 +34,6 @@ class LogColumn:
     """Shape (N,), read-only; a missing value is NaN."""
     unit: str = ""
     """As in ``jointid.importing.columns.units``; empty when not stated."""
-    where: str = ""
-    """Its place in the file, for messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +138,7 @@ def numbers(values: ArrayLike) -> Floats:
 def named_column(name: str, values: ArrayLike, unit: str = "", *, number: int = 0) -> LogColumn:
     """Return a column with the stated unit, else that in its name; ``number`` of several of one name."""
     bare, own = split_unit(name)
-    return LogColumn(f"{bare} {number}" if number else bare, numbers(values), unit_of(unit) or own, name)
+    return LogColumn(f"{bare} {number}" if number else bare, numbers(values), unit_of(unit) or own)
 
 
 def require_small(file: str, size: int) -> None:

@@ -112,7 +112,12 @@ def split_unit(name: str) -> tuple[str, str]:
         unit = unit_of(bracket[1])
         return (name[: bracket.start()].strip() or name, unit) if unit else (name, "")
     word = _LAST_WORD.search(name)
-    if word and word.start() > 0 and word[1].lower() in _IN_NAMES:
+    # A letter may be the name of an axis or signal: "S", "v"; a unit has its own case.
+    if (
+        word
+        and (len(word[1]) > 1 or (word.start() > 0 and word[1] in ("s", "V", "°")))
+        and (word[1].lower() in _IN_NAMES)
+    ):
         unit = "deg/s" if word[1].lower() == "degs" else unit_of(word[1])
         # "vel_rad_s", "speed deg/s": the s belongs to a quotient.
         before = _LAST_WORD.search(name[: word.start()])

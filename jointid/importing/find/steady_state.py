@@ -146,24 +146,27 @@ def grown(
         first, last = left, right
 
 
-def phase_bend(z: Complexes) -> tuple[float, float]:
+def phase_bend(z: Complexes) -> tuple[float, float, float]:
     """Bend of the phase common to all signals of frames (m, c) in a row, and its standard error, rad.
 
-    A drifting frequency bends the phase of all signals; a steady one does not.
+    A drifting frequency bends the phase of all signals; a steady one does not. The third value is the
+    relative growth of their amplitude from the middle to the end.
     """
     if len(z) < SEED_FRAMES:
-        return 0.0, np.inf
+        return 0.0, np.inf, 0.0
     place = np.linspace(-1, 1, len(z))
     turn = _mean_phasors(weighted(z)[0])[1] * (len(z) - 1) / 2
     level = _level(z, turn, place)
     centre = level.mean(axis=0)
     scatter = (np.abs(level - centre) ** 2).mean(axis=0) + 1e-6 * np.abs(centre) ** 2 + 1e-300
-    phase = np.unwrap(np.angle(level @ (centre.conj() / scatter)))
+    common = level @ (centre.conj() / scatter)
+    phase = np.unwrap(np.angle(common))
+    growth = float(place @ common.real / (place @ place) / max(common.real.mean(), 1e-300))
     basis = np.polynomial.polynomial.polyvander(place, 2)
     spread = np.linalg.inv(basis.T @ basis)
     bend = spread @ (basis.T @ phase)
     rest = phase - basis @ bend
-    return float(bend[2]), float(np.sqrt(spread[2, 2] * (rest @ rest) / (len(z) - 3)))
+    return float(bend[2]), float(np.sqrt(spread[2, 2] * (rest @ rest) / (len(z) - 3))), growth
 
 
 def settled_part(

@@ -15,6 +15,7 @@ from jointid.wording import listed, significant
 _MIN_BEND_RAD = 0.015  # of the phase of a run, above which its frequency drifts: 0.4 % in 5 periods
 _BEND_SIGMAS = 5.0  # standard errors of the bend
 _MIN_STEADY = 0.2  # of a span of motion with a sweep, below which its steady runs are chance
+_MAX_GROWTH = 0.05  # of the amplitude of a run from its middle to its end, above which it is a ramp
 _SWEEP_GAP = 1.5  # times the longer piece: longest pause within a sweep
 _BLOCK_S = 0.1  # length of the blocks whose motion is compared
 _MIN_MOTION = 0.05  # of the strong motion of a log (90 % quantile)
@@ -34,11 +35,13 @@ def without_sweeps(
     """Remove pieces of sweeps: return the other runs, start and stop (s) of each sweep, and notes.
 
     In a piece of a sweep the frequency drifts, which bends the phase; in a staircase of sines it is
-    constant. Noise may hide the drift of a piece between others. Segments are in order of time.
+    constant. Noise may hide the drift of a piece between others. Ramps beside a longer run are removed,
+    too: they bias the frequency. Segments are in order of time.
     """
-    bends = [_bend(log, s) for s in segments]
-    limits = [max(_MIN_BEND_RAD, _BEND_SIGMAS * error) for _, error in bends]
-    drifts = [abs(bend) > limit for (bend, _), limit in zip(bends, limits, strict=True)]
+    bends = [_trends(log, s) for s in segments]
+    edges = [s for k, s in enumerate(segments) if _is_edge(k, segments, bends[k][2])]
+    limits = [max(_MIN_BEND_RAD, _BEND_SIGMAS * error) for _, error, _ in bends]
+    drifts = [abs(bend) > limit for (bend, _, _), limit in zip(bends, limits, strict=True)]
     spans = _merged(compress(segments, drifts))
     for k, segment in enumerate(segments):
         reach = _SWEEP_GAP * (segment.stop_s - segment.start_s)
@@ -62,17 +65,28 @@ def without_sweeps(
             "not used as a sine run. "
             "Record single frequencies or a multisine, " + _REMEDY
         )
-    return [s for s in segments if s not in pieces], spans, notes
+    return [s for s in segments if s not in pieces and s not in edges], spans, notes
 
 
 def _edge_hz(log: MappedLog, piece: Segment, side: int) -> float:
     """Frequency at the begin (-1) or end (1) of a piece of a sweep."""
     duration = piece.stop_s - piece.start_s
-    return piece.frequency_hz + side * 2 / np.pi * _bend(log, piece)[0] / duration
+    return piece.frequency_hz + side * 2 / np.pi * _trends(log, piece)[0] / duration
 
 
-def _bend(log: MappedLog, segment: Segment) -> tuple[float, float]:
-    """Bend of a run's phase and its standard error, rad."""
+def _is_edge(number: int, segments: Sequence[Segment], growth: float) -> bool:
+    """Whether a run is the ramp of the longer one before or after it: its amplitude grows or decays."""
+    own, beside = segments[number], [*segments[max(number - 1, 0) : number], *segments[number + 1 :][:1]]
+    length = own.stop_s - own.start_s
+    return abs(growth) > _MAX_GROWTH and any(
+        other.stop_s - other.start_s > length
+        and max(other.start_s - own.stop_s, own.start_s - other.stop_s) < length
+        for other in beside
+    )
+
+
+def _trends(log: MappedLog, segment: Segment) -> tuple[float, float, float]:
+    """Bend of a run's phase, its standard error, rad, and the growth of its amplitude."""
     part = log.rows(segment.start_s, segment.stop_s)
     signals = np.column_stack([log.theta_rad[part], log.tau_Nm[part]])
     interval = (segment.stop_s - segment.start_s) / (len(signals) - 1)

@@ -49,6 +49,7 @@ _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."
 )
+_NO_SIGN = "Logs do not state it. As logged is assumed: a positive torque accelerates forwards."
 
 
 @dataclass(frozen=True)
@@ -89,9 +90,8 @@ def guess_mapping(table: LogTable) -> Guess:
     )
     hold = "A log does not say whether the torque is held from sample to sample."
     reasons.append(Reason("torque hold", hold))
-    ends = [f"{role} of joint {j + 1}" for j in range(len(joints)) for role in QUANTITIES]
-    unproven = [f"direction of {end}" for end in ends] + [r.what for r in reasons if not r.sure]
-    return Guess(Mapping(time, joints, assumed=tuple(dict.fromkeys(unproven))), tuple(reasons))
+    unproven = dict.fromkeys(reason.what for reason in reasons if not reason.sure)
+    return Guess(Mapping(time, joints, assumed=tuple(unproven)), tuple(reasons))
 
 
 def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
@@ -194,8 +194,9 @@ def _joint(
 
 
 def _drive_reasons(number: int, joint: JointMapping) -> list[Reason]:
-    """Reasons for the gear ratio and the scales that a joint needs."""
-    needed = [Reason(f"gear ratio of joint {number}", _NO_RATIO)] if joint.needs_ratio else []
+    """Reasons for the directions, the gear ratio and the scales that a joint needs."""
+    needed = [Reason(f"direction of {role} of joint {number}", _NO_SIGN) for role in QUANTITIES]
+    needed += [Reason(f"gear ratio of joint {number}", _NO_RATIO)] if joint.needs_ratio else []
     for role, (_, scales) in QUANTITIES.items():
         unit = getattr(joint, role).unit
         if unit in scales:
@@ -292,7 +293,9 @@ def _join_by_number(best: _Groups, complete: _Groups) -> set[str]:
             (role,) = group
             lone[role].setdefault(number, []).append(key)
     if (0 in lone["position"]) != (0 in lone["torque"]):
-        return set()  # one kind counts from 0, the other from 1
+        if all(lone.values()):
+            complete.clear()  # one kind counts from 0, the other from 1
+        return set()
     taken = {group["position"].number for group in complete.values()}
     joined = set()
     for number in [k for k in lone["position"] if k in lone["torque"] and k not in taken]:
@@ -315,10 +318,8 @@ def _lone_columns(groups: Iterable[_Group], pairs: Collection[_Group]) -> list[R
         and pairs
         and entry.score[role] >= min(pair[role].score[role] for pair in pairs) - _MAX_LESS_CLEAR
     ]
-    if not lone:
-        return []
     text = f"{'; '.join(lone)}: left out. If the log has both, give more joints and choose the columns."
-    return [Reason("joints", text)]
+    return [Reason("joints", text)] if lone else []
 
 
 def propose_joint(

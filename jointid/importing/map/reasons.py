@@ -1,5 +1,6 @@
 """Reasons for the entries of a guessed mapping, and its assumptions in words."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from jointid.importing.columns.units import QUANTITIES
@@ -19,6 +20,21 @@ class Reason:
     """False where the file does not state it and the user should check."""
 
 
+def grouped(reasons: Iterable[Reason]) -> dict[tuple[str, str, bool], list[str]]:
+    """Return the joints of equal reasons, by entry, text and whether it is sure."""
+    joints: dict[tuple[str, str, bool], list[str]] = {}
+    for reason in reasons:
+        entry, _, joint = reason.what.rpartition(" of joint ")
+        key = entry or reason.what, reason.text, reason.sure
+        joints.setdefault(key, []).extend([joint] if entry else [])
+    return joints
+
+
+def of_joints(joints: Sequence[str]) -> str:
+    """Return " of joints 1 and 2", nothing without joints."""
+    return f" of joint{'s' * (len(joints) > 1)} {enumerated(joints)}" if joints else ""
+
+
 def assumptions(mapping: Mapping) -> tuple[str, ...]:
     """Return the assumed entries of a mapping with their values: "gear ratio 1 (joints 1 and 2)"."""
     joints: dict[str, list[str]] = {}
@@ -26,7 +42,7 @@ def assumptions(mapping: Mapping) -> tuple[str, ...]:
         _, _, joint = what.rpartition(" of joint ")
         joints.setdefault(value_of(mapping, what), []).extend([joint] if joint != what else [])
     return tuple(
-        f"{text} (joint{'s' * (len(each) > 1)} {enumerated(each)})" if each else text
+        f"{text} ({of_joints(each).removeprefix(' of ')})" if each else text
         for text, each in joints.items()
         if text
     )

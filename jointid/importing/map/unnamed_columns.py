@@ -60,30 +60,21 @@ def pairs_by_shape(
 def _without_velocities(
     table: LogTable, time: TimeColumn, columns: Sequence[LogColumn]
 ) -> list[LogColumn]:
-    if not time.column or time.unit not in TIME_UNITS or len(columns) > 3 * MAX_JOINTS:
+    if not time.column or time.unit not in TIME_UNITS or not 0 < len(columns) <= 3 * MAX_JOINTS:
         return [*columns]
     seconds = table.column(time.column).values[:_MAX_SAMPLES] * TIME_UNITS[time.unit]
-    values = [column.values[: seconds.size] for column in columns]
-    if (
-        seconds.size < 50
-        or np.any(np.diff(seconds) <= 0)
-        or not all(np.isfinite(v).all() for v in values)
-    ):
+    values = np.column_stack([column.values[: seconds.size] for column in columns])
+    if seconds.size < 50 or np.any(np.diff(seconds) <= 0) or not np.isfinite(values).all():
         return [*columns]
-    sizes = [float(np.abs(v).max()) for v in values]
-    values = [v / size for v, size in zip(values, sizes, strict=True)]  # squares of damage overflow
-    slopes = [np.gradient(v, seconds) for v in values]
-
-    def is_slope(k: int) -> bool:
-        for j, slope in enumerate(slopes):
-            power = float(slope @ slope)
-            factor = float(slope @ values[k]) / power if j != k and 0 < power < np.inf else 0.0
-            left = float(np.linalg.norm(values[k] - factor * slope)) / float(np.linalg.norm(values[k]))
-            if left < _DERIVATIVE and abs(factor * sizes[k] / sizes[j] - 1) < _DERIVATIVE:
-                return True
-        return False
-
-    return [column for k, column in enumerate(columns) if not is_slope(k)]
+    sizes = np.abs(values).max(axis=0)
+    values = values / sizes  # squares of damage overflow
+    slopes = np.gradient(values, seconds, axis=0)
+    with np.errstate(all="ignore"):  # a slope of 0 or of infinite power explains nothing
+        factors = slopes.T @ values / (slopes**2).sum(axis=0)[:, None]
+        left = 1 - factors * (slopes.T @ values) / (values**2).sum(axis=0)
+        of_slope = np.abs(factors * sizes / sizes[:, None] - 1) < _DERIVATIVE
+        is_slope = (of_slope & (left < _DERIVATIVE**2) & ~np.eye(len(columns), dtype=bool)).any(axis=0)
+    return [column for column, slope in zip(columns, is_slope, strict=True) if not slope]
 
 
 def _roughness(values: Floats) -> float:

@@ -1,7 +1,7 @@
 """Named arrays of scientific files, grouped into tables of equal length."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -55,8 +55,7 @@ def tables_of(file: str, arrays: Iterable[NamedArray], otherwise: str = "") -> t
         for k in range(min(table.shape[1], MAX_COLUMNS)):
             label = array.labels[k] if k < len(array.labels) else ""
             number = 0 if label or table.shape[1] == 1 else k + 1
-            column = named_column(label or array.name, table[:, k], array.unit, number=number)
-            columns.append(replace(column, where=array.name))
+            columns.append(named_column(label or array.name, table[:, k], array.unit, number=number))
     found = []
     for (group, rows), columns in grouped.items():
         columns = [*_time_above(grouped, group, rows), *columns]

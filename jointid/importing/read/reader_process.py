@@ -78,10 +78,10 @@ def _tables(header: dict[str, Any], body: bytes) -> tuple[LogTable, ...]:
     tables, offset = [], 0
     for table in header["tables"]:
         rows, columns = table.pop("rows"), []
-        for name, unit, where in table.pop("columns"):
+        for name, unit in table.pop("columns"):
             values = np.frombuffer(body, np.float64, rows, offset)
             offset += values.nbytes
-            columns.append(LogColumn(name, values, unit, where))
+            columns.append(LogColumn(name, values, unit))
         tables.append(LogTable(columns=tuple(columns), **table))
     return tuple(tables)
 
@@ -95,7 +95,7 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
         stated = ("name", "notes", "first_row", "row_word", "rows")
         described = [
             {key: getattr(table, key) for key in stated}
-            | {"columns": [[column.name, column.unit, column.where] for column in table.columns]}
+            | {"columns": [[column.name, column.unit] for column in table.columns]}
             for table in tables
         ]
         values = (column.values.data for table in tables for column in table.columns)

@@ -14,11 +14,11 @@ from jointid import JointIdError, importing
 from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
 from jointid.importing.map.guess import guess_unit, propose_joint
 from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
-from jointid.importing.map.reasons import Reason, unchanged, value_of
+from jointid.importing.map.reasons import Reason, grouped, of_joints, unchanged, value_of
 from jointid.ui.importing.steps import go_on
 from jointid.ui.shared.entries import example_hint, numbers_in
 from jointid.ui.shared.messages import markdown_escape, show_error
-from jointid.wording import capitalised, enumerated, plain
+from jointid.wording import capitalised, plain
 
 _NO_COLUMN = "no column: number the rows"
 _NO_SENSOR = "none"
@@ -116,11 +116,11 @@ class Entries:
         missing += ["torque hold"] if hold is None else []
         assumed = tuple(what for what in self._assumed(len(joints)) if what.startswith(_OF_DRIVES))
         found = importing.Mapping(columns.time, tuple(joints), bool(hold), delay, assumed)
-        given = ("gear ratio", "scale", "torque hold")
-        guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(given)]
+        asked_for = ("gear ratio", "scale", "torque hold")
+        guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(asked_for)]
         asked = self._confirmed("drive data", found, missing, guesses)
-        of_joints = tuple(ratios.values())
-        return replace(asked, gear_ratio=None if np.isnan(of_joints).any() else of_joints)
+        given = tuple(ratios.values())
+        return replace(asked, gear_ratio=None if np.isnan(given).any() else given)
 
     def _confirmed(
         self, step: str, found: importing.Mapping, missing: Sequence[str], guesses: Sequence[str]
@@ -208,7 +208,7 @@ class Entries:
                 what, _, unit = meaning.partition(", ")
                 label = capitalised(what) + (f" ({unit})" if unit else "")
                 if len(which) < len(joints):
-                    label += _of_joints([str(j + 1) for j in which])
+                    label += of_joints([str(j + 1) for j in which])
                 of_base = [getattr(of, role).scale for of in self.base.joints]
                 name = f"scale of {role}"
                 values = self._numbers(place, label, name, which, of_base, _SCALE, meaning)
@@ -299,17 +299,16 @@ class Entries:
     def _show_reasons(self, open_: Sequence[str]) -> None:
         """Show the reasons of unconfirmed guesses, those of one entry for many joints in one line."""
         entries: dict[str, dict[str, list[str]]] = {}
-        for what in filter(self._reasons.__contains__, open_):
-            entry, _, joint = what.rpartition(" of joint ")
-            text = markdown_escape(self._reasons[what].text)
-            entries.setdefault(entry or what, {}).setdefault(text, []).extend([joint] if entry else [])
+        known = (self._reasons[what] for what in open_ if what in self._reasons)
+        for (entry, text, _), joints in grouped(known).items():
+            entries.setdefault(entry, {})[markdown_escape(text)] = joints
         for entry, texts in entries.items():
             every = "\n".join(f"- {text}" for text in texts) if len(texts) > 2 else None
             if every:
                 joints = sorted(set().union(*texts.values()), key=int)
                 texts = {f"{len(texts)} guesses, the first: {next(iter(texts))}": joints}
             for text, of in texts.items():
-                name = markdown_escape(capitalised(entry + _of_joints(of)))
+                name = markdown_escape(capitalised(entry + of_joints(of)))
                 # No caption: its pale ink leaves the mark too little contrast.
                 st.markdown(f":orange-badge[To check] :small[**{name}:** {text}]", help=every)
 
@@ -325,10 +324,6 @@ class Entries:
     def _kept(self, name: str) -> dict[str, Any]:
         """Arguments of a widget whose value outlives its page."""
         return {"key": f"import {name} {self.key}", "persist_state": "session"}
-
-
-def _of_joints(names: Sequence[str]) -> str:
-    return f" of joint{'s' * (len(names) > 1)} {enumerated(names)}" if names else ""
 
 
 _RATIO = (

@@ -87,7 +87,7 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
         rows = [
             row
             for log, part in found.items()
-            for row in last.get(_one(log, part), [_row(log, s) for s in part])
+            for row in last.get(_digest({log: part}), [_row(log, s) for s in part])
         ]
         st.session_state[_SHOWN] = (key, rows)
     rows = st.session_state[_SHOWN][1]
@@ -104,7 +104,7 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
             show_info(f"{names[log]}: {note}")
     edited = apply_edits(rows, st.session_state.get(key, {}), {v: k for k, v in labels.items()})
     for log, part in found.items():
-        last[_one(log, part)] = [row for row in edited if row.log == log]
+        last[_digest({log: part})] = [row for row in edited if row.log == log]
     used = sum(row.use for row in edited)
     summary.markdown(f"{counted(len(edited), 'run')}, {used} used")
     return edited
@@ -185,7 +185,7 @@ def settle(
         for row in rows:
             if row.log == key and (s := segment_of(row, logs[key], mapping_json[key])) is not None:
                 settled.append(replace(_row(key, s), use=row.use))
-        last[_one(key, part)] = sorted(settled, key=lambda row: row.start_s or 0.0)
+        last[_digest({key: part})] = sorted(settled, key=lambda row: row.start_s or 0.0)
     st.session_state[_SETTLED] = st.session_state.get(_SETTLED, 0) + 1
     return True
 
@@ -272,10 +272,6 @@ def _tidy(value: float | None, attribute: str) -> float:
     if value is None:
         return math.nan
     return float(f"{value:.7g}") if attribute == "frequency_hz" else round(value, 6)
-
-
-def _one(log: str, segments: Sequence[Segment]) -> str:
-    return _digest({log: segments})
 
 
 def _digest(found: Mapping[str, Sequence[Segment]]) -> str:

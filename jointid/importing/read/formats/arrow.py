@@ -114,7 +114,7 @@ def _column(name: str, column: Any, stated: str) -> LogColumn:
         ticks = column.cast(pa.int64())
         first = next((tick.as_py() for tick in ticks if tick.is_valid), 0)
         values = (ticks.to_numpy(zero_copy_only=False) - first) / _PER_SECOND[column.type.unit]
-        return LogColumn(name, numbers(values), "s", name)
+        return LogColumn(name, numbers(values), "s")
     return named_column(name, _values(column), stated)
 
 

@@ -45,34 +45,39 @@ def read_xml(file: str, path: str) -> tuple[LogTable, ...]:
 
 def read_csv(file: str, path: str) -> tuple[LogTable, ...]:
     """Read a trace saved as .csv: for each variable a block of lines "; time; value"."""
-    blocks: list[tuple[str, list[str]]] = []
+    blocks: list[tuple[str, dict[int, str]]] = []
     step = 1e-3
-    for line in file_text(path).split("\n"):
+    for number, line in enumerate(file_text(path).split("\n"), start=1):
         if found := _CSV_NAME.match(line):
-            blocks.append((found[1].strip(), []))
+            blocks.append((found[1].strip(), {}))
         elif line.startswith(";") and blocks:
-            blocks[-1][1].append(line[1:].replace(" ", ""))
+            blocks[-1][1][number] = line[1:].replace(" ", "")
         elif line.partition(";")[0].rpartition(".")[2].strip() == "Flags":
             flags = line.partition(";")[2].strip()
             step = 1e-6 if flags.isdigit() and int(flags) & _MICROSECOND_FLAG else step
     signals = []
-    for name, rows in blocks:
-        if rows:
+    for name, numbered in blocks:
+        if numbered:
+            rows = [*numbered.values()]
             decimal = "," if any("," in row for row in rows[:2000]) else "."
-            time, values = columns_of(f"{file}, {name}", rows, ";", decimal, 2)
-            signals.append(Signal(name, time * step, values))
+            columns = columns_of(file, rows, ("time", name), decimal=decimal, first_line=min(numbered))
+            signals.append(Signal(name, columns[0] * step, columns[1]))
     return tables_of_signals(file, signals, otherwise=f"{file} {_NO_SAMPLES}")
 
 
 def _floats(file: str, name: str, text: str) -> Floats:
-    words = {"true": "1", "false": "0", "": "nan"}
-    cells = [cell.strip() for cell in text.split(",")] if text.strip() else []
-    try:
-        return np.array([float(words.get(cell.lower(), cell)) for cell in cells])
-    except ValueError as error:
-        raise JointIdError(
-            f"{file}: {name:.100} holds a value that is not a number ({error!s:.80})."
-        ) from error
+    words = {"true": 1.0, "false": 0.0, "": np.nan}
+    values = []
+    for number, cell in enumerate(text.split(",") if text.strip() else [], start=1):
+        plain = cell.strip().lower()
+        try:
+            values.append(words[plain] if plain in words else float(plain))
+        except ValueError:
+            raise JointIdError(
+                f'{file}, value {number} of {name:.100}: "{cell:.40}" is not a number. Save the trace '
+                "again."
+            ) from None
+    return np.array(values)
 
 
 READERS = {

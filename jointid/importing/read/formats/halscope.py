@@ -20,16 +20,17 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     found = _HEAD.match(first)
     assert found is not None  # that is how it was recognised
     period_s = int(found[1]) * 1e-9
-    lines = [line for line in rest if line.strip() and not line.startswith("#")]
-    if period_s == 0 or not lines:
+    lines = ["" if row.startswith("#") else row for row in rest]
+    head = next((k for k, row in enumerate(lines) if row.strip()), len(lines))
+    if period_s == 0 or head == len(lines):
         raise JointIdError(f"{file} has no samples, or a sampling period of 0: save the capture again.")
-    if pairs := _PAIR.findall(lines[0]):
+    if pairs := _PAIR.findall(lines[head]):
         names = [name for name, _ in pairs]
-        lines = [";".join(value for _, value in _PAIR.findall(line)) for line in lines]
+        lines = [";".join(value for _, value in _PAIR.findall(row)) for row in lines]
     else:
-        names, lines = lines[0].split(";"), lines[1:]
-    decimal = "," if any("," in line for line in lines[:2000]) else "."  # of the computer's language
-    columns = columns_of(file, lines, ";", decimal, len(names))
+        names, lines[head] = lines[head].split(";"), ""
+    decimal = "," if any("," in row for row in lines[:2000]) else "."  # of the computer's language
+    columns = columns_of(file, lines, names, decimal=decimal, first_line=2)
     time = np.arange(len(columns[0]), dtype=np.float64) * period_s
     return tables_of_signals(file, [Signal(n, time, v) for n, v in zip(names, columns, strict=True)])
 

@@ -1,14 +1,17 @@
 """LabVIEW measurement files (.lvm): segments of text with units, X0, Delta_X and decimal commas."""
 
 import re
-from itertools import pairwise
+from collections.abc import Iterable, Iterator
+from itertools import count
 
 import numpy as np
 
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first
 from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_matches
+from jointid.importing.read.text.numbers import number_or
 from jointid.importing.read.text.tables import columns_of
 
 _END = "***End_of_Header***"
@@ -16,27 +19,36 @@ _END = "***End_of_Header***"
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read every segment; segments of the same channels that follow each other in time are one table."""
-    text = file_text(path)
-    head, ended, rest = text.partition(_END)
-    if not ended:
+    lines = file_text(path).split("\n")
+    starts, ends = (
+        [k for k, line in enumerate(lines) if line.startswith(mark)] for mark in ("Channels", _END)
+    )
+    if not ends:
         raise JointIdError(f"{file}: the header does not end: the file is cut off. Export it again.")
-    separator = found[1] if (found := re.search(r"^Separator([\t,;])", head, re.MULTILINE)) else "\t"
-    main = dict(line.split(separator)[:2] for line in head.split("\n") if separator in line)
+    head = lines[: ends[0]]
+    separator = next((line[9:10] for line in head if re.match(r"Separator[\t,;]", line)), "\t")
+    main = dict(line.split(separator)[:2] for line in head if separator in line)
     decimal = main.get("Decimal_Separator", ".").strip() or "."
     if decimal not in (".", ",") or decimal == separator:
         raise JointIdError(f'{file}: Decimal_Separator = "{decimal:.5}"; expected a point or a comma.')
-    parts = rest.split(_END)
+    has_times = main.get("X_Columns", "One").strip() != "No"
+    has_times = main.get("X_Columns", "One").strip() != "No"
     runs: list[list[list[Signal]]] = []
-    # What precedes the end of a segment's header is the previous segment's data, then the header.
-    for number, (before, body) in enumerate(pairwise(parts), start=1):
+    # A segment's header ends as that of the file does; its rows, where the next header begins.
+    segments = zip(starts, ends[1:], [*starts[1:], len(lines)], strict=False)
+    for number, (start, end, stop) in enumerate(segments, start=1):
+        top = next((k for k in range(end + 1, stop) if lines[k].strip()), stop)
+        rows = lines[top + 1 : stop]
+        if not any(row.strip() for row in rows):
+            continue
+        names = [name.strip() for name in lines[top].split(separator)]
+        names = names[: len(names) - (names[-1] in ("Comment", ""))]
         where = f"{file}: segment {number}"
-        x_columns = main.get("X_Columns", "One").strip()
-        header, rows = before.split("\n"), body.split("\n")[1:]
-        starts = [k for k, line in enumerate(header) if line.startswith("Channels")]
-        ends = [k for k, line in enumerate(rows) if line.startswith("Channels")]
-        header = header[starts[-1] :] if starts else header
-        rows = [line for line in rows[: ends[0] if ends else None] if line.strip()]
-        signals = _segment(where, header, rows, separator, decimal, x_columns)
+        columns = columns_of(
+            where, rows, names, separator=separator, decimal=decimal, first_line=top + 2
+        )
+        about = {key.strip(): cells for key, *cells in (x.split(separator) for x in lines[start:end])}
+        signals = [*_signals(where, about, zip(names, columns, strict=True), has_times)]
         before_it = runs[-1][-1] if signals and runs else []
         follows = [s.name for s in before_it] == [s.name for s in signals] and all(
             b.time_s[0] > a.time_s[-1] for a, b in zip(before_it, signals, strict=True)
@@ -69,43 +81,27 @@ def _joined(run: list[list[Signal]]) -> list[Signal]:
     ]
 
 
-def _segment(
-    where: str, header: list[str], rows: list[str], separator: str, decimal: str, x_columns: str
-) -> list[Signal]:
-    about = {cells[0].strip(): cells[1:] for cells in (line.split(separator) for line in header)}
-    if len(rows) < 2:
-        return []
-    names = [name.strip() for name in rows[0].split(separator)]
-    width = len(names) - (names[-1] in ("Comment", ""))
-    columns = columns_of(where, rows[1:], separator, decimal, width)
-
-    def of(key: str, channel: int, default: float) -> float:
-        cells = about.get(key, [])
-        try:
-            return float(cells[channel].replace(decimal, "."))
-        except (IndexError, ValueError):
-            return default
-
-    signals: list[Signal] = []
-    time = columns[0]
-    for k, name in enumerate(names[:width]):
-        channel = len(signals)
+def _signals(
+    where: str, about: dict[str, list[str]], columns: Iterable[tuple[str, Floats]], has_times: bool
+) -> Iterator[Signal]:
+    """Signals of a segment, with the entries of its header by channel."""
+    time, channels = np.zeros(0), count()
+    for name, values in columns:
         if name == "X_Value":
-            time = columns[k]
+            time = values
             continue
-        delta = of("Delta_X", channel, 0.0)
-        if x_columns == "No":
+        channel = next(channels)
+        entries = {key: cells[channel].strip() for key, cells in about.items() if channel < len(cells)}
+        if not has_times or time.size != values.size:
+            start, delta = (number_or(entries.get(key, ""), 0.0) for key in ("X0", "Delta_X"))
             if delta <= 0:
                 raise JointIdError(
                     f"{where}: {name} has neither times nor a Delta_X above 0: export it again."
                 )
-            time = of("X0", channel, 0.0) + delta * np.arange(len(columns[k]), dtype=np.float64)
-        known = np.isfinite(time) & np.isfinite(columns[k])
-        units = about.get("Y_Unit_Label", [])
-        unit = units[channel].strip() if channel < len(units) else ""
+            time = start + delta * np.arange(len(values), dtype=np.float64)
+        known = np.isfinite(time) & np.isfinite(values)
         if known.any():
-            signals.append(Signal(name, time[known], columns[k][known], unit))
-    return signals
+            yield Signal(name, time[known], values[known], entries.get("Y_Unit_Label", ""))
 
 
 READERS = {

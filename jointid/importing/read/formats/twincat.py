@@ -9,6 +9,7 @@ from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_matches
+from jointid.importing.read.text.numbers import number_or
 from jointid.importing.read.text.tables import columns_of
 from jointid.wording import listed
 
@@ -31,7 +32,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     rows = text.split("\n")
     start, about = _channel_rows(rows, separator)
     names = about["Name"]
-    body = [row for row in rows[start:] if row.strip(f"{separator} ") and row.strip() != "EOF"]
+    body = [row for row in rows[start:] if row.strip() != "EOF"]
     if not body or "Name" not in names:
         raise JointIdError(f"{file} holds no samples with times: export all time lines of the scope.")
     cells = body[0].split(separator)
@@ -39,7 +40,9 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     clocks = [k for k, name in enumerate(names) if name.strip() == "Name"]
     full = {k for k in clocks if k < len(cells) and cells[k].isdigit() and int(cells[k]) > _FULL_STAMP}
     decimal = "," if separator != "," and any("," in row for row in body[:2000]) else "."
-    columns = columns_of(file, body, separator, decimal, len(names), full)
+    columns = columns_of(
+        file, body, names, separator=separator, decimal=decimal, first_line=start + 1, integers=full
+    )
     origin = min((int(columns[k][columns[k] > 0].min()) for k in full), default=0)
     if len(names) != len(about.get("VariableSize", names)):
         raise JointIdError(
@@ -80,7 +83,7 @@ def _channel_rows(rows: list[str], separator: str) -> tuple[int, dict[str, list[
 def _scaled(values: Any, about: dict[str, str]) -> tuple[Any, str]:
     """Values in the channel's unit, and a note where the export does not say whether it scaled them."""
     pairs = [("ScaleFactor", "Offset"), ("Unit ScaleFactor", "Unit Offset")]
-    factors = [(_number(about.get(a, ""), 1.0), _number(about.get(b, ""), 0.0)) for a, b in pairs]
+    factors = [(number_or(about.get(a, ""), 1.0), number_or(about.get(b, ""), 0.0)) for a, b in pairs]
     if all(factor == (1.0, 0.0) for factor in factors):
         return values, ""
     said = ", ".join(f"factor {a:g} and offset {b:g}" for a, b in factors if (a, b) != (1.0, 0.0))
@@ -97,13 +100,6 @@ def _scaled(values: Any, about: dict[str, str]) -> tuple[Any, str]:
         f"the channel has {said}. The export does not say whether its values include them: they "
         "are used as exported. Check the size of the motion in the figure."
     )
-
-
-def _number(text: str, default: float) -> float:
-    try:
-        return float(text.replace(",", "."))
-    except ValueError:
-        return default
 
 
 READERS = {"twincat": Reader("a TwinCAT Scope export", text_matches(_HEAD.pattern), read)}

@@ -157,6 +157,7 @@ def find_layout(file: str, text: str) -> TextLayout:
             f"or blanks, at least two of them numbers. First line: {first_line[:80]!r}."
         )
     separator, decimal, thousands, first, width = found
+    first += any(lines[first + 1 :]) and _is_numbering(split_line(lines[first], separator), width)
     thousands = thousands or proven_thousands(text, decimal, separator)
     layout = _described(lines, separator, decimal, thousands, first, width)
     rows = [row for row in (split_line(line, separator) for line in (*lines[first:], *probes)) if row]
@@ -217,6 +218,13 @@ def _body(cells: Sequence[list[str]], decimal: str, thousands: str) -> tuple[int
             if sum(following) >= min(len(following), 5):
                 return first, width
     return fits.index(True), width
+
+
+def _is_numbering(cells: Sequence[str], width: int) -> bool:
+    """Whether a line only counts the columns from 0 or 1, as programs write in place of names."""
+    counts = [cell for cell in cells if cell]
+    of_columns = [[str(k) for k in range(first, first + len(counts))] for first in (0, 1)]
+    return counts in of_columns and len(counts) > max(2, width - 2)
 
 
 def _described(

@@ -35,6 +35,14 @@ def value_of(cell: str, decimal: str, thousands: str = "") -> float:
     return float(plain.replace(decimal, ".").replace("d", "e").replace("D", "e"))
 
 
+def number_or(text: str, default: float) -> float:
+    """Return the value of a text with a point or a comma as decimal mark, else a default."""
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        return default
+
+
 def thousands_in(text: str, decimal: str, separator: str) -> list[str]:
     """Thousands separators that occur in a text."""
     return [

@@ -59,7 +59,7 @@ def read_text_table(file: str, data: bytes) -> LogTable:
         if np.isnan(column).all() and not layout.names[k]:
             continue  # an effect of a separator at the end of every line
         unit = "s" if layout.clock[k] else layout.units[k]
-        columns.append(LogColumn(names[k], numbers(column), unit, f"column {k + 1}"))
+        columns.append(LogColumn(names[k], numbers(column), unit))
     left_out = [name for k, name in enumerate(names) if k not in wanted]
     if left_out:
         notes.append(f"Columns without numbers, left out: {listed(left_out)}.")
@@ -167,35 +167,49 @@ _NULLS = ["NaN", " ", *(f for word in sorted(NO_NUMBER) for f in (word, word.upp
 def columns_of(
     file: str,
     lines: Sequence[str],
-    separator: str,
-    decimal: str,
-    width: int,
+    names: Sequence[str],
+    *,
+    separator: str = ";",
+    decimal: str = ".",
+    first_line: int = 1,
     integers: Collection[int] = (),
 ) -> list[Floats]:
-    """Return ``width`` columns of rows of numbers: missing cells at the end are NaN, others dropped.
+    """Return a column for each of ``names`` from lines of numbers; blank lines are skipped.
 
-    Columns of large ``integers`` are int64: FILETIME ticks lose digits as float64. Raises JointIdError
-    when a cell is no number, or there are too many.
+    Missing cells at the end of a line are NaN, others than those of ``names`` dropped. Columns of large
+    ``integers`` are int64: FILETIME ticks lose digits as float64. ``first_line`` is the number of the
+    first of the lines in the file. Raises JointIdError, with line and column, when a cell is no number;
+    or when there are too many.
     """
+    width = len(names)
     require_few_values(file, len(lines) * width)
-    if width > MAX_COLUMNS or not lines:
+    rows = [_row(line, separator, width) for line in lines if line.strip()]
+    if width > MAX_COLUMNS or not rows:
         raise JointIdError(
-            f"{file} has {width} columns and {len(lines)} rows; a log has rows, and at most "
+            f"{file} has {width} columns and {len(rows)} rows; a log has rows, and at most "
             f"{MAX_COLUMNS} columns. Export the log again."
         )
-    padded = []
-    for line in lines:
-        lacks = width - 1 - line.count(separator)
-        if lacks < 0:
-            line = separator.join(line.split(separator)[:width])
-        padded.append(line + separator * max(lacks, 0))
     try:
-        return parsed_columns("\n".join(padded), width, separator, decimal, range(width), integers)
+        return parsed_columns("\n".join(rows), width, separator, decimal, range(width), integers)
     except _FAULTS as error:
+        for number, line in enumerate(lines, start=first_line):
+            cells = _row(line, separator, width).split(separator)
+            for name, cell in zip(names, map(str.strip, cells), strict=True):
+                if not (is_missing(cell) or is_number(cell, decimal)):
+                    raise JointIdError(
+                        f'{file}, line {number}, column {name:.60}: "{cell:.40}" is not a number. '
+                        "Repair or remove the line, or export the log again."
+                    ) from error
         reason = " ".join(str(error).split())
         raise JointIdError(
-            f"{file} has a cell without a number below its header ({reason:.150}): export the log again."
+            f"{file} has a line that is not numbers ({reason:.150}): export the log again."
         ) from error
+
+
+def _row(line: str, separator: str, width: int) -> str:
+    """Return a line with as many cells as the table has columns."""
+    lacks = width - 1 - line.count(separator)
+    return line + separator * lacks if lacks >= 0 else separator.join(line.split(separator)[:width])
 
 
 def parsed_columns(
