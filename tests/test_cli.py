@@ -160,7 +160,7 @@ def test_a_batch_of_a_missing_study_does_not_begin(here: Path, study: Path) -> N
 def test_an_error_names_options_and_not_parameters(study: Path) -> None:
     assert refused(1, "identify", study, "--inertia-std", "-1").startswith("Error: --inertia-std = -1")
     assert "--zones-mm -1: expected" in refused(2, "cut", "--zones-mm", "-1")
-    assert "A corner zone of 0.02 m does not fit" in refused(1, "cut", "--zones-mm", "20")
+    assert "A corner zone of 20 mm does not fit" in refused(1, "cut", "--zones-mm", "20")
 
 
 @pytest.mark.parametrize(
