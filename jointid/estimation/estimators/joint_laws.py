@@ -5,7 +5,8 @@ The torque through a gear is known from the balance at its motor, f = τ − Mθ
     f = K e + c e³ + F z(δ) + D δ̇,   δ = e + (b/2) sign f
 
 (cubic stiffness c, total backlash b, hysteresis of level F with Dahl's z) is wound up by
-δ = f/(K + sD) + w; w is the contribution of the law to the deflection. Coulomb friction at the arm is
+δ = f/(K + sD) + w; w is the contribution of the law to the deflection, found by harmonic balance of the
+torque or, of motions, from the motors' motion over time. Coulomb friction at the arm is
 F_a sign θ̇_a, presliding friction at the motor F_p z(θ). All enter the residual as phasors.
 """
 
@@ -19,7 +20,8 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.balance import wind_up
 from jointid.estimation.estimators.parameters import GEAR_LAWS, Parameters
-from jointid.gears.harmonic_balance import NEWTON, WoundGears, beyond_linear
+from jointid.gears.driven_gears import DrivenGears, MotorMotion
+from jointid.gears.harmonic_balance import WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
 from jointid.gears.torque_spread import dahl
 from jointid.phasors.periods import pairs, phasors_of, samples_of
@@ -40,10 +42,6 @@ _STEP = 1e-3
 """Relative change of a presliding angle for its derivative."""
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
-_WIDER = 2.0
-"""Frequency over the resonance, up to which deflection in motions follows from the torque."""
-_NEWTON_OF_LOOPS = 6
-"""Most steps for loops in motions: a right law takes fewer, a wrong one minutes with ``NEWTON``."""
 _GEAR = (
     "K", "cubic", "backlash", "hysteresis", "presliding",
     "piecewise", "knee", "second_bend", "second_knee",
@@ -67,11 +65,11 @@ class JointLaws:
     """Resonance with the motor locked, below which the deflection follows from the torque, rad/s."""
     free: Floats
     """1/M + M2⁻¹ of each joint, shape (n,)."""
-    sines: bool
-    """Whether no record is another motion."""
-    further: Complexes
-    """Deflection at the next T harmonics, as measured, shape (r, T, n), rad."""
-    latest: list[WoundGears] = field(default_factory=list)
+    sines: np.ndarray
+    """Rows that are no segments of motions."""
+    motors: MotorMotion | None
+    """Motion of the motors in the others."""
+    latest: list[Wound] = field(default_factory=list)
     """Deflection as last solved, from which the next solution starts."""
 
     @classmethod
@@ -83,8 +81,7 @@ class JointLaws:
         variance: Floats,
         arm: Floats,
         rotor: Floats,
-        main: np.ndarray,
-        further: Complexes,
+        motors: MotorMotion | None,
     ) -> JointLaws:
         """Collect the signals.
 
@@ -99,9 +96,8 @@ class JointLaws:
             M2⁻¹ of every record.
         rotor : ndarray, shape (r, n)
             M of every record.
-        main : ndarray, shape (r, H)
-            Fundamentals of sines, and lines of motions.
-        further : ndarray, shape (r, T, n)
+        motors : MotorMotion, optional
+            Of rows that are segments of motions.
         """
         n, H, squared = angle.shape[2], angle.shape[1], (s * s)[..., None]
         noise = variance.copy()
@@ -112,15 +108,18 @@ class JointLaws:
         largest = np.linalg.norm(torque * clear[..., n:], axis=1).max(axis=0)
         arm_angle = np.einsum("rij,rhj->rhi", arm, torque) / squared
         size = np.maximum(np.abs(angle - arm_angle), np.finfo(float).tiny)
-        locked = (np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[main]
-        middle = np.median(locked, axis=0) * (_WIDER if further.size else 1.0)
-        free, sines = (1 / rotor + np.einsum("rjj->rj", arm)).mean(axis=0), not main[:, 1:].any()
-        return cls(s, clear[..., n:], np.asarray(largest), samples, middle, free, sines, further)
+        moving = [row for row, *_ in motors.rows] if motors else []
+        sines = np.setdiff1d(np.arange(len(s)), moving)
+        locked = (np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[:, 0]
+        middle = np.median(locked[sines] if sines.size else locked, axis=0)
+        free = (1 / rotor + np.einsum("rjj->rj", arm)).mean(axis=0)
+        return cls(s, clear[..., n:], np.asarray(largest), samples, middle, free, sines, motors)
 
     def planned(self, s: Complexes, angle: Complexes) -> JointLaws:
         """The same laws in r other records, at s of shape (r, H) with motor angles (r, H, n)."""
         samples, clear = samples_of(angle.swapaxes(1, 2), _points(s.shape[1])), np.ones_like(angle, bool)
-        return replace(self, s=s, clear=clear, angle=samples, further=angle[:, :0], latest=[])
+        every = np.arange(len(s))
+        return replace(self, s=s, clear=clear, angle=samples, sines=every, motors=None, latest=[])
 
     @property
     def low(self) -> np.ndarray:
@@ -153,51 +152,71 @@ class JointLaws:
         return np.where(self.low[..., None], of_torque / stiffness[..., None], wind_up(of_torque, arm))
 
     def wound(
-        self, torque: Complexes, moved: Complexes, stiffness: Complexes, p: Parameters
-    ) -> WoundGears | None:
+        self,
+        torque: Complexes,
+        moved: Complexes,
+        stiffness: Complexes,
+        p: Parameters,
+        arm: tuple[Floats, Floats],
+        rotor: Floats,
+    ) -> Wound | None:
         """Deflection of nonlinear gears, None of linear ones, from signals of shape (r, H, n).
 
-        ``moved`` is the deflection by the motions of motor and arm, ``stiffness`` linear and dynamic.
+        ``moved`` is the deflection by the motions of motor and arm, ``stiffness`` linear and dynamic;
+        ``arm`` are M2 and the stiffness of gravity of every pose, each (p, n, n), ``rotor`` is M, (n,).
         """
         if not any(name in p.layout for name in GEAR_LAWS):
             return None
-        H, laws = torque.shape[1], _laws(_values(p))
-        beyond = self._beyond_measured(p)
-        further = self.further if self.further.size else 0 * beyond
-        by_torque = self.low / stiffness
-        drive = _with_mean([np.where(self.low, by_torque * torque, moved), further])
-        compliance, m = _with_mean([by_torque, beyond]), int(self.low.sum(axis=1).max())
-        most = _NEWTON_OF_LOOPS if self.further.size and laws.hysteretic else NEWTON
+        laws, (r, H, n), rows = _laws(_values(p)), torque.shape, self.sines
+        beyond = np.zeros((r, n, 1 + H), complex)
+        of_sines, of_motions = None, None
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
-            for start in (*self.latest, None):  # the start of other parameters may lead nowhere
-                found = WoundGears.solve(laws, drive, compliance, H, m, start, most)
-                if np.isfinite(found.delta).all():
-                    self.latest[:] = [found]
-                    break
+            if rows.size:
+                by_torque, further = (self.low / stiffness)[rows], self._beyond_measured(p)
+                drive = np.where(self.low[rows], by_torque * torque[rows], moved[rows])
+                both = _with_mean([drive, 0 * further]), _with_mean([by_torque, further])
+                m = int(self.low[rows].sum(axis=1).max())
+                starts = (*(each.of_sines for each in self.latest), None)
+                for start in starts:  # the start of other parameters may lead nowhere
+                    of_sines = WoundGears.solve(laws, *both, H, m, start)
+                    if np.isfinite(of_sines.delta).all():
+                        break
+                beyond[rows] = of_sines.beyond
+            if self.motors:
+                rubs = (p[name] if name in p.layout else 0 * p.K for name in ("viscous", "coulomb"))
+                scale = np.broadcast_to(p.torque_scale, p.K.shape)
+                measured = self.motors.balance(scale, rotor, *rubs)
+                for start in (*(each.of_motions for each in self.latest), None):
+                    of_motions = DrivenGears.solve(self.motors, laws, p.D, *arm, measured, start)
+                    if np.isfinite(of_motions.delta).all():
+                        break
+                beyond[..., 1:] += self.motors.bins(of_motions.beyond, (r, H)).swapaxes(1, 2)
+        found = Wound(beyond, of_sines, of_motions)
+        if np.isfinite(beyond).all():
+            self.latest[:] = [found]
         return found
 
     def _beyond_measured(self, p: Parameters) -> Complexes:
-        """Deflection over torque beyond K δ at the next harmonics, (r, T, n).
+        """Deflection over torque beyond K δ at the next harmonics of sines, (r, T, n).
 
         The edges of backlash reach further than the harmonics of the records. There the controller does
-        nothing, and the gear moves motor and arm apart. Of motions it is measured, or T = 0.
+        nothing, and the gear moves motor and arm apart.
         """
         H = self.s.shape[1]
-        if self.further.size or not self.sines:
-            return 0 * self.further
         count = H * ("backlash" in p.layout or "piecewise" in p.layout)
-        s = (self.s[:, :1] * np.arange(H + 1, H + 1 + count))[..., None]
+        s = (self.s[self.sines, :1] * np.arange(H + 1, H + 1 + count))[..., None]
         return np.asarray(1 / (s * s / self.free + p.K + s * p.D))
 
     def slopes(
         self,
-        wound: WoundGears | None,
+        wound: Wound | None,
         p: Parameters,
         gear: Complexes,
         stiffness: Mapping[str, Complexes],
         torque: Mapping[str, Complexes],
+        inertia: Mapping[str, Floats],
     ) -> dict[str, Complexes]:
-        """Derivatives of w, each shape (r, H, n): by the gears' parameters, and with the torque.
+        """Derivatives of w: by the gears' parameters, of the arm, and with the torque.
 
         Parameters
         ----------
@@ -207,34 +226,92 @@ class JointLaws:
             Its derivatives by the parameters in it.
         torque : mapping of str to ndarray, shape (r, H, n)
             Derivatives of the torque f by other parameters of the same joint.
+        inertia : mapping of str to ndarray, shape (c, p, n, n)
+            Derivatives of M2 of every pose by further parameters.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (r, H, n, n) or (r, H, n, c)
+            Derivatives of all w by the parameter of each joint, or by the further ones.
         """
         if wound is None:
             return {}
-        values, units, H = _values(p), self.units(p), gear.shape[1]
-        w = self.law(wound, gear)
+        values, units, (r, H, n) = _values(p), self.units(p), gear.shape
         names = [*torque, *dict.fromkeys((*stiffness, *(n for n in _GEAR if n in p.layout)))]
+        found = {name: np.zeros((r, H, n, n), complex) for name in names}
+        changed = {}
+        for name in (name for name in names if name in _GEAR):
+            more = values.copy()
+            more[_GEAR.index(name)] += _SMALL * units[name]
+            changed[name] = _laws(more)
+        rows, joints = self.sines, np.arange(n)
+        if wound.of_sines is not None:
+            changes = self._changes_of_sines(wound.of_sines, p, gear, stiffness, torque, changed)
+            for k, name in enumerate(names):
+                own = np.zeros((rows.size, H, n, n), complex)
+                own[..., joints, joints] = changes[..., k]
+                found[name][rows] = own
+        if wound.of_motions is not None:
+            self._add_changes_of_motions(found, wound.of_motions, units, changed, stiffness, inertia)
+        w = self.law(wound, gear)
+        for name, value in stiffness.items():
+            found[name][..., joints, joints] += w * value
+        return {name: -value / gear[..., None] for name, value in found.items()}
+
+    def _changes_of_sines(
+        self,
+        wound: WoundGears,
+        p: Parameters,
+        gear: Complexes,
+        stiffness: Mapping[str, Complexes],
+        torque: Mapping[str, Complexes],
+        changed: Mapping[str, GearLaws],
+    ) -> Complexes:
+        """Changes of the torque beyond K δ of sines by parameters of the same joint, (r, H, n, c)."""
+        names = [*torque, *dict.fromkeys((*stiffness, *changed))]
+        H, rows, units = gear.shape[1], self.sines, self.units(p)
         size = (*wound.beyond.shape, len(names))
         drive, beyond = np.zeros(size, complex), np.zeros(size, complex)
+        inward = (self.low / gear)[rows]
         for k, name in enumerate(names):
             if name in torque:
-                drive[..., k] = _with_mean([self.low * torque[name] / gear])
-            if name in _GEAR:
-                step = _SMALL * units[name]
-                changed = values.copy()
-                changed[_GEAR.index(name)] += step
-                there, *_ = beyond_linear(_laws(changed), wound.delta, wound.points)
-                beyond[..., k] = (there[..., : 1 + H] - wound.beyond) / step[:, None]
+                drive[..., k] = _with_mean([inward * torque[name][rows]])
+            if name in changed:
+                there, *_ = beyond_linear(changed[name], wound.delta, wound.points)
+                beyond[..., k] = (there[..., : 1 + H] - wound.beyond) / (_SMALL * units[name])[:, None]
             if name in stiffness:
-                linear = _with_mean([self.low * stiffness[name] / gear])
+                linear = _with_mean([inward * stiffness[name][rows]])
                 linear[..., 0] = (name == "K") / p.K
                 drive[..., k] -= linear * wound.delta[..., : 1 + H]
-        changes = wound.change(drive, beyond)[:, :, 1:].swapaxes(1, 2)
-        return {
-            name: -(changes[..., k] + w * stiffness.get(name, 0.0)) / gear
-            for k, name in enumerate(names)
-        }
+        return wound.change(drive, beyond)[:, :, 1:].swapaxes(1, 2)
 
-    def law(self, wound: WoundGears, stiffness: Complexes) -> Complexes:
+    def _add_changes_of_motions(
+        self,
+        found: dict[str, Complexes],
+        wound: DrivenGears,
+        units: Mapping[str, Floats],
+        changed: Mapping[str, GearLaws],
+        stiffness: Mapping[str, Complexes],
+        inertia: Mapping[str, Floats],
+    ) -> None:
+        """Add changes of the torque beyond K δ of motions; those by the arm are new entries."""
+        n, now, (r, H) = len(wound.delta), wound.beyond, self.s.shape
+        one, none, motors = np.eye(n), np.zeros((n, n)), wound.motors
+        bends = np.zeros((n, len(wound.M2), n, n))
+        for name in dict.fromkeys((*stiffness, *changed)):
+            beyond = np.zeros(now.shape)
+            if name in changed:
+                beyond = (wound.at_deflection(changed[name]) - now) / (_SMALL * units[name])[:, None]
+            elastic = (beyond + wound.delta if name == "K" else beyond)[None] * one[..., None]
+            moved = wound.changes(elastic, one if name == "D" else none, bends)
+            moved += beyond * one[..., None]
+            found[name] += motors.bins(moved.swapaxes(0, 1), (r, H))
+        for name, change in inertia.items():
+            count = len(change)
+            moved = wound.changes(np.zeros((count, *now.shape)), np.zeros((count, n)), change)
+            found[name] = motors.bins(moved.swapaxes(0, 1), (r, H))
+
+    def law(self, wound: Wound, stiffness: Complexes) -> Complexes:
         """w, the deflection beyond that of the linear gear under the same torque, (r, H, n), rad."""
         return np.asarray(-wound.beyond[..., 1:].swapaxes(1, 2) / stiffness)
 
@@ -259,6 +336,16 @@ class JointLaws:
         """Derivative of the phasors ``shape`` of z(θ) by the presliding angles, shape (r, H, n)."""
         changed = self.presliding((1 + _STEP) * bristle, shape.shape[1])
         return np.asarray((changed - shape) / (_STEP * np.maximum(bristle, _LEAST_ANGLE)))
+
+
+@dataclass(frozen=True, eq=False)
+class Wound:
+    """Nonlinear gears at some parameters."""
+
+    beyond: Complexes
+    """Mean and phasors of the torque beyond K δ, shape (r, n, 1 + H), N·m."""
+    of_sines: WoundGears | None
+    of_motions: DrivenGears | None
 
 
 @dataclass(frozen=True, eq=False)

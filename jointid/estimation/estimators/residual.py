@@ -17,7 +17,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.balance import balance, noise_of
-from jointid.estimation.estimators.joint_laws import SignSlope
+from jointid.estimation.estimators.joint_laws import SignSlope, Wound
 from jointid.estimation.estimators.parameters import ARM_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.problem import (
     Problem,
@@ -29,7 +29,6 @@ from jointid.estimation.estimators.problem import (
     motor_stiffness,
     rigid_arm_compliance,
 )
-from jointid.gears.harmonic_balance import WoundGears
 from jointid.joints import motor_impedance
 from jointid.small_matrices import inverse, lifted
 
@@ -68,7 +67,7 @@ class Residual:
     """The same for the nonlinear laws: of motions, without the terms of the ends."""
     law: tuple[Complexes, Complexes]
     """Deflection w and arm friction P of nonlinear laws, each shape (r, H, n)."""
-    wound: WoundGears | None
+    wound: Wound | None
     """Deflection of nonlinear gears."""
 
     @classmethod
@@ -101,11 +100,11 @@ class Residual:
         torque -= friction
         waveform, law, wound = torque, (np.zeros_like(q), np.zeros_like(q)), None
         if problem.laws is not None:
-            waveform, angle = _without_ends(problem, p, torque, q, own)
             if "arm_coulomb" in problem.layout:
                 law = law[0], p.effect("arm_coulomb") * problem.laws.arm_friction(waveform, arm)
-            apart = angle - (arm @ (waveform - law[1])[..., None])[..., 0]
-            wound = problem.laws.wound(waveform, apart, gear, p)
+            apart = q - (arm @ (waveform - law[1])[..., None])[..., 0]
+            both = problem.arm_inertia(p), problem.gravity(p)
+            wound = problem.laws.wound(waveform, apart, gear, p, both, problem.rotor_inertia(p)[0])
             if wound is not None:
                 law = problem.laws.law(wound, gear), law[1]
         r = torque - gear_torque(X, arm, q, law)
@@ -189,10 +188,10 @@ class Residual:
         own = self._own_columns(smooth)
         slopes = {}
         if problem.laws is not None:
-            sines = own if problem.motion is None else {}  # a small effect of a small effect
-            slopes = problem.laws.slopes(self.wound, p, self.gear, stiffness, sines)
+            arms = {"M2": problem.prior.by_lower_element} if "M2" in layout else {}
+            slopes = problem.laws.slopes(self.wound, p, self.gear, stiffness, own, arms)
         for name, columns in own.items():
-            through = self.X * slopes[name][..., None, :] if name in slopes else 0
+            through = self.X @ slopes[name] if name in slopes else 0
             whole = columns[..., None, :] * np.eye(n) + through
             if turns is not None:
                 whole += self._by_turns(turns, self.arm * self._clear(columns)[..., None, :])
@@ -209,7 +208,7 @@ class Residual:
             else:
                 J[..., place] += whole
         for name in slopes.keys() - own.keys():
-            J[..., layout[name]] += self.X * slopes[name][..., None, :]
+            J[..., layout[name]] += self.X @ slopes[name]
         return J
 
     def _clear(self, torque: Complexes) -> Complexes:
@@ -310,12 +309,13 @@ def with_law_noise(problem: Problem, vector: Floats) -> Problem:
     if problem.motion is not None or not any(name in problem.layout for name in GEAR_LAWS):
         return problem
     at = Residual.at(replace(problem, law_noise=None), vector)
-    if at.wound is None or problem.laws is None or not np.isfinite(at.wound.delta).all():
+    wound = at.wound and at.wound.of_sines
+    if wound is None or problem.laws is None or not np.isfinite(wound.delta).all():
         return problem
     by = balance(motor_stiffness(problem, at.p), at.lag * at.p.torque_scale)
     E = problem.laws.by_signals(by, at.arm, at.gear)
     (variance,) = noise_of([E], problem.noise.covariance)
-    own, rest = at.wound.noise(variance.swapaxes(1, 2))
+    own, rest = wound.noise(variance.swapaxes(1, 2))
     by_deflection, rest = -own.swapaxes(1, 2) / at.gear, rest.swapaxes(1, 2) / np.abs(at.gear) ** 2
     return replace(problem, law_noise=(by_deflection, rest))
 
