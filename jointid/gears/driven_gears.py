@@ -24,22 +24,21 @@ from jointid.arrays import Complexes, Floats
 from jointid.gears.laws import GearLaws
 from jointid.phasors.segment import Segment
 
-_STEPS = 20.0
+_STEPS = 16.0
 """Least steps over a period of the motion's highest frequency."""
 _HAT = (1 / 12, 10 / 12, 1 / 12)
 """Weights of three samples in the integral over a hat (Numerov)."""
 _SECOND, _CENTRAL = (1.0, -2.0, 1.0), (0.5, 0.0, -0.5)
 """Second difference, and half the difference over two steps."""
-_NEWTON, _CONVERGED = 25, 1e-4
+_NEWTON, _CONVERGED = 25, 1e-3
 """Most Newton steps, and the relative residual that ends them."""
-_OBSERVED = 0.2
+_OBSERVED = 0.1
 """Rate of the observer over the resonance with the motor locked."""
-_FIRST, _STARTS = 6, 4
+_FIRST, _STARTS = 6, 3
 """Steps at the start of a motion whose smoothed velocity is inaccurate, and Gauss-Newton steps for its
 state."""
-_FALLS, _WINDOW = 0.3, 400
-"""Ratio of residuals of a step over the whole motion that leads on; else the steps follow each other,
-so many at a time."""
+_WHOLE, _WINDOW = 10, 2000
+"""Newton steps over the whole motion; after these the solution follows it, so many steps at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,12 +174,11 @@ class DrivenGears:
             delta = start.delta
         found = begun = cls(motors, laws, D, M2, G, delta, _loop(laws, delta), measured)._begun()
         least = _CONVERGED * float(np.abs(found._hat_torque(laws.K * delta)).max())
-        before = np.inf
-        while (size := float(np.abs(found._left).max())) > least:
-            if not size < _FALLS * before:
-                return found._followed(begun.delta, least)
-            found, before = found._stepped(), size
-        return found
+        for _ in range(_WHOLE):
+            if not np.abs(found._left).max() > least:
+                return found
+            found = found._stepped()
+        return found._followed(begun.delta, least)
 
     def _begun(self) -> DrivenGears:
         """With the state at the start of each part by the torque measured in a first period."""
