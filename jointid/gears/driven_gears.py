@@ -2,8 +2,9 @@
 
     M2 (θ̈ − δ̈) + G (θ − δ) = f + M2 c (f − u)˙,   f = f(δ) + D δ̇
 
-The torque u through the gears by the balance at the motors holds the deflection near the measured one (an
-observer): alone, two lightly damped arms with backlash soon differ.
+The torque u through the gears by the balance at the motors holds the deflection near the measured one
+(an observer): otherwise small errors grow, as arms with backlash are hardly stable.
+
 A second difference of an angle is the integral of its acceleration over a hat of two steps, which
 Numerov's weights find from three samples. The equations of all steps form one banded system, solved by
 Newton steps; the change of the deflection with every parameter follows from the same system.
@@ -11,21 +12,17 @@ Newton steps; the change of the deflection with every parameter follows from the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.laws import GearLaws
-from jointid.phasors.segment import Segment
+from jointid.gears.motor_motion import MotorMotion
 
-_STEPS = 16.0
-"""Least steps over a period of the motion's highest frequency."""
 _HAT = (1 / 12, 10 / 12, 1 / 12)
 """Weights of three samples in the integral over a hat (Numerov)."""
 _SECOND, _CENTRAL = (1.0, -2.0, 1.0), (0.5, 0.0, -0.5)
@@ -39,94 +36,6 @@ _FIRST, _STARTS = 6, 3
 state."""
 _WHOLE, _WINDOW = 10, 2000
 """Newton steps over the whole motion; after these the solution follows it, so many steps at a time."""
-
-
-@dataclass(frozen=True, eq=False)
-class MotorMotion:
-    """Motion of n motors in N steps; the parts of the records without a gap follow each other."""
-
-    angle: Floats
-    """Less its mean in each part, shape (n, N), rad."""
-    rise: Floats
-    """Its second differences, shape (n, N), rad."""
-    step_s: Floats
-    """Shape (N,), s."""
-    starts: np.ndarray
-    """Whether a step is one of the first two of a part, shape (N,)."""
-    pose: np.ndarray
-    """Index of the pose in every step, shape (N,)."""
-    torque: Floats
-    """Torque of the motors, shape (n, N), N·m."""
-    rows: Sequence[tuple[int, slice, Complexes]]
-    """Row and steps of every segment, and the matrix from their samples to its bins, (steps, H). Steps
-    that begin or end beside those of the samples differ by terms of the ends."""
-
-    @classmethod
-    def of(cls, segments: Sequence[Segment | None], pose: np.ndarray) -> MotorMotion | None:
-        """Motion up to the last of the segments of each part; None without any.
-
-        Parameters
-        ----------
-        segments : sequence of Segment or None, shape (r,)
-        pose : ndarray of int, shape (r,)
-        """
-        parts: dict[int, list[int]] = {}
-        for row, each in enumerate(segments):
-            if each is not None:
-                parts.setdefault(id(each.whole), []).append(row)
-        angles, rises, steps, starts, poses, torques, rows, count = [], [], [], [], [], [], [], 0
-        for members in parts.values():
-            own = [each for row in members if (each := segments[row])]
-            T, end = own[0].interval_s, max(each.end for each in own)
-            step = 1 / (_STEPS * max(each.highest / each.duration_s for each in own))
-            time, grid = np.arange(end) * T, np.arange(0, (end - 0.5) * T, step)
-            angle = CubicSpline(time, own[0].whole[:, :end], axis=1).antiderivative()(grid)
-            rise = np.zeros(angle.shape)
-            rise[:, 2:] = np.diff(angle, 2, axis=1)
-            angles.append(angle - angle.mean(axis=1, keepdims=True))
-            rises.append(rise)
-            steps.append(np.full(grid.size, step))
-            starts.append(np.arange(grid.size) < 2)
-            # Held torques are on average those of the samples before and after.
-            torque = own[0].torque[:, :end]
-            if own[0].held:
-                torque = 0.5 * (torque + np.concatenate([torque[:, :1], torque[:, :-1]], axis=1))
-            torques.append(CubicSpline(time, torque, axis=1)(grid))
-            poses.append(np.full(grid.size, pose[members[0]]))
-            for row, each in zip(members, own, strict=True):
-                first, last = np.searchsorted(grid, np.array([each.begin, each.end]) * T).tolist()
-                turn = (grid[first:last] - each.begin * T) / each.duration_s
-                waves = np.exp(-2j * np.pi * np.outer(turn, np.arange(1, each.highest + 1)))
-                rows.append((row, slice(count + first, count + last), waves * (2j * step / each.duration_s)))
-            count += grid.size
-        if not rows:
-            return None
-        return cls(
-            np.concatenate(angles, axis=1), np.concatenate(rises, axis=1), np.concatenate(steps),
-            np.concatenate(starts), np.concatenate(poses), np.concatenate(torques, axis=1), tuple(rows),
-        )  # fmt: skip
-
-    def part(self, used: slice) -> MotorMotion:
-        """Motion in some steps."""
-        starts = self.starts[used].copy()
-        starts[:2] = True
-        own = self.angle[:, used], self.rise[:, used], self.step_s[used], starts, self.pose[used]
-        return MotorMotion(*own, self.torque[:, used], ())
-
-    def balance(self, scale: Floats, M: Floats, viscous: Floats, coulomb: Floats) -> Floats:
-        """Torque through the gears, shape (n, N), by parameters of the motors, each (n,)."""
-        velocity = np.gradient(self.angle, axis=1) / self.step_s
-        middle = np.roll(self.rise, -1, axis=1)
-        middle = np.where(self.starts, np.roll(middle, -1, axis=1), middle) / self.step_s**2
-        own = scale[:, None] * self.torque - M[:, None] * middle
-        return np.asarray(own - viscous[:, None] * velocity - coulomb[:, None] * np.sign(velocity))
-
-    def bins(self, samples: Floats, shape: tuple[int, int]) -> Complexes:
-        """Phasors of samples (..., N) in the first H bins of each of r segments, (r, H, ...)."""
-        found = np.zeros((*shape, *samples.shape[:-1]), complex)
-        for row, used, waves in self.rows:
-            found[row, : waves.shape[1]] = np.moveaxis(samples[..., used] @ waves, -1, 0)
-        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +70,6 @@ class DrivenGears:
         start: DrivenGears | None = None,
     ) -> DrivenGears:
         """Solve from ``start``, the solution at similar parameters, or from the linear deflection."""
-        n = len(motors.rise)
         if start is None:
             none = np.zeros(motors.rise.shape)
             zero = 0 * laws.K
@@ -183,16 +91,18 @@ class DrivenGears:
     def _begun(self) -> DrivenGears:
         """With the state at the start of each part by the torque measured in a first period."""
         n, delta = len(self.delta), self.delta.copy()
-        slowest = np.sqrt(np.linalg.eigvals(np.linalg.solve(self.M2, np.diag(self.laws.K[:, 0]))).real.min())
+        squared = np.linalg.eigvals(np.linalg.solve(self.M2, np.diag(self.laws.K[:, 0])))
+        period = 2 * np.pi / np.sqrt(squared.real.min())
         for at in np.flatnonzero(self.motors.starts)[::2].tolist():
             step = self.motors.step_s[at]
-            used = slice(at, at + max(int(2 * np.pi / slowest / step), 4 * _FIRST))
+            used = slice(at, at + max(int(period / step), 4 * _FIRST))
             part = self._part(used, delta, self.loop)
             unit = np.zeros((2, n, *part._shape))
             for j in range(n):
                 unit[0, j, j, :2], unit[1, j, j, 1] = 1, 1
+            least = _CONVERGED * float(np.abs(part.measured).max()) * step**2
             for _ in range(_STARTS):
-                part = part._followed(part.delta, _CONVERGED * float(np.abs(part.measured).max()) * step**2)
+                part = part._followed(part.delta, least)
                 moved = part._solved(unit.reshape(-1, unit.shape[-1])).reshape(2 * n, *part._shape)
                 torque = part._slope * moved[:, :n]
                 if self.laws.hysteretic:
@@ -215,9 +125,7 @@ class DrivenGears:
     def _part(self, used: slice, delta: Floats, loop: Floats) -> DrivenGears:
         """Some steps, with the state of the first two."""
         own = delta[:, used], loop[:, used], self.measured[:, used]
-        return replace(
-            self, motors=self.motors.part(used), delta=own[0], loop=own[1], measured=own[2]
-        )
+        return replace(self, motors=self.motors.part(used), delta=own[0], loop=own[1], measured=own[2])
 
     def _stepped(self) -> DrivenGears:
         """After a Newton step."""
@@ -251,30 +159,43 @@ class DrivenGears:
         """Torque beyond K δ of other laws at the same deflection, shape (n, N), N·m."""
         return laws.beyond_linear(self.delta, _loop(laws, self.delta))
 
-    def changes(self, elastic: Floats, damping: Floats, inertia: Floats) -> Floats:
-        """Change of the torque beyond K δ by changes of the deflection, shape (c, n, N).
+    def slopes(
+        self, name: str, beyond: Floats | float, shape: tuple[int, int], arm: Floats | None = None
+    ) -> Complexes:
+        """Bins of the change of the torque beyond K δ by a parameter, (r, H, n, n) or (r, H, n, c).
 
-        These follow from changes, at a given deflection, of the elastic torque (c, n, N), of D (c, n)
-        and of every M2 (c, p, n, n).
+        Parameters
+        ----------
+        name : str
+            Of the parameter, which each joint has, or "M2".
+        beyond : ndarray, shape (n, N), or 0
+            Change of this torque at a given deflection by the parameter of the joint.
+        shape : tuple of int
+            r and H.
+        arm : ndarray, shape (c, p, n, n), optional
+            Derivatives of M2 of every pose by its c parameters.
         """
-        n = len(self.delta)
-        left = np.zeros((len(elastic), *self._shape))
-        left[:, :n] = self._hat_torque(elastic)
-        apart = np.zeros(self.delta.shape)
-        apart[:, 2:] = self.motors.step_s[2:] * 0.5 * (self.delta[:, 2:] - self.delta[:, :-2])
-        left[:, :n] += damping[..., None] * apart
-        left[:, :n, 2:] += self._observed(elastic, damping)
-        bend = np.zeros(self.delta.shape)
-        bend[:, 2:] = np.diff(self.delta, 2, axis=1)
-        for pose in range(inertia.shape[1]):
-            at = self.motors.pose == pose
-            left[:, :n, at] += inertia[:, pose] @ (bend - self.motors.rise)[:, at]
+        (n, N), step = self.delta.shape, self.motors.step_s[2:]
+        own = beyond * np.eye(n)[..., None]
+        left = np.zeros((n if arm is None else len(arm), *self._shape))
+        if arm is not None:
+            bend = np.diff(self.delta, 2, axis=1) - self.motors.rise[:, 2:]
+            left[:, :n, 2:] = _each(arm.swapaxes(0, 1), bend, self.motors.pose[2:])
+        else:
+            elastic = own + (name == "K") * self.delta * np.eye(n)[..., None]
+            damping = (name == "D") * np.eye(n)
+            left[:, :n] = self._hat_torque(elastic)
+            left[:, :n, 2:] += self._observed(elastic, damping)
+            apart = 0.5 * step * (self.delta[:, 2:] - self.delta[:, :-2])
+            left[:, :n, 2:] += damping[..., None] * apart
         left[..., self.motors.starts] = 0
-        moved = self._solved(-left.reshape(-1, left.shape[-1])).reshape(left.shape)
+        moved = self._solved(-left.reshape(-1, N)).reshape(left.shape)
         found = (self._slope - self.laws.K) * moved[:, :n]
         if self.laws.hysteretic:
             found += self.laws.level * moved[:, n:]
-        return found
+        if arm is None:
+            found += own
+        return self.motors.bins(found.swapaxes(0, 1), shape)
 
     @cached_property
     def _observer(self) -> Floats:
@@ -283,12 +204,10 @@ class DrivenGears:
         return self.M2 * (_OBSERVED * np.sqrt(own / self.laws.K[:, 0]))[:, None]
 
     def _observed(self, torque: Floats, D: Floats) -> Floats:
-        """Term of the observer for a torque (..., N) beside D δ̇, at steps 2 … N."""
-        step, m = self.motors.step_s[2:], self.motors
+        """Term of the observer for a torque (..., n, N) beside D δ̇, at steps 2 … N."""
+        step, pose = self.motors.step_s[2:], self.motors.pose[2:]
         apart = 0.5 * step * (torque[..., 2:] - torque[..., :-2])
-        apart = apart + D[..., None] * np.diff(self.delta, 2, axis=1)
-        return np.stack([self._observer[0] @ each for each in apart]) if apart.ndim == 3 else np.asarray(
-            np.einsum("kij,jk->ik", self._observer[m.pose[2:]], apart))
+        return _each(self._observer, apart + D[..., None] * np.diff(self.delta, 2, axis=1), pose)
 
     @property
     def _shape(self) -> tuple[int, int]:
@@ -311,10 +230,10 @@ class DrivenGears:
         torque = self.laws.K * delta + self.beyond
         observed = self._observed(torque - self.measured, self.D)
         if self.G.any():
-            torque = torque - np.einsum("kij,jk->ik", self.G[m.pose], m.angle - delta)
+            torque = torque - _each(self.G, m.angle - delta, m.pose)
         left[:n] = self._hat_torque(torque)
         bend = np.diff(delta, 2, axis=1) - m.rise[:, 2:]
-        left[:n, 2:] += observed + np.einsum("kij,jk->ik", self.M2[m.pose[2:]], bend)
+        left[:n, 2:] += observed + _each(self.M2, bend, m.pose[2:])
         left[:n, 2:] += 0.5 * step * self.D[:, None] * (delta[:, 2:] - delta[:, :-2])
         left[:n, m.starts] = 0
         if self.laws.hysteretic:
@@ -383,7 +302,15 @@ class DrivenGears:
         factors, pivots, lower, upper = self._factors
         right = rows.reshape(-1, size, N).transpose(2, 1, 0).reshape(N * size, -1)
         found, _ = dgbtrs(factors, lower, upper, np.asfortranarray(right), pivots)
-        return found.reshape(N, size, -1).transpose(2, 1, 0).reshape(rows.shape)
+        return np.asarray(found.reshape(N, size, -1).transpose(2, 1, 0).reshape(rows.shape))
+
+
+def _each(matrices: Floats, rows: Floats, pose: np.ndarray) -> Floats:
+    """Rows (..., n, k) times the matrices (p, ..., n, n) of their poses."""
+    found = matrices[0] @ rows
+    for p in range(1, len(matrices)):
+        found[..., pose == p] = (matrices[p] @ rows)[..., pose == p]
+    return np.asarray(found)
 
 
 def _loop(laws: GearLaws, delta: Floats) -> Floats:
@@ -396,4 +323,4 @@ def _loop(laws: GearLaws, delta: Floats) -> Floats:
     for kept, own in zip(decay, found, strict=True):
         band[1, :-1] = -kept[1:]
         own[:] = solve_banded((1, 0), band, own, check_finite=False)
-    return found
+    return np.asarray(found)

@@ -20,11 +20,12 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.balance import wind_up
 from jointid.estimation.estimators.parameters import GEAR_LAWS, Parameters
-from jointid.gears.driven_gears import DrivenGears, MotorMotion
+from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
-from jointid.gears.torque_spread import dahl
-from jointid.phasors.periods import pairs, phasors_of, samples_of
+from jointid.gears.motor_motion import MotorMotion
+from jointid.gears.torque_spread import SignSlope, dahl, signs
+from jointid.phasors.periods import phasors_of, samples_of
 
 _CLEAR = 3.0
 """Standard deviations from which a harmonic of the torque counts; the others are noise."""
@@ -169,7 +170,8 @@ class JointLaws:
             return None
         laws, (r, H, n), rows = _laws(_values(p)), torque.shape, self.sines
         beyond = np.zeros((r, n, 1 + H), complex)
-        of_sines, of_motions = None, None
+        of_sines: WoundGears | None = None
+        of_motions: DrivenGears | None = None
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
             if rows.size:
                 by_torque, further = (self.low / stiffness)[rows], self._beyond_measured(p)
@@ -179,18 +181,19 @@ class JointLaws:
                 starts = (*(each.of_sines for each in self.latest), None)
                 for start in starts:  # the start of other parameters may lead nowhere
                     of_sines = WoundGears.solve(laws, *both, H, m, start)
+                    beyond[rows] = of_sines.beyond
                     if np.isfinite(of_sines.delta).all():
                         break
-                beyond[rows] = of_sines.beyond
             if self.motors:
                 rubs = (p[name] if name in p.layout else 0 * p.K for name in ("viscous", "coulomb"))
                 scale = np.broadcast_to(p.torque_scale, p.K.shape)
                 measured = self.motors.balance(scale, rotor, *rubs)
-                for start in (*(each.of_motions for each in self.latest), None):
-                    of_motions = DrivenGears.solve(self.motors, laws, p.D, *arm, measured, start)
-                    if np.isfinite(of_motions.delta).all():
+                for other in (*(each.of_motions for each in self.latest), None):
+                    of_motions = DrivenGears.solve(self.motors, laws, p.D, *arm, measured, other)
+                    bins = self.motors.bins(of_motions.beyond, (r, H)).swapaxes(1, 2)
+                    if np.isfinite(bins).all():
                         break
-                beyond[..., 1:] += self.motors.bins(of_motions.beyond, (r, H)).swapaxes(1, 2)
+                beyond[..., 1:] = beyond[..., 1:] + bins
         found = Wound(beyond, of_sines, of_motions)
         if np.isfinite(beyond).all():
             self.latest[:] = [found]
@@ -214,7 +217,7 @@ class JointLaws:
         gear: Complexes,
         stiffness: Mapping[str, Complexes],
         torque: Mapping[str, Complexes],
-        inertia: Mapping[str, Floats],
+        arm: Floats | None,
     ) -> dict[str, Complexes]:
         """Derivatives of w: by the gears' parameters, of the arm, and with the torque.
 
@@ -226,90 +229,54 @@ class JointLaws:
             Its derivatives by the parameters in it.
         torque : mapping of str to ndarray, shape (r, H, n)
             Derivatives of the torque f by other parameters of the same joint.
-        inertia : mapping of str to ndarray, shape (c, p, n, n)
-            Derivatives of M2 of every pose by further parameters.
+        arm : ndarray, shape (c, p, n, n), optional
+            Derivatives of M2 of every pose by its parameters.
 
         Returns
         -------
-        dict of str to ndarray, shape (r, H, n, n) or (r, H, n, c)
-            Derivatives of all w by the parameter of each joint, or by the further ones.
+        dict of str to ndarray, shape (r, H, n, n); of M2 (r, H, n, c)
+            Derivatives of all w by the parameter of each joint.
         """
         if wound is None:
             return {}
-        values, units, (r, H, n) = _values(p), self.units(p), gear.shape
+        values, units, H, joints = _values(p), self.units(p), gear.shape[1], np.arange(p.K.size)
         names = [*torque, *dict.fromkeys((*stiffness, *(n for n in _GEAR if n in p.layout)))]
-        found = {name: np.zeros((r, H, n, n), complex) for name in names}
-        changed = {}
-        for name in (name for name in names if name in _GEAR):
-            more = values.copy()
-            more[_GEAR.index(name)] += _SMALL * units[name]
-            changed[name] = _laws(more)
-        rows, joints = self.sines, np.arange(n)
+        found = {name: np.zeros((*gear.shape, p.K.size), complex) for name in names}
+        inward, columns = (self.low / gear)[self.sines], []
+        for name in names:
+            drive, beyond = np.zeros((2, self.sines.size, joints.size, 1 + H), complex)
+            of_motions: Floats | float = 0.0
+            if name in _GEAR:
+                step, changed = _SMALL * units[name][:, None], values.copy()
+                changed[_GEAR.index(name)] += step[:, 0]
+                if wound.of_sines is not None:
+                    at = wound.of_sines
+                    there, *_ = beyond_linear(_laws(changed), at.delta, at.points)
+                    beyond = (there[..., : 1 + H] - at.beyond) / step
+                if wound.of_motions is not None:
+                    at_rest = wound.of_motions.at_deflection(_laws(changed))
+                    of_motions = (at_rest - wound.of_motions.beyond) / step
+            if wound.of_motions is not None and name not in torque:
+                found[name] += wound.of_motions.slopes(name, of_motions, self.s.shape)
+            if name in torque:
+                drive += _with_mean([inward * torque[name][self.sines]])
+            if name in stiffness and wound.of_sines is not None:
+                linear = _with_mean([inward * stiffness[name][self.sines]])
+                linear[..., 0] = (name == "K") / p.K
+                drive -= linear * wound.of_sines.delta[..., : 1 + H]
+            columns.append((drive, beyond))
         if wound.of_sines is not None:
-            changes = self._changes_of_sines(wound.of_sines, p, gear, stiffness, torque, changed)
+            changes = wound.of_sines.change(
+                *(np.stack(each, axis=3) for each in zip(*columns, strict=True))
+            )
             for k, name in enumerate(names):
-                own = np.zeros((rows.size, H, n, n), complex)
-                own[..., joints, joints] = changes[..., k]
-                found[name][rows] = own
-        if wound.of_motions is not None:
-            self._add_changes_of_motions(found, wound.of_motions, units, changed, stiffness, inertia)
+                found[name][self.sines[:, None], :, joints, joints] = changes[:, :, 1:, k]
+        if wound.of_motions is not None and arm is not None:
+            found["M2"] = wound.of_motions.slopes("M2", 0.0, self.s.shape, arm)
         w = self.law(wound, gear)
         for name, value in stiffness.items():
             found[name][..., joints, joints] += w * value
         return {name: -value / gear[..., None] for name, value in found.items()}
-
-    def _changes_of_sines(
-        self,
-        wound: WoundGears,
-        p: Parameters,
-        gear: Complexes,
-        stiffness: Mapping[str, Complexes],
-        torque: Mapping[str, Complexes],
-        changed: Mapping[str, GearLaws],
-    ) -> Complexes:
-        """Changes of the torque beyond K δ of sines by parameters of the same joint, (r, H, n, c)."""
-        names = [*torque, *dict.fromkeys((*stiffness, *changed))]
-        H, rows, units = gear.shape[1], self.sines, self.units(p)
-        size = (*wound.beyond.shape, len(names))
-        drive, beyond = np.zeros(size, complex), np.zeros(size, complex)
-        inward = (self.low / gear)[rows]
-        for k, name in enumerate(names):
-            if name in torque:
-                drive[..., k] = _with_mean([inward * torque[name][rows]])
-            if name in changed:
-                there, *_ = beyond_linear(changed[name], wound.delta, wound.points)
-                beyond[..., k] = (there[..., : 1 + H] - wound.beyond) / (_SMALL * units[name])[:, None]
-            if name in stiffness:
-                linear = _with_mean([inward * stiffness[name][rows]])
-                linear[..., 0] = (name == "K") / p.K
-                drive[..., k] -= linear * wound.delta[..., : 1 + H]
-        return wound.change(drive, beyond)[:, :, 1:].swapaxes(1, 2)
-
-    def _add_changes_of_motions(
-        self,
-        found: dict[str, Complexes],
-        wound: DrivenGears,
-        units: Mapping[str, Floats],
-        changed: Mapping[str, GearLaws],
-        stiffness: Mapping[str, Complexes],
-        inertia: Mapping[str, Floats],
-    ) -> None:
-        """Add changes of the torque beyond K δ of motions; those by the arm are new entries."""
-        n, now, (r, H) = len(wound.delta), wound.beyond, self.s.shape
-        one, none, motors = np.eye(n), np.zeros((n, n)), wound.motors
-        bends = np.zeros((n, len(wound.M2), n, n))
-        for name in dict.fromkeys((*stiffness, *changed)):
-            beyond = np.zeros(now.shape)
-            if name in changed:
-                beyond = (wound.at_deflection(changed[name]) - now) / (_SMALL * units[name])[:, None]
-            elastic = (beyond + wound.delta if name == "K" else beyond)[None] * one[..., None]
-            moved = wound.changes(elastic, one if name == "D" else none, bends)
-            moved += beyond * one[..., None]
-            found[name] += motors.bins(moved.swapaxes(0, 1), (r, H))
-        for name, change in inertia.items():
-            count = len(change)
-            moved = wound.changes(np.zeros((count, *now.shape)), np.zeros((count, n)), change)
-            found[name] = motors.bins(moved.swapaxes(0, 1), (r, H))
 
     def law(self, wound: Wound, stiffness: Complexes) -> Complexes:
         """w, the deflection beyond that of the linear gear under the same torque, (r, H, n), rad."""
@@ -317,7 +284,7 @@ class JointLaws:
 
     def arm_friction(self, torque: Complexes, arm: Complexes) -> Complexes:
         """Phasors of sign θ̇_a, shape (r, H, n), for the arm's compliance A⁻¹, shape (r, H, n, n)."""
-        return phasors_of(_sign(self._arm_velocity(torque, arm)), torque.shape[1]).swapaxes(1, 2)
+        return phasors_of(signs(self._arm_velocity(torque, arm)), torque.shape[1]).swapaxes(1, 2)
 
     def arm_friction_slope(self, torque: Complexes, arm: Complexes) -> SignSlope:
         """Derivative of the phasors of sign θ̇_a by those of θ̇_a, both of them for the torque f."""
@@ -348,39 +315,6 @@ class Wound:
     of_motions: DrivenGears | None
 
 
-@dataclass(frozen=True, eq=False)
-class SignSlope:
-    """Derivative of ``_sign``: of the samples at its jumps alone, up to m over a period."""
-
-    inner: Floats
-    """Change of these samples by the sines and cosines of the signal, shape (r, n, m, 2H)."""
-    outer: Floats
-    """Their sines and cosines, shape (r, n, 2H, m)."""
-
-    @classmethod
-    def at(cls, x: Floats, H: int) -> SignSlope:
-        """Derivative at samples over a period, shape (r, n, t)."""
-        points = x.shape[-1]
-        rise = np.roll(x, -1, axis=-1) - np.roll(x, 1, axis=-1)
-        inside = np.abs(x) < 0.25 * np.abs(rise)
-        place = np.argsort(~inside, axis=-1, kind="stable")[..., : max(1, inside.sum(axis=-1).max())]
-        x, rise = (np.take_along_axis(v, place, axis=-1)[..., None] for v in (x, rise))
-        inside = np.take_along_axis(inside, place, axis=-1)[..., None]
-        waves = pairs(H, points).T
-        rise = np.where(inside, rise, np.inf)
-        turn = (x / rise) * (waves[(place + 1) % points] - waves[place - 1])
-        own = waves[place]
-        inner = np.where(inside, 4 * (own - turn) / np.abs(rise), 0.0)
-        return cls(inner, (2 / points) * own.swapaxes(2, 3))
-
-    def of(self, change: Complexes) -> Complexes:
-        """Change of the sign's phasors for changes of the signal's, both shape (r, H, n, c)."""
-        rows = np.concatenate([change.real, change.imag], axis=1).swapaxes(1, 2)
-        found = self.outer @ (self.inner @ rows)
-        H = change.shape[1]
-        return np.asarray((found[:, :, :H] + 1j * found[:, :, H:]).swapaxes(1, 2))
-
-
 def _points(H: int) -> int:
     points = _POINTS * max(H, _LEAST_HARMONICS)
     return points if points < _FINE else max(_FINE, points // 2)
@@ -399,9 +333,3 @@ def _values(p: Parameters) -> Floats:
 def _laws(values: Floats) -> GearLaws:
     K, cubic, backlash, level, presliding, bend, knee, second, further = values[..., None]
     return GearLaws.made(K, cubic, backlash, level, presliding, (knee, knee + further), (bend, second))
-
-
-def _sign(x: Floats) -> Floats:
-    """Sign of periodic samples, with a jump that is resolved between samples."""
-    step = 0.25 * np.abs(np.roll(x, -1, axis=-1) - np.roll(x, 1, axis=-1))
-    return np.asarray(np.clip(x / np.maximum(step, np.finfo(float).tiny), -1, 1))

@@ -21,7 +21,7 @@ from jointid.estimation.estimators.parameters import (
     ParameterLayout,
     Parameters,
 )
-from jointid.gears.driven_gears import MotorMotion
+from jointid.gears.motor_motion import MotorMotion
 from jointid.motion.end_terms import EndTerms, motor_motion, row_groups
 from jointid.motion.free_friction import FreeFriction
 from jointid.motion.friction import FrictionWaveforms
@@ -241,7 +241,7 @@ def make_problem(
         bends = any(name in layout for name in GEAR_LAWS)
         laws = JointLaws.of(
             s, angle, z[..., n:] - torque, variance, arm, prior.M[prior.rotor],
-            MotorMotion.of(phasors.segments, prior.pose) if bends else None,
+            MotorMotion.of(phasors.segments, prior.pose, "hysteresis" in layout) if bends else None,
         )  # fmt: skip
     repeated = np.zeros((len(s), n))
     for row, segment in enumerate(phasors.segments):
