@@ -39,8 +39,8 @@ _ALIKE = 1.2
 _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
 """The next narrower and wider reversals of each one."""
 _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
-"""Variance that a law of the gears in motions, and one with hysteresis, adds, over that of the noise: its
-waveform is computed in steps. They shifted K of a simulated robot with a loop of 10 % by 0.06 %."""
+"""Variance that a law of the gears in motions, and one with hysteresis, adds, over that of the noise:
+its waveform is computed in steps. They shifted K of a simulated robot with a loop of 10 % by 0.06 %."""
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit is lost."""
 _CLIMB = 0.7

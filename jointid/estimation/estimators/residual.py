@@ -17,7 +17,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.balance import balance, noise_of
-from jointid.estimation.estimators.joint_laws import SignSlope, Wound
+from jointid.estimation.estimators.joint_laws import Wound
 from jointid.estimation.estimators.parameters import ARM_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.problem import (
     Problem,
@@ -29,6 +29,7 @@ from jointid.estimation.estimators.problem import (
     motor_stiffness,
     rigid_arm_compliance,
 )
+from jointid.gears.torque_spread import SignSlope
 from jointid.joints import motor_impedance
 from jointid.small_matrices import inverse, lifted
 
