@@ -34,8 +34,9 @@ _OBSERVED = 0.1
 _FIRST, _STARTS = 6, 3
 """Steps at the start of a motion whose smoothed velocity is inaccurate, and Gauss-Newton steps for its
 state."""
-_WHOLE, _WINDOW = 10, 2000
-"""Newton steps over the whole motion; after these the solution follows it, so many steps at a time."""
+_WHOLE, _WINDOW, _SHORTEST = 10, 2000, 30
+"""Newton steps over the whole motion; after these the solution follows it, so many steps at a time, or
+fewer where it does not converge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,19 +136,23 @@ class DrivenGears:
 
     def _followed(self, guess: Floats, least: float) -> DrivenGears:
         """Solution step after step: kinks that lie elsewhere lead far ones astray."""
-        wrong = np.abs(self._left).max(axis=0) > least
+        wrong = ~(np.abs(self._left).max(axis=0) <= least)
         delta, loop, N = self.delta.copy(), self.loop.copy(), wrong.size
         at = int(wrong.argmax())
         delta[:, at:] = guess[:, at:]
+        count = _WINDOW
         while at < N:
-            used = slice(max(at - 2, 0), min(at + _WINDOW, N))
+            used = slice(max(at - 2, 0), min(at + count, N))
             part = self._part(used, delta, loop)
             for _ in range(_NEWTON):
-                if not np.abs(part._left).max() > least:
+                if np.abs(part._left).max() <= least:
                     break
                 part = part._stepped()
+            if count > _SHORTEST and not np.abs(part._left).max() <= least:
+                count = max(count // 8, _SHORTEST)
+                continue
             delta[:, used], loop[:, used] = part.delta, part.loop
-            at = used.stop
+            at, count = used.stop, _WINDOW
         return replace(self, delta=delta, loop=loop)
 
     @property
