@@ -407,3 +407,36 @@ def test_hysteresis_of_the_gear_in_random_motion() -> None:
     fit = identify_motion(record, Inertia([M], [[M2]]))
     assert fit.gears[0].hysteresis_Nm == pytest.approx(level, rel=0.05)
     assert fit.K[0] == pytest.approx(K, rel=1e-3)
+
+
+def test_a_wide_play_of_the_gear_in_random_motion() -> None:
+    """The arm behind a moving motor, by small explicit steps; a tenth of the deflection is play."""
+    K, D, M, M2, half = 20.0, 0.15, 1e-3, 2e-3, 3e-3
+    step, each = 5e-5, 20
+    t, rng = np.arange(0, 5, step), np.random.default_rng(2)
+    hz = np.arange(3, 24, 0.2)
+    turn = 2 * np.pi * np.outer(hz, t) + rng.uniform(0, 2 * np.pi, hz.size)[:, None]
+    size = 1e-3 * 2 * np.pi * hz[:, None]
+    theta, speed, rise = (
+        wave.sum(axis=0)
+        for wave in (
+            np.sin(turn) * size / (2 * np.pi * hz[:, None]),
+            np.cos(turn) * size,
+            -np.sin(turn) * size * 2 * np.pi * hz[:, None],
+        )
+    )
+    through, arm, arm_speed = np.zeros(t.size), theta[0], speed[0]
+    for k, (q, v) in enumerate(zip(theta.tolist(), speed.tolist(), strict=True)):
+        delta = q - arm
+        through[k] = K * (delta - min(max(delta, -half), half)) + D * (v - arm_speed)
+        arm_speed += step * through[k] / M2
+        arm += step * arm_speed
+    used = slice(20, None, each)
+    angle, tau = theta[used, None], (M * rise + through)[used, None]
+    angle = angle + 1e-6 * rng.standard_normal(angle.shape)
+    tau = tau + 5e-3 * rng.standard_normal(tau.shape)
+    record = MotionRecord(time_s=t[used] - t[20], theta_rad=angle, tau_Nm=tau)
+    fit = identify_motion(record, Inertia([M], [[M2]]))
+    assert fit.gears[0].backlash_rad == pytest.approx(2 * half, rel=0.02)
+    assert abs(fit.K[0] - K) < 3 * fit.standard_error[0] < 0.01 * K
+    assert fit.D[0] == pytest.approx(D, rel=3e-3)

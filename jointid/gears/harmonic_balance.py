@@ -20,7 +20,7 @@ _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
 _SINE_POINTS = 512
 """Samples of a sine."""
-NEWTON, _CONVERGED = 36, 1e-6
+_NEWTON, _CONVERGED = 36, 1e-6
 """Most Newton steps for the deflection, and its relative residual that ends them."""
 _MANY = 32
 """Harmonics from which slopes are inverted seldom and roughly."""
@@ -62,7 +62,6 @@ class WoundGears:
         H: int,
         m: int,
         start: WoundGears | None = None,
-        most: int = NEWTON,
     ) -> WoundGears:
         """Solve by Newton steps at the first m harmonics, from ``start`` or the linear deflection.
 
@@ -79,8 +78,6 @@ class WoundGears:
             Harmonics of g that are asked for, and those that depend on it much.
         start : WoundGears, optional
             The solution at similar parameters.
-        most : int
-            Steps at which to give up.
         """
         points = _points(H, drive.shape[2])
         drive, compliance = drive.copy(), compliance.copy()
@@ -101,14 +98,14 @@ class WoundGears:
         old = np.full(size.shape, start is None)  # whose slopes are of no use
         fresh = np.zeros(size.shape, bool)  # whose last step is with slopes where it began
         slow = _SLOW if m < _MANY else _SLOW_OF_MANY
-        for turn in range(most):
+        for turn in range(_NEWTON):
             beyond, slope, samples = beyond_linear(laws, delta, points)
             found = drive - compliance * beyond
             delta[..., 1 + m :] = found[..., 1 + m :]
             left = (found - delta)[..., : 1 + m]
             size_left = np.linalg.norm(left, axis=2)
             is_open = size_left > _CONVERGED * size
-            if turn == most - 1 or not np.any(is_open):
+            if turn == _NEWTON - 1 or not np.any(is_open):
                 break
             better = size_left < least
             due = better & is_open & (old | (size_left > slow * least))

@@ -101,13 +101,16 @@ class GearLaws:
     def wound(self, delta: Floats, loop: Floats, move: Floats) -> tuple[Floats, Floats]:
         """Torque without damping after a move to a deflection, and its slope."""
         after = self.loop(loop, move) if self.hysteretic else loop
+        slope = self.slope(delta) + self.level * self.sharpness * (1 - np.sign(move) * after)
+        return self.K * delta + self.beyond_linear(delta, after), np.asarray(slope)
+
+    def slope(self, delta: Floats) -> Floats:
+        """Slope of the torque without damping and hysteresis."""
         e = self._beyond_backlash(delta)
-        slope = np.where(e == 0, 0.0, self.K) if self.has_backlash else self.K
+        slope = np.where(e == 0, 0.0, self.K) if self.has_backlash else self.K + 0 * e
         for at, bend in zip(self.knees, self.bends, strict=True):
             slope = slope + bend * (np.abs(e) > at)
-        sign = np.sign(move)
-        slope = slope + 3 * self.cubic * e * e + self.level * self.sharpness * (1 - sign * after)
-        return self.K * delta + self.beyond_linear(delta, after), np.asarray(slope)
+        return np.asarray(slope + 3 * self.cubic * e * e)
 
     def loop(self, before: Floats, move: Floats) -> Floats:
         """State z of the hysteresis after a move of the deflection in one direction."""

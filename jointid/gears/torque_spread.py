@@ -1,5 +1,8 @@
-"""Change of a gear's torque in periodic motion with the harmonics of its deflection."""
+"""Change of torques in periodic motion, of gears and of friction, with the harmonics of the motion."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -140,3 +143,42 @@ def spread(laws: GearLaws, slope: Floats, samples: Floats, m: int, H: int, of: n
 
 def _fourier(samples: Floats, highest: int) -> Complexes:
     return np.asarray(np.fft.rfft(samples, axis=-1)[..., : highest + 1] / samples.shape[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class SignSlope:
+    """Derivative of ``signs``: of the samples at its jumps alone, up to m over a period."""
+
+    inner: Floats
+    """Change of these samples by the sines and cosines of the signal, shape (r, n, m, 2H)."""
+    outer: Floats
+    """Their sines and cosines, shape (r, n, 2H, m)."""
+
+    @classmethod
+    def at(cls, x: Floats, H: int) -> SignSlope:
+        """Derivative at samples over a period, shape (r, n, t)."""
+        points = x.shape[-1]
+        rise = np.roll(x, -1, axis=-1) - np.roll(x, 1, axis=-1)
+        inside = np.abs(x) < 0.25 * np.abs(rise)
+        place = np.argsort(~inside, axis=-1, kind="stable")[..., : max(1, inside.sum(axis=-1).max())]
+        x, rise = (np.take_along_axis(v, place, axis=-1)[..., None] for v in (x, rise))
+        inside = np.take_along_axis(inside, place, axis=-1)[..., None]
+        waves = pairs(H, points).T
+        rise = np.where(inside, rise, np.inf)
+        turn = (x / rise) * (waves[(place + 1) % points] - waves[place - 1])
+        own = waves[place]
+        inner = np.where(inside, 4 * (own - turn) / np.abs(rise), 0.0)
+        return cls(inner, (2 / points) * own.swapaxes(2, 3))
+
+    def of(self, change: Complexes) -> Complexes:
+        """Change of the sign's phasors for changes of the signal's, both shape (r, H, n, c)."""
+        rows = np.concatenate([change.real, change.imag], axis=1).swapaxes(1, 2)
+        found = self.outer @ (self.inner @ rows)
+        H = change.shape[1]
+        return np.asarray((found[:, :, :H] + 1j * found[:, :, H:]).swapaxes(1, 2))
+
+
+def signs(x: Floats) -> Floats:
+    """Sign of periodic samples, with a jump that is resolved between samples."""
+    step = 0.25 * np.abs(np.roll(x, -1, axis=-1) - np.roll(x, 1, axis=-1))
+    return np.asarray(np.clip(x / np.maximum(step, np.finfo(float).tiny), -1, 1))

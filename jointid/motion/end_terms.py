@@ -17,9 +17,6 @@ from jointid.phasors.segment import Segment, bins_of
 
 _DEGREE = 3
 """Of the polynomial at the motors: with 1 the Fourier integral is exact, with 3 that of samples."""
-_FURTHER, _MOST_BINS, _CLEAR = 3, 600, 1.5
-"""Bins beyond those of a motion that shape the loop of a hysteresis, over their number; the most with
-them; and the square of their frequency over that of the arm's highest resonance."""
 _ROWS = 150
 """Complex equations in a group of bins that share a misfit."""
 
@@ -84,31 +81,6 @@ def _acceleration(segment: Segment, bins: int) -> Complexes:
     # A central difference is too small by the sine of ωT over ωT.
     turn = 2 * np.arange(1, bins + 1) / segment.samples
     return np.asarray(bins_of(rise, bins).T / np.sinc(turn)[:, None])
-
-
-def deflection_beyond(phasors: Phasors, arm: Floats, K: Floats) -> Complexes:
-    """Deflection of the gears at the next bins of motions, shape (r, T, n), by the motors' acceleration.
-
-    There the arm hardly moves, δ = (I + M2⁻¹K/s²)⁻¹ θ. Near its resonance, and for sines, it is zero.
-
-    Parameters
-    ----------
-    arm : ndarray, shape (r, n, n)
-        M2⁻¹ of every record.
-    K : ndarray, shape (n,)
-    """
-    r, H, _ = phasors.harmonics.shape
-    count = min(_FURTHER * H, max(_MOST_BINS - H, 0)) if phasors.motion.any() else 0
-    found = np.zeros((r, count, phasors.n), complex)
-    for row, segment in enumerate(phasors.segments):
-        last = 0 if segment is None else min(H + count, segment.samples // 2 - 1)
-        if segment is not None and last > H:
-            squared = -((phasors.omega[row] * np.arange(H + 1, last + 1)) ** 2)[:, None, None]
-            angle = _acceleration(segment, last)[H:, :, None] / squared
-            moved = np.linalg.solve(np.eye(phasors.n) + arm[row] * K / squared, angle)[..., 0]
-            clear = np.abs(squared[..., 0]) > _CLEAR * np.linalg.norm(arm[row] * K, 2)
-            found[row, : last - H] = np.where(clear, moved, 0)
-    return found
 
 
 def row_groups(phasors: Phasors, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -116,7 +116,11 @@ def _segments(
         segment = Segment(
             record=part.record,
             interval_s=part.interval_s,
-            velocity=velocity[:, begin:end],
+            whole=velocity,
+            torque=part.tau,
+            held=part.held,
+            begin=begin,
+            end=end,
             velocity_noise=noise,
             velocity_blur_s=blur,
             angle_variance=variance[:n],

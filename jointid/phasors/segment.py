@@ -15,8 +15,16 @@ class Segment:
     record: int
     """Index of the motion record that it comes from."""
     interval_s: float
-    velocity: Floats
-    """Smoothed velocities of the motors, shape (n, N), rad/s."""
+    whole: Floats
+    """Smoothed velocities of the motors in the part of the record without a gap, rad/s; (n, samples)."""
+    torque: Floats
+    """Torques of the motors there, N·m, shape (n, samples)."""
+    held: bool
+    """Whether each is held until the next."""
+    begin: int
+    """First of its N samples in that part."""
+    end: int
+    """The one after its last sample."""
     velocity_noise: Floats
     """Their standard deviation, shape (n,), rad/s."""
     velocity_blur_s: Floats
@@ -41,9 +49,14 @@ class Segment:
     """Friction waveforms that were found already: of all fits they are the same."""
 
     @property
+    def velocity(self) -> Floats:
+        """Smoothed velocities of the motors, shape (n, N), rad/s."""
+        return self.whole[:, self.begin : self.end]
+
+    @property
     def samples(self) -> int:
         """Number of samples N."""
-        return int(self.velocity.shape[1])
+        return self.end - self.begin
 
     @property
     def duration_s(self) -> float:

@@ -244,6 +244,13 @@ class InertiaPrior:
         found[..., coupling] += share[..., columns[coupling]] * vector[..., None, rows[coupling]]
         return found
 
+    @cached_property
+    def by_lower_element(self) -> Floats:
+        """Derivatives of M2 of every pose by each distinct element of the parts, (u t, p, n, n)."""
+        count = self.lower.size
+        unit = np.eye(count).reshape(count, *self.lower.shape)
+        return np.stack([self.symmetric(each)[self.part] for each in unit])
+
     def totals(self, lower: Floats) -> Floats:
         """M2 of each pose, shape (p, n, n), of lower triangles of its uncertain part, shape (u, t)."""
         return np.asarray(self.symmetric(lower)[self.part] + self.added)

@@ -5,7 +5,8 @@ The torque through a gear is known from the balance at its motor, f = τ − Mθ
     f = K e + c e³ + F z(δ) + D δ̇,   δ = e + (b/2) sign f
 
 (cubic stiffness c, total backlash b, hysteresis of level F with Dahl's z) is wound up by
-δ = f/(K + sD) + w; w is the contribution of the law to the deflection. Coulomb friction at the arm is
+δ = f/(K + sD) + w; w is the contribution of the law to the deflection, found by harmonic balance of the
+torque or, of motions, from the motors' motion over time. Coulomb friction at the arm is
 F_a sign θ̇_a, presliding friction at the motor F_p z(θ). All enter the residual as phasors.
 """
 
@@ -19,10 +20,12 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.balance import wind_up
 from jointid.estimation.estimators.parameters import GEAR_LAWS, Parameters
-from jointid.gears.harmonic_balance import NEWTON, WoundGears, beyond_linear
+from jointid.gears.driven_gears import DrivenGears
+from jointid.gears.harmonic_balance import WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
-from jointid.gears.torque_spread import dahl
-from jointid.phasors.periods import pairs, phasors_of, samples_of
+from jointid.gears.motor_motion import MotorMotion
+from jointid.gears.torque_spread import SignSlope, dahl, signs
+from jointid.phasors.periods import phasors_of, samples_of
 
 _CLEAR = 3.0
 """Standard deviations from which a harmonic of the torque counts; the others are noise."""
@@ -40,10 +43,6 @@ _STEP = 1e-3
 """Relative change of a presliding angle for its derivative."""
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
-_WIDER = 2.0
-"""Frequency over the resonance, up to which deflection in motions follows from the torque."""
-_NEWTON_OF_LOOPS = 6
-"""Most steps for loops in motions: a right law takes fewer, a wrong one minutes with ``NEWTON``."""
 _GEAR = (
     "K", "cubic", "backlash", "hysteresis", "presliding",
     "piecewise", "knee", "second_bend", "second_knee",
@@ -67,11 +66,11 @@ class JointLaws:
     """Resonance with the motor locked, below which the deflection follows from the torque, rad/s."""
     free: Floats
     """1/M + M2⁻¹ of each joint, shape (n,)."""
-    sines: bool
-    """Whether no record is another motion."""
-    further: Complexes
-    """Deflection at the next T harmonics, as measured, shape (r, T, n), rad."""
-    latest: list[WoundGears] = field(default_factory=list)
+    sines: np.ndarray
+    """Rows that are no segments of motions."""
+    motors: MotorMotion | None
+    """Motion of the motors in the others."""
+    latest: list[Wound] = field(default_factory=list)
     """Deflection as last solved, from which the next solution starts."""
 
     @classmethod
@@ -83,8 +82,7 @@ class JointLaws:
         variance: Floats,
         arm: Floats,
         rotor: Floats,
-        main: np.ndarray,
-        further: Complexes,
+        motors: MotorMotion | None,
     ) -> JointLaws:
         """Collect the signals.
 
@@ -99,9 +97,8 @@ class JointLaws:
             M2⁻¹ of every record.
         rotor : ndarray, shape (r, n)
             M of every record.
-        main : ndarray, shape (r, H)
-            Fundamentals of sines, and lines of motions.
-        further : ndarray, shape (r, T, n)
+        motors : MotorMotion, optional
+            Of rows that are segments of motions.
         """
         n, H, squared = angle.shape[2], angle.shape[1], (s * s)[..., None]
         noise = variance.copy()
@@ -112,15 +109,18 @@ class JointLaws:
         largest = np.linalg.norm(torque * clear[..., n:], axis=1).max(axis=0)
         arm_angle = np.einsum("rij,rhj->rhi", arm, torque) / squared
         size = np.maximum(np.abs(angle - arm_angle), np.finfo(float).tiny)
-        locked = (np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[main]
-        middle = np.median(locked, axis=0) * (_WIDER if further.size else 1.0)
-        free, sines = (1 / rotor + np.einsum("rjj->rj", arm)).mean(axis=0), not main[:, 1:].any()
-        return cls(s, clear[..., n:], np.asarray(largest), samples, middle, free, sines, further)
+        moving = [row for row, *_ in motors.rows] if motors else []
+        sines = np.setdiff1d(np.arange(len(s)), moving)
+        locked = (np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[:, 0]
+        middle = np.median(locked[sines] if sines.size else locked, axis=0)
+        free = (1 / rotor + np.einsum("rjj->rj", arm)).mean(axis=0)
+        return cls(s, clear[..., n:], np.asarray(largest), samples, middle, free, sines, motors)
 
     def planned(self, s: Complexes, angle: Complexes) -> JointLaws:
         """The same laws in r other records, at s of shape (r, H) with motor angles (r, H, n)."""
         samples, clear = samples_of(angle.swapaxes(1, 2), _points(s.shape[1])), np.ones_like(angle, bool)
-        return replace(self, s=s, clear=clear, angle=samples, further=angle[:, :0], latest=[])
+        every = np.arange(len(s))
+        return replace(self, s=s, clear=clear, angle=samples, sines=every, motors=None, latest=[])
 
     @property
     def low(self) -> np.ndarray:
@@ -153,51 +153,73 @@ class JointLaws:
         return np.where(self.low[..., None], of_torque / stiffness[..., None], wind_up(of_torque, arm))
 
     def wound(
-        self, torque: Complexes, moved: Complexes, stiffness: Complexes, p: Parameters
-    ) -> WoundGears | None:
+        self,
+        torque: Complexes,
+        moved: Complexes,
+        stiffness: Complexes,
+        p: Parameters,
+        arm: tuple[Floats, Floats],
+        rotor: Floats,
+    ) -> Wound | None:
         """Deflection of nonlinear gears, None of linear ones, from signals of shape (r, H, n).
 
-        ``moved`` is the deflection by the motions of motor and arm, ``stiffness`` linear and dynamic.
+        ``moved`` is the deflection by the motions of motor and arm, ``stiffness`` linear and dynamic;
+        ``arm`` are M2 and the stiffness of gravity of every pose, each (p, n, n), ``rotor`` is M, (n,).
         """
         if not any(name in p.layout for name in GEAR_LAWS):
             return None
-        H, laws = torque.shape[1], _laws(_values(p))
-        beyond = self._beyond_measured(p)
-        further = self.further if self.further.size else 0 * beyond
-        by_torque = self.low / stiffness
-        drive = _with_mean([np.where(self.low, by_torque * torque, moved), further])
-        compliance, m = _with_mean([by_torque, beyond]), int(self.low.sum(axis=1).max())
-        most = _NEWTON_OF_LOOPS if self.further.size and laws.hysteretic else NEWTON
+        laws, (r, H, n), rows = _laws(_values(p)), torque.shape, self.sines
+        beyond = np.zeros((r, n, 1 + H), complex)
+        of_sines: WoundGears | None = None
+        of_motions: DrivenGears | None = None
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
-            for start in (*self.latest, None):  # the start of other parameters may lead nowhere
-                found = WoundGears.solve(laws, drive, compliance, H, m, start, most)
-                if np.isfinite(found.delta).all():
-                    self.latest[:] = [found]
-                    break
+            if rows.size:
+                by_torque, further = (self.low / stiffness)[rows], self._beyond_measured(p)
+                drive = np.where(self.low[rows], by_torque * torque[rows], moved[rows])
+                both = _with_mean([drive, 0 * further]), _with_mean([by_torque, further])
+                m = int(self.low[rows].sum(axis=1).max())
+                starts = (*(each.of_sines for each in self.latest), None)
+                for start in starts:  # the start of other parameters may lead nowhere
+                    of_sines = WoundGears.solve(laws, *both, H, m, start)
+                    beyond[rows] = of_sines.beyond
+                    if np.isfinite(of_sines.delta).all():
+                        break
+            if self.motors:
+                rubs = (p[name] if name in p.layout else 0 * p.K for name in ("viscous", "coulomb"))
+                scale = np.broadcast_to(p.torque_scale, p.K.shape)
+                measured = self.motors.balance(scale, rotor, *rubs)
+                for other in (*(each.of_motions for each in self.latest), None):
+                    of_motions = DrivenGears.solve(self.motors, laws, p.D, *arm, measured, other)
+                    bins = self.motors.bins(of_motions.beyond, (r, H)).swapaxes(1, 2)
+                    if np.isfinite(bins).all():
+                        break
+                beyond[..., 1:] = beyond[..., 1:] + bins
+        found = Wound(beyond, of_sines, of_motions)
+        if np.isfinite(beyond).all():
+            self.latest[:] = [found]
         return found
 
     def _beyond_measured(self, p: Parameters) -> Complexes:
-        """Deflection over torque beyond K δ at the next harmonics, (r, T, n).
+        """Deflection over torque beyond K δ at the next harmonics of sines, (r, T, n).
 
         The edges of backlash reach further than the harmonics of the records. There the controller does
-        nothing, and the gear moves motor and arm apart. Of motions it is measured, or T = 0.
+        nothing, and the gear moves motor and arm apart.
         """
         H = self.s.shape[1]
-        if self.further.size or not self.sines:
-            return 0 * self.further
         count = H * ("backlash" in p.layout or "piecewise" in p.layout)
-        s = (self.s[:, :1] * np.arange(H + 1, H + 1 + count))[..., None]
+        s = (self.s[self.sines, :1] * np.arange(H + 1, H + 1 + count))[..., None]
         return np.asarray(1 / (s * s / self.free + p.K + s * p.D))
 
     def slopes(
         self,
-        wound: WoundGears | None,
+        wound: Wound | None,
         p: Parameters,
         gear: Complexes,
         stiffness: Mapping[str, Complexes],
         torque: Mapping[str, Complexes],
+        arm: Floats | None,
     ) -> dict[str, Complexes]:
-        """Derivatives of w, each shape (r, H, n): by the gears' parameters, and with the torque.
+        """Derivatives of w: by the gears' parameters, of the arm, and with the torque.
 
         Parameters
         ----------
@@ -207,40 +229,62 @@ class JointLaws:
             Its derivatives by the parameters in it.
         torque : mapping of str to ndarray, shape (r, H, n)
             Derivatives of the torque f by other parameters of the same joint.
+        arm : ndarray, shape (c, p, n, n), optional
+            Derivatives of M2 of every pose by its parameters.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (r, H, n, n); of M2 (r, H, n, c)
+            Derivatives of all w by the parameter of each joint.
         """
         if wound is None:
             return {}
-        values, units, H = _values(p), self.units(p), gear.shape[1]
-        w = self.law(wound, gear)
+        values, units, H, joints = _values(p), self.units(p), gear.shape[1], np.arange(p.K.size)
         names = [*torque, *dict.fromkeys((*stiffness, *(n for n in _GEAR if n in p.layout)))]
-        size = (*wound.beyond.shape, len(names))
-        drive, beyond = np.zeros(size, complex), np.zeros(size, complex)
-        for k, name in enumerate(names):
-            if name in torque:
-                drive[..., k] = _with_mean([self.low * torque[name] / gear])
+        found = {name: np.zeros((*gear.shape, p.K.size), complex) for name in names}
+        inward, columns = (self.low / gear)[self.sines], []
+        for name in names:
+            drive, beyond = np.zeros((2, self.sines.size, joints.size, 1 + H), complex)
+            of_motions: Floats | float = 0.0
             if name in _GEAR:
-                step = _SMALL * units[name]
-                changed = values.copy()
-                changed[_GEAR.index(name)] += step
-                there, *_ = beyond_linear(_laws(changed), wound.delta, wound.points)
-                beyond[..., k] = (there[..., : 1 + H] - wound.beyond) / step[:, None]
-            if name in stiffness:
-                linear = _with_mean([self.low * stiffness[name] / gear])
+                step, changed = _SMALL * units[name][:, None], values.copy()
+                changed[_GEAR.index(name)] += step[:, 0]
+                if wound.of_sines is not None:
+                    at = wound.of_sines
+                    there, *_ = beyond_linear(_laws(changed), at.delta, at.points)
+                    beyond = (there[..., : 1 + H] - at.beyond) / step
+                if wound.of_motions is not None:
+                    at_rest = wound.of_motions.at_deflection(_laws(changed))
+                    of_motions = (at_rest - wound.of_motions.beyond) / step
+            if wound.of_motions is not None and name not in torque:
+                found[name] += wound.of_motions.slopes(name, of_motions, self.s.shape)
+            if name in torque:
+                drive += _with_mean([inward * torque[name][self.sines]])
+            if name in stiffness and wound.of_sines is not None:
+                linear = _with_mean([inward * stiffness[name][self.sines]])
                 linear[..., 0] = (name == "K") / p.K
-                drive[..., k] -= linear * wound.delta[..., : 1 + H]
-        changes = wound.change(drive, beyond)[:, :, 1:].swapaxes(1, 2)
-        return {
-            name: -(changes[..., k] + w * stiffness.get(name, 0.0)) / gear
-            for k, name in enumerate(names)
-        }
+                drive -= linear * wound.of_sines.delta[..., : 1 + H]
+            columns.append((drive, beyond))
+        if wound.of_sines is not None:
+            changes = wound.of_sines.change(
+                *(np.stack(each, axis=3) for each in zip(*columns, strict=True))
+            )
+            for k, name in enumerate(names):
+                found[name][self.sines[:, None], :, joints, joints] = changes[:, :, 1:, k]
+        if wound.of_motions is not None and arm is not None:
+            found["M2"] = wound.of_motions.slopes("M2", 0.0, self.s.shape, arm)
+        w = self.law(wound, gear)
+        for name, value in stiffness.items():
+            found[name][..., joints, joints] += w * value
+        return {name: -value / gear[..., None] for name, value in found.items()}
 
-    def law(self, wound: WoundGears, stiffness: Complexes) -> Complexes:
+    def law(self, wound: Wound, stiffness: Complexes) -> Complexes:
         """w, the deflection beyond that of the linear gear under the same torque, (r, H, n), rad."""
         return np.asarray(-wound.beyond[..., 1:].swapaxes(1, 2) / stiffness)
 
     def arm_friction(self, torque: Complexes, arm: Complexes) -> Complexes:
         """Phasors of sign θ̇_a, shape (r, H, n), for the arm's compliance A⁻¹, shape (r, H, n, n)."""
-        return phasors_of(_sign(self._arm_velocity(torque, arm)), torque.shape[1]).swapaxes(1, 2)
+        return phasors_of(signs(self._arm_velocity(torque, arm)), torque.shape[1]).swapaxes(1, 2)
 
     def arm_friction_slope(self, torque: Complexes, arm: Complexes) -> SignSlope:
         """Derivative of the phasors of sign θ̇_a by those of θ̇_a, both of them for the torque f."""
@@ -262,36 +306,13 @@ class JointLaws:
 
 
 @dataclass(frozen=True, eq=False)
-class SignSlope:
-    """Derivative of ``_sign``: of the samples at its jumps alone, up to m over a period."""
+class Wound:
+    """Nonlinear gears at some parameters."""
 
-    inner: Floats
-    """Change of these samples by the sines and cosines of the signal, shape (r, n, m, 2H)."""
-    outer: Floats
-    """Their sines and cosines, shape (r, n, 2H, m)."""
-
-    @classmethod
-    def at(cls, x: Floats, H: int) -> SignSlope:
-        """Derivative at samples over a period, shape (r, n, t)."""
-        points = x.shape[-1]
-        rise = np.roll(x, -1, axis=-1) - np.roll(x, 1, axis=-1)
-        inside = np.abs(x) < 0.25 * np.abs(rise)
-        place = np.argsort(~inside, axis=-1, kind="stable")[..., : max(1, inside.sum(axis=-1).max())]
-        x, rise = (np.take_along_axis(v, place, axis=-1)[..., None] for v in (x, rise))
-        inside = np.take_along_axis(inside, place, axis=-1)[..., None]
-        waves = pairs(H, points).T
-        rise = np.where(inside, rise, np.inf)
-        turn = (x / rise) * (waves[(place + 1) % points] - waves[place - 1])
-        own = waves[place]
-        inner = np.where(inside, 4 * (own - turn) / np.abs(rise), 0.0)
-        return cls(inner, (2 / points) * own.swapaxes(2, 3))
-
-    def of(self, change: Complexes) -> Complexes:
-        """Change of the sign's phasors for changes of the signal's, both shape (r, H, n, c)."""
-        rows = np.concatenate([change.real, change.imag], axis=1).swapaxes(1, 2)
-        found = self.outer @ (self.inner @ rows)
-        H = change.shape[1]
-        return np.asarray((found[:, :, :H] + 1j * found[:, :, H:]).swapaxes(1, 2))
+    beyond: Complexes
+    """Mean and phasors of the torque beyond K δ, shape (r, n, 1 + H), N·m."""
+    of_sines: WoundGears | None
+    of_motions: DrivenGears | None
 
 
 def _points(H: int) -> int:
@@ -312,9 +333,3 @@ def _values(p: Parameters) -> Floats:
 def _laws(values: Floats) -> GearLaws:
     K, cubic, backlash, level, presliding, bend, knee, second, further = values[..., None]
     return GearLaws.made(K, cubic, backlash, level, presliding, (knee, knee + further), (bend, second))
-
-
-def _sign(x: Floats) -> Floats:
-    """Sign of periodic samples, with a jump that is resolved between samples."""
-    step = 0.25 * np.abs(np.roll(x, -1, axis=-1) - np.roll(x, 1, axis=-1))
-    return np.asarray(np.clip(x / np.maximum(step, np.finfo(float).tiny), -1, 1))

@@ -45,7 +45,7 @@ def minimised(
     slow = any(name in problem.layout for name in GEAR_LAWS)
     left, stuck = (_LAW_EVALUATIONS, _LAW_STUCK) if slow else (_EVALUATIONS, _STUCK)
     harder = 10
-    if slow and problem.motion is not None:  # their Jacobian leaves small effects out
+    if slow and problem.motion is not None:  # their evaluations are the slowest
         harder, least = 100, max(least, _MOTION_IDLE)
     for _ in range(_ITERATIONS):
         size = np.sqrt(np.diag(normal))

@@ -21,7 +21,8 @@ from jointid.estimation.estimators.parameters import (
     ParameterLayout,
     Parameters,
 )
-from jointid.motion.end_terms import EndTerms, deflection_beyond, motor_motion, row_groups
+from jointid.gears.motor_motion import MotorMotion
+from jointid.motion.end_terms import EndTerms, motor_motion, row_groups
 from jointid.motion.free_friction import FreeFriction
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
@@ -232,18 +233,15 @@ def make_problem(
         inertial = (s * s)[..., None] * rotor
         variance = np.einsum("rhjj->rhj", noise.covariance).real
         torque, angle = inertial * z[..., :n], z[..., :n]
-        main = np.zeros(z.shape[:2], bool)
-        main[:, 0] = True
         if motion is not None:
             moves = phasors.motion[:, None, None]
             torque = np.where(moves, motion[1] * rotor, torque)
             angle = np.where(moves, motion[1] / (s * s)[..., None], angle)
-            main = np.where(moves[..., 0], np.any(motion[1] != 0, axis=2), main)
         arm = inverse(prior.M2)[prior.pose]
         bends = any(name in layout for name in GEAR_LAWS)
         laws = JointLaws.of(
-            s, angle, z[..., n:] - torque, variance, arm, prior.M[prior.rotor], main,
-            deflection_beyond(phasors, arm, stiffness) if bends else np.zeros((len(s), 0, n), complex),
+            s, angle, z[..., n:] - torque, variance, arm, prior.M[prior.rotor],
+            MotorMotion.of(phasors.segments, prior.pose, "hysteresis" in layout) if bends else None,
         )  # fmt: skip
     repeated = np.zeros((len(s), n))
     for row, segment in enumerate(phasors.segments):

@@ -17,7 +17,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.balance import balance, noise_of
-from jointid.estimation.estimators.joint_laws import SignSlope
+from jointid.estimation.estimators.joint_laws import Wound
 from jointid.estimation.estimators.parameters import ARM_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.problem import (
     Problem,
@@ -29,7 +29,7 @@ from jointid.estimation.estimators.problem import (
     motor_stiffness,
     rigid_arm_compliance,
 )
-from jointid.gears.harmonic_balance import WoundGears
+from jointid.gears.torque_spread import SignSlope
 from jointid.joints import motor_impedance
 from jointid.small_matrices import inverse, lifted
 
@@ -64,11 +64,9 @@ class Residual:
     """Friction at the motors without its free part, shape (r, H, n), N·m."""
     torque: Complexes
     """Torque through the gears by the balance at the motors, shape (r, H, n), N·m."""
-    waveform: Complexes
-    """The same for the nonlinear laws: of motions, without the terms of the ends."""
     law: tuple[Complexes, Complexes]
     """Deflection w and arm friction P of nonlinear laws, each shape (r, H, n)."""
-    wound: WoundGears | None
+    wound: Wound | None
     """Deflection of nonlinear gears."""
 
     @classmethod
@@ -99,13 +97,13 @@ class Residual:
         torque = drive - own * q
         friction = motor_friction(problem, p)
         torque -= friction
-        waveform, law, wound = torque, (np.zeros_like(q), np.zeros_like(q)), None
+        law, wound = (np.zeros_like(q), np.zeros_like(q)), None
         if problem.laws is not None:
-            waveform, angle = _without_ends(problem, p, torque, q, own)
             if "arm_coulomb" in problem.layout:
-                law = law[0], p.effect("arm_coulomb") * problem.laws.arm_friction(waveform, arm)
-            apart = angle - (arm @ (waveform - law[1])[..., None])[..., 0]
-            wound = problem.laws.wound(waveform, apart, gear, p)
+                law = law[0], p.effect("arm_coulomb") * problem.laws.arm_friction(torque, arm)
+            apart = q - (arm @ (torque - law[1])[..., None])[..., 0]
+            both = problem.arm_inertia(p), problem.gravity(p)
+            wound = problem.laws.wound(torque, apart, gear, p, both, problem.rotor_inertia(p)[0])
             if wound is not None:
                 law = problem.laws.law(wound, gear), law[1]
         r = torque - gear_torque(X, arm, q, law)
@@ -115,14 +113,22 @@ class Residual:
         if problem.law_noise is not None:
             V += (X * problem.law_noise[1][..., None, :]) @ X.conj().swapaxes(2, 3)
         return cls(
-            problem, p, r, V, E, CE, gear, arm, X, lag, advance, images, friction, torque, waveform, law,
+            problem, p, r, V, E, CE, gear, arm, X, lag, advance, images, friction, torque, law,
             wound,
         )  # fmt: skip
 
     def without_ends(self) -> tuple[Complexes, Complexes]:
         """Torque through the gears and motor angles, those of motions without the terms of the ends."""
-        own = motor_stiffness(self.problem, self.p)
-        return _without_ends(self.problem, self.p, self.torque, self._before_filter(self.problem.z), own)
+        problem, p, q = self.problem, self.p, self._before_filter(self.problem.z)
+        if problem.motion is None:
+            return self.torque, q
+        velocity, acceleration = problem.motion
+        inertial = acceleration * problem.rotor_inertia(p)[problem.prior.rotor, None]
+        viscous = 0.0 if problem.friction is None else p["viscous"] * velocity
+        moved = np.any(velocity != 0, axis=(1, 2))[:, None, None]
+        torque = self.torque + motor_stiffness(problem, p) * q - inertial - viscous
+        angle = np.where(moved, acceleration / problem.s[..., None] ** 2, q)
+        return np.where(moved, torque, self.torque), angle
 
     def ideal_torque(self) -> Complexes:
         """Torque of equation (1) at the fitted motor angle, shape (r, h, n), N·m.
@@ -180,19 +186,19 @@ class Residual:
             J[..., layout[name]] = by_gear * value[..., None, :]
         turns = None
         if "arm_coulomb" in layout and problem.laws is not None:
-            signs = problem.laws.arm_friction(self.waveform, self.arm)
+            signs = problem.laws.arm_friction(self.torque, self.arm)
             J[..., layout["arm_coulomb"]] = -(self.X @ self.arm) * signs[..., None, :]
-            turns = problem.laws.arm_friction_slope(self.waveform, self.arm)
+            turns = problem.laws.arm_friction_slope(self.torque, self.arm)
         self._differentiate_arm(J, f - self.law[1], turns)
         if "position_filter" in layout:
             J[..., layout["position_filter"]] = -self.X * (s * smooth[..., :n])[..., None, :]
         own = self._own_columns(smooth)
         slopes = {}
         if problem.laws is not None:
-            sines = own if problem.motion is None else {}  # a small effect of a small effect
-            slopes = problem.laws.slopes(self.wound, p, self.gear, stiffness, sines)
+            arm = problem.prior.by_lower_element if "M2" in layout else None
+            slopes = problem.laws.slopes(self.wound, p, self.gear, stiffness, own, arm)
         for name, columns in own.items():
-            through = self.X * slopes[name][..., None, :] if name in slopes else 0
+            through = self.X @ slopes[name] if name in slopes else 0
             whole = columns[..., None, :] * np.eye(n) + through
             if turns is not None:
                 whole += self._by_turns(turns, self.arm * self._clear(columns)[..., None, :])
@@ -209,7 +215,7 @@ class Residual:
             else:
                 J[..., place] += whole
         for name in slopes.keys() - own.keys():
-            J[..., layout[name]] += self.X * slopes[name][..., None, :]
+            J[..., layout[name]] += self.X @ slopes[name]
         return J
 
     def _clear(self, torque: Complexes) -> Complexes:
@@ -310,27 +316,12 @@ def with_law_noise(problem: Problem, vector: Floats) -> Problem:
     if problem.motion is not None or not any(name in problem.layout for name in GEAR_LAWS):
         return problem
     at = Residual.at(replace(problem, law_noise=None), vector)
-    if at.wound is None or problem.laws is None or not np.isfinite(at.wound.delta).all():
+    wound = None if at.wound is None else at.wound.of_sines
+    if wound is None or problem.laws is None or not np.isfinite(wound.delta).all():
         return problem
     by = balance(motor_stiffness(problem, at.p), at.lag * at.p.torque_scale)
     E = problem.laws.by_signals(by, at.arm, at.gear)
     (variance,) = noise_of([E], problem.noise.covariance)
-    own, rest = at.wound.noise(variance.swapaxes(1, 2))
+    own, rest = wound.noise(variance.swapaxes(1, 2))
     by_deflection, rest = -own.swapaxes(1, 2) / at.gear, rest.swapaxes(1, 2) / np.abs(at.gear) ** 2
     return replace(problem, law_noise=(by_deflection, rest))
-
-
-def _without_ends(
-    problem: Problem, p: Parameters, torque: Complexes, q: Complexes, own: Complexes
-) -> tuple[Complexes, Complexes]:
-    """Torque through the gears and motor angles; of motions, from the motors' acceleration itself."""
-    if problem.motion is None:
-        return torque, q
-    velocity, acceleration = problem.motion
-    inertial = acceleration * problem.rotor_inertia(p)[problem.prior.rotor, None]
-    viscous = 0.0 if problem.friction is None else p["viscous"] * velocity
-    moved = np.any(velocity != 0, axis=(1, 2))[:, None, None]
-    return (
-        np.where(moved, torque + own * q - inertial - viscous, torque),
-        np.where(moved, acceleration / problem.s[..., None] ** 2, q),
-    )

@@ -1,0 +1,331 @@
+"""Deflection of gears behind motors of known motion, over time: the arm's equation of motion.
+
+    M2 (θ̈ − δ̈) + G (θ − δ) = f + M2 c (f − u)˙,   f = f(δ) + D δ̇
+
+The torque u through the gears by the balance at the motors holds the deflection near the measured one
+(an observer): otherwise small errors grow, as arms with backlash are hardly stable.
+
+A second difference of an angle is the integral of its acceleration over a hat of two steps, which
+Numerov's weights find from three samples. The equations of all steps form one banded system, solved by
+Newton steps; the change of the deflection with every parameter follows from the same system.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dgbtrf, dgbtrs
+
+from jointid.arrays import Complexes, Floats
+from jointid.gears.laws import GearLaws
+from jointid.gears.motor_motion import MotorMotion
+
+_HAT = (1 / 12, 10 / 12, 1 / 12)
+"""Weights of three samples in the integral over a hat (Numerov)."""
+_SECOND, _CENTRAL = (1.0, -2.0, 1.0), (0.5, 0.0, -0.5)
+"""Second difference, and half the difference over two steps."""
+_NEWTON, _CONVERGED = 25, 1e-3
+"""Most Newton steps, and the relative residual that ends them."""
+_OBSERVED = 0.1
+"""Rate of the observer over the resonance with the motor locked."""
+_FIRST, _STARTS = 6, 3
+"""Steps at the start of a motion whose smoothed velocity is inaccurate, and Gauss-Newton steps for its
+state."""
+_WHOLE, _WINDOW, _SHORTEST = 10, 2000, 30
+"""Newton steps over the whole motion; after these the solution follows it, so many steps at a time, or
+fewer where it does not converge."""
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenGears:
+    """Deflection of gears behind moving motors that carry an arm."""
+
+    motors: MotorMotion
+    laws: GearLaws
+    """Arrays of shape (n, 1)."""
+    D: Floats
+    """Shape (n,)."""
+    M2: Floats
+    """Of every pose, shape (p, n, n)."""
+    G: Floats
+    """Stiffness of gravity of every pose, shape (p, n, n)."""
+    delta: Floats
+    """Deflection, shape (n, N), rad."""
+    loop: Floats
+    """State of the hysteresis, shape (n, N)."""
+    measured: Floats
+    """Torque through the gears by the motors' balance, shape (n, N), N·m."""
+
+    @classmethod
+    def solve(
+        cls,
+        motors: MotorMotion,
+        laws: GearLaws,
+        D: Floats,
+        M2: Floats,
+        G: Floats,
+        measured: Floats,
+        start: DrivenGears | None = None,
+    ) -> DrivenGears:
+        """Solve from ``start``, the solution at similar parameters, or from the linear deflection."""
+        if start is None:
+            none = np.zeros(motors.rise.shape)
+            zero = 0 * laws.K
+            linear = GearLaws.made(laws.K, zero, zero, zero, zero, (zero, zero), (zero, zero))
+            at = cls(motors, linear, D, M2, G, none, none, measured)
+            delta = at._stepped().delta
+            if laws.has_backlash:
+                delta += np.abs(laws.half_backlash) * np.sign(delta)
+        else:
+            delta = start.delta
+        found = begun = cls(motors, laws, D, M2, G, delta, _loop(laws, delta), measured)._begun()
+        least = _CONVERGED * float(np.abs(found._hat_torque(laws.K * delta)).max())
+        for _ in range(_WHOLE):
+            if not np.abs(found._left).max() > least:
+                return found
+            found = found._stepped()
+        return found._followed(begun.delta, least)
+
+    def _begun(self) -> DrivenGears:
+        """With the state at the start of each part by the torque measured in a first period."""
+        n, delta = len(self.delta), self.delta.copy()
+        squared = np.linalg.eigvals(np.linalg.solve(self.M2, np.diag(self.laws.K[:, 0])))
+        period = 2 * np.pi / np.sqrt(squared.real.min())
+        for at in np.flatnonzero(self.motors.starts)[::2].tolist():
+            step = self.motors.step_s[at]
+            used = slice(at, at + max(int(period / step), 4 * _FIRST))
+            part = self._part(used, delta, self.loop)
+            unit = np.zeros((2, n, *part._shape))
+            for j in range(n):
+                unit[0, j, j, :2], unit[1, j, j, 1] = 1, 1
+            least = _CONVERGED * float(np.abs(part.measured).max()) * step**2
+            for _ in range(_STARTS):
+                part = part._followed(part.delta, least)
+                moved = part._solved(unit.reshape(-1, unit.shape[-1])).reshape(2 * n, *part._shape)
+                torque = part._slope * moved[:, :n]
+                if self.laws.hysteretic:
+                    torque += self.laws.level * moved[:, n:]
+                both = np.concatenate([part.laws.K * part.delta + part.beyond - part.measured, *torque])
+                turn = np.concatenate([part.delta, *moved[:, :n]])
+                both = both.reshape(1 + 2 * n, n, -1)[..., 1:-1]
+                turn = turn.reshape(1 + 2 * n, n, -1)
+                both = both + self.D[:, None] * (turn[..., 2:] - turn[..., :-2]) / (2 * step)
+                rows = (both / self.laws.K)[..., _FIRST:].reshape(1 + 2 * n, -1)
+                size = np.linalg.norm(rows[1:], axis=1)
+                change = np.linalg.lstsq((rows[1:] / size[:, None]).T, -rows[0])[0] / size
+                begin = part.delta.copy()
+                begin[:, 0] += change[:n]
+                begin[:, 1] += change[:n] + change[n:]
+                part = replace(part, delta=begin)
+            delta[:, at : at + 2] = part.delta[:, :2]
+        return replace(self, delta=delta)
+
+    def _part(self, used: slice, delta: Floats, loop: Floats) -> DrivenGears:
+        """Some steps, with the state of the first two."""
+        own = delta[:, used], loop[:, used], self.measured[:, used]
+        return replace(self, motors=self.motors.part(used), delta=own[0], loop=own[1], measured=own[2])
+
+    def _stepped(self) -> DrivenGears:
+        """After a Newton step."""
+        n, step = len(self.delta), self._solved(-self._left)
+        loop = self.loop + step[n:] if self.laws.hysteretic else self.loop
+        return replace(self, delta=self.delta + step[:n], loop=loop)
+
+    def _followed(self, guess: Floats, least: float) -> DrivenGears:
+        """Solution step after step: kinks that lie elsewhere lead far ones astray."""
+        wrong = ~(np.abs(self._left).max(axis=0) <= least)
+        delta, loop, N = self.delta.copy(), self.loop.copy(), wrong.size
+        at = int(wrong.argmax())
+        delta[:, at:] = guess[:, at:]
+        count = _WINDOW
+        while at < N:
+            used = slice(max(at - 2, 0), min(at + count, N))
+            part = self._part(used, delta, loop)
+            for _ in range(_NEWTON):
+                if np.abs(part._left).max() <= least:
+                    break
+                part = part._stepped()
+            if count > _SHORTEST and not np.abs(part._left).max() <= least:
+                count = max(count // 8, _SHORTEST)
+                continue
+            delta[:, used], loop[:, used] = part.delta, part.loop
+            at, count = used.stop, _WINDOW
+        return replace(self, delta=delta, loop=loop)
+
+    @property
+    def beyond(self) -> Floats:
+        """Torque beyond K δ, shape (n, N), N·m."""
+        return self.laws.beyond_linear(self.delta, self.loop)
+
+    def at_deflection(self, laws: GearLaws) -> Floats:
+        """Torque beyond K δ of other laws at the same deflection, shape (n, N), N·m."""
+        return laws.beyond_linear(self.delta, _loop(laws, self.delta))
+
+    def slopes(
+        self, name: str, beyond: Floats | float, shape: tuple[int, int], arm: Floats | None = None
+    ) -> Complexes:
+        """Bins of the change of the torque beyond K δ by a parameter, (r, H, n, n) or (r, H, n, c).
+
+        Parameters
+        ----------
+        name : str
+            Of the parameter, which each joint has, or "M2".
+        beyond : ndarray, shape (n, N), or 0
+            Change of this torque at a given deflection by the parameter of the joint.
+        shape : tuple of int
+            r and H.
+        arm : ndarray, shape (c, p, n, n), optional
+            Derivatives of M2 of every pose by its c parameters.
+        """
+        (n, N), step = self.delta.shape, self.motors.step_s[2:]
+        own = beyond * np.eye(n)[..., None]
+        left = np.zeros((n if arm is None else len(arm), *self._shape))
+        if arm is not None:
+            bend = np.diff(self.delta, 2, axis=1) - self.motors.rise[:, 2:]
+            left[:, :n, 2:] = _each(arm.swapaxes(0, 1), bend, self.motors.pose[2:])
+        else:
+            elastic = own + (name == "K") * self.delta * np.eye(n)[..., None]
+            damping = (name == "D") * np.eye(n)
+            left[:, :n] = self._hat_torque(elastic)
+            left[:, :n, 2:] += self._observed(elastic, damping)
+            apart = 0.5 * step * (self.delta[:, 2:] - self.delta[:, :-2])
+            left[:, :n, 2:] += damping[..., None] * apart
+        left[..., self.motors.starts] = 0
+        moved = self._solved(-left.reshape(-1, N)).reshape(left.shape)
+        found = (self._slope - self.laws.K) * moved[:, :n]
+        if self.laws.hysteretic:
+            found += self.laws.level * moved[:, n:]
+        if arm is None:
+            found += own
+        return self.motors.bins(found.swapaxes(0, 1), shape)
+
+    @cached_property
+    def _observer(self) -> Floats:
+        """M2 c of every pose, shape (p, n, n)."""
+        own = np.diagonal(np.linalg.inv(self.M2), axis1=1, axis2=2)
+        return self.M2 * (_OBSERVED * np.sqrt(own / self.laws.K[:, 0]))[:, None]
+
+    def _observed(self, torque: Floats, D: Floats) -> Floats:
+        """Term of the observer for a torque (..., n, N) beside D δ̇, at steps 2 … N."""
+        step, pose = self.motors.step_s[2:], self.motors.pose[2:]
+        apart = 0.5 * step * (torque[..., 2:] - torque[..., :-2])
+        return _each(self._observer, apart + D[..., None] * np.diff(self.delta, 2, axis=1), pose)
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        n, N = self.delta.shape
+        return n * (2 if self.laws.hysteretic else 1), N
+
+    def _hat_torque(self, torque: Floats) -> Floats:
+        """Integral of a torque (..., N) over hats, times the step."""
+        found = np.zeros(torque.shape)
+        for weight, late in zip(_HAT, (0, 1, 2), strict=True):
+            found[..., 2:] += weight * torque[..., 2 - late : torque.shape[-1] - late]
+        return np.where(self.motors.starts, 0, found * self.motors.step_s**2)
+
+    @cached_property
+    def _left(self) -> Floats:
+        """What is left of the equations, rows of ``_shape``."""
+        m, delta, step = self.motors, self.delta, self.motors.step_s[2:]
+        n = len(delta)
+        left = np.zeros(self._shape)
+        torque = self.laws.K * delta + self.beyond
+        observed = self._observed(torque - self.measured, self.D)
+        if self.G.any():
+            torque = torque - _each(self.G, m.angle - delta, m.pose)
+        left[:n] = self._hat_torque(torque)
+        bend = np.diff(delta, 2, axis=1) - m.rise[:, 2:]
+        left[:n, 2:] += observed + _each(self.M2, bend, m.pose[2:])
+        left[:n, 2:] += 0.5 * step * self.D[:, None] * (delta[:, 2:] - delta[:, :-2])
+        left[:n, m.starts] = 0
+        if self.laws.hysteretic:
+            sign, decay = self._moves
+            left[n:, 1:] = self.loop[:, 1:] - sign - (self.loop[:, :-1] - sign) * decay
+        return left
+
+    @cached_property
+    def _moves(self) -> tuple[Floats, Floats]:
+        move = np.diff(self.delta, axis=1)
+        return np.sign(move), np.exp(-np.abs(move) * self.laws.sharpness)
+
+    @cached_property
+    def _slope(self) -> Floats:
+        """Of the elastic torque, shape (n, N)."""
+        return self.laws.slope(self.delta)
+
+    @cached_property
+    def _factors(self) -> tuple[Floats, np.ndarray, int, int]:
+        """LU factors of the derivative of ``_left``, in bands; unknowns of a step follow each other."""
+        m, laws = self.motors, self.laws
+        n, (size, N) = len(self.delta), self._shape
+        upper, lower = size - 1, 3 * size - 1
+        band = np.zeros((N, size, 2 * lower + upper + 1))
+        diagonal = lower + upper
+
+        def place(row: int, column: int, late: int, values: Floats | float) -> None:
+            """Derivative of equations 2 … N by unknowns some steps earlier."""
+            band[2 - late : N - late, column, diagonal + row - column + late * size] += values
+
+        inner, squared = ~m.starts[2:], m.step_s[2:] ** 2
+        pose = m.pose[2:]
+        for late in range(3):
+            for i in range(n):
+                for j in range(n):
+                    rigid = _SECOND[late] * self.M2[pose, i, j]
+                    rigid += _HAT[late] * squared * self.G[pose, i, j]
+                    held = _CENTRAL[late] * m.step_s[2:] * self._observer[pose, i, j]
+                    rigid += held * self._slope[j, 2 - late : N - late]
+                    rigid += _SECOND[late] * self._observer[pose, i, j] * self.D[j]
+                    if laws.hysteretic:
+                        place(i, n + j, late, inner * held * laws.level[j, 0])
+                    if i == j:
+                        rigid += _HAT[late] * squared * self._slope[i, 2 - late : N - late]
+                        rigid += _CENTRAL[late] * m.step_s[2:] * self.D[i]
+                    place(i, j, late, inner * rigid)
+                if laws.hysteretic:
+                    place(i, n + i, late, inner * _HAT[late] * squared * laws.level[i, 0])
+        band[np.flatnonzero(m.starts), :n, diagonal] = 1
+        if laws.hysteretic:
+            sign, decay = self._moves
+            by_move = laws.sharpness * (1 - sign * self.loop[:, :-1]) * decay
+            for j in range(n):
+                band[:, n + j, diagonal] = 1
+                band[1:, j, diagonal + n] = -by_move[j]
+                band[:-1, j, diagonal + n + size] = by_move[j]
+                band[:-1, n + j, diagonal + size] = -decay[j]
+        factors, pivots, bad = dgbtrf(band.reshape(N * size, -1).T, lower, upper, overwrite_ab=True)
+        if bad:
+            raise np.linalg.LinAlgError("singular")
+        return factors, pivots, lower, upper
+
+    def _solved(self, rows: Floats) -> Floats:
+        """Unknowns (c m, N) whose change of the equations is ``rows``, of the same shape."""
+        size, N = self._shape
+        factors, pivots, lower, upper = self._factors
+        right = rows.reshape(-1, size, N).transpose(2, 1, 0).reshape(N * size, -1)
+        found, _ = dgbtrs(factors, lower, upper, np.asfortranarray(right), pivots)
+        return np.asarray(found.reshape(N, size, -1).transpose(2, 1, 0).reshape(rows.shape))
+
+
+def _each(matrices: Floats, rows: Floats, pose: np.ndarray) -> Floats:
+    """Rows (..., n, k) times the matrices (p, ..., n, n) of their poses."""
+    found = matrices[0] @ rows
+    for p in range(1, len(matrices)):
+        found[..., pose == p] = (matrices[p] @ rows)[..., pose == p]
+    return np.asarray(found)
+
+
+def _loop(laws: GearLaws, delta: Floats) -> Floats:
+    """State of the hysteresis over deflections (n, N)."""
+    if not laws.hysteretic:
+        return np.zeros(delta.shape)
+    move = np.diff(delta, axis=1, prepend=delta[:, :1])
+    decay = np.exp(-np.abs(move) * laws.sharpness)
+    band, found = np.ones((2, move.shape[1])), np.sign(move) * (1 - decay)
+    for kept, own in zip(decay, found, strict=True):
+        band[1, :-1] = -kept[1:]
+        own[:] = solve_banded((1, 0), band, own, check_finite=False)
+    return np.asarray(found)
