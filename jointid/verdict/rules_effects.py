@@ -61,12 +61,14 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         if name not in _REMEDIES:
             continue
         label, unit = EFFECT_PARAMETERS[name]
-        shown = [
-            Quantity(label, float(size), float(error), unit).shown
-            for size, error in zip(sizes, errors, strict=True)
-        ]
+        law = "hardening" if name == "cubic" else name
+        every = range(fit.n)
+        having = [j for j in every if name not in GEAR_LAWS or law in fit.gears[j].laws]
+        shown = {
+            j: Quantity(label, float(sizes[j]), float(errors[j]), unit).shown for j in having or every
+        }
         values = ", ".join(
-            f"{value} {of}".rstrip() + f" (joint {j})" for j, (value, of) in enumerate(shown, start=1)
+            f"{value} {of}".rstrip() + f" (joint {j + 1})" for j, (value, of) in shown.items()
         )
         title, remedy = _REMEDIES[name]
         negative = sizes[int(np.argmax(np.abs(sizes) / np.where(errors > 0, errors, np.inf)))] < 0

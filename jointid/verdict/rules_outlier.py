@@ -1,10 +1,11 @@
-"""Rule of the verdict on a single record that contradicts all others.
+"""Rules of the verdict on records that contradict all others, and on torques of other motions.
 
 Wrong inertias, friction and wrong units of all records are in every record. Here the others fit well
 without a single record. Its error follows from the torques that K and D of the others predict for its
 angles: a factor on angle or torque that corrects the record.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +13,25 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.passivity import taken_power
 from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
 from jointid.phasors.extract import Phasors
+from jointid.phasors.long_records import LongRecord
 from jointid.verdict.causes import DEGREES, GOOD
-from jointid.verdict.evidence import Change, Evidence, Finding, number, problem, times_noise
+from jointid.verdict.evidence import (
+    Change,
+    Evidence,
+    Finding,
+    number,
+    percent,
+    problem,
+    some,
+    times_noise,
+)
+from jointid.verdict.rules_records import off_frequency
 from jointid.verdict.scorer import Scorer
+from jointid.verdict.steady_state import joint_share
+from jointid.wording import counted, enumerated
 
 _LEFT = 0.02
 """Largest share of the misfit without the record; by noise alone, one record changes little."""
@@ -39,6 +54,17 @@ _KNOWN = (
     (2 * np.pi, "angle", "seems to be in revolutions", "Multiply {} by 2π in this record."),
 )
 """Torque over angle, measured over expected; signal, description and remedy."""
+
+_CLEAR, _LOST = 10.0, 0.5
+"""Amplitude of an angle over its noise from which the joint moves, and of a torque below which there is
+no sine; share of the torque's variance at the frequency of the motion and its multiples below which the
+rest is another signal."""
+_MOVES = 0.2
+"""Amplitude over the joint's largest at the same frequency from which a record moves it."""
+_SURE = 5.0
+"""Standard errors of a power."""
+_CUT = 0.1
+"""Share of the samples at the largest torque from which its log is cut off there."""
 
 _LEAVE_OUT = "untick its run on import, or delete its [[records]] entry in study.toml"
 
@@ -198,3 +224,76 @@ def _snapped(factor: float) -> float:
 
 def _usual_on_angle(factor: float) -> bool:
     return next((signal for known, signal, *_ in _KNOWN if known == factor), "angle") == "angle"
+
+
+def unrelated_torques(evidence: Evidence) -> Iterator[Finding]:
+    """Records whose torque has no sine of the frequency at which the motor moves."""
+    phasors, n = evidence.phasors, evidence.phasors.n
+    size, moves = np.abs(phasors.harmonics[:, 0]), joint_share(phasors)[:, :n] > _MOVES
+    clear = size > _CLEAR * np.sqrt(np.einsum("rjj->rj", phasors.harmonic_covariance[:, 0]).real)
+    suspicious = clear[:, :n] & moves & ~clear[:, n:]
+    at_multiples = 0.5 * (np.abs(phasors.harmonics[..., n:]) ** 2).sum(axis=1)
+    found = []
+    for i in np.flatnonzero(suspicious.any(axis=1)).tolist():
+        record = evidence.sines[i]
+        if not isinstance(record, LongRecord):
+            whole = record.tau_Nm[record.start :].var(axis=0)
+            if np.any(suspicious[i] & (at_multiples[i] < _LOST * whole)):
+                found.append(i)
+    found = sorted(set(found).difference(off_frequency(evidence)))
+    if found:
+        yield _foreign(
+            evidence, found, "the torque has no sine of the frequency at which the motor moves"
+        )
+
+
+def cut_off_torques(evidence: Evidence) -> Iterator[Finding]:
+    """Records in which many samples of a torque are its largest one."""
+    concerned, joints = [], set[int]()
+    for i, record in enumerate(evidence.sines):
+        if not isinstance(record, LongRecord):
+            size = np.abs(record.tau_Nm[record.start :])
+            cut = (np.mean(size == size.max(axis=0), axis=0) > _CUT) & (np.ptp(size, axis=0) > 0)
+            joints |= set(np.flatnonzero(cut).tolist())
+            concerned += [i] if cut.any() else []
+    if joints:
+        whose = enumerated([f"{j + 1}" for j in sorted(joints)])
+        yield problem(
+            f"The torque of joint {whose} is cut off",
+            f"In {len(concerned)} of {counted(len(evidence.sines), 'record')}, more than "
+            f"{percent(_CUT)} of the samples are the largest torque: "
+            f"{some([evidence.phasors.labels[i] for i in concerned])}. The residual is "
+            f"{times_noise(evidence.fit.misfit)}.",
+            "Log the torque with a larger range, or use smaller motions.",
+            2.0,
+            "edit columns",
+        )
+
+
+def motors_take_power(evidence: Evidence) -> Iterator[Finding]:
+    """Records in which the motors would take up power from the robot."""
+    phasors = evidence.phasors
+    taken = taken_power(phasors.omega, phasors.z, phasors.covariance)
+    if found := np.flatnonzero(taken > _SURE).tolist():
+        yield _foreign(
+            evidence,
+            found,
+            "the motors would take up power from the robot, and no spring, inertia or friction supplies "
+            "any on the average",
+        )
+
+
+def _foreign(evidence: Evidence, concerned: list[int], why: str) -> Finding:
+    every = len(evidence.sines)
+    names = some([evidence.phasors.labels[i] for i in concerned])
+    few = 2 * len(concerned) < every
+    return problem(
+        "The torques do not belong to the motions",
+        f"In {len(concerned)} of {counted(every, 'record')}, {why}: {names}. The residual is "
+        f"{times_noise(evidence.fit.misfit)}.",
+        "Check that the angles and torques of each record come from the same run and the same clock, "
+        "and the columns and signs of the torques.",
+        3.0,
+        "edit columns",
+        *([Change("leave out", tuple(concerned))] if few else []),
+    )
