@@ -121,21 +121,13 @@ def _searched(search: Search) -> Choice:
     if search.is_lost and rows.size < phasors.omega.size:
         return _searched_in_few(search, rows)
     _fit_laws(search)
-    other = _other_start(search) if search.is_lost else None
-    if other is not None and other.fits.least_misfit < DOUBTFUL:
-        found = _best_of_start(other)
-        if not other.fits.misfit(found) > DOUBTFUL:
-            return _choice(other, found)
-    best = _best(search)
-    least = _BETTER * search.fits.misfit(best)
-    if least < _BETTER * LOST:
-        return _choice(search, best)
-    other = other or _other_start(search)
-    if other.fits.least_misfit < least:
-        found = _best_of_start(other)
-        if other.fits.misfit(found) < least:
-            return _choice(other, found)
-    return _choice(search, best)
+    if search.is_lost:
+        other = _other_start(search)
+        if other.fits.least_misfit < _BETTER * search.fits.least_misfit:
+            search = other
+            _fit_first(search)
+            _fit_laws(search)
+    return _choice(search, _best(search))
 
 
 def _other_start(search: Search) -> Search:
@@ -147,6 +139,8 @@ def _other_start(search: Search) -> Search:
     for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
         others.append(search.again(start))
         others[-1].fit(probe, start)
+        if others[-1].fits.least_misfit < DOUBTFUL:
+            break
     return min(others, key=lambda each: each.fits.misfit(probe))
 
 
@@ -178,13 +172,6 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
     if isinstance(choice.estimate, LikelihoodEstimate):
         search.fit(choice.model, choice.estimate.named, compares=False)
     return _choice(search, fits.least(list(fits.tried)) if search.is_lost else _best(search))
-
-
-def _best_of_start(search: Search) -> Model:
-    """The best model from other start values."""
-    _fit_first(search)
-    _fit_laws(search)
-    return _best(search)
 
 
 def _best(search: Search) -> Model:

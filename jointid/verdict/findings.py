@@ -26,17 +26,17 @@ from jointid.verdict.rules_inertia import axes_exchanged, inertias_look_wrong
 from jointid.verdict.rules_model import (
     hardly_known,
     hardly_tested,
+    link_in_series,
     model_limits,
     not_physical,
     one_frequency,
     resonance_missed,
 )
 from jointid.verdict.rules_outlier import (
-    cut_off_torques,
     find_outlier,
+    foreign_torques,
     motors_take_power,
     one_record_off,
-    unrelated_torques,
 )
 from jointid.verdict.rules_records import (
     coarse_encoder,
@@ -81,6 +81,7 @@ _OF_THE_ANSWER: tuple[_Rule, ...] = (
     against_the_paper,
     torque_lags,
     effects_found,
+    link_in_series,
     foreign_peak,
     rejected,
 )
@@ -105,15 +106,16 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     """
     found = [*of_records(evidence), *one_frequency(evidence)]
     judge = _best_fit(evidence)
-    outlier, poor = None, _physical_misfit(judge) >= GOOD
-    scales = tuple(unrelated_torques(evidence)) or (tuple(cut_off_torques(evidence)) if poor else ())
+    scales = tuple(foreign_torques(replace(evidence, fit=judge)))
+    outlier = None
     if not scales:
         outlier = find_outlier(evidence.phasors, list(evidence.inertias), judge)
     if outlier is not None and outlier.record not in off_frequency(evidence):  # reported with its cause
         found.append(one_record_off(evidence, outlier))
     if outlier is None and not scales:
         scales = wrong_columns(replace(evidence, fit=judge), evidence.phasors, evidence.inertias)
-        scales = scales or (tuple(motors_take_power(evidence)) if poor else ())
+        if not scales and _physical_misfit(judge) >= GOOD:
+            scales = tuple(motors_take_power(evidence))
     found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]

@@ -31,7 +31,7 @@ from jointid.verdict.evidence import (
 from jointid.verdict.rules_records import off_frequency
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import joint_share
-from jointid.wording import counted, enumerated
+from jointid.wording import counted
 
 _LEFT = 0.02
 """Largest share of the misfit without the record; by noise alone, one record changes little."""
@@ -63,6 +63,15 @@ _MOVES = 0.2
 """Amplitude over the joint's largest at the same frequency from which a record moves it."""
 _SURE = 5.0
 """Standard errors of a power."""
+_FOREIGN = (
+    "The torques do not belong to the motions",
+    "Check that angles and torques of each record come from the same run and clock, and the columns and "
+    "signs of the torques.",
+)
+_CUT_OFF = (
+    "The log of a torque is cut off",
+    "Log the torque with a larger range, or use smaller motions.",
+)
 _CUT = 0.1
 """Share of the samples at the largest torque from which its log is cut off there."""
 
@@ -226,74 +235,59 @@ def _usual_on_angle(factor: float) -> bool:
     return next((signal for known, signal, *_ in _KNOWN if known == factor), "angle") == "angle"
 
 
-def unrelated_torques(evidence: Evidence) -> Iterator[Finding]:
-    """Records whose torque has no sine of the frequency at which the motor moves."""
+def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
+    """Torques that are cut off, or have no sine of the frequency at which the motor moves."""
     phasors, n = evidence.phasors, evidence.phasors.n
     size, moves = np.abs(phasors.harmonics[:, 0]), joint_share(phasors)[:, :n] > _MOVES
     clear = size > _CLEAR * np.sqrt(np.einsum("rjj->rj", phasors.harmonic_covariance[:, 0]).real)
     suspicious = clear[:, :n] & moves & ~clear[:, n:]
     at_multiples = 0.5 * (np.abs(phasors.harmonics[..., n:]) ** 2).sum(axis=1)
-    found = []
-    for i in np.flatnonzero(suspicious.any(axis=1)).tolist():
-        record = evidence.sines[i]
-        if not isinstance(record, LongRecord):
-            whole = record.tau_Nm[record.start :].var(axis=0)
-            if np.any(suspicious[i] & (at_multiples[i] < _LOST * whole)):
-                found.append(i)
-    found = sorted(set(found).difference(off_frequency(evidence)))
-    if found:
-        yield _foreign(
-            evidence, found, "the torque has no sine of the frequency at which the motor moves"
-        )
-
-
-def cut_off_torques(evidence: Evidence) -> Iterator[Finding]:
-    """Records in which many samples of a torque are its largest one."""
-    concerned, joints = [], set[int]()
+    poor, found = evidence.fit.misfit >= GOOD, np.zeros((2, len(size)), bool)
     for i, record in enumerate(evidence.sines):
-        if not isinstance(record, LongRecord):
-            size = np.abs(record.tau_Nm[record.start :])
-            cut = (np.mean(size == size.max(axis=0), axis=0) > _CUT) & (np.ptp(size, axis=0) > 0)
-            joints |= set(np.flatnonzero(cut).tolist())
-            concerned += [i] if cut.any() else []
-    if joints:
-        whose = enumerated([f"{j + 1}" for j in sorted(joints)])
-        yield problem(
-            f"The torque of joint {whose} is cut off",
-            f"In {len(concerned)} of {counted(len(evidence.sines), 'record')}, more than "
-            f"{percent(_CUT)} of the samples are the largest torque: "
-            f"{some([evidence.phasors.labels[i] for i in concerned])}. The residual is "
-            f"{times_noise(evidence.fit.misfit)}.",
-            "Log the torque with a larger range, or use smaller motions.",
-            2.0,
-            "edit columns",
+        if isinstance(record, LongRecord) or not (poor or suspicious[i].any()):
+            continue
+        torque = record.tau_Nm[record.start :]
+        found[0, i] = np.any(suspicious[i] & (at_multiples[i] < _LOST * torque.var(axis=0)))
+        same = np.abs(torque) == np.abs(torque).max(axis=0)
+        found[1, i] = poor and np.any((same.mean(axis=0) > _CUT) & (np.ptp(torque, axis=0) > 0))
+    found[0, list(off_frequency(evidence))] = False
+    if found[0].any():
+        yield _foreign(
+            evidence, found[0], "the torque has no sine of the frequency at which the motor moves"
+        )
+    elif found[1].any():
+        yield _foreign(
+            evidence,
+            found[1],
+            f"more than {percent(_CUT)} of the samples are the largest torque",
+            _CUT_OFF,
         )
 
 
 def motors_take_power(evidence: Evidence) -> Iterator[Finding]:
     """Records in which the motors would take up power from the robot."""
     phasors = evidence.phasors
-    taken = taken_power(phasors.omega, phasors.z, phasors.covariance)
-    if found := np.flatnonzero(taken > _SURE).tolist():
+    taken = taken_power(phasors.omega, phasors.z, phasors.covariance) > _SURE
+    if taken.any():
         yield _foreign(
             evidence,
-            found,
-            "the motors would take up power from the robot, and no spring, inertia or friction supplies "
-            "any on the average",
+            taken,
+            "the motors would take up power, which no spring, inertia or friction supplies",
         )
 
 
-def _foreign(evidence: Evidence, concerned: list[int], why: str) -> Finding:
-    every = len(evidence.sines)
-    names = some([evidence.phasors.labels[i] for i in concerned])
-    few = 2 * len(concerned) < every
+def _foreign(
+    evidence: Evidence, concerned: np.ndarray, why: str, told: tuple[str, str] = _FOREIGN
+) -> Finding:
+    labels = [evidence.phasors.labels[i] for i in np.flatnonzero(concerned)]
     return problem(
-        "The torques do not belong to the motions",
-        f"In {len(concerned)} of {counted(every, 'record')}, {why}: {names}. The residual is "
-        f"{times_noise(evidence.fit.misfit)}.",
-        "Check that the angles and torques of each record come from the same run and the same clock, "
-        "and the columns and signs of the torques.",
+        told[0],
+        f"In {len(labels)} of {counted(concerned.size, 'record')}, {why}: {some(labels)}. The residual "
+        f"is {times_noise(evidence.fit.misfit)}.",
+        told[1],
         3.0,
         "edit columns",
-        *([Change("leave out", tuple(concerned))] if few else []),
+        *[Change("leave out", tuple(np.flatnonzero(concerned).tolist()))][
+            : 2 * len(labels) < concerned.size
+        ],
     )
