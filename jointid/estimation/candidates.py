@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
-from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, LAWS
+from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS
 
 EXPLAINED = 1.1
 """Misfit below which richer friction cannot improve the fit noticeably."""
@@ -31,8 +31,6 @@ CHANCE = 1e-3
 on an ideal robot."""
 _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
-_FAR = 100.0
-"""Ratio of misfits from which friction is needed beside any linear part as well."""
 _BEND = 4.0
 """Largest ratio of two slopes of a gear; catalogues have up to 2."""
 _RUBS = 2.0
@@ -214,20 +212,10 @@ class Fits:
         return bool(found and found.misfit <= EXPLAINED and fundamental_chance(found) > _USUAL)
 
     def is_certain(self, model: Model, part: str) -> bool:
-        """Whether the cost without a part would be far higher.
-
-        By its size in standard errors or, since no linear part makes harmonics, by simpler models with
-        friction that explain nearly as much, and without it far less.
-        """
+        """Whether the cost without a part would be far higher, by its size in standard errors."""
         estimate = self.estimate(model)
         if estimate is None:
             return False
-        for other in model.parts if part == "friction" else ():
-            simpler = model.without(other)
-            if other not in LAWS and self.misfit(simpler) < NEEDED * estimate.misfit:
-                bare = self.misfit(simpler.without(part))
-                if _FAR * estimate.misfit < bare < np.inf:
-                    return True
         place = estimate.layout.of_part(part)
         variance = np.diag(estimate.covariance)[place] * max(1.0, estimate.misfit)
         squared = estimate.p[place] ** 2

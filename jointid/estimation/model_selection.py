@@ -145,9 +145,9 @@ def _other_start(search: Search) -> Search:
 
 
 def _few(search: Search) -> np.ndarray:
-    """Rows of the sines of evenly spread frequencies around one pose; all rows of motions."""
+    """Rows of sines of evenly spread frequencies around one pose, if there are twice as many or more."""
     every, most = np.arange(search.phasors.omega.size), _FEW * search.phasors.n
-    if search.has_motions or len(search.prior.M2) > 1 or every.size <= most:
+    if search.has_motions or len(search.prior.M2) > 1 or every.size < 2 * most:
         return every
     groups = [group for _, group in search.phasors.by_frequency()]
     place = np.linspace(0, len(groups) - 1, max(2, len(groups) * most // every.size))

@@ -55,10 +55,12 @@ _KNOWN = (
 )
 """Torque over angle, measured over expected; signal, description and remedy."""
 
-_CLEAR, _LOST = 10.0, 0.5
-"""Amplitude of an angle over its noise from which the joint moves, and of a torque below which there is
-no sine; share of the torque's variance at the frequency of the motion and its multiples below which the
-rest is another signal."""
+_CLEAR = 4.0
+"""Amplitude of a torque over its noise below which there may be no sine."""
+_LOST, _EXPECTED, _MANY = 0.5, 0.1, 0.25
+"""Share of the torque's variance at the frequency of the motion and its multiples below which the rest
+is another signal, that of the rotor's own torque which cannot be missed, and share of such records from
+which they are reported."""
 _MOVES = 0.2
 """Amplitude over the joint's largest at the same frequency from which a record moves it."""
 _SURE = 5.0
@@ -238,20 +240,24 @@ def _usual_on_angle(factor: float) -> bool:
 def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
     """Torques that are cut off, or have no sine of the frequency at which the motor moves."""
     phasors, n = evidence.phasors, evidence.phasors.n
-    size, moves = np.abs(phasors.harmonics[:, 0]), joint_share(phasors)[:, :n] > _MOVES
-    clear = size > _CLEAR * np.sqrt(np.einsum("rjj->rj", phasors.harmonic_covariance[:, 0]).real)
-    suspicious = clear[:, :n] & moves & ~clear[:, n:]
+    noise = np.sqrt(np.einsum("rjj->rj", phasors.harmonic_covariance[:, 0, n:, n:]).real)
+    moves = joint_share(phasors)[:, :n] > _MOVES
+    suspicious = moves & (np.abs(phasors.harmonics[:, 0, n:]) < _CLEAR * noise)
+    rotors = np.array([each.M for each in evidence.inertias]) * phasors.q
+    rotors = 0.5 * np.abs(rotors * phasors.omega[:, None] ** 2) ** 2
     at_multiples = 0.5 * (np.abs(phasors.harmonics[..., n:]) ** 2).sum(axis=1)
-    poor, found = evidence.fit.misfit >= GOOD, np.zeros((2, len(size)), bool)
+    poor, found = evidence.fit.misfit >= GOOD, np.zeros((2, len(noise)), bool)
     for i, record in enumerate(evidence.sines):
         if isinstance(record, LongRecord) or not (poor or suspicious[i].any()):
             continue
         torque = record.tau_Nm[record.start :]
-        found[0, i] = np.any(suspicious[i] & (at_multiples[i] < _LOST * torque.var(axis=0)))
+        whole = torque.var(axis=0)
+        lost = (at_multiples[i] < _LOST * whole) & (rotors[i] > _EXPECTED * whole)
+        found[0, i] = np.any(suspicious[i] & lost)
         same = np.abs(torque) == np.abs(torque).max(axis=0)
         found[1, i] = poor and np.any((same.mean(axis=0) > _CUT) & (np.ptp(torque, axis=0) > 0))
     found[0, list(off_frequency(evidence))] = False
-    if found[0].any():
+    if found[0].mean() > _MANY:
         yield _foreign(
             evidence, found[0], "the torque has no sine of the frequency at which the motor moves"
         )
