@@ -243,8 +243,8 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
     noise = np.sqrt(np.einsum("rjj->rj", phasors.harmonic_covariance[:, 0, n:, n:]).real)
     moves = joint_share(phasors)[:, :n] > _MOVES
     suspicious = moves & (np.abs(phasors.harmonics[:, 0, n:]) < _CLEAR * noise)
-    rotors = np.array([each.M for each in evidence.inertias]) * phasors.q
-    rotors = 0.5 * np.abs(rotors * phasors.omega[:, None] ** 2) ** 2
+    squared = phasors.omega[:, None] ** 2
+    rotors = 0.5 * np.abs(np.array([each.M for each in evidence.inertias]) * squared * phasors.q) ** 2
     at_multiples = 0.5 * (np.abs(phasors.harmonics[..., n:]) ** 2).sum(axis=1)
     poor, found = evidence.fit.misfit >= GOOD, np.zeros((2, len(noise)), bool)
     for i, record in enumerate(evidence.sines):
