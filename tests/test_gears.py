@@ -38,6 +38,7 @@ from jointid.gears.harmonic_balance import WoundGears, beyond_linear, sine_stiff
 from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.uncertainty.validation import second_amplitude
+from jointid.verdict.rules_effects import effects_found
 
 PAPER = Robot(
     M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]], K=[43.0, 7.5], D=[0.10, 0.015]
@@ -136,6 +137,12 @@ def test_a_hardening_gear_is_found_at_its_joint(stiffening: ElasticityFit) -> No
     assert first.cubic == pytest.approx(9000.0, rel=0.01)
     assert (stiffening.K[0], stiffening.K[1]) == (first.K, second.K)
     assert pytest.approx(PAPER.K, rel=2e-3) == stiffening.K
+
+
+def test_a_law_is_reported_at_the_joints_that_have_it(stiffening: ElasticityFit) -> None:
+    (found,) = effects_found(SimpleNamespace(fit=stiffening))  # type: ignore[arg-type]
+    assert "(joint 1)" in found.detail
+    assert "(joint 2)" not in found.detail
 
 
 def test_the_torsion_curve_is_the_gear_s_torque(stiffening: ElasticityFit) -> None:

@@ -1112,6 +1112,63 @@ def test_effects_that_cannot_be_told_apart_are_named_together() -> None:
     assert lag.title == "The torque lags by 0.5 ms"
 
 
+def test_a_joint_alone_does_not_show_its_link() -> None:
+    """The answer is the spring of both, which a link of 12 times the resonance puts 10 errors off."""
+    inertia, elasticity = ROBOTS[1]
+    frequencies, torques = campaign(BAND_HZ, 1)
+    records = steady_records(inertia, elasticity, frequencies, torques, noise=(1e-6, 1e-4))
+    (link,) = said(findings(evidence(records, inertia, method="weighted")), "gear and link in series")
+    assert link.level == "note"
+    assert not said(of_sound_data(), "in series")
+
+
+def with_torques(change: str) -> list[SineRecord]:
+    """Sound records, two of each frequency, with other torques."""
+    records = sound()
+    torques = [record.tau_Nm for record in records]
+    if change == "other frequencies":
+        torques = torques[6:] + torques[:6]
+    if change == "another clock":
+        turned = TORQUES * np.exp(2j * np.arange(len(TORQUES)))[:, None]
+        late = steady_records(SERIAL, PAPER, FREQUENCIES, turned, noise=(1e-5, 3e-3), periods=20.37)
+        torques = [record.tau_Nm for record in late]
+    if change == "cut off":
+        torques = [
+            np.clip(torque, *(0.6 * np.ptp(torque) * np.array([-0.5, 0.5]))) for torque in torques
+        ]
+    lengths = [record.samples for record in records]
+    return [
+        remade(record, tau_Nm=np.resize(torque, (length, 2)))
+        for record, torque, length in zip(records, torques, lengths, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "title", "detail"),
+    [
+        ("other frequencies", "do not belong to the motions", "no sine of the frequency"),
+        ("another clock", "do not belong to the motions", "would take up power"),
+        ("cut off", "is cut off", "of the samples are the largest torque"),
+    ],
+)
+def test_torques_of_other_motions_are_named_without_a_long_search(
+    change: str, title: str, detail: str
+) -> None:
+    analysis = analysed(with_torques(change))
+    assert title in analysis.findings[0].title, titles(analysis)
+    assert detail in analysis.findings[0].detail
+    assert analysis.state == "not usable"
+    assert len(analysis.fit.candidates) <= 4 or change == "cut off"
+
+
+def test_a_misfit_without_bound_is_a_problem_beside_any_cause() -> None:
+    """A stiffness that seems to depend on the amplitude does not make such an answer usable."""
+    records = in_two_parts(Elasticity(K=[56.0, 9.7], D=PAPER.D), amplitude=3)
+    analysis = analysed(records, method="maximum-likelihood")
+    assert said(analysis.findings, "with the deflection"), titles(analysis)
+    assert analysis.state == "not usable"
+
+
 @pytest.mark.long
 def test_inertias_in_grams_are_named_beside_positions_in_mrad() -> None:
     """Both make the same factor, and K and D with it: only who wrote them knows."""

@@ -31,7 +31,7 @@ _RIDGE = 1e-12
 """Variance, over the prior's, below that of any part."""
 _RICHER_LAW = {"cubic"}, {"piecewise"}
 """A law, and that of more parameters that imitates it."""
-_USUAL_LINK = 10.0
+USUAL_LINK = 10.0
 """Mode of a link of a usual arm, over the joint's with free motor."""
 _USUAL = {"loss_factor": 0.05, "hysteresis": 0.05}
 """Standard deviations of usual gears: of the loss factor, and of the hysteresis over the peak torque."""
@@ -92,7 +92,7 @@ def spread_of_unseen(
     for name, score in scores.items():
         part, wide, usual = score, never, _USUAL.get(name, 0.0) * score.unit
         if name == "link":
-            wide, usual = (prior.link_std(p.K, times) for times in (LOWEST_LINK, _USUAL_LINK))
+            wide, usual = (prior.link_std(p.K, times) for times in (LOWEST_LINK, USUAL_LINK))
         elif name in FILTERS:
             part, wide = _in_place_of_delay(p, name, score), never[:1]
             usual = np.ones(1)  # as large as the delay

@@ -28,6 +28,7 @@ from jointid.estimation.model_average import spread, spread_of_unseen
 from jointid.estimation.model_fits import stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
 from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, Search
+from jointid.estimation.passivity import least_misfit
 from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
 from jointid.joints import Inertia
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
@@ -43,6 +44,8 @@ _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
 its waveform is computed in steps. They shifted K of a simulated robot with a loop of 10 % by 0.06 %."""
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit is lost."""
+_FEW = 10
+"""Records per joint in which models are sought where the simple ones are lost."""
 _CLIMB = 0.7
 """Ratio of misfits by which a part must lower one that is lost."""
 
@@ -106,29 +109,73 @@ def choose_model(
 def _searched(search: Search) -> Choice:
     """Search from the linear estimate and, if the misfit stays large, from other start values.
 
-    Heavy friction can make the linear estimate negative, or lead it to another local minimum.
+    Heavy friction can make the linear estimate negative, or lead it to another local minimum. Where no
+    robot can make the records, or no model comes near a part of them, the search ends soon.
     """
-    best = _best(search)
-    least, probe = _BETTER * search.fits.misfit(best), search.base
-    if least < _BETTER * LOST:
-        return _choice(search, best)
+    phasors = search.phasors
+    if not search.has_motions and least_misfit(phasors.omega, phasors.z, phasors.covariance) > LOST:
+        search.fit(search.base, search.start)
+        return _choice(search, search.base)
+    _fit_first(search)
+    rows = _few(search)
+    if search.is_lost and rows.size < phasors.omega.size:
+        return _searched_in_few(search, rows)
+    _fit_laws(search)
+    if search.is_lost:
+        other = _other_start(search)
+        if other.fits.least_misfit < _BETTER * search.fits.least_misfit:
+            search = other
+            _fit_first(search)
+            _fit_laws(search)
+    return _choice(search, _best(search))
+
+
+def _other_start(search: Search) -> Search:
+    """The search from the other start values from which a model with much freedom comes nearest."""
+    probe = search.base
     if "friction" in search.fits.optional and search.phasors.harmonics.shape[1] > 1:
         probe = Model(0.03, search.base.delay or "delay" in search.fits.optional)
     others = []
     for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
         others.append(search.again(start))
         others[-1].fit(probe, start)
-    other = min(others, key=lambda each: each.fits.misfit(probe))
-    if other.fits.misfit(probe) < least:
-        found = _best(other)
-        if other.fits.misfit(found) < least:
-            return _choice(other, found)
-    return _choice(search, best)
+        if others[-1].fits.least_misfit < DOUBTFUL:
+            break
+    return min(others, key=lambda each: each.fits.misfit(probe))
+
+
+def _few(search: Search) -> np.ndarray:
+    """Rows of sines of evenly spread frequencies around one pose, if there are twice as many or more."""
+    every, most = np.arange(search.phasors.omega.size), _FEW * search.phasors.n
+    if search.has_motions or len(search.prior.M2) > 1 or every.size < 2 * most:
+        return every
+    groups = [group for _, group in search.phasors.by_frequency()]
+    place = np.linspace(0, len(groups) - 1, max(2, len(groups) * most // every.size))
+    return np.sort(np.concatenate([groups[k] for k in np.unique(place.round().astype(int))]))
+
+
+def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
+    """Search in some records; what comes near those is the start for all, and grows.
+
+    A model leaves at least as much of all records as the best one leaves of some.
+    """
+    noise, fits = search.noise, search.fits
+    few = Search(
+        search.phasors.select(rows),
+        search.prior.of_rows(rows),
+        search.start,
+        Noise(noise.covariance[rows], noise.degrees_of_freedom[rows]),
+        search.base,
+        Fits(fits.optional, fits.rows * rows.size // len(noise.covariance)),
+    )
+    choice = _searched(few)
+    if isinstance(choice.estimate, LikelihoodEstimate):
+        search.fit(choice.model, choice.estimate.named, compares=False)
+    return _choice(search, fits.least(list(fits.tried)) if search.is_lost else _best(search))
 
 
 def _best(search: Search) -> Model:
-    """Grow and prune from the base, or from the best model that is fitted already."""
-    _fit_first(search)
+    """Grow and prune from the best model that is fitted already."""
     best = search.fits.least(list(search.fits.tried))
     lost = search.is_lost
     if lost:
@@ -148,7 +195,7 @@ def _best(search: Search) -> Model:
 def _fit_first(search: Search) -> None:
     """Fit friction first where the start or harmonics show it, else the base.
 
-    Heavy friction and gears that are far from linear lead the plain fit astray.
+    Heavy friction leads the plain fit astray.
     """
     fits, start, base = search.fits, search.start, search.base
     rubbing, free = replace(base, reversal=0.0), replace(base, reversal=0.03)
@@ -172,6 +219,12 @@ def _fit_first(search: Search) -> None:
             search.fit(base.with_part("delay"), start)
         if search.is_lost and "friction" in fits.optional and rubbing not in fits.tried:
             search.fit(rubbing, start)
+
+
+def _fit_laws(search: Search) -> None:
+    """Fit laws of the gears from their own start values where all else is lost."""
+    fits, base = search.fits, search.base
+    rubbing = replace(base, reversal=0.0)
     plain = fits.misfit(base if base in fits.tried else rubbing)  # motors stick
     needs_friction = NEEDED * fits.least_misfit < plain < np.inf
     laws = []

@@ -26,12 +26,18 @@ from jointid.verdict.rules_inertia import axes_exchanged, inertias_look_wrong
 from jointid.verdict.rules_model import (
     hardly_known,
     hardly_tested,
+    link_in_series,
     model_limits,
     not_physical,
     one_frequency,
     resonance_missed,
 )
-from jointid.verdict.rules_outlier import find_outlier, one_record_off
+from jointid.verdict.rules_outlier import (
+    find_outlier,
+    foreign_torques,
+    motors_take_power,
+    one_record_off,
+)
 from jointid.verdict.rules_records import (
     coarse_encoder,
     constant_torque,
@@ -75,6 +81,7 @@ _OF_THE_ANSWER: tuple[_Rule, ...] = (
     against_the_paper,
     torque_lags,
     effects_found,
+    link_in_series,
     foreign_peak,
     rejected,
 )
@@ -86,7 +93,7 @@ _OF_ITS_PRECISION: tuple[_Rule, ...] = (
     hardly_known,
     resonance_missed,
 )
-"""Rules that require that no cause of an error is known."""
+"""Rules that require that no cause of an error is known, unless the answer is useless."""
 
 
 def findings(evidence: Evidence) -> tuple[Finding, ...]:
@@ -99,24 +106,26 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     """
     found = [*of_records(evidence), *one_frequency(evidence)]
     judge = _best_fit(evidence)
-    outlier = find_outlier(evidence.phasors, list(evidence.inertias), judge)
-    if outlier is not None:
-        if outlier.record not in off_frequency(evidence):  # reported with its cause
-            found.append(one_record_off(evidence, outlier))
-        scales: tuple[Finding, ...] = ()
-    else:
+    scales = tuple(foreign_torques(replace(evidence, fit=judge)))
+    outlier = None
+    if not scales:
+        outlier = find_outlier(evidence.phasors, list(evidence.inertias), judge)
+    if outlier is not None and outlier.record not in off_frequency(evidence):  # reported with its cause
+        found.append(one_record_off(evidence, outlier))
+    if outlier is None and not scales:
         scales = wrong_columns(replace(evidence, fit=judge), evidence.phasors, evidence.inertias)
-        found += scales
+        if not scales and _physical_misfit(judge) >= GOOD:
+            scales = tuple(motors_take_power(evidence))
+    found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
         judged = replace(evidence, fit=judge)
-        causes = list(inertias_look_wrong(judged))
-        if not causes:  # wrong inertias would pass for both
-            causes += poses_disagree(evidence)
-            causes += depends_on_amplitude(evidence)
-        found += causes
-        if not causes:
-            found += [finding for rule in _OF_ITS_PRECISION for finding in rule(evidence)]
+        wrong = list(inertias_look_wrong(judged))
+        found += wrong
+        if not wrong:  # wrong inertias would pass for these
+            causes = [*poses_disagree(evidence), *depends_on_amplitude(evidence)]
+            doubts = [finding for rule in _OF_ITS_PRECISION for finding in rule(evidence)]
+            found += causes + [each for each in doubts if not causes or each.level == "problem"]
     if not any(finding.level in ("problem", "warning") for finding in found):
         found.append(all_well(evidence.fit))
     return tuple(sorted(found, key=lambda finding: -finding.weight))

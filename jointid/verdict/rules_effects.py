@@ -60,6 +60,9 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
     for name, found in quantities(fit).items():
         if name not in _REMEDIES:
             continue
+        law = "hardening" if name == "cubic" else name
+        if name in GEAR_LAWS:
+            found = tuple(q for q in found if law in fit.gears[q.joints[0] - 1].laws) or found
         values = ", ".join(" ".join(q.shown).rstrip() + f" (joint {q.joints[0]})" for q in found)
         clearest = max(found, key=lambda q: abs(q.value) / (q.error if q.error > 0 else np.inf))
         title, remedy = _REMEDIES[name]

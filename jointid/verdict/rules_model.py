@@ -9,6 +9,7 @@ from scipy.special import fdtrc
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.estimators.parameters import elasticity_labels
+from jointid.estimation.model_average import USUAL_LINK
 from jointid.joints import locked_resonances, resonances
 from jointid.verdict.evidence import (
     Change,
@@ -69,6 +70,23 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
                 2.0,
                 "edit mapping",
             )
+
+
+def link_in_series(evidence: Evidence) -> Iterator[Finding]:
+    """Joints without coupling, where gear and link are one spring to the motor."""
+    fit, M2 = evidence.fit, evidence.inertias[0].M2
+    arm = np.diag(M2)
+    softer = fit.K * fit.prior.link_std(fit.K, USUAL_LINK) / arm**2
+    alone = np.count_nonzero(M2, axis=1) == 1
+    for j in np.flatnonzero(alone & (softer * fit.K > fit.standard_error[: fit.n])).tolist():
+        yield note(
+            f"K{j + 1} is that of gear and link in series",
+            "A joint without coupling does not show a flexible link. A usual one, with a mode at ten "
+            f"times the joint's resonance, makes K{j + 1} {percent(softer[j])} lower than that of the "
+            "gear. The error bars do not include this difference.",
+            "No action needed for a controller: it needs this K. Records of coupled joints show links.",
+            float(softer[j]),
+        )
 
 
 def hardly_known(evidence: Evidence) -> Iterator[Finding]:

@@ -1,10 +1,11 @@
-"""Rule of the verdict on a single record that contradicts all others.
+"""Rules of the verdict on records that contradict all others, and on torques of other motions.
 
 Wrong inertias, friction and wrong units of all records are in every record. Here the others fit well
 without a single record. Its error follows from the torques that K and D of the others predict for its
 angles: a factor on angle or torque that corrects the record.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +13,25 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.passivity import taken_power
 from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
 from jointid.phasors.extract import Phasors
+from jointid.phasors.long_records import LongRecord
 from jointid.verdict.causes import DEGREES, GOOD
-from jointid.verdict.evidence import Change, Evidence, Finding, number, problem, times_noise
+from jointid.verdict.evidence import (
+    Change,
+    Evidence,
+    Finding,
+    number,
+    percent,
+    problem,
+    some,
+    times_noise,
+)
+from jointid.verdict.rules_records import off_frequency
 from jointid.verdict.scorer import Scorer
+from jointid.verdict.steady_state import joint_share
+from jointid.wording import counted
 
 _LEFT = 0.02
 """Largest share of the misfit without the record; by noise alone, one record changes little."""
@@ -39,6 +54,28 @@ _KNOWN = (
     (2 * np.pi, "angle", "seems to be in revolutions", "Multiply {} by 2π in this record."),
 )
 """Torque over angle, measured over expected; signal, description and remedy."""
+
+_CLEAR = 4.0
+"""Amplitude of a torque over its noise below which there may be no sine."""
+_LOST, _EXPECTED, _MANY = 0.5, 0.1, 0.25
+"""Share of the torque's variance at the frequency of the motion and its multiples below which the rest
+is another signal, that of the rotor's own torque which cannot be missed, and share of such records from
+which they are reported."""
+_MOVES = 0.2
+"""Amplitude over the joint's largest at the same frequency from which a record moves it."""
+_SURE = 5.0
+"""Standard errors of a power."""
+_FOREIGN = (
+    "The torques do not belong to the motions",
+    "Check that angles and torques of each record come from the same run and clock, and the columns and "
+    "signs of the torques.",
+)
+_CUT_OFF = (
+    "The log of a torque is cut off",
+    "Log the torque with a larger range, or use smaller motions.",
+)
+_CUT = 0.1
+"""Share of the samples at the largest torque from which its log is cut off there."""
 
 _LEAVE_OUT = "untick its run on import, or delete its [[records]] entry in study.toml"
 
@@ -197,3 +234,65 @@ def _snapped(factor: float) -> float:
 
 def _usual_on_angle(factor: float) -> bool:
     return next((signal for known, signal, *_ in _KNOWN if known == factor), "angle") == "angle"
+
+
+def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
+    """Torques that are cut off, or have no sine of the frequency at which the motor moves."""
+    phasors, n = evidence.phasors, evidence.phasors.n
+    noise = np.sqrt(np.einsum("rjj->rj", phasors.harmonic_covariance[:, 0, n:, n:]).real)
+    moves = joint_share(phasors)[:, :n] > _MOVES
+    suspicious = moves & (np.abs(phasors.harmonics[:, 0, n:]) < _CLEAR * noise)
+    squared = phasors.omega[:, None] ** 2
+    rotors = 0.5 * np.abs(np.array([each.M for each in evidence.inertias]) * squared * phasors.q) ** 2
+    at_multiples = 0.5 * (np.abs(phasors.harmonics[..., n:]) ** 2).sum(axis=1)
+    poor, found = evidence.fit.misfit >= GOOD, np.zeros((2, len(noise)), bool)
+    for i, record in enumerate(evidence.sines):
+        if isinstance(record, LongRecord) or not (poor or suspicious[i].any()):
+            continue
+        torque = record.tau_Nm[record.start :]
+        whole = torque.var(axis=0)
+        lost = (at_multiples[i] < _LOST * whole) & (rotors[i] > _EXPECTED * whole)
+        found[0, i] = np.any(suspicious[i] & lost)
+        same = np.abs(torque) == np.abs(torque).max(axis=0)
+        found[1, i] = poor and np.any((same.mean(axis=0) > _CUT) & (np.ptp(torque, axis=0) > 0))
+    found[0, list(off_frequency(evidence))] = False
+    if found[0].mean() > _MANY:
+        yield _foreign(
+            evidence, found[0], "the torque has no sine of the frequency at which the motor moves"
+        )
+    elif found[1].any():
+        yield _foreign(
+            evidence,
+            found[1],
+            f"more than {percent(_CUT)} of the samples are the largest torque",
+            _CUT_OFF,
+        )
+
+
+def motors_take_power(evidence: Evidence) -> Iterator[Finding]:
+    """Records in which the motors would take up power from the robot."""
+    phasors = evidence.phasors
+    taken = taken_power(phasors.omega, phasors.z, phasors.covariance) > _SURE
+    if taken.any():
+        yield _foreign(
+            evidence,
+            taken,
+            "the motors would take up power, which no spring, inertia or friction supplies",
+        )
+
+
+def _foreign(
+    evidence: Evidence, concerned: np.ndarray, why: str, told: tuple[str, str] = _FOREIGN
+) -> Finding:
+    labels = [evidence.phasors.labels[i] for i in np.flatnonzero(concerned)]
+    return problem(
+        told[0],
+        f"In {len(labels)} of {counted(concerned.size, 'record')}, {why}: {some(labels)}. The residual "
+        f"is {times_noise(evidence.fit.misfit)}.",
+        told[1],
+        3.0,
+        "edit columns",
+        *[Change("leave out", tuple(np.flatnonzero(concerned).tolist()))][
+            : 2 * len(labels) < concerned.size
+        ],
+    )

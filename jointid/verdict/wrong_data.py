@@ -14,6 +14,7 @@ from scipy.optimize import minimize
 
 from jointid.arrays import Floats
 from jointid.estimation.estimators.joint_equations import LARGEST, LEAST
+from jointid.estimation.passivity import least_misfit
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.verdict.cause_findings import finding_of
@@ -70,6 +71,10 @@ def wrong_data(
             found = scorer.scores(possible).cost
             found[found > _BETTER * cost.min()] = np.inf  # a free ratio always explains something
             tried, cost = [*tried, *possible], np.concatenate([cost, found])
+    if least_misfit(phasors.omega, phasors.z, phasors.covariance) > GOOD:
+        for k in np.flatnonzero(cost < bar):
+            if not _supplies_power(phasors, tried[k]):
+                cost[k] = np.inf
     if not cost.min() < bar:
         return ()
     chosen = tried[int(np.argmax(cost <= 2 * max(cost.min(), 1.0)))]
@@ -77,6 +82,14 @@ def wrong_data(
     side = _side(chosen, float(after.cost[0]), scorer)
     duration_s = float(phasors.duration_s.max())
     return (finding_of(chosen, as_logged, float(after.cost[0]), side, duration_s, after.K[0]),)
+
+
+def _supplies_power(phasors: Phasors, hypothesis: Hypothesis) -> bool:
+    """Whether the corrected records take no power from the motors; angles of the arm do not show it."""
+    order, scale = hypothesis.order, hypothesis.scale
+    covariance = phasors.covariance[:, order[:, None], order] / np.outer(scale, scale)
+    left = least_misfit(phasors.omega, phasors.z[:, order] / scale, covariance)
+    return hypothesis.kind == "arm angle" or left < GOOD
 
 
 def _hypotheses(n: int, measured: Floats | None, inertias: Sequence[Inertia]) -> Iterator[Hypothesis]:
