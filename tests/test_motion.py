@@ -26,6 +26,7 @@ from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import bins_of
 from jointid.verdict.evidence import Evidence
+from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_model import model_limits
 
 identify_motion_module = importlib.import_module("jointid.estimation.identify_motion")
@@ -78,6 +79,10 @@ def test_a_delay_turns_the_images_of_the_torque(changed: dict[str, float]) -> No
     assert np.all(fit.standard_error[:2] < 1e-3 * TRUE[:2])
     if "lag_s" in changed:
         assert fit.delay == pytest.approx(1e-3, rel=5e-3)
+        evidence = Evidence(records(motion, **changed), [GIVEN] * 2, fit.phasors, fit, {})
+        (lag,) = torque_lags(evidence)
+        assert lag.title.startswith("The torque lags by 1 ms")
+        assert "Without it, D2 would be about" in lag.detail
 
 
 @pytest.mark.parametrize("kind", ["sweep", "random", "multisine", "moves"])

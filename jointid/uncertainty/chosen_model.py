@@ -25,7 +25,6 @@ def refit(
     inertia: Inertia | Sequence[Inertia] | InertiaPrior,
     fit: ElasticityFit,
     *,
-    delay: bool | None = None,
     friction: FrictionWaveforms | None = None,
 ) -> Estimate:
     """Estimate again with the model of ``fit``: same method, friction, delay, effects and prior.
@@ -38,8 +37,6 @@ def refit(
         One for all records, or one per record, as uncertain as in ``fit``; or a prior of its own.
     fit : ElasticityFit
         Gives the model and the start values.
-    delay : bool, optional
-        Fit a delay or not; by default as in ``fit``.
     friction : FrictionWaveforms, optional
         Waveforms of the friction, if ``fit`` has any; by default those of the phasors.
 
@@ -60,7 +57,7 @@ def refit(
         inertia,
         fit.parameters,
         friction=friction,
-        delay=fit.delay is not None if delay is None else delay,
+        delay=fit.delay is not None,
         effects=[name for name in EFFECTS if name in fit.parameters.layout],
     )
 

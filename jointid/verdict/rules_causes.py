@@ -10,7 +10,7 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.linear_fit import LINEAR, least_squares
 from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, elasticity_labels
-from jointid.uncertainty.chosen_model import refit
+from jointid.small_matrices import finite_part
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import amplitude_dependence, harmonic_content
 from jointid.verdict.evidence import (
@@ -96,32 +96,29 @@ def lag_size(evidence: Evidence) -> str | None:
 
 def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     """The torque acts later, or earlier, than its samples."""
-    fit, size, effect, without = evidence.fit, lag_size(evidence), 0.01, ""
+    fit, size = evidence.fit, lag_size(evidence)
     if fit.delay is None or fit.delay_error is None or size is None:
         return
-    if not evidence.phasors.motion.any():
-        try:
-            other = refit(evidence.phasors, list(evidence.inertias), fit, delay=False).elasticity
-        except JointIdError:
-            other = np.full(2 * fit.n, np.nan)
-        share = relative(other - fit.estimate, fit.estimate)
-        if not np.any(np.abs(other - fit.estimate) > fit.standard_error):
-            return
-        worst = int(np.nanargmax(share))
-        name, high = elasticity_labels(fit.n)[worst], other[worst] > fit.estimate[worst]
-        effect = float(share[worst])
-        without = f" Without it, {name} would be {percent(effect)} too {'high' if high else 'low'}."
+    # Least squares without a parameter shift by its covariance with the others, to first order.
+    C, delay = finite_part(fit.parameter_covariance), fit.parameters.layout["delay"]
+    shift = -(C[: 2 * fit.n, delay] / C[delay, delay])[:, 0] * fit.delay
+    if not np.any(np.abs(shift) > fit.standard_error):
+        return
+    share = relative(shift, fit.estimate)
+    worst = int(np.argmax(share))
     lag, interval = fit.delay, float(np.median([record.interval_s for record in evidence.records]))
     others = " or ".join(alternatives(fit, "delay").values())
     title = f"The torque {'lags' if lag > 0 else 'leads'} by {size}"
     samples = with_error(abs(lag) / interval, fit.delay_error / interval)
     yield note(
         f"{title}, or there is {others}" if others else title,
-        f"{CANNOT_TELL if others else ''}That is {samples} samples; the fit includes it.{without}",
+        f"{CANNOT_TELL if others else ''}That is {samples} samples; the fit includes it. Without it, "
+        f"{elasticity_labels(fit.n)[worst]} would be about {percent(share[worst])} too "
+        f"{'high' if shift[worst] > 0 else 'low'}.",
         half_a_sample(evidence)
         or f"If the drive has such a delay, add {_in_a_file(1e3 * lag)} ms to the torque's delay on "
         f"import, or {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml.",
-        effect,
+        float(share[worst]),
         "edit mapping",
         *(hold_change(evidence) or [Change("delay", values=(lag,))]),
     )
