@@ -234,6 +234,14 @@ def test_friction_is_chosen_by_itself() -> None:
     assert np.all(relative_error(fit) < [0.005, 0.005, 0.01, 0.01])
 
 
+def test_friction_that_falls_with_speed_is_found_in_a_sweep() -> None:
+    """It leaves little more than noise, and would shift D by several errors."""
+    given = {"coulomb": (0.15, 0.03), "stribeck": (0.06, 0.012), "stribeck_rad_s": 0.3}
+    fit = identify_motion(records(Motion("sweep", duration_s=5.0, seed=1), **given), GIVEN)
+    assert "varies with speed" in next(each.name for each in fit.candidates if each.chosen)
+    assert np.all(np.abs(fit.estimate - TRUE) < 3 * fit.standard_error)
+
+
 def test_unknown_friction_is_no_larger_than_coulomb_friction(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a lag and a filter leave, before they are in the model, is no friction."""
     found, whole = [], identify_motion_module._with_noise

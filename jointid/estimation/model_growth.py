@@ -14,6 +14,7 @@ from jointid.estimation.candidates import CHANCE, EXPLAINED, Model
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import GEAR_LAWS, LAWS
 from jointid.estimation.estimators.score_tests import Score
+from jointid.estimation.model_fits import stepped
 from jointid.estimation.model_search import LOST, POOR, Search
 
 _RICHER = {
@@ -126,12 +127,28 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         richer = _RICHER.get((model.reversal, model.curve), ())
         sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
         wider = [*sharper, *wider]
+    elif search.has_motions and _friction_varies_with_speed(search, model, found):
+        wider = [replace(model, curve=True), *wider]
     if "cubic" in model.effects and (may_be_richer or not search.has_motions):
         plain = model.without("cubic")  # slopes may explain as well as it, with another K
         others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
         instead_of_cubic = [plain.with_part(law) for law in others]
         wider = [*wider, *instead_of_cubic] if highest > NEARLY_ALL else [*instead_of_cubic, *wider]
     return wider
+
+
+def _friction_varies_with_speed(search: Search, model: Model, found: LikelihoodEstimate) -> bool:
+    """Whether a step towards such friction lowers the cost of a model with friction significantly.
+
+    Motions pass all speeds, so that it hides in a misfit near 1 and still shifts D.
+    """
+    if model.reversal is None or model.curve or model.is_slow:
+        return False
+    curved = replace(model, curve=True)
+    waveforms = search.waveforms(curved, found.named)
+    p, misfit = stepped(search.phasors, search.prior, found, search.noise, curved, waveforms)
+    gain = 2 * (found.cost - misfit * found.expected_cost) / max(1.0, found.misfit)
+    return bool(gain > chdtri(p.size - found.p.size, CHANCE))
 
 
 def _clear_parts(search: Search, model: Model, found: LikelihoodEstimate) -> list[str]:
