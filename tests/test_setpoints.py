@@ -456,12 +456,12 @@ def test_limits_are_read_from_toml() -> None:
     [
         ("torque_Nm = 20\n", "", "torque_Nm is missing"),
         ("velocity_deg_s", "velocity_deg", 'Did you mean "velocity_deg_s"'),
-        ("[100, -90]", "[100, 0]", "gear_ratio holds 0"),
+        ("[100, -90]", "[100, 0]", "gear ratio is 0"),
         ("axes = [3, 5]", "axes = [3, 9]", r"axes = \[3.0, 9.0\] do not fit"),
         ("axes = [3, 5]", "axes = [3, 3]", "one axis per joint"),
         ("axes = [3, 5]", "axes = [3, 4.5]", "do not fit"),
         ("= 200", "= -200", "limits must be positive"),
-        ("= [170, 60]", "= [170, -30]", "lower_deg of joint 2"),
+        ("= [170, 60]", "= [170, -30]", "lowest position of joint 2"),
         ("= 4000", "= [1, 2, 3]", "3 values"),
     ],
 )

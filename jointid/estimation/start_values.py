@@ -1,9 +1,9 @@
-"""Start values for a fit where those of the linear estimator lead nowhere.
+"""Start values for a fit that does not converge from those of the linear estimator.
 
-Friction spoils it: with half of the torque, K may come out at a tenth. ``friction_start`` compares the
-torque of the model, Z(K, D) q, with the measured one at the fundamental, in relative terms and with a
-loss that forgives outliers; friction is linear in it and is eliminated (variable projection; Golub and
-Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
+Friction biases it: if it is half of the torque, K may be ten times too small. ``friction_start``
+compares the torque of the model, Z(K, D) q, with the measured one at the fundamental, in relative terms
+and with a loss that is robust to outliers; friction is linear in it and is eliminated (variable
+projection; Golub and Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 """
 
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ def at_resonances(phasors: Phasors, prior: InertiaPrior) -> list[Parameters]:
 
 
 def by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
-    """K and D from torque over deflection by the given inertias, which wrong ones spoil less.
+    """K and D from torque over deflection by the given inertias, less sensitive to errors in them.
 
     The deflection is the difference of motor and arm angle: a record counts by the inverse of the arm's.
     """

@@ -65,8 +65,8 @@ class WoundGears:
     ) -> WoundGears:
         """Solve by Newton steps at the first m harmonics, from ``start`` or the linear deflection.
 
-        Their slopes are those of earlier steps as long as these lead on quickly: to invert the slopes
-        takes far longer than to evaluate the torque. Further harmonics, which g hardly changes, follow.
+        Slopes of earlier steps are reused while they converge quickly: inverting them takes far longer
+        than evaluating the torque. Further harmonics, which g hardly changes, follow.
 
         Parameters
         ----------

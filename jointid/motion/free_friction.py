@@ -88,7 +88,7 @@ class FreeFriction:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Whitened columns of unit length that the rows of some records are freed of."""
+    """Whitened columns of unit length, projected out of the rows of some records."""
 
     records: np.ndarray
     free: Floats

@@ -93,7 +93,7 @@ def finding_of(
             OTHER_CAUSES.get(cause.factor, "") if len(joints) == factor.size and not reversed_too else ""
         )
         titles.append(f"{other}, or {title}" if other else title)
-        details.append(f"{is_} That is about the effect of {cause.why}.")
+        details.append(f"{is_} This is about the effect of {cause.why}.")
         if other or cause.factor in SUBTLE:
             changes = []  # the person decides
         if other:
