@@ -88,7 +88,7 @@ def fit_model(
             return fitted(estimate.named)
     except np.linalg.LinAlgError as error:
         raise JointIdError(
-            "The model does not fit: its parameters exceed the range of numbers."
+            "The model does not fit: its parameters exceed the numerical range."
         ) from error
 
 

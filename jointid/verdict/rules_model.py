@@ -84,8 +84,8 @@ def link_in_series(evidence: Evidence) -> Iterator[Finding]:
             "A joint without coupling does not show a flexible link. A typical one, with a mode at ten "
             f"times the joint's resonance, makes K{j + 1} {percent(softer[j])} lower than that of the "
             "gear. The error bars do not include this difference.",
-            "No action needed for a controller: it needs this K. Records of coupled joints show flexible "
-            "links.",
+            "No action needed for a controller: it needs this K. Records of coupled joints show "
+            "flexible links.",
             float(softer[j]),
         )
 

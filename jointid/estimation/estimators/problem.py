@@ -221,7 +221,7 @@ def make_problem(
     """
     if np.any(stiffness <= 0):
         raise JointIdError(
-            f"K{int(np.argmin(stiffness)) + 1} comes out negative by least squares: check the sign and "
+            f"K{int(np.argmin(stiffness)) + 1} is negative by least squares: check the sign and "
             "unit of the torque, the gear ratios, and the inertias M and M2."
         )
     n, z = prior.n, phasors.harmonics

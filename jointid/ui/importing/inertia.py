@@ -37,8 +37,8 @@ _LINK_UNITS: dict[str, tuple[str, Mapping[str, float]]] = {
 _LINKS = {
     "length": ("Link lengths", "length unit", "0.705, 0.755"),
     "mass": ("Link masses", "mass unit", "45, 70"),
-    "centre": ("Centres of mass from the joints", "length unit", "0.30, 0.30"),
-    "link": ("Link inertias about them", "link unit", "2.2, 9.0"),
+    "centre": ("Distances of the centres of mass from the joints", "length unit", "0.30, 0.30"),
+    "link": ("Link inertias about their centres of mass", "link unit", "2.2, 9.0"),
     "rotor": ("Rotor inertias", "link unit", "0.0025, 0.0010"),
     "pose": ("Joint angles of the logs' pose", "angle unit", "-32, 44"),
 }
