@@ -21,7 +21,7 @@ KINDS = {
 _PERIODS = 4
 """Periods of a multisine in a record: their differences are noise."""
 _GROUP = 4
-"""Of so many neighbouring odd lines one stays empty and shows odd distortion."""
+"""Number of neighbouring odd lines of which one stays empty and shows odd distortion."""
 _PEAK_VELOCITY, _PEAK_ACCELERATION = 1.875, 10 / np.sqrt(3)
 """Of the quintic move of unit distance and time."""
 

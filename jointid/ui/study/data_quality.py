@@ -34,7 +34,7 @@ HARMONICS = (
 
 
 def show_quality(page: Page) -> None:
-    """Show the quality of every record, and what its figures mean."""
+    """Show the quality of every record, and explain its figures."""
     st.header("Quality of every record", anchor=False)
     if page.study.motion_records:
         table(motion_table(page.study.motion_records))
