@@ -314,12 +314,12 @@ def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | No
         long(1 / (2 * np.pi), 1, "revolutions", "6.28"),
         (1, 1000, "mN·m", "1000"),
         long(
-            [1 / 100, 1 / 90], 1, "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"
+            [1 / 100, 1 / 90], 1, "gear ratio, or the unit of the torque, looks wrong for all", "100, 90"
         ),
-        long(1, [100, 90], "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
-        (1, [1, 90], "gear ratio, or the unit of the torque, looks wrong in joint 2", "90"),
-        long([100, 90], 1, "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
-        long(1, [1 / 8.12, 1 / 2.09], "unit of the torque, looks wrong in all", "8.12, 2.09 N·m"),
+        long(1, [100, 90], "gear ratio, or the unit of the torque, looks wrong for all", "100, 90"),
+        (1, [1, 90], "gear ratio, or the unit of the torque, looks wrong for joint 2", "90"),
+        long([100, 90], 1, "gear ratio, or the unit of the torque, looks wrong for all", "100, 90"),
+        long(1, [1 / 8.12, 1 / 2.09], "unit of the torque, looks wrong for all", "8.12, 2.09 N·m"),
         long(
             [180 / np.pi, 1], [1, 8.12], "joint 1 seems to be in degrees; the scale of joint 2", "8.12"
         ),
@@ -1000,7 +1000,7 @@ def exchanged(*order: int) -> list[SineRecord]:
         long(
             lambda: scaled(torque=2.0),
             SERIAL,
-            "gear ratio, or the unit of the torque, looks wrong in all",
+            "gear ratio, or the unit of the torque, looks wrong for all",
         ),
     ],
 )

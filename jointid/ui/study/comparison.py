@@ -97,7 +97,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     st.caption(
         "Both come from the same records and share their noise: the difference has no standard error."
         if same
-        else f"Significant: beyond {_CLEAR:g} σ, the standard error of the difference with both errors "
+        else f"Significant: beyond {_CLEAR:g} σ, the standard error of the difference if both errors are "
         "independent. A common cause, such as a wrong torque constant of the same robot, changes both "
         "alike."
     )
