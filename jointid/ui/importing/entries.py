@@ -31,8 +31,8 @@ _SIGN_HELP = (
     "logged position to smaller values."
 )
 _SWITCHES = {
-    ("position", "side"): (JOINT, "Position is of the joint, behind the gear", _SIDE_HELP),
-    ("torque", "side"): (JOINT, "Torque is of the joint, behind the gear", _SIDE_HELP),
+    ("position", "side"): (JOINT, "Position is measured at the joint, behind the gear", _SIDE_HELP),
+    ("torque", "side"): (JOINT, "Torque is measured at the joint, behind the gear", _SIDE_HELP),
     ("position", "sign"): (-1, "Position has the opposite sign", _SIGN_HELP),
     ("torque", "sign"): (-1, "Torque has the opposite sign", _SIGN_HELP),
 }
