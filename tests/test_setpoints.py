@@ -415,7 +415,7 @@ def test_no_file_of_a_random_plan_exceeds_a_limit(seed: int) -> None:
         ({"repeats": 0}, "repeats = 0"),
         ({"rest_s": 0.0}, "rest_s = 0"),
         ({"scale": -1.0}, "scale = -1"),
-        ({"repeats": 100, "rest_s": 60.0}, "at most 600 s"),
+        ({"repeats": 100, "rest_s": 60.0}, "limit is 600 s"),
         ({"velocity_rad_s": [1, 2, 3]}, "3 values"),
     ],
 )
