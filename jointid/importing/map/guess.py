@@ -49,9 +49,7 @@ _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."
 )
-_NO_SIGN = (
-    "Logs do not state it. Assumed as logged: a positive torque accelerates in the positive direction."
-)
+_NO_SIGN = "Logs do not state it. Assumed: a positive torque accelerates in the positive direction."
 
 
 @dataclass(frozen=True)
