@@ -21,7 +21,7 @@ POSES_DEG = {
 def main() -> None:
     robot = RobotModel.load(ROBOT)
     springs = Elasticity(K=K_JOINT / robot.gear_ratio**2, D=np.full(6, 0.1))
-    print("pose          worst direction      100 N move it    resonances with held motors")
+    print("pose          worst direction      100 N move it    resonances, motors locked")
     for name, degrees in POSES_DEG.items():
         tool = tool_stiffness(robot, np.radians(degrees), springs)
         compliance, directions = tool.principal

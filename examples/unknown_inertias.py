@@ -33,9 +33,9 @@ def main() -> None:
     entered = Inertia(M=[0.0027, 0.00095], M2=[[0.0037, 0.00042], [0.00042, 0.0021]])  # from a drawing
     poses = {"loaded": entered.with_added(PAYLOAD)}
     studies = {
-        "inertias to 10 %, torque scale not stated": Study(empty, entered, inertia_std=0.1),
+        "inertias known to 10 %, torque scale not stated": Study(empty, entered, inertia_std=0.1),
         "the same, torque scale known to 5 %": Study(empty, entered, inertia_std=0.1, torque_std=0.05),
-        "nothing known, but a known payload": Study(
+        "only the payload known": Study(
             (*empty, *loaded), entered, inertia_std=np.inf, torque_std=np.inf, poses=poses
         ),
     }

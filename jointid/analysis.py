@@ -241,8 +241,8 @@ def _fits_with_motion(study: Study, phasors: Phasors, method: str) -> dict[str, 
     require_method(method)
     if method in LINEAR:
         raise JointIdError(
-            f'method = "{method}" takes sine records only, and this study has records of other motions: '
-            'choose "auto".'
+            f'The estimator "{method}" takes sine records only, and this study has records of other '
+            'motions: choose "auto".'
         )
     inertia = study.inertias if study.poses else study.inertia
     try:

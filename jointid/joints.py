@@ -227,7 +227,7 @@ def motor_impedance(
 
 
 def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> Complexes:
-    """Arm acceleration over arm torque with every motor held still, (M2 s² + sD + K)⁻¹ s².
+    """Arm acceleration over arm torque with every motor locked, (M2 s² + sD + K)⁻¹ s².
 
     Parameters
     ----------
@@ -264,7 +264,7 @@ def resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
 
 
 def locked_resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
-    """Undamped natural frequencies of the arm with every motor held still.
+    """Undamped natural frequencies of the arm with every motor locked.
 
     Parameters
     ----------
@@ -297,7 +297,7 @@ def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
 
 
 def _natural_frequencies_hz(inertia: Inertia, elasticity: Elasticity, moving: np.ndarray) -> Floats:
-    """Spring deflections x obey ẍ = −(M⁻¹ + M2⁻¹)K x; a motor held still counts as M⁻¹ = 0."""
+    """Spring deflections x obey ẍ = −(M⁻¹ + M2⁻¹)K x; a locked motor counts as M⁻¹ = 0."""
     require_same_joints(inertia, elasticity)
     if inertia.gravity.any():  # the n highest of arm and motors: the others swing slowly under gravity
         K, kept = np.diag(elasticity.K), np.concatenate([moving, np.ones(inertia.n, bool)])

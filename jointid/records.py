@@ -122,13 +122,13 @@ class SineRecord(JointRecord, _OfOneFrequency):
         if used * interval * frequency < 1 - 1e-9:
             raise JointIdError(
                 f"{used} usable samples last {used * interval:.4g} s, less than one period "
-                f"of {frequency:g} Hz ({1 / frequency:.4g} s). Record longer, or check frequency_hz "
-                "and the unit of time_s (seconds)."
+                f"of {frequency:g} Hz ({1 / frequency:.4g} s). Record longer, or check the "
+                "frequency and the unit of time (seconds)."
             )
         if frequency * interval >= 0.5:
             raise JointIdError(
                 f"frequency_hz = {frequency:g} Hz is at or above half the sample rate of "
-                f"{1 / interval:.4g} Hz. Check frequency_hz and the unit of time_s (seconds)."
+                f"{1 / interval:.4g} Hz. Check the frequency and the unit of time (seconds)."
             )
 
     @property

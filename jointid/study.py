@@ -64,7 +64,7 @@ class Study:
     gear_temperature_C: float | None = None
     """Temperature of the gears, °C."""
     note: str = ""
-    """Remark on the measurement, shown beside the answer."""
+    """Remark on the measurement, shown with the answer."""
     assumed: tuple[str, ...] = ()
     """Unconfirmed facts about the logs, such as "gear ratio 1 (joint 2)"."""
     changes: tuple[str, ...] = ()

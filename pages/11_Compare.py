@@ -5,8 +5,8 @@ from jointid.ui.study.comparison import choose_other, show_differences, show_mod
 
 page = open_page(
     "Compare",
-    "The chosen study beside another one: before and after a gear change, cold and warm, one robot and "
-    "its neighbour, or two estimators on the same records.",
+    "The chosen study compared with another: before and after a gear change, cold and warm, one robot "
+    "and its neighbour, or two estimators on the same records.",
 )
 analysis = page.analysis()
 other = choose_other(page)

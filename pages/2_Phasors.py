@@ -43,7 +43,7 @@ for place, (heading, what, torque) in zip(st.columns(2), signals, strict=True):
             f"Phasors of the motor {what} in the complex plane",
         )
 st.caption(
-    "Distance from the centre is the amplitude, on a logarithmic scale when it varies much; direction "
+    "Distance from the centre is the amplitude, on a logarithmic scale when it varies widely; direction "
     "is the phase against sin ωt on the record's clock. Two records of one frequency must differ to "
     "add information."
 )

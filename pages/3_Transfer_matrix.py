@@ -35,7 +35,7 @@ st.latex(
 if page.study.motion_records:
     st.caption(
         "H of a motion is estimated by local polynomials in narrow frequency bands, together with the "
-        "contribution of the states at both ends of each record; the scatter gives the error bars. "
+        "transients from both ends of each record; the scatter gives the error bars. "
         "Close to a narrow resonance the polynomials underestimate the curvature of H."
     )
 analysis = page.analysis()

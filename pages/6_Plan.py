@@ -16,9 +16,9 @@ from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted, percent
 
 _LARGE_GAIN = (
-    " The gain is large because these records are at frequencies and phases where the motion depends "
-    "most on K and D, usually close to a resonance, and the records so far determine the inertias: "
-    "together they are better than either alone. The prediction holds as far as the model does."
+    " Such a large gain is plausible: these records are at frequencies and phases where the motion "
+    "depends most on K and D, usually close to a resonance, and the records so far determine the "
+    "inertias. The prediction is as good as the model."
 )
 page = open_page("Plan")
 analysis = page.analysis()

@@ -13,7 +13,7 @@ from jointid.ui.study.simulation_form import ask, simulated_study
 start(
     "Simulate a robot",
     "Define a robot and a closed-loop experiment, sines or another motion, with friction, noise and "
-    "rounding. Its records become a study with known K and D.",
+    "encoder steps. Its records become a study with known K and D.",
 )
 st.latex(
     r"""\begin{gathered}

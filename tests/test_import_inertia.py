@@ -282,7 +282,7 @@ def test_links_of_an_arm_with_another_number_of_joints(page: AppTest) -> None:
     for key in ("length", "mass", "centre", "link", "rotor", "pose"):
         at.text_input(key=f"import {key}").set_value("1, 1")
     at = shown(at.run())
-    assert "has 2 joints, the mapping 1" in at.error[0].value
+    assert "has 2 joints, step 2 has 1" in at.error[0].value
 
 
 def _two_joints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

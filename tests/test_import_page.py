@@ -439,7 +439,7 @@ class TestStudy:
         [
             ("", "", "Inertias are missing"),
             ("0.001", "soft", '"soft" is not a number'),
-            ("0.001, 0.002", "0.01, 0; 0, 0.01", "the mapping has 1"),
+            ("0.001, 0.002", "0.01, 0; 0, 0.01", "step 2 has 1"),
         ],
     )
     def test_what_is_no_inertia_is_said_and_stays(

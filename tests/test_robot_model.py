@@ -244,7 +244,7 @@ BAD_PARTS = {
     "floating": ("a.urdf", '"continuous"', '"floating"', "joint j2 is floating"),
     "two of one name": ("a.urdf", 'joint name="j2" type', 'joint name="j1" type', 'the name "j1"'),
     "half an inertial": ("a.urdf", 'ixx="1.2"', "", "link upper.*all six"),
-    "impossible tensor": ("a.urdf", 'ixx="1.2"', 'ixx="-1.2"', "joint j1 moves has the negative"),
+    "impossible tensor": ("a.urdf", 'ixx="1.2"', 'ixx="-1.2"', "moved by joint j1 have the negative"),
     "two bases": ("a.urdf", '<link name="base"/>', '<link name="base"/><link name="b2"/>', "base, b2"),
     "frame of the world": ("a.xml", '<light pos="0 0 3"/>', "<frame/>", "worldbody: <frame>"),
     "include": ("a.xml", "<asset>", '<include file="/etc/passwd"/><asset>', "include"),

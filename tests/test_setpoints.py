@@ -415,7 +415,7 @@ def test_no_file_of_a_random_plan_exceeds_a_limit(seed: int) -> None:
         ({"repeats": 0}, "repeats = 0"),
         ({"rest_s": 0.0}, "rest_s = 0"),
         ({"scale": -1.0}, "scale = -1"),
-        ({"repeats": 100, "rest_s": 60.0}, "at most 600 s"),
+        ({"repeats": 100, "rest_s": 60.0}, "limit is 600 s"),
         ({"velocity_rad_s": [1, 2, 3]}, "3 values"),
     ],
 )
@@ -456,12 +456,12 @@ def test_limits_are_read_from_toml() -> None:
     [
         ("torque_Nm = 20\n", "", "torque_Nm is missing"),
         ("velocity_deg_s", "velocity_deg", 'Did you mean "velocity_deg_s"'),
-        ("[100, -90]", "[100, 0]", "gear_ratio holds 0"),
+        ("[100, -90]", "[100, 0]", "gear ratio is 0"),
         ("axes = [3, 5]", "axes = [3, 9]", r"axes = \[3.0, 9.0\] do not fit"),
         ("axes = [3, 5]", "axes = [3, 3]", "one axis per joint"),
         ("axes = [3, 5]", "axes = [3, 4.5]", "do not fit"),
         ("= 200", "= -200", "limits must be positive"),
-        ("= [170, 60]", "= [170, -30]", "lower_deg of joint 2"),
+        ("= [170, 60]", "= [170, -30]", "lowest position of joint 2"),
         ("= 4000", "= [1, 2, 3]", "3 values"),
     ],
 )

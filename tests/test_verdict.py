@@ -314,12 +314,12 @@ def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | No
         long(1 / (2 * np.pi), 1, "revolutions", "6.28"),
         (1, 1000, "mN·m", "1000"),
         long(
-            [1 / 100, 1 / 90], 1, "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"
+            [1 / 100, 1 / 90], 1, "gear ratio, or the unit of the torque, looks wrong for all", "100, 90"
         ),
-        long(1, [100, 90], "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
-        (1, [1, 90], "gear ratio, or the unit of the torque, looks wrong in joint 2", "90"),
-        long([100, 90], 1, "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
-        long(1, [1 / 8.12, 1 / 2.09], "unit of the torque, looks wrong in all", "8.12, 2.09 N·m"),
+        long(1, [100, 90], "gear ratio, or the unit of the torque, looks wrong for all", "100, 90"),
+        (1, [1, 90], "gear ratio, or the unit of the torque, looks wrong for joint 2", "90"),
+        long([100, 90], 1, "gear ratio, or the unit of the torque, looks wrong for all", "100, 90"),
+        long(1, [1 / 8.12, 1 / 2.09], "unit of the torque, looks wrong for all", "8.12, 2.09 N·m"),
         long(
             [180 / np.pi, 1], [1, 8.12], "joint 1 seems to be in degrees; the scale of joint 2", "8.12"
         ),
@@ -1000,7 +1000,7 @@ def exchanged(*order: int) -> list[SineRecord]:
         long(
             lambda: scaled(torque=2.0),
             SERIAL,
-            "gear ratio, or the unit of the torque, looks wrong in all",
+            "gear ratio, or the unit of the torque, looks wrong for all",
         ),
     ],
 )
@@ -1132,7 +1132,7 @@ def with_torques(change: str) -> list[SineRecord]:
         turned = TORQUES * np.exp(2j * np.arange(len(TORQUES)))[:, None]
         late = steady_records(SERIAL, PAPER, FREQUENCIES, turned, noise=(1e-5, 3e-3), periods=20.37)
         torques = [record.tau_Nm for record in late]
-    if change == "cut off":
+    if change == "clipped":
         torques = [
             np.clip(torque, *(0.6 * np.ptp(torque) * np.array([-0.5, 0.5]))) for torque in torques
         ]
@@ -1146,9 +1146,9 @@ def with_torques(change: str) -> list[SineRecord]:
 @pytest.mark.parametrize(
     ("change", "title", "detail"),
     [
-        ("other frequencies", "do not belong to the motions", "no sine of the frequency"),
-        ("another clock", "do not belong to the motions", "would take up power"),
-        ("cut off", "is cut off", "of the samples are the largest torque"),
+        ("other frequencies", "do not belong to the motions", "lacks the frequency"),
+        ("another clock", "do not belong to the motions", "would absorb power"),
+        ("clipped", "is clipped", "of the samples are at the largest torque"),
     ],
 )
 def test_torques_of_other_motions_are_named_without_a_long_search(
@@ -1158,7 +1158,7 @@ def test_torques_of_other_motions_are_named_without_a_long_search(
     assert title in analysis.findings[0].title, titles(analysis)
     assert detail in analysis.findings[0].detail
     assert analysis.state == "not usable"
-    assert len(analysis.fit.candidates) <= 4 or change == "cut off"
+    assert len(analysis.fit.candidates) <= 4 or change == "clipped"
 
 
 def test_a_misfit_without_bound_is_a_problem_beside_any_cause() -> None:

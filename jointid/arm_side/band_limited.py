@@ -123,7 +123,7 @@ def joint_angles(record: MotionRecord, robot: RobotModel) -> Floats:
             "them, because the torque of one joint depends on the motion of the others."
         )
     if not np.isfinite(robot.coupling).all():
-        raise JointIdError("The robot's gear ratios are unknown: give gear_ratio when loading it.")
+        raise JointIdError("The robot model does not state the gear ratios: add them to its file.")
     return np.asarray(record.theta_rad @ robot.coupling.T)
 
 

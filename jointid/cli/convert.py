@@ -180,9 +180,9 @@ def mapped_study(
     if len(without) == len(logs):
         raise JointIdError(
             f"{' '.join([*without, *unused])} The method needs steady sines of a few periods, or "
-            "seconds of another motion. Check in the mapping which columns are position and torque, and "
-            "the unit of time; in the app, page Import a log, a run can also be marked by its start and "
-            "stop."
+            "several seconds of another motion. Check in the mapping which columns are position and "
+            "torque, and the unit of time; in the app, page Import a log, a run can also be marked by "
+            "its start and stop."
         )
     study = study_from_logs(
         logs,

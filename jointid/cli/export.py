@@ -21,7 +21,8 @@ from jointid.files.atomic_write import write_file
 def report(
     study: Annotated[Path, STUDY],
     output: Annotated[
-        list[Path] | None, typer.Option("--output", "-o", help="Files, .html or .pdf.")
+        list[Path] | None,
+        typer.Option("--output", "-o", help="Files, .html or .pdf; by default STUDY-report.html."),
     ] = None,
     with_cut: Annotated[bool, typer.Option("--cut/--no-cut", help="Include the simulated cut.")] = True,
     method: Annotated[str, METHOD] = "auto",

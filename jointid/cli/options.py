@@ -24,7 +24,7 @@ GEAR_FIELDS = {
 def known_method(value: str) -> str:
     """Check the name of an estimator."""
     if value not in METHODS:
-        raise typer.BadParameter(f'"{value}" is not known. Methods: {", ".join(METHODS)}.')
+        raise typer.BadParameter(f'"{value}" is not known. Estimators: {", ".join(METHODS)}.')
     return value
 
 

@@ -45,7 +45,7 @@ def simulate(
         str, typer.Option(help="In place of sines: sweep, multisine, random or moves.")
     ] = "",
     odd: Annotated[
-        bool, typer.Option(help="Multisine with odd harmonics only, which shows distortion.")
+        bool, typer.Option(help="Multisine on odd lines only, which shows distortion.")
     ] = False,
     duration_s: Annotated[
         float | None, typer.Option(help="Length of each motion record, s; 20 by default.")
@@ -82,7 +82,7 @@ def simulate(
     ] = "",
     inertia_std: Annotated[float | None, options.INERTIA_STD] = None,
     torque_std: Annotated[float | None, options.TORQUE_STD] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and random motion.")] = 0,
     name: Annotated[str, typer.Option(help="Name of the study.")] = "Simulated robot",
     overwrite: Annotated[bool, options.OVERWRITE] = False,
     as_json: Annotated[bool, options.JSON] = False,

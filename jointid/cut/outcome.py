@@ -222,5 +222,8 @@ def remaining_error_text(
         f"of K and D it changes by {millimetres(outcome.spread_m)} (95th percentile shown)."
     )
     if outcome.before_m < outcome.after_m:
-        text += " The smaller error before is a coincidence: the wrong springs cancel a part of it."
+        text += (
+            " The smaller error before is a coincidence: the wrong springs cancel part of the remaining "
+            "error."
+        )
     return text

@@ -23,7 +23,7 @@ from jointid.joints import Elasticity
 _BATCH_RUNS = 512
 """Runs per batch, which keeps the arrays within some hundred megabytes."""
 _STRIDE = 32
-"""Every so many instants give the lower bound of a run's largest contour error."""
+"""Step between the instants that give the lower bound of a run's largest contour error."""
 
 
 class CutOptions(TypedDict, total=False):

@@ -169,12 +169,12 @@ class ElasticityFit:
         for j in range(self.n):
             if self.K[j] <= 0:
                 raise JointIdError(
-                    f"K{j + 1} comes out as {self.K[j]:.4g} N·m/rad; a spring needs K > 0. Check the "
+                    f"K{j + 1} is {self.K[j]:.4g} N·m/rad; a spring needs K > 0. Check the "
                     f"sign and unit of the torque of joint {j + 1}, the gear ratios, and M and M2."
                 )
             if self.D[j] < -2 * D_error[j]:
                 raise JointIdError(
-                    f"D{j + 1} comes out as {self.D[j]:.4g} N·m·s/rad; a damper needs D > 0. "
+                    f"D{j + 1} is {self.D[j]:.4g} N·m·s/rad; a damper needs D > 0. "
                     "The torque probably leads or lags: check torque_hold and torque_delay_s."
                 )
         return Elasticity(K=self.K, D=np.maximum(self.D, 0.0))

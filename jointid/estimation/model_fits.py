@@ -28,7 +28,7 @@ difference is left."""
 
 
 def filters_before_friction(model: Model, p: Parameters | None) -> Floats | None:
-    """Time constants of the position filters that a model's friction is freed of, shape (n,), s."""
+    """Time constants of the position filters that are removed from a model's friction, shape (n,), s."""
     if p is None or "position_filter" not in model.effects or "position_filter" not in p.layout:
         return None
     return p["position_filter"]
@@ -88,7 +88,7 @@ def fit_model(
             return fitted(estimate.named)
     except np.linalg.LinAlgError as error:
         raise JointIdError(
-            "The model does not fit: its parameters exceed the range of numbers."
+            "The model does not fit: its parameters exceed the numerical range."
         ) from error
 
 

@@ -22,8 +22,9 @@ LOST = 100.0
 DOUBTFUL = 3.0
 """Misfit from which a model is fitted from other start values, too."""
 _MOST, _SOME = 0.5, 0.15
-"""Score over the cost from which a part is fitted with a law to data that are lost: most of it, but
-some of a delay, which turns the phase far, and of another law, as that of heavy rotors (0.19)."""
+"""Score over the cost from which a part is fitted together with a law if no model explains the data: the
+first for most parts; the second for a delay, which rotates the phase far, and for another law (0.19 with
+heavy rotors)."""
 POOR = 10.0
 """Misfit of a model that does not explain the data."""
 MOST_EFFECTS = 3
@@ -91,7 +92,7 @@ class Search:
         return sum(self.starts.values()) >= _MOST_FITS
 
     def is_open(self, model: Model) -> bool:
-        """Whether a model was not fitted, or is lost from its only start values."""
+        """Whether a model was not fitted, or did not converge from its only start values."""
         return self.fits.misfit(model) >= LOST and self.may_start_again(model)
 
     def may_start_again(self, model: Model) -> bool:
@@ -127,7 +128,9 @@ class Search:
         laws = [law for law in GEAR_LAWS if law in model.effects]
         if compares and model.is_slow and not (self.has_motions and laws in self.laws):
             if self.slow_fits >= (_MOST_SLOW_FITS_OF_MOTIONS if self.has_motions else _MOST_SLOW_FITS):
-                tried.setdefault(model, JointIdError("Not fitted: the limit of fitted laws is reached."))
+                tried.setdefault(
+                    model, JointIdError("Not fitted: the limit on fits of gear laws is reached.")
+                )
                 return
             self.slow_fits += 1
             self.laws.append(laws)

@@ -43,11 +43,11 @@ _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
 """Variance that a law of the gears in motions, and one with hysteresis, adds, over that of the noise:
 its waveform is computed in steps. They shifted K of a simulated robot with a loop of 10 % by 0.06 %."""
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
-"""Laws that are fitted where the linear fit is lost."""
+"""Laws that are fitted where the linear fit does not explain the data at all."""
 _FEW = 10
-"""Records per joint in which models are sought where the simple ones are lost."""
+"""Records per joint in which models are sought where the simple ones are far from the data."""
 _CLIMB = 0.7
-"""Ratio of misfits by which a part must lower one that is lost."""
+"""Ratio of misfits by which a part must lower that of a model far from the data."""
 
 
 def choose_model(
@@ -222,7 +222,7 @@ def _fit_first(search: Search) -> None:
 
 
 def _fit_laws(search: Search) -> None:
-    """Fit laws of the gears from their own start values where all else is lost."""
+    """Fit laws of the gears from their own start values where no other model explains the data."""
     fits, base = search.fits, search.base
     rubbing = replace(base, reversal=0.0)
     plain = fits.misfit(base if base in fits.tried else rubbing)  # motors stick

@@ -1,6 +1,6 @@
 """Start values for records of motions: stiffness, friction and payload by the arm's equation.
 
-Equation (8) takes the deflection as a small difference, which friction and a wrong payload spoil. Here
+Equation (8) takes the deflection as a small difference, which friction and a wrong payload bias. Here
 the deflection is a small correction of the arm's motion: with the torque s of the springs,
 
     A (θ − s / (K + sD)) = s,    s = τ − s²Mθ − friction,    A = s²M2 + gravity,
@@ -27,11 +27,11 @@ _RIDGE = 1e-10
 _ROUNDING = 1e-9
 """Share of the largest torque that is no information, for records without noise."""
 _RUBS = 2.0
-"""Cost that friction explains, over the remaining one, from which the motors rub."""
+"""Cost that friction explains, over the remaining one, from which friction is fitted."""
 
 
 def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
-    """K, D, friction where the motors rub and, with a common unknown as the payload, elements of M2."""
+    """K, D, friction if significant and, with a common unknown as the payload, elements of M2."""
     n, shared = prior.n, bool(prior.shared.any())
     known = np.any(phasors.harmonics != 0, axis=2)
     known[~phasors.motion, 1:] = False

@@ -1,7 +1,8 @@
-"""Whether any robot can make the records: springs, inertias and friction give off no energy.
+"""Passivity check of the records: springs, inertias and friction supply no energy.
 
-Over a period of a steady motion the motors supply the power Re Σ τ_j (sq_j)* / 2, which damping and
-friction take. Where they take up power instead, the torques are those of other records, axes or signs.
+Over a period of a steady motion the motors supply the mean power Re Σ τ_j (sq_j)* / 2, which damping and
+friction dissipate. If they absorb power instead, the torques are those of other records or axes, or have
+the wrong sign.
 """
 
 from __future__ import annotations
@@ -11,15 +12,15 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 
 _ALLOWED = 0.2
-"""Power over the apparent power that may be taken up: the phase of lags and filters beyond a delay."""
+"""Power over the apparent power that may be absorbed: the phase of lags and filters beyond a delay."""
 _DELAYS = np.linspace(-4.0, 4.0, 81)
 """Common delays of the torques that are tried, times the highest frequency in rad/s."""
 
 
 def taken_power(omega: Floats, z: Complexes, covariance: Complexes) -> Floats:
-    """Power that the motors take up beyond the allowance, in standard errors, shape (r,).
+    """Power that the motors absorb beyond the allowance, in standard errors, shape (r,).
 
-    With the common delay of the torques that leaves the least.
+    With the common delay of the torques that minimises it.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ def taken_power(omega: Floats, z: Complexes, covariance: Complexes) -> Floats:
 
 
 def least_misfit(omega: Floats, z: Complexes, covariance: Complexes) -> float:
-    """Least misfit of the fundamentals that any model without a source of energy leaves.
+    """Smallest misfit of the fundamentals that any passive model leaves.
 
     Parameters as of ``taken_power``.
     """

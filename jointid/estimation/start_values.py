@@ -1,9 +1,9 @@
-"""Start values for a fit where those of the linear estimator lead nowhere.
+"""Start values for a fit that does not converge from those of the linear estimator.
 
-Friction spoils it: with half of the torque, K may come out at a tenth. ``friction_start`` compares the
-torque of the model, Z(K, D) q, with the measured one at the fundamental, in relative terms and with a
-loss that forgives outliers; friction is linear in it and is eliminated (variable projection; Golub and
-Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
+Friction biases it: if it is half of the torque, K may be ten times too small. ``friction_start``
+compares the torque of the model, Z(K, D) q, with the measured one at the fundamental, in relative terms
+and with a loss that is robust to outliers; friction is linear in it and is eliminated (variable
+projection; Golub and Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 """
 
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ def at_resonances(phasors: Phasors, prior: InertiaPrior) -> list[Parameters]:
 
 
 def by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
-    """K and D from torque over deflection by the given inertias, which wrong ones spoil less.
+    """K and D from torque over deflection by the given inertias, less sensitive to errors in them.
 
     The deflection is the difference of motor and arm angle: a record counts by the inverse of the arm's.
     """
@@ -90,11 +90,11 @@ def by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
 def other_laws(
     phasors: Phasors, prior: InertiaPrior, start: Parameters, p: Parameters
 ) -> tuple[Parameters, ...]:
-    """Start values for a law of the gears in place of those that led to the fit ``p``.
+    """Further start values for a law of the gears, from the fit ``p``.
 
-    A loop of hysteresis as wide as the deflection is a spring, and one without width is friction: such
-    fits miss the right one with small loops, and so do those with flat ones, far from the data: without
-    a level no width makes a difference. Changes of slope are found from one side only.
+    A hysteresis loop as wide as the deflection acts like a spring, one without width like friction, and
+    the width of a flat loop has no effect: such fits do not reach an optimum with small loops, which
+    gets a start of its own. Changes of slope converge from one side only.
     """
     torque = phasors.tau + phasors.omega[:, None] ** 2 * prior.M[prior.rotor] * phasors.q
     peak, found = np.abs(torque).max(axis=0), []
@@ -130,8 +130,8 @@ def with_backlash(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     """K, D, backlash and Coulomb friction by regression of the deflection on torque, its sign and speed.
 
     Friction of the motor changes the torque and, by the arm's compliance, the deflection that follows
-    from it. A record counts by its torque, less of which may leave out a flank, over what errors of the
-    given inertias make of its deflection. Harmonics within the noise would hide the torque.
+    from it. The weight of a record is its torque, because a small one may not reach both flanks, over
+    the error of its deflection by errors of the given inertias. Harmonics within the noise are left out.
     """
     n, z = phasors.n, phasors.harmonics
     s = 1j * phasors.omega[:, None, None] * np.arange(1, z.shape[1] + 1)[:, None]

@@ -42,7 +42,7 @@ def answer_text(analysis: Analysis) -> str:
 
 
 def warning_text(analysis: Analysis, values: str) -> str:
-    """Return the reason why an answer is not usable on one line, and what its values are therefore."""
+    """Return on one line the reason why an answer is not usable, and the consequence for its values."""
     state, _, reason = " ".join(answer_text(analysis).split()).partition(":")
     return f"{state.upper()}:{reason} {values}"
 

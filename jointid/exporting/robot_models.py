@@ -41,7 +41,7 @@ class ArmSide(NamedTuple):
 
 
 def arm_side(analysis: Analysis, gear_ratio: ArrayLike) -> ArmSide:
-    """Reflect an identification to the joint side; what an unusable answer fitted is NaN.
+    """Reflect an identification to the joint side; fitted values of an unusable answer are NaN.
 
     ``gear_ratio`` holds motor turns per joint turn; a single number holds for all joints.
 

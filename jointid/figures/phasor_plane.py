@@ -21,7 +21,7 @@ def phasor_plane(
     positive = size[size > 0]
     low, high = (float(positive.min()), float(positive.max())) if positive.size else (0.1, 1.0)
     logarithmic = high > 30 * low
-    low = max(low, 1e-4 * high)  # a joint that stands still lies at the centre
+    low = max(low, 1e-4 * high)  # a joint at rest lies at the centre
     for j in range(phasors.n):
         symbol = joint_symbol(j) + ("-open" if j % 2 else "")
         f = phasors.omega / (2 * np.pi)

@@ -27,7 +27,7 @@ def left_out_prediction(prediction: TorquePrediction, *, dark: bool = False) -> 
 
 
 def normalised_residuals(residuals: RecordResiduals, *, dark: bool = False) -> go.Figure:
-    """Residual torque of each record over what noise makes of it, with lines at 1 and 3."""
+    """Residual torque of each record over its standard deviation by noise, with lines at 1 and 3."""
     sketch, f = Sketch(dark), residuals.frequency_hz
     ends = np.array([f.min() / 1.5, f.max() * 1.5])
     for level, dash, name in ((1.0, "solid", "expected (1)"), (3.0, "dash", "seldom above (3)")):

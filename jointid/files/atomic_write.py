@@ -58,7 +58,7 @@ def write_file(path: Path, data: bytes) -> None:
 def require_folder(path: Path) -> None:
     """Raise JointIdError when the folder of a new file does not exist."""
     if not path.parent.is_dir():
-        raise JointIdError(f"{path.parent} is not a folder: make it first, or choose another path.")
+        raise JointIdError(f"{path.parent} is not a folder: create it first, or choose another path.")
 
 
 def write_error(path: Path, error: OSError) -> JointIdError:

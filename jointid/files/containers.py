@@ -186,7 +186,7 @@ class Zip:
             if member.is_dir():
                 continue
             if path in self._members:
-                raise JointIdError(f"{name} lists {path} twice: make the archive again.", file=name)
+                raise JointIdError(f"{name} lists {path} twice: create the archive again.", file=name)
             self._members[path] = member
         self._members = {path: m for path, m in self._members.items() if not is_clutter(path)}
         tops = {PurePosixPath(name).parts[0] for name in self._members}
@@ -214,7 +214,8 @@ class Zip:
             raise
         except _ZIP_FAULTS as error:
             raise JointIdError(
-                f"{name} in {self.name} is damaged ({error!s:.200}): make the archive again.", file=name
+                f"{name} in {self.name} is damaged ({error!s:.200}): create the archive again.",
+                file=name,
             ) from error
         return bytes(data)
 
@@ -228,8 +229,8 @@ class Zip:
             if member.file_size > CHUNK and member.file_size > MAX_RATIO * member.compress_size:
                 raise JointIdError(
                     f"{member.filename!r:.200} in {self.name} would unpack to "
-                    f"{mebibytes(member.file_size)}, more than {MAX_RATIO} times its packed size, which "
-                    "measurements never do. Give the folder instead."
+                    f"{mebibytes(member.file_size)}, more than {MAX_RATIO} times its packed size; "
+                    "measurements never compress that well. Give the folder instead."
                 )
 
     def _checked_name(self, member: zipfile.ZipInfo) -> str:
@@ -242,13 +243,13 @@ class Zip:
             raise JointIdError(f"{path} in {self.name} is a link: put the file itself into the archive.")
         if member.flag_bits & 0x1:
             raise JointIdError(
-                f"{path} in {self.name} is encrypted: make the archive without a password."
+                f"{path} in {self.name} is encrypted: create the archive without a password."
             )
         # Other methods can ask for gigabytes of working memory before the first byte.
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise JointIdError(
                 f"{path} in {self.name} is packed with method {member.compress_type}: "
-                "make the archive with ordinary (deflate) compression."
+                "create the archive with ordinary (deflate) compression."
             )
         return path
 

@@ -158,7 +158,7 @@ def _require_closed_quotes(file: str, data: bytes, body: int, rows: int) -> None
     )
     raise row_error(
         (file, "line", number),
-        "a quote is not closed on its line, so that lines are lost.",
+        "a quote is not closed on its line.",
         hint="Close or remove it.",
     )
 

@@ -146,7 +146,7 @@ class Cluster:
 
     def _lost_connection(self) -> JointIdError:
         return JointIdError(
-            f"The connection to the scheduler at {self._address} is lost. Finished rows are kept: give "
+            f"The connection to the scheduler at {self._address} is lost. Finished rows are kept: run "
             "the same command again when it is back."
         )
 

@@ -45,7 +45,7 @@ class Journal:
         except OSError as error:
             raise JointIdError(
                 f"{self.path} cannot be written: {error.strerror or error}. Its rows are kept: free "
-                "space, then give the same command again."
+                "space, then run the same command again."
             ) from error
 
     def clear(self) -> None:

@@ -35,8 +35,8 @@ _FIRST, _STARTS = 6, 3
 """Steps at the start of a motion whose smoothed velocity is inaccurate, and Gauss-Newton steps for its
 state."""
 _WHOLE, _WINDOW, _SHORTEST = 10, 2000, 30
-"""Newton steps over the whole motion; after these the solution follows it, so many steps at a time, or
-fewer where it does not converge."""
+"""Newton steps over the whole motion; after them, it is solved in windows of that many steps, or of
+fewer where they do not converge."""
 
 
 @dataclass(frozen=True, eq=False)

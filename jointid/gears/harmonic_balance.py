@@ -38,8 +38,8 @@ class WoundGears:
 
     F is the deflection that signals give without the law, β the compliance by which g changes it: 1/κ
     where it follows from the torque through a gear of dynamic stiffness κ, 0 where it is measured. The
-    mean of δ is that of a gear without mean torque: wide backlash has periodic motions that lean to one
-    side.
+    mean of δ is that of a gear without mean torque: wide backlash has periodic motions with a mean
+    deflection.
     """
 
     laws: GearLaws
@@ -65,8 +65,8 @@ class WoundGears:
     ) -> WoundGears:
         """Solve by Newton steps at the first m harmonics, from ``start`` or the linear deflection.
 
-        Their slopes are those of earlier steps as long as these lead on quickly: to invert the slopes
-        takes far longer than to evaluate the torque. Further harmonics, which g hardly changes, follow.
+        Slopes of earlier steps are reused while they converge quickly: inverting them takes far longer
+        than evaluating the torque. Further harmonics, which g hardly changes, follow.
 
         Parameters
         ----------
@@ -154,7 +154,7 @@ class WoundGears:
     def noise(self, variance: Floats) -> tuple[Complexes, Floats]:
         """Change of g with noise of F at the same harmonic, and its variance by others, (r, n, H).
 
-        A gear that is far from linear, near a motion that leans or jumps, answers noise of one harmonic
+        A gear that is far from linear, near a biased motion or a jump, responds to noise of one harmonic
         in others, and by more than the linear gear does.
 
         Parameters

@@ -1,8 +1,8 @@
-"""Residuals in coordinates that free waveforms do not reach: the projection of large systems.
+"""Residuals in the orthogonal complement of the free waveforms: the projection of large systems.
 
-A waveform is a torque at one motor, with amplitudes that are unknown. A basis Q of what the waveforms of
-every motor leave depends on no parameter, and the likelihood over all amplitudes is that of Qᵀr with its
-covariance Qᵀ V Q (restricted maximum likelihood; Harville, Journal of the American Statistical
+A waveform is a torque at one motor, with amplitudes that are unknown. A basis Q of the complement of
+every motor's waveforms depends on no parameter, and the likelihood over all amplitudes is that of Qᵀr
+with its covariance Qᵀ V Q (restricted maximum likelihood; Harville, Journal of the American Statistical
 Association 72, 1977). With many motors it is far smaller than r, and than their waveforms together.
 """
 
@@ -42,7 +42,7 @@ class Waveforms:
 
     @cached_property
     def basis(self) -> Basis:
-        """What the free waveforms leave: the same in all fits."""
+        """Basis of the complement of the free waveforms: the same in all fits."""
         n = len(self.free)
         parts, freed, spread = [], np.zeros(n), []
         for j, (shapes, others) in enumerate(zip(self.free, self.bounded, strict=True)):
@@ -65,7 +65,7 @@ class Waveforms:
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Orthonormal torques of one record that no free waveform holds."""
+    """Orthonormal torques of one record, orthogonal to all free waveforms."""
 
     torques: Complexes
     """Rows of its bins, shape (C, H); as real rows [Re, Im] they are orthonormal."""

@@ -34,7 +34,7 @@ class FreeFriction:
     ends: tuple[np.ndarray, Complexes] | None = None
     """Indices of some records, shape (m,), and further columns, (m, H, n, k)."""
     bases: tuple[Basis, ...] = ()
-    """In place of the groups, where a record has many waveforms: what they leave of each record."""
+    """In place of the groups, where a record has many waveforms: the complement of each record."""
     shapes: int = 0
     """Number of waveforms; their rank may be smaller."""
 
@@ -88,7 +88,7 @@ class FreeFriction:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Whitened columns of unit length that the rows of some records are freed of."""
+    """Whitened columns of unit length, projected out of the rows of some records."""
 
     records: np.ndarray
     free: Floats

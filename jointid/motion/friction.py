@@ -58,7 +58,7 @@ class FrictionWaveforms:
     """Whether the joint's motion is within its noise, shape (r, n): its friction is then unknown over
     the whole period, and its residual carries no information."""
     position_filter: Floats = field(default_factory=lambda: np.zeros(1))
-    """Time constants of the filters of the positions that the velocities are freed of, (n,), s."""
+    """Time constants of the position filters that are removed from the velocities, (n,), s."""
 
     @cached_property
     def spread(self) -> Floats:

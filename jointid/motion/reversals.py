@@ -20,7 +20,7 @@ _REST = 2
 """Samples without clear velocity above which a motor may rest."""
 _STATIONARY, _STILL = 0.5, 0.95
 """Share of the largest velocity with unknown sign, and share of the time without clear velocity, from
-which a joint counts as stationary: what friction holds it with, the springs do not show."""
+which a joint counts as stationary: its friction at rest is unknown and its torque shows no spring."""
 
 
 def segment_friction(

@@ -34,7 +34,7 @@ class Segment:
     repeated_variance: Floats
     """Part of it that the periods of the motion share, times the further periods, shape (n,), rad²."""
     least_torque_variance: Floats
-    """The square of what sampling itself leaves of the torques, shape (n,), (N·m)²."""
+    """Square of the residual torque that sampling itself causes, shape (n,), (N·m)²."""
     most_torque_variance: Floats
     """The most that the variance of each sample of the torques can be by noise, shape (n,), (N·m)²."""
     lowest: int

@@ -306,8 +306,8 @@ def _bodies(file: str, pin: Any, model: Any, gravity: Floats | None) -> RigidBod
         if moments[0] < -1e-6 * np.abs(moments).max():
             raise _error(
                 file,
-                f"what joint {model.names[j]} moves has the negative principal moment {moments[0]:g} "
-                "kg·m²: check its inertias.",
+                f"the bodies moved by joint {model.names[j]} have the negative principal moment "
+                f"{moments[0]:g} kg·m²: check its inertias.",
             )
     bodies = list(model.inertias)[1:]
     placed = list(model.jointPlacements)[1:]

@@ -289,6 +289,7 @@ class RobotModel(RobotDescription):
         ]
         return JointIdError(
             f"{self.source[0]} does not state the {what} of {enumerated(missing[:8])}: "
-            f"give it as {argument} when loading the robot.",
+            f"state it in the file, or as {argument} under [robot_model] in study.toml or in "
+            "RobotModel.load.",
             file=self.source[0],
         )

@@ -64,22 +64,22 @@ class RobotLimits:
             if name in _POSITIVE and np.any(values[name] <= 0):
                 raise JointIdError(f"{name} = {values[name].tolist()}: limits must be positive.")
         if np.any(values["gear_ratio"] == 0):
-            raise JointIdError("gear_ratio holds 0: give motor turns per joint turn, such as 100.")
+            raise JointIdError("A gear ratio is 0: give motor turns per joint turn, such as 100.")
         if np.any(values["lower_deg"] >= values["upper_deg"]):
             j = int(np.argmax(values["lower_deg"] >= values["upper_deg"])) + 1
-            raise JointIdError(f"lower_deg of joint {j} is not below its upper_deg.")
+            raise JointIdError(f"The lowest position of joint {j} is not below its highest position.")
         axes, every = list(self.axes) or list(range(1, n + 1)), range(1, start.size + 1)
         names = tuple(self.joint_names) or tuple(f"joint_{axis}" for axis in every)
         if not len(axes) == len(set(axes)) == n or not set(axes) <= set(every):
             raise JointIdError(
                 f"axes = {axes} do not fit {counted(n, 'gear ratio')} and "
-                f"{counted(start.size, 'angle')} in start_deg: give the angle of every "
+                f"{counted(start.size, 'angle')} of the start pose: give the angle of every "
                 "axis of the robot, and one axis per joint."
             )
         if len(names) != start.size:
             raise JointIdError(
-                f"{counted(len(names), 'joint name')}, but {counted(start.size, 'angle')} in start_deg: "
-                "give one of each per axis of the robot."
+                f"{counted(len(names), 'joint name')}, but {counted(start.size, 'angle')} of the start "
+                "pose: give one of each per axis of the robot."
             )
         moving = tuple(int(axis) - 1 for axis in axes)
         for name, value in {**values, "axes": axes, "joint_names": names, "moving": moving}.items():
@@ -109,8 +109,8 @@ def limits_from_toml(data: bytes, file: str) -> RobotLimits:
             low, high = limits.lower_deg[j], limits.upper_deg[j]
             if not low <= pose <= high:
                 raise JointIdError(
-                    f"start_deg of joint {j + 1} is {pose:g}, beyond lower_deg {low:g} or upper_deg "
-                    f"{high:g}: give all of them in degrees."
+                    f"The start angle of joint {j + 1}, {pose:g}°, lies outside its limits of "
+                    f"{low:g}° and {high:g}°: give all of them in degrees."
                 )
         return limits
     except JointIdError as error:

@@ -197,7 +197,7 @@ def _record_lengths(excitation: Excitation, controller: Controller, frequency: F
     """Samples of each record."""
     if excitation.periods is not None:
         if excitation.periods < 1:
-            raise JointIdError(f"periods = {excitation.periods:g}: a record needs at least one period.")
+            raise JointIdError(f"{excitation.periods:g} periods: a record needs at least one period.")
         duration = excitation.periods / frequency
     else:
         duration = np.full(frequency.shape, excitation.duration_s)

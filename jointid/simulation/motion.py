@@ -21,7 +21,7 @@ KINDS = {
 _PERIODS = 4
 """Periods of a multisine in a record: their differences are noise."""
 _GROUP = 4
-"""Of so many neighbouring odd lines one stays empty and shows odd distortion."""
+"""Number of neighbouring odd lines of which one stays empty and shows odd distortion."""
 _PEAK_VELOCITY, _PEAK_ACCELERATION = 1.875, 10 / np.sqrt(3)
 """Of the quintic move of unit distance and time."""
 
@@ -114,7 +114,8 @@ def sampled(
     """
     if motion.to_hz * interval_s >= 0.5:
         raise JointIdError(
-            f"to_hz = {motion.to_hz:g} Hz: must be below half the sample rate of {1 / interval_s:g} Hz."
+            f"The highest frequency, {motion.to_hz:g} Hz, must be below half the sample rate of "
+            f"{1 / interval_s:g} Hz."
         )
     samples = int(np.ceil(motion.duration_s / interval_s - 1e-6))
     time = interval_s * np.arange(-before - 1.0, samples + 1.0)

@@ -17,7 +17,7 @@ from jointid.motion.friction import FrictionWaveforms, friction_waveforms
 from jointid.phasors.extract import Phasors
 
 _LEAST_STIFFNESS = 1e-9
-"""In place of one that comes out as zero, N·m/rad."""
+"""In place of an estimate of zero, N·m/rad."""
 
 
 def refit(

@@ -16,7 +16,7 @@ _PARTS = {
 """Name of each part; the fit holds it as ``noise_error`` and so on."""
 PARTS_MEANING = (
     "Friction harmonics: allowance for the shape of friction beyond the fitted harmonics. Choice of "
-    "model: difference to models that fit about as well."
+    "model: difference from models that fit about as well."
 )
 """Explains the parts that need it."""
 

@@ -37,7 +37,7 @@ class MotionLimits:
 
 @dataclass(frozen=True, eq=False)
 class PlannedMotion:
-    """A motion with the errors that it would bring."""
+    """A motion with its predicted errors."""
 
     motion: Motion
     records: tuple[MotionRecord, ...]

@@ -85,7 +85,7 @@ def planned_records(
     if frequency.size == 0 or np.any(frequency <= 0) or np.any(duration * frequency < 1):
         raise JointIdError(
             "Planned records need positive frequencies, and at least one period each: check "
-            "frequency_hz and duration_s."
+            "frequencies and durations."
         )
     if (torque_Nm is None) == (angle_rad is None):
         raise JointIdError("Give the torques or the angles of the planned records, one of the two.")

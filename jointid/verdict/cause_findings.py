@@ -93,7 +93,7 @@ def finding_of(
             OTHER_CAUSES.get(cause.factor, "") if len(joints) == factor.size and not reversed_too else ""
         )
         titles.append(f"{other}, or {title}" if other else title)
-        details.append(f"{is_} That is about the effect of {cause.why}.")
+        details.append(f"{is_} This is about the effect of {cause.why}.")
         if other or cause.factor in SUBTLE:
             changes = []  # the person decides
         if other:
@@ -102,8 +102,8 @@ def finding_of(
                 "the two."
             )
             remedies.append(
-                "Look up the unit of M and M2. If it is g·m², set this unit where they are entered, or "
-                "divide them by 1000 in study.toml. If they are right:"
+                "Check the unit of M and M2. If it is g·m², set this unit where they are entered, or "
+                "divide them by 1000 in study.toml. If M and M2 are right:"
             )
         columns = _columns(cause.signal, joints)
         minus = " Reverse its sign as well." if reversed_too else ""
@@ -237,7 +237,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
         right = number(np.sqrt(factor.mean()))
         causes += f" All joints agree: a sample rate of {right} times the given one is possible, too."
     return problem(
-        f"A gear ratio, or the unit of the torque, looks wrong in {whose}",
+        f"A gear ratio, or the unit of the torque, looks wrong for {whose}",
         f"Torque over acceleration is {_values(factor[wrong])} times {_EXPECTED}. {causes} {proof}",
         _unknown_remedy(factor, wrong),
         effect,
@@ -252,7 +252,7 @@ def _unknown_remedy(factor: Floats, joints: Iterable[int]) -> str:
     return (
         "On import, check the side of the gear, the gear ratio and the unit of position and torque: a "
         "torque in % needs the rated torque, one in amperes the torque constant. "
-        f"The torque times {each} fits ({_columns('torque', indices)} in a "
+        f"The data fit with the torque multiplied by {each} ({_columns('torque', indices)} in a "
         "study's tables)." + (f" Similar factors: {'; '.join(near)}." if near else "")
     )
 

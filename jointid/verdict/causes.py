@@ -89,7 +89,7 @@ CAUSES = (
 )  # fmt: skip
 """Wrong units by their factor."""
 SUBTLE = (np.sqrt(0.5), np.sqrt(2))
-"""Factors that wrong inertias come near to as well."""
+"""Factors that wrong inertias may cause as well."""
 OTHER_CAUSES = {
     1e-3: "M and M2 seem to be in g·m²",
     1e-6: "The position of all joints seems to be in µrad",

@@ -205,7 +205,7 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
         f"{values}: {percent(fits.spread[worst])} apart, {number(fits.significance[worst], 2)} standard "
         "errors.",
         "Check M2 of each pose first, under [poses] in the inertia file or in study.toml. "
-        "If the inertias are right, the gear hardens: its stiffness then "
+        "If the inertias are right, the gear is probably nonlinear: its stiffness then "
         "depends on the load, which depends on the pose.",
         float(apart[worst]),
         "edit inertias",
@@ -227,7 +227,7 @@ def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
             f"It changes by {percent(found.change[j])} ± {percent(found.standard_error[j])} from a "
             f"deflection of {number(low, 2)} rad to {number(high, 2)} rad, at frequencies with several "
             "amplitudes.",
-            "The gear hardens, or friction is not fully modelled. Measure at the amplitude of the "
+            "The gear is nonlinear, or friction is not fully modelled. Measure at the amplitude of the "
             "application.",
             float(abs(found.change[j])),
         )

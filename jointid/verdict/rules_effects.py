@@ -17,8 +17,8 @@ _REMEDIES = {
     "arm_coulomb": ("The arm has Coulomb friction", ""),
     "loss_factor": (
         "The gears have structural damping",
-        "D holds the viscous part only. K is the stiffness at the mean frequency of the records, on a "
-        "logarithmic scale; it rises with frequency.",
+        "D holds the viscous part only. K is the stiffness at the geometric mean frequency of the "
+        "records; it rises with frequency.",
     ),
     "lag": (
         "The torques {lag|lead} by different times",

@@ -38,7 +38,7 @@ to 2¹⁴ counts it was 0.8 to 1.7 times that of white noise."""
 _MUCH, _CONTRADICTED = 0.02, 20.0
 """Residual over the torque, and this times the misfit, from which an answer is not usable."""
 _NEGLIGIBLE_K, _NEGLIGIBLE_D = 1e-4, 1e-3
-"""Relative changes of K and D that no use of them notices."""
+"""Relative changes of K and D that are negligible in any application."""
 _ODD = 5.0
 """Misfit of one record over that of every other from which it is named."""
 _LOWEST = 0.1
@@ -81,10 +81,11 @@ def link_in_series(evidence: Evidence) -> Iterator[Finding]:
     for j in np.flatnonzero(alone & (softer * fit.K > fit.standard_error[: fit.n])).tolist():
         yield note(
             f"K{j + 1} is that of gear and link in series",
-            "A joint without coupling does not show a flexible link. A usual one, with a mode at ten "
+            "A joint without coupling does not show a flexible link. A typical one, with a mode at ten "
             f"times the joint's resonance, makes K{j + 1} {percent(softer[j])} lower than that of the "
             "gear. The error bars do not include this difference.",
-            "No action needed for a controller: it needs this K. Records of coupled joints show links.",
+            "No action needed for a controller: it needs this K. Records of coupled joints show "
+            "flexible links.",
             float(softer[j]),
         )
 
@@ -233,7 +234,7 @@ def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
         "The records hardly test the model",
         f"{counted(len(evidence.records), 'record')} give "
         + ("no" if freedom < 1 else f"only {number(np.floor(freedom))}")
-        + " more equations than unknowns: an effect missing in the model may remain unseen.",
+        + " more equations than unknowns: an effect that the model lacks may go unnoticed.",
         "Add records at other frequencies.",
         0.3,
     )

@@ -1,6 +1,6 @@
 """Rules of the verdict on records that contradict all others, and on torques of other motions.
 
-Wrong inertias, friction and wrong units of all records are in every record. Here the others fit well
+Wrong inertias, friction and wrong units of all records affect every record. Here the others fit well
 without a single record. Its error follows from the torques that K and D of the others predict for its
 angles: a factor on angle or torque that corrects the record.
 """
@@ -71,11 +71,11 @@ _FOREIGN = (
     "signs of the torques.",
 )
 _CUT_OFF = (
-    "The log of a torque is cut off",
+    "A logged torque is clipped",
     "Log the torque with a larger range, or use smaller motions.",
 )
 _CUT = 0.1
-"""Share of the samples at the largest torque from which its log is cut off there."""
+"""Share of the samples at the largest torque from which its log is clipped there."""
 
 _LEAVE_OUT = "untick its run on import, or delete its [[records]] entry in study.toml"
 
@@ -175,7 +175,7 @@ def _outlier_text(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
     joints = "" if wrong.size == n else " of joint " + " and ".join(str(j + 1) for j in wrong)
     factor = float(found.factor[wrong[0]])
     scale = 1 / factor if found.by_angle else factor
-    cause = f"The {signal}{joints} is {number(scale)} times the value from the other records."
+    cause = f"The {signal}{joints} is {number(scale)} times the value expected from the other records."
     for known, usual, looks, remedy in _KNOWN:
         if np.allclose(found.factor[wrong], known) and (known == -1 or usual == signal):
             return f"The {signal}{joints} in {label} {looks}", cause, remedy.format(names)
@@ -237,7 +237,7 @@ def _usual_on_angle(factor: float) -> bool:
 
 
 def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
-    """Torques that are cut off, or have no sine of the frequency at which the motor moves."""
+    """Torques that are clipped, or lack the frequency at which the motor moves."""
     phasors, n = evidence.phasors, evidence.phasors.n
     noise = np.sqrt(np.einsum("rjj->rj", phasors.harmonic_covariance[:, 0, n:, n:]).real)
     moves = joint_share(phasors)[:, :n] > _MOVES
@@ -257,27 +257,25 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
         found[1, i] = poor and np.any((same.mean(axis=0) > _CUT) & (np.ptp(torque, axis=0) > 0))
     found[0, list(off_frequency(evidence))] = False
     if found[0].mean() > _MANY:
-        yield _foreign(
-            evidence, found[0], "the torque has no sine of the frequency at which the motor moves"
-        )
+        yield _foreign(evidence, found[0], "the torque lacks the frequency at which the motor moves")
     elif found[1].any():
         yield _foreign(
             evidence,
             found[1],
-            f"more than {percent(_CUT)} of the samples are the largest torque",
+            f"more than {percent(_CUT)} of the samples are at the largest torque",
             _CUT_OFF,
         )
 
 
 def motors_take_power(evidence: Evidence) -> Iterator[Finding]:
-    """Records in which the motors would take up power from the robot."""
+    """Records in which the motors would absorb power from the robot."""
     phasors = evidence.phasors
     taken = taken_power(phasors.omega, phasors.z, phasors.covariance) > _SURE
     if taken.any():
         yield _foreign(
             evidence,
             taken,
-            "the motors would take up power, which no spring, inertia or friction supplies",
+            "the motors would absorb power, which springs, inertias and friction cannot supply",
         )
 
 

@@ -277,7 +277,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
 
 
 def loop_below_steps(evidence: Evidence) -> Iterator[Finding]:
-    """An encoder step that is no small part of the presliding deflection, whose noise turns the loop."""
+    """An encoder step that is a large part of the presliding deflection: its noise distorts the loop."""
     steps = np.median([_encoder_steps(record) for record in evidence.sines], axis=0)
     for j, gear in enumerate(evidence.fit.gears):
         if gear.hysteresis_Nm > 0 and steps[j] > _LOOP_STEP * gear.presliding_rad:

@@ -1,8 +1,8 @@
-"""Are units, signs, gear ratios and columns right? Hypotheses about wrong data, tried by fitting again.
+"""Search for wrong units, signs, gear ratios and columns: hypotheses, each tested by a fit.
 
-At low frequency the springs drop out and the torques are (M + M2) q̈. A scale that is off shows there as
-a factor on a joint. Whether a hypothesis holds is then tried: with the data as it corrects them, the
-joint equations must hold far better than without. Data that are right cannot be corrected.
+At low frequency the springs have no effect and the torques are (M + M2) q̈. A wrong scale appears there
+as a factor on a joint. A hypothesis is accepted if the data that it corrects satisfy the joint equations
+far better than the data as logged. Correct data are never changed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,12 +42,12 @@ def wrong_data(
     inertias : sequence of Inertia
         One per record.
     misfit : float, optional
-        Of the answer that was given. When it is small there is nothing to look for.
+        Of the answer. If it is small, there is no search.
 
     Returns
     -------
     tuple of Finding
-        At most one, which explains the data best. No estimate needs to be possible as they are.
+        At most one: the best hypothesis. The data as logged need not allow an estimate.
     """
     if misfit is not None and misfit < GOOD:
         return ()

@@ -1,10 +1,10 @@
 """Motion of the motors between the samples of a held torque.
 
 A torque that is held from sample to sample, for T, acts at its images s_k = s + 2πik/T as well as at s,
-with s/s_k of the torque at s. The motors follow them, and sampled that motion appears at s. A motor is
+with s/s_k of the torque at s. The motors follow them, and sampling aliases this motion to s. A motor is
 then a rotor on its gear: at the images the arm hardly moves, and the coupling of the joints is of second
 order in it. The images are 0.1 % of the rotor's angle at a tenth of the sample rate, 1 % at a sixth; a
-delay turns them.
+delay rotates them.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class LikelihoodEstimate(Estimate):
     """The estimate, with the friction-compensated phasors."""
 
     phasors: Phasors
-    """Phasors with friction and delay subtracted from the torque: what acts on springs and inertias."""
+    """Phasors with friction and delay subtracted from the torque: the part on springs and inertias."""
     penalty: float
     """Cost of the prior, beside ``cost`` of the data."""
     fundamental: tuple[float, float]

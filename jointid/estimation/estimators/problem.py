@@ -221,7 +221,7 @@ def make_problem(
     """
     if np.any(stiffness <= 0):
         raise JointIdError(
-            f"K{int(np.argmin(stiffness)) + 1} comes out negative by least squares: check the sign and "
+            f"K{int(np.argmin(stiffness)) + 1} is negative by least squares: check the sign and "
             "unit of the torque, the gear ratios, and the inertias M and M2."
         )
     n, z = prior.n, phasors.harmonics
@@ -280,7 +280,8 @@ def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
     """Friction over that at the logged motion, shape (r, H, n).
 
     A motor turns back before its filtered position does: earlier by the delay of the filter at the
-    fundamental, which decides the sign of the velocity. The waveforms may be freed of a similar filter.
+    fundamental, which decides the sign of the velocity. A similar filter may already be removed from the
+    waveforms.
     """
     if "position_filter" not in problem.layout:
         return 1.0
@@ -332,7 +333,7 @@ def loss_stiffness(problem: Problem) -> Complexes:
 
     A loss that does not depend on frequency comes with a stiffness that rises with its logarithm, or
     it would act before its cause (Kjartansson, Journal of Geophysical Research 84, 1979). K is the
-    stiffness at the mean frequency of the records, on a logarithmic scale.
+    stiffness at the geometric mean frequency of the records.
     """
     s = problem.s
     reference = np.exp(np.log(np.abs(s[problem.known & problem.main[problem.group]])).mean())

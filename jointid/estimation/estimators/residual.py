@@ -148,11 +148,11 @@ class Residual:
 
     @property
     def position(self) -> Complexes:
-        """Motor angle, freed of a filter, shape (r, h, n) like the ideal torque, rad."""
+        """Motor angle without its filter, shape (r, h, n) like the ideal torque, rad."""
         return self._before_filter(self.problem.z)[:, : self.fundamentals]
 
     def _before_filter(self, signals: Complexes) -> Complexes:
-        """Motor angle in signals (r, H, 2n), freed of images and a filter, shape (r, H, n), rad."""
+        """Motor angle in signals (r, H, 2n), without images and its filter, shape (r, H, n), rad."""
         return np.asarray((signals[..., : self.problem.n] - self.images) * self.advance)
 
     def by_position_filter(self, friction: Complexes) -> Complexes:
@@ -309,7 +309,7 @@ class Residual:
 
 
 def with_law_noise(problem: Problem, vector: Floats) -> Problem:
-    """The problem with the noise that nonlinear gears make of the torques' at these parameters.
+    """The problem with the noise that nonlinear gears produce from that of the torques.
 
     It stays fixed in a fit: without its derivative a step would lower the cost by raising the noise.
     """

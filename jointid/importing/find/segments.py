@@ -207,7 +207,7 @@ def measure_run(
             return found
         raise JointIdError(
             f"From {start_s:g} s to {stop_s:g} s no spectral line exceeds the noise ({error}): give "
-            "frequency_hz, or other times."
+            "the frequency, or other times."
         ) from error
 
 

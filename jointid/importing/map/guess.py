@@ -49,7 +49,7 @@ _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."
 )
-_NO_SIGN = "Logs do not state it. As logged is assumed: a positive torque accelerates forwards."
+_NO_SIGN = "Logs do not state it. Assumed: a positive torque accelerates in the positive direction."
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def _joint(
     """Mapping of a joint, with the sensor behind its gear if there is one."""
     sides = {role: _side(role, pair) for role in QUANTITIES}
     if behind is not None and _move_alike(pair[0], behind):
-        sides["position"] = JOINT, True, f'It moves as "{behind.name}", which is behind the gear.'
+        sides["position"] = JOINT, True, f'It moves like "{behind.name}", which is behind the gear.'
     position, torque = (
         _channel(role, number, column, guess_unit(role, column, degrees), side, reasons)
         for (role, side), column in zip(sides.items(), pair, strict=True)
@@ -242,7 +242,7 @@ def _angle_unit(column: LogColumn, degrees: bool) -> _Said:
     if largest > 20:
         return "deg", False, f"Values up to {largest:.4g} suggest degrees."
     if degrees:
-        return "deg", False, "Values of another joint suggest degrees."
+        return "deg", False, "The values of another joint suggest degrees."
     return "rad", False, f"Values up to {largest:.4g} suggest radians."
 
 
@@ -263,7 +263,7 @@ def _side(role: str, pair: _Pair) -> _Said:
     torque = (
         (is_current, MOTOR, True, "Currents and shares of the rated torque belong to the motor."),
         (is_effort, JOINT, False, "An effort is given at the joint by convention."),
-        (WORDS["behind"] & words, JOINT, False, "The name indicates joint, link or output."),
+        (WORDS["behind"] & words, JOINT, False, "The name indicates the joint, link or output."),
     )
     assumed = "Assumed from the column name: positions are at the joint. Confirm."
     of_effort = "Where the torque is an effort, the position is the joint's by convention."
@@ -275,8 +275,8 @@ def _side(role: str, pair: _Pair) -> _Said:
         (unit == "counts", MOTOR, False, "Counts usually come from the motor's encoder."),
     )
     for fits, side, sure, why in (
-        (at_motor and degrees, MOTOR, False, "The name indicates motor, degrees a joint's angle."),
-        (at_motor, MOTOR, True, "The name indicates motor."),
+        (at_motor and degrees, MOTOR, False, "The name indicates the motor, degrees the joint."),
+        (at_motor, MOTOR, True, "The name indicates the motor."),
         *(torque if role == "torque" else position),
     ):
         if fits:
@@ -318,7 +318,7 @@ def _lone_columns(groups: Iterable[_Group], pairs: Collection[_Group]) -> list[R
         and pairs
         and entry.score[role] >= min(pair[role].score[role] for pair in pairs) - _MAX_LESS_CLEAR
     ]
-    text = f"{'; '.join(lone)}: left out. If the log has both, give more joints and choose the columns."
+    text = f"{'; '.join(lone)}: left out. If the log has both, add a joint and choose its columns."
     return [Reason("joints", text)] if lone else []
 
 

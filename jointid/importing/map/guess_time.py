@@ -53,7 +53,7 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
         text = (
             f'The name or unit of "{column.name}" indicates time, but it steps back '
             f"{counted(late, 'time')}. "
-            "Duplicate rows are left out; a line with an unclear order is an error."
+            "Duplicate rows are left out; rows of unclear order are an error."
         )
     reasons.append(Reason("time", text, named and not late))
     return _with_unit(column, reasons)
@@ -102,7 +102,7 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
     unit = next((u for u, below in (("s", 0.1), ("ms", 60.0), ("µs", 6e4)) if 0 < step <= below), "ns")
     sure = unit == "s" and 2e-5 <= step < 0.02  # above, milliseconds would be a usual rate as well
     rate_hz = 1 / (step * TIME_UNITS[unit])
-    why = f'Its steps are {step:.3g}, which makes {rate_hz:.4g} Hz in "{unit}".'
+    why = f'Its steps of {step:.3g} correspond to {rate_hz:.4g} Hz in "{unit}".'
     reasons.append(Reason("unit of time", why, sure))
     return TimeColumn(column.name, unit)
 

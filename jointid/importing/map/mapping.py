@@ -102,7 +102,7 @@ class JointMapping:
     ----------
     position, torque : Channel
     gear_ratio : float, default 1.0
-        Motor turns over joint turns; negative when they turn against each other. Used for
+        Motor turns over joint turns; negative if they turn in opposite directions. Used for
         channels on the joint side only.
     arm : Channel, optional
         Position of a second sensor, behind the gear.

@@ -34,7 +34,7 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     """Show the path error for some errors of K̂, in both joints and in each alone."""
     st.write(
         "Largest path error when the servo assumes a wrong K̂ and the robot has the identified K, with "
-        "this path and controller: the larger one of both signs of the error."
+        "this path and controller: the larger of the path errors for both signs of the error."
     )
     try:
         exact, wrong = cached_cuts.offset_costs(page, settings.after, outcome.robot)
@@ -46,7 +46,9 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
         {"Error of K̂ in": ["both joints", "joint 1", "joint 2"]}
         | {f"± {100 * offset:g} %": [*map(millimetres, errors)] for offset, errors in offsets}
     )
-    st.caption(f"With exact K̂, friction, delay and encoders cause {millimetres(exact)}.")
+    st.caption(
+        f"With exact K̂, a path error of {millimetres(exact)} remains from friction, delay and encoders."
+    )
 
 
 _FORCE_N = 100.0

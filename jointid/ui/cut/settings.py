@@ -38,7 +38,7 @@ _NUMBERS: dict[str, dict[str, tuple[Any, ...]]] = {
             "Encoder (bits per turn), 0: ideal",
             TYPICAL_SERVO.encoder_bits or 0,
             (0, 24),
-            "With an encoder, the velocity is the difference of two positions.",
+            "With an encoder, the velocity is computed from the difference of two positions.",
         ),
     },
 }

@@ -25,11 +25,14 @@ _NO_SENSOR = "none"
 _HELD = {True: "held until the next sample", False: "not held: measured, or interpolated"}
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """First parts of the names of entries from the drive's data sheet, not the file."""
-_SIDE_HELP = "Robot controllers often log values of the joint; drives log those of their motor."
-_SIGN_HELP = "Select one of the two if a positive torque moves the logged position to smaller values."
+_SIDE_HELP = "Robot controllers often log values at the joint, drives those at their motor."
+_SIGN_HELP = (
+    "Select the joint for either position or torque, not both, if a positive torque accelerates the "
+    "logged position to smaller values."
+)
 _SWITCHES = {
-    ("position", "side"): (JOINT, "Position is of the joint, behind the gear", _SIDE_HELP),
-    ("torque", "side"): (JOINT, "Torque is of the joint, behind the gear", _SIDE_HELP),
+    ("position", "side"): (JOINT, "Position is measured at the joint, behind the gear", _SIDE_HELP),
+    ("torque", "side"): (JOINT, "Torque is measured at the joint, behind the gear", _SIDE_HELP),
     ("position", "sign"): (-1, "Position has the opposite sign", _SIGN_HELP),
     ("torque", "sign"): (-1, "Torque has the opposite sign", _SIGN_HELP),
 }
@@ -232,7 +235,7 @@ class Entries:
             "Delay from a torque sample to its effect (ms)",
             value=1e3 * self.base.torque_delay_s,
             format="%g",
-            help="0 for a measured torque or current. Of a logged command, the delay of the drive.",
+            help="0 for a measured torque or current; the delay of the drive for a logged command.",
             **self._kept("delay"),
         )
         return (None if held is None else held == _HELD[True]), float(delay) / 1e3

@@ -182,7 +182,8 @@ def choose_log(logs: Sequence[Log]) -> Log:
         format_func=lambda key: by_key[key].table.name,
         key="import look",
         persist_state="session",
-        help="Logs with the same columns share one mapping. All of them go into the study.",
+        help="Logs with the same columns share the entries of steps 2 and 3. All of them go into the "
+        "study.",
     )
     return by_key[key]
 

@@ -37,8 +37,8 @@ _LINK_UNITS: dict[str, tuple[str, Mapping[str, float]]] = {
 _LINKS = {
     "length": ("Link lengths", "length unit", "0.705, 0.755"),
     "mass": ("Link masses", "mass unit", "45, 70"),
-    "centre": ("Centres of mass from the joints", "length unit", "0.30, 0.30"),
-    "link": ("Link inertias about them", "link unit", "2.2, 9.0"),
+    "centre": ("Distances of the centres of mass from the joints", "length unit", "0.30, 0.30"),
+    "link": ("Link inertias about their centres of mass", "link unit", "2.2, 9.0"),
     "rotor": ("Rotor inertias", "link unit", "0.0025, 0.0010"),
     "pose": ("Joint angles of the logs' pose", "angle unit", "-32, 44"),
 }
@@ -47,7 +47,7 @@ _UPLOADS = "import_toml_uploads"
 _HELP = (
     "Rigid-body inertias, seen from the motors: divided by both gear ratios. The fit corrects them "
     "within the uncertainty stated below. Values of the joint side are divided by the gear ratios of "
-    "the mapping."
+    "step 3."
 )
 
 
@@ -91,7 +91,7 @@ def ask_nominal(joints: int) -> Elasticity | None:
     nominal = Elasticity(numbers_in("Nominal K", K), numbers_in("Nominal D", D))
     if nominal.n != joints:
         raise JointIdError(
-            f"Nominal K and D are those of {counted(nominal.n, 'joint')}, the mapping has {joints}: "
+            f"Nominal K and D are those of {counted(nominal.n, 'joint')}, step 2 has {joints}: "
             "give one of each per joint."
         )
     return nominal
@@ -129,7 +129,7 @@ def _by_numbers(ratios: Sequence[float]) -> KnownRobot | None:
     )
     sides = _MOTOR not in (M_side, M2_side) or M_side != M2_side
     if sides:
-        st.caption(f"Gear ratios of the mapping above: {numbers_out(ratios)}.")
+        st.caption(f"Gear ratios of step 3: {numbers_out(ratios)}.")
     if not M.strip() or not M2.strip():
         return None
     rotor = np.array(numbers_in("Rotor inertias M", M)) * INERTIA_UNITS[M_unit]
@@ -183,14 +183,14 @@ def _by_links(ratios: Sequence[float]) -> KnownRobot | None:
         for place, (name, (label, unit, example)) in zip(2 * st.columns(3), _LINKS.items(), strict=True)
     }
     st.caption(
-        "Two links in a horizontal plane, the tool counted with link 2. Gear ratios of the mapping "
-        f"above: {numbers_out(ratios)}."
+        "Two links in a horizontal plane, the tool counted with link 2. Gear ratios of step 3: "
+        f"{numbers_out(ratios)}."
     )
     if not all(text.strip() for text in texts.values()):
         return None
     if len(ratios) != 2:
         raise JointIdError(
-            f"The arm of links has 2 joints, the mapping {len(ratios)}: give the inertias as numbers or "
+            f"The arm of links has 2 joints, step 2 has {len(ratios)}: give the inertias as numbers or "
             "as TOML."
         )
     of = {

@@ -214,7 +214,7 @@ def _found(
         st.info(
             "No steady sine run and no coherent motion was found. Mark one in a new row of the table by "
             "its start and stop, or choose other columns: the method needs steady sines of a few "
-            "periods, or seconds of another motion."
+            "periods, or several seconds of another motion."
         )
     return found
 

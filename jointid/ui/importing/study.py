@@ -29,7 +29,7 @@ _FACTS = {
     "robot": ("Robot", "cell 7, robot A"),
     "date": ("Date of the measurement", "2026-11-20"),
     "gear temperature": ("Gear temperature (°C)", "24"),
-    "note": ("Note, shown beside the answer", "after two hours of work, no tool"),
+    "note": ("Note, shown with the answer", "after two hours of work, no tool"),
 }
 """Label and example of each optional fact."""
 
@@ -49,7 +49,7 @@ def ask_robot(
     known = _answer(problems, lambda: ask_inertia(gear_ratios))
     if known is not None and known.inertia.n != joints:
         problems.append(
-            f"The inertias are those of {counted(known.inertia.n, 'joint')}, the mapping has {joints}: "
+            f"The inertias are those of {counted(known.inertia.n, 'joint')}, step 2 has {joints}: "
             "make them agree."
         )
     inertia_std, torque_std = _ask_deviations(problems, known)

@@ -194,9 +194,7 @@ def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Pa
     choice = start(title, introduction, heading=heading)
     if choice is None:
         (st.header if heading else st.title)("No study yet", anchor=False)
-        st.write(
-            "There are no sample studies beside the app. Open a .zip in the sidebar, or create a study:"
-        )
+        st.write("The app has no sample studies. Open a .zip in the sidebar, or create a study:")
         link_to(SIMULATE)
         link_to(IMPORT)
         st.stop()

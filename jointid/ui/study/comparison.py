@@ -97,9 +97,9 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     st.caption(
         "Both come from the same records and share their noise: the difference has no standard error."
         if same
-        else f"Significant: beyond {_CLEAR:g} σ, the standard error of the difference with both errors "
-        "independent. A common cause, such as a wrong torque constant of the same robot, changes both "
-        "alike."
+        else f"Significant: beyond {_CLEAR:g} σ, the standard error of the difference if both errors "
+        "are independent. A common cause, such as a wrong torque constant of the same robot, changes "
+        "both alike."
     )
     why = "" if one_side else ": one of the studies has no gear ratios"
     st.caption(f"Difference: second study minus first. K and D {units[0].side}{why}.")

@@ -34,7 +34,7 @@ HARMONICS = (
 
 
 def show_quality(page: Page) -> None:
-    """Show the quality of every record, and what its figures mean."""
+    """Show the quality of every record, and explain its figures."""
     st.header("Quality of every record", anchor=False)
     if page.study.motion_records:
         table(motion_table(page.study.motion_records))
@@ -49,8 +49,8 @@ def show_quality(page: Page) -> None:
             "Values of the joint with the largest motion.\n"
             "- **θ** is the motor's angle, **τ** its torque.\n"
             "- **S/N**, signal to noise: amplitude of the sine over its own standard error.\n"
-            "- **Dist.**, distortion: amplitude of the harmonics over that of the sine. "
-            "Friction causes it.\n"
+            "- **Dist.**, distortion: amplitude of the harmonics over that of the sine, "
+            "from friction or a nonlinear gear.\n"
             "- **Settl.**, settling: relative difference of the sine between the first quarter "
             "and the second half. Above 1 % the robot has not settled.\n"
             "- **Found**: frequency of the motor's angle; it should equal the stated one.\n"

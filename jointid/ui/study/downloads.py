@@ -65,7 +65,7 @@ _LAWS_HINT = (
     "in the records: for a 1-D Lookup Table in Simulink or your own controller."
 )
 _MATLAB_HINT = (
-    "Structs identification, phasors, model, for ss(A, B, C, D), and transfer, for frd(H, omega), as "
+    "Four structs: identification; phasors; model, for ss(A, B, C, D); transfer, for frd(H, omega), as "
     "measured and without friction and delay."
 )
 

@@ -122,8 +122,8 @@ def show_arm_side(page: Page) -> None:
         return
     st.header("Sensors behind the gears", anchor=False)
     st.write(
-        "The angle between the two encoders of a joint is the deflection of its gear. With the torque "
-        "of the robot model it gives K at the joint, from any motion."
+        "The difference between the two encoders of a joint is the deflection of its gear. With the "
+        "torque of the robot model it gives K at the joint, from any motion."
     )
     robot, model, file = study.robot_model, "", None
     if robot is None:
@@ -142,7 +142,7 @@ def show_arm_side(page: Page) -> None:
         return
     show_text_table(fit.table)
     st.caption(
-        "± one standard error: noise, choice of terms, payload, and 3 % of the robot model's torque. "
+        "± one standard error: noise, choice of model, payload, and 3 % of the robot model's torque. "
         "Skew: age of the sample behind the gear relative to that of the motor."
     )
     joints = [j for j in range(fit.robot.n) if fit.joints[j] is not None]

@@ -72,7 +72,7 @@ _EXPERIMENTS: dict[str, tuple[Any, ...]] = {
     "noise": ("Torque noise (N·m)", 0.02, (0.0, 10.0)),
     "counts": ("Encoder counts per turn, 0: ideal", 65536, (0, 2**24)),
     "bandwidth": ("Controllers' bandwidth (Hz)", 5.0, (0.2, 50.0)),
-    "seed": ("Seed of the noise", 1, (0, 2**31 - 1)),
+    "seed": ("Seed of noise and motion", 1, (0, 2**31 - 1)),
 }
 """Label, default, limits and explanation of each number."""
 _LAWS = {

@@ -174,7 +174,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
 def _checks(page: Page, analysis: Analysis, draws: int, show: Show) -> tuple[Bootstrap, Jackknife | str]:
     given = (analysis.phasors, page.study.inertias, analysis.fit)
     drawn = run_in_background(
-        bootstrap, *given, draws=draws, progress=lambda done: show(done, "Drawing noise")
+        bootstrap, *given, draws=draws, progress=lambda done: show(done, "Simulating noise")
     )
     try:
         return drawn, run_in_background(
