@@ -25,6 +25,7 @@ from jointid.figures.cut import (
 )
 from jointid.figures.style import DARK, LIGHT
 from jointid.files.digest import study_digest
+from jointid.gears.gear import Gear
 from jointid.reporting.drawing import to_svg
 from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts as cut_cached
@@ -93,6 +94,20 @@ class TestPage:
         assert not at.get("plotly_chart")  # the tabs are computed when opened
         assert [c.key for c in at.get("bidi_component")].count("cut_animation") == 1
         assert not at.error
+
+    def test_of_nonlinear_gears_shows_the_cut_with_their_laws(
+        self, app: AppTest, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        gears = Gear(backlash_rad=4e-3), Gear()
+        monkeypatch.setattr(
+            "jointid.ui.cut.cached_cuts.cut_robot",
+            lambda *given: dataclasses.replace(cut_robot(*given), gears=gears),
+        )
+        at = shown(app.switch_page(PAGE).run())
+        errors = {each.label: float(each.value.split()[-2]) for each in at.metric}
+        assert errors["Servo assumes K and D"] > 2 * errors["Servo assumes the curve"]
+        assert "joint 1: backlash; joint 2: linear" in words(at)
+        assert not at.exception
 
     @pytest.mark.parametrize("key", ["one joint", "three joints"])
     def test_of_other_than_two_joints_is_a_demonstration(self, app: AppTest, key: str) -> None:

@@ -163,6 +163,7 @@ def gear_cuts(
     robot: CutRobot,
     toolpath: Toolpath,
     *,
+    servo: Servo = TYPICAL_SERVO,
     friction: MotorFrictionLike | None = None,
 ) -> tuple[TrackingRun, TrackingRun]:
     """Cuts of a robot with nonlinear gears: the servo assumes linear K and D, or the laws as well.
@@ -171,7 +172,7 @@ def gear_cuts(
     """
     known = robot.elasticity
     cut = partial(track, robot.arm, toolpath, known, known, gears=robot.gears, friction=friction)
-    return cut(servo=TYPICAL_SERVO), cut(servo=TYPICAL_SERVO, assumed_gears=robot.gears)
+    return cut(servo=servo), cut(servo=servo, assumed_gears=robot.gears)
 
 
 def study_outcome(analysis: Analysis) -> Outcome | None:

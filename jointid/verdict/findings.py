@@ -177,5 +177,5 @@ def all_well(fit: ElasticityFit) -> Finding:
     return good(
         "The model explains the data",
         f"Residual of the model{parts}: {times_noise(fit.misfit)}. "
-        f"One standard error from noise, inertias and choice of model: {errors}.",
+        f"One standard error from all causes: {errors}.",
     )

@@ -237,7 +237,8 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             st.caption(
                 "A rectangle of 28 × 45 mm with corner zones of 10 mm at 300 mm/s, cut by "
                 f"{arm}. {accuracy_text(outcome, TYPICAL_SERVO, of.friction)}"
-                + " Both simulations include the identified friction."
-                * bool(of.friction)
+                + " Both simulations include the identified friction." * bool(of.friction)
+                + " They leave out the nonlinearity of the gears, which the page Cut includes."
+                * bool(of.gears)
             )
             link_to(CUT, "Watch the cut")
