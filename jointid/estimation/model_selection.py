@@ -176,7 +176,11 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
 
 def _best(search: Search) -> Model:
     """Grow and prune from the best model that is fitted already."""
-    best = search.fits.least(list(search.fits.tried))
+    fits = search.fits
+    if not search.is_lost and fits.misfit(fits.least(list(fits.tried))) > LOST:
+        # What explains the data has a part that is not significant: fit it without.
+        search.pruned(min(fits.tried, key=fits.misfit))
+    best = fits.least(list(fits.tried))
     lost = search.is_lost
     if lost:
         best = _climbed(search, best)

@@ -74,8 +74,11 @@ _CUT_OFF = (
     "A logged torque is clipped",
     "Log the torque with a larger range, or use smaller motions.",
 )
-_CUT = 0.1
-"""Share of the samples at the largest torque from which its log is clipped there."""
+_CUT, _FAR_MORE = 0.1, 4.0
+"""Share of the samples at the largest torque from which its log is clipped there, and their number over
+that at any smaller one: 2.4 for a sine in coarse steps."""
+_RESONANCE = 1.5
+"""Ratio of frequencies beyond which no resonance, which needs hardly any torque, explains its lack."""
 
 _LEAVE_OUT = "untick its run on import, or delete its [[records]] entry in study.toml"
 
@@ -253,10 +256,10 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
         whole = torque.var(axis=0)
         lost = (at_multiples[i] < _LOST * whole) & (rotors[i] > _EXPECTED * whole)
         found[0, i] = np.any(suspicious[i] & lost)
-        same = np.abs(torque) == np.abs(torque).max(axis=0)
-        found[1, i] = poor and np.any((same.mean(axis=0) > _CUT) & (np.ptp(torque, axis=0) > 0))
+        found[1, i] = poor and any(_is_clipped(torque[:, j]) for j in np.flatnonzero(moves[i]))
     found[0, list(off_frequency(evidence))] = False
-    if found[0].mean() > _MANY:
+    lacking = phasors.omega[found[0]]
+    if found[0].mean() > _MANY and (poor or lacking.max() > _RESONANCE * lacking.min()):
         yield _foreign(evidence, found[0], "the torque lacks the frequency at which the motor moves")
     elif found[1].any():
         yield _foreign(
@@ -265,6 +268,12 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
             f"more than {percent(_CUT)} of the samples are at the largest torque",
             _CUT_OFF,
         )
+
+
+def _is_clipped(torque: Floats) -> bool:
+    """Whether many samples have the largest size, and far more than any smaller one."""
+    counts = np.unique(np.abs(torque), return_counts=True)[1]
+    return bool(counts.size > 1 and counts[-1] > max(_CUT * torque.size, _FAR_MORE * counts[:-1].max()))
 
 
 def motors_take_power(evidence: Evidence) -> Iterator[Finding]:
