@@ -34,8 +34,10 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.start_values import other_laws, with_backlash
 from jointid.figures.springs import torsion_curve
+from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, sine_stiffness
 from jointid.gears.laws import GearLaws
+from jointid.gears.motor_motion import MotorMotion
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.rules_effects import effects_found
@@ -467,3 +469,24 @@ def test_play_is_not_taken_for_slopes(seed: int) -> None:
     assert [gear.kind for gear in fit.gears] == ["backlash"] * 2
     assert [gear.backlash_rad for gear in fit.gears] == pytest.approx(play, rel=0.02)
     np.testing.assert_allclose(fit.K, [36, 9.5], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("K", "cubic", "backlash"), [(5.0, -1e3, 0.0), (0.01, -1e9, 0.1), (50.0, 1e300, 0.0)]
+)
+def test_a_gear_that_runs_away_in_a_motion_has_no_deflection_and_prints_nothing(
+    K: float, cubic: float, backlash: float, capfd: pytest.CaptureFixture[str]
+) -> None:
+    step, N, none = 1e-3, 400, np.zeros((1, 1))
+    angle = np.sin(2 * np.pi * 20 * step * np.arange(N))[None]
+    rise = np.pad(np.diff(angle, 2, axis=1), ((0, 0), (2, 0)))
+    start = np.arange(N) < 2
+    motors = MotorMotion(angle, rise, np.full(N, step), start, np.zeros(N, int), 50 * angle, ())
+    pair = none, none
+    laws = GearLaws.made(none + K, none + cubic, none + backlash, none, none, pair, pair)
+    measured = motors.balance(np.ones(1), np.array([0.002]), np.zeros(1), np.zeros(1))
+    inertia = np.array([[[0.004]]])
+    with np.errstate(all="ignore"):
+        found = DrivenGears.solve(motors, laws, np.array([0.01]), inertia, 0 * inertia, measured)
+    assert not np.isfinite(found.delta).any()
+    assert capfd.readouterr() == ("", "")

@@ -114,6 +114,8 @@ class DrivenGears:
                 turn = turn.reshape(1 + 2 * n, n, -1)
                 both = both + self.D[:, None] * (turn[..., 2:] - turn[..., :-2]) / (2 * step)
                 rows = (both / self.laws.K)[..., _FIRST:].reshape(1 + 2 * n, -1)
+                if not np.isfinite(rows).all():
+                    return replace(self, delta=np.full(delta.shape, np.nan))
                 size = np.linalg.norm(rows[1:], axis=1)
                 change = np.linalg.lstsq((rows[1:] / size[:, None]).T, -rows[0])[0] / size
                 begin = part.delta.copy()
@@ -151,8 +153,10 @@ class DrivenGears:
             if count > _SHORTEST and not np.abs(part._left).max() <= least:
                 count = max(count // 8, _SHORTEST)
                 continue
+            if not np.isfinite(part.delta).all():
+                return replace(self, delta=np.full(delta.shape, np.nan))
             delta[:, used], loop[:, used] = part.delta, part.loop
-            at, count = used.stop, _WINDOW
+            at, count = used.stop, min(4 * count, _WINDOW)
         return replace(self, delta=delta, loop=loop)
 
     @property
