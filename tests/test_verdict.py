@@ -1161,6 +1161,22 @@ def test_torques_of_other_motions_are_named_without_a_long_search(
     assert len(analysis.fit.candidates) <= 4 or change == "clipped"
 
 
+def test_a_torque_in_coarse_steps_is_not_clipped() -> None:
+    """A sine spends much of its time on the outer step; the angles in degrees are the fault."""
+    step = max(np.abs(record.tau_Nm).max() for record in sound()) / 5
+    records = [
+        remade(
+            record,
+            tau_Nm=np.round(record.tau_Nm / step) * step,
+            theta_rad=np.degrees(record.theta_rad),
+        )
+        for record in sound()
+    ]
+    found = titles(analysed(records))
+    assert "clipped" not in found
+    assert "in degrees" in found
+
+
 def test_a_misfit_without_bound_is_a_problem_beside_any_cause() -> None:
     """A stiffness that seems to depend on the amplitude does not make such an answer usable."""
     records = in_two_parts(Elasticity(K=[56.0, 9.7], D=PAPER.D), amplitude=3)
