@@ -191,7 +191,7 @@ def _best(search: Search) -> Model:
         if better == best:
             break
         best = better
-    if not (lost or search.has_motions or search.is_spent) and search.fits.misfit(best) > POOR:
+    if not (lost or search.has_motions or search.is_spent) and fits.misfit(best) > POOR:
         best = search.pruned(_climbed(search, best))  # each of several parts alone helps little
     return best
 

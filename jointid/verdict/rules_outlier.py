@@ -291,7 +291,9 @@ def motors_take_power(evidence: Evidence) -> Iterator[Finding]:
 def _foreign(
     evidence: Evidence, concerned: np.ndarray, why: str, told: tuple[str, str] = _FOREIGN
 ) -> Finding:
-    labels = [evidence.phasors.labels[i] for i in np.flatnonzero(concerned)]
+    rows = np.flatnonzero(concerned).tolist()
+    labels = [evidence.phasors.labels[i] for i in rows]
+    few = 2 * len(rows) < concerned.size
     return problem(
         told[0],
         f"In {len(labels)} of {counted(concerned.size, 'record')}, {why}: {some(labels)}. The residual "
@@ -299,7 +301,5 @@ def _foreign(
         told[1],
         3.0,
         "edit columns",
-        *[Change("leave out", tuple(np.flatnonzero(concerned).tolist()))][
-            : 2 * len(labels) < concerned.size
-        ],
+        *([Change("leave out", tuple(rows))] if few else []),
     )

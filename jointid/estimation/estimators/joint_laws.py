@@ -185,9 +185,11 @@ class JointLaws:
                     if np.isfinite(of_sines.delta).all():
                         break
             if self.motors:
-                rubs = (p[name] if name in p.layout else 0 * p.K for name in ("viscous", "coulomb"))
-                scale = np.broadcast_to(p.torque_scale, p.K.shape)
-                measured = self.motors.balance(scale, rotor, *rubs)
+                scale, viscous, coulomb = (
+                    np.broadcast_to(each, p.K.shape)
+                    for each in (p.torque_scale, p.effect("viscous"), p.effect("coulomb"))
+                )
+                measured = self.motors.balance(scale, rotor, viscous, coulomb)
                 for other in (*(each.of_motions for each in self.latest), None):
                     of_motions = DrivenGears.solve(self.motors, laws, p.D, *arm, measured, other)
                     bins = self.motors.bins(of_motions.beyond, (r, H)).swapaxes(1, 2)
