@@ -16,7 +16,15 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import EFFECTS
 from jointid.estimation.quantities import Quantity, quantities
 from jointid.joints import Elasticity
-from jointid.wording import capitalised, decimal_place, enumerated, listed, significant, with_error
+from jointid.wording import (
+    capitalised,
+    decimal_place,
+    enumerated,
+    listed,
+    signed_percent,
+    significant,
+    with_error,
+)
 
 _AGREEING = 2.0
 """Standard errors within which values agree: 95 % of normal errors."""
@@ -294,5 +302,4 @@ def change_from(value: float, error: float, reference: float) -> str:
     ratio = value / reference - 1
     if abs(ratio) <= _AGREEING * error / reference:
         return "agrees"
-    size = f"{100 * abs(ratio):.0f}" if abs(ratio) >= 0.1 else significant(100 * abs(ratio), 2)
-    return f"{'+' if ratio > 0 else '−'}{size} %"
+    return signed_percent(100 * ratio)

@@ -115,6 +115,14 @@ def percent(share: float) -> str:
     return f"{significant(100 * share, 2)} %" if math.isfinite(share) else UNDETERMINED
 
 
+def signed_percent(change: float) -> str:
+    """Return a change in per cent with its sign, "–" where it is not known."""
+    if not math.isfinite(change):
+        return "–"
+    size = f"{abs(change):.0f}" if abs(change) >= 10 else significant(abs(change), 2)
+    return f"{'+' if change > 0 else '−'}{size} %" if change else "0 %"
+
+
 def plain(value: float) -> str:
     """Format a chosen number, such as a nominal value: 20, 3.5, 0.015."""
     mantissa = f"{value:.6g}"

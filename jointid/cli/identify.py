@@ -18,7 +18,7 @@ from jointid.cli.files import analyse_file, load_named
 from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, named, without_none
 from jointid.cli.output import print_columns, print_json, print_table, progress
 from jointid.uncertainty.error_parts import error_table
-from jointid.uncertainty.prior_rows import PRIOR_HEADER
+from jointid.uncertainty.prior_rows import prior_table
 from jointid.wording import plain
 
 
@@ -69,7 +69,7 @@ def _print_tables(analysis: Analysis) -> None:
     columns = error_table(fit, analysis.unit)
     print_columns(columns, right=tuple(range(1, len(columns))))
     print("Inertias and torque scales, σ = standard deviation of the less certain value:")
-    print_table(PRIOR_HEADER, [row.cells for row in analysis.priors], right=(1, 2, 4))
+    print_columns(prior_table(analysis.priors), right=(1, 2, 4))
     if analysis.study.torque_std is None:
         print(UNSTATED_TORQUE_SCALE)
 

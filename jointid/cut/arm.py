@@ -37,38 +37,25 @@ times those of an arm bent at a right angle."""
 
 @dataclass(frozen=True, eq=False)
 class PlanarArm:
-    """Two links in a horizontal plane, without gravity.
+    """Two links in a horizontal plane, without gravity; fields take any array_like of shape (2,).
 
-    Parameters
-    ----------
-    length_m : array_like, shape (2,)
-        Link lengths, m; the second one reaches to the tool.
-    mass_kg : array_like, shape (2,)
-        Link masses, kg; the second one includes the tool.
-    centre_m : array_like, shape (2,)
-        Distance of each centre of mass from the link's own joint, along the link, m.
-    inertia_kgm2 : array_like, shape (2,)
-        Inertia of each link about its centre of mass, kg·m².
-    gear_ratio : array_like, shape (2,)
-        Motor turns per joint turn; negative for opposite directions.
-    rotor_inertia_kgm2 : array_like, shape (2,)
-        Rotor inertias J_m on the motor side, kg·m².
-    drive : {"parallelogram", "serial"}
-        Place of motor 2, and meaning of q2; see the module docstring.
-
-    Raises
-    ------
-    JointIdError
-        When a value is missing, not finite or out of range.
+    Raises JointIdError when a value is missing, not finite or out of range.
     """
 
     length_m: Floats
+    """Link lengths, m; the second one reaches to the tool."""
     mass_kg: Floats
+    """Link masses, kg; the second one includes the tool."""
     centre_m: Floats
+    """Distance of each centre of mass from the link's own joint, along the link, m."""
     inertia_kgm2: Floats
+    """Inertia of each link about its centre of mass, kg·m²."""
     gear_ratio: Floats
+    """Motor turns per joint turn; negative for opposite directions."""
     rotor_inertia_kgm2: Floats
+    """Rotor inertias J_m on the motor side, kg·m²."""
     drive: Drive = "parallelogram"
+    """Place of motor 2, and meaning of q2; see the module docstring."""
 
     def __post_init__(self) -> None:
         if self.drive not in _LINKS:
@@ -114,11 +101,7 @@ class PlanarArm:
         """
         (m1, m2), (r1, r2), (i1, i2) = self.mass_kg, self.centre_m, self.inertia_kgm2
         l1 = self.length_m[0]
-        return (
-            float(i1 + m1 * r1**2 + m2 * l1**2),
-            float(i2 + m2 * r2**2),
-            float(m2 * l1 * r2),
-        )
+        return float(i1 + m1 * r1**2 + m2 * l1**2), float(i2 + m2 * r2**2), float(m2 * l1 * r2)
 
     @property
     def links_from_joints(self) -> Floats:

@@ -205,6 +205,12 @@ def millimetres(length_m: float) -> str:
     return f"{significant(1e3 * length_m, 2 if length_m >= 1e-5 else 1)} mm"
 
 
+def at_most(length_m: float) -> str:
+    """Format a limit of the path error, "below 2.9 mm"."""
+    text = millimetres(length_m)
+    return text if text.startswith("under") else f"below {text}"
+
+
 def remaining_error_text(
     outcome: Outcome, servo: Servo = TYPICAL_SERVO, friction: MotorFrictionLike | None = None
 ) -> str:

@@ -19,11 +19,6 @@ from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
 from jointid.robot_models.model import RobotModel
 
-MEANING = (
-    "The paper's rectangle, horizontal, centred at the tool of this study's robot in its pose{pose}. "
-    "Deflection of the gears by gravity and inertia, without vibration and process forces. "
-    "The sag at the start of the path is taught with the path and does not count."
-)
 COLUMNS_MEANING = "Servo: K that it compensates; rigid: no compensation."
 _COLUMNS = {
     "assumed_m": "servo: nominal K",
@@ -98,19 +93,15 @@ def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[P
     for zone in zones_m:
         path = joint_path(robot, q, rectangle(zone_m=zone, centre_m=(0.0, 0.0)))
         both, compliance = path.gravity + path.inertia, 1 / fit.K
-        sag = path.deflection(path.gravity, compliance)[0]
-        found.append(
-            PathDeflection(
-                float(np.linalg.norm(sag)),
-                float(path.change(path.gravity, compliance)),
-                float(path.change(path.inertia, compliance)),
-                float(path.change(both, compliance)),
-                None
-                if study.nominal is None
-                else float(path.change(both, compliance - 1 / study.nominal.K)),
-                float(np.quantile(path.change(both, 1 / draws - compliance), 0.95)),
-            )
+        sag = float(np.linalg.norm(path.deflection(path.gravity, compliance)[0]))
+        assumed = None
+        if study.nominal is not None:
+            assumed = float(path.change(both, compliance - 1 / study.nominal.K))
+        gravity, inertia, rigid = (
+            float(path.change(torque, compliance)) for torque in (path.gravity, path.inertia, both)
         )
+        identified = float(np.quantile(path.change(both, 1 / draws - compliance), 0.95))
+        found.append(PathDeflection(sag, gravity, inertia, rigid, assumed, identified))
     return found
 
 
@@ -137,7 +128,12 @@ def has_own_path(analysis: Analysis) -> bool:
 def meaning(analysis: Analysis) -> str:
     """Description of the robot and of its deflections."""
     pose = next(iter(analysis.study.pose_angles_rad), "")
-    return MEANING.format(pose=f" “{pose}”" if pose else "")
+    return (
+        "The paper's rectangle, horizontal, centred at the tool of this study's robot in its pose"
+        + (f" “{pose}”" if pose else "")
+        + ". Deflection of the gears by gravity and inertia, without vibration and process forces. "
+        "The sag at the start of the path is taught with the path and does not count."
+    )
 
 
 def joint_path(robot: RobotModel, q: ArrayLike, path: Toolpath) -> JointPath:

@@ -5,7 +5,7 @@ after an identification.
 """
 
 from dataclasses import dataclass
-from typing import TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,14 +24,6 @@ _BATCH_RUNS = 512
 """Runs per batch, which keeps the arrays within some hundred megabytes."""
 _STRIDE = 32
 """Step between the instants that give the lower bound of a run's largest contour error."""
-
-
-class CutOptions(TypedDict, total=False):
-    """Optional arguments of the functions here, as in :func:`~jointid.cut.tracking.track`."""
-
-    servo: Servo | None
-    friction: MotorFrictionLike | None
-    dt: float  # by default 0.5 ms
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +47,14 @@ def errors_of_mismatch(
     toolpath: Toolpath,
     elasticity: Elasticity,
     ratios: ArrayLike,
-    **options: Unpack[CutOptions],
+    **options: Any,
 ) -> Floats:
     """Simulate one cut for each pair of assumed stiffnesses; the assumed damping is the true one.
 
     ``ratios``, shape (2, runs), are K̂1 / K1 and K̂2 / K2 of each cut, ``elasticity`` the true K and D,
-    motor side. Returns the largest contour error of each cut, shape (runs,), m. Raises JointIdError when
-    a ratio is not positive, and as :func:`~jointid.cut.tracking.track`.
+    motor side; ``options`` are servo, friction and dt (by default 0.5 ms) as in
+    :func:`~jointid.cut.tracking.track`. Returns the largest contour error of each cut, shape (runs,), m.
+    Raises JointIdError when a ratio is not positive, and as ``track``.
     """
     require_two_joints(elasticity)
     pairs = finite_array("ratios (K̂ / K)", ratios, ndim=2)
@@ -82,15 +75,15 @@ def path_error_distribution(
     *,
     samples: int = 200,
     seed: int = 0,
-    **options: Unpack[CutOptions],
+    **options: Any,
 ) -> PathErrorDistribution:
     """Path error after an identification: the servo assumes the fit, arms are drawn from its covariance.
 
     ``elasticity`` holds the identified K and D, which the servo assumes, and ``covariance``, shape (4,
     4), is that of K1, K2, D1, D2. ``samples`` arms are drawn from the normal distribution, without K ≤ 0
     and D < 0; the same ``seed`` gives the same arms. Raises JointIdError when the covariance is invalid,
-    or so large that most draws have negative stiffness or damping; and as
-    :func:`~jointid.cut.tracking.track`.
+    or so large that most draws have negative stiffness or damping. Options and other errors as in
+    ``errors_of_mismatch``.
     """
     require_two_joints(elasticity)
     samples = whole_number("samples", samples, 1)

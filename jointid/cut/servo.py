@@ -39,39 +39,24 @@ class Servo:
 
     The feedforward accounts for every option, so that with a perfect model the option causes no error:
     it is ahead by the delay, and the reference of a differentiated velocity passes the same difference.
-
-    Parameters
-    ----------
-    sample_rate_hz : float
-        Control rate, Hz. Torque is held from one sample to the next.
-    bandwidth_hz : float
-        Natural frequency of the PD control on the rigid joint, critically damped, Hz: kp = J ω² and
-        kv = 2 J ω with J = B + diag M.
-    delay_samples : int
-        Whole samples between measurement and the torque computed from it.
-    torque_limit_Nm : float or array_like, shape (2,), optional
-        Largest motor torque, motor side, N·m.
-    encoder_bits : int, optional
-        Encoder of 2^bits counts per motor turn; None is an ideal encoder.
-    differentiated_velocity : bool
-        Velocity from the difference of two encoder positions; otherwise measured exactly.
-    friction_compensation : friction, optional
-        Assumed friction, added to the torque at the reference velocity of the motor. Any object with
-        ``coulomb`` and ``viscous``, for instance the friction of a fit.
-
-    Raises
-    ------
-    JointIdError
-        When a value is out of range.
+    Raises JointIdError when a value is out of range.
     """
 
     sample_rate_hz: float = 4000.0
+    """Control rate, Hz. Torque is held from one sample to the next."""
     bandwidth_hz: float = 10.0
+    """Natural frequency of the PD control on the rigid joint, critically damped, Hz: kp = J ω² and
+    kv = 2 J ω with J = B + diag M."""
     delay_samples: int = 0
+    """Whole samples between measurement and the torque computed from it."""
     torque_limit_Nm: ArrayLike | None = None
+    """Largest motor torque, one value or one per motor, motor side, N·m; None is no limit."""
     encoder_bits: int | None = None
+    """Encoder of 2^bits counts per motor turn; None is an ideal encoder."""
     differentiated_velocity: bool = False
+    """Velocity from the difference of two encoder positions; otherwise measured exactly."""
     friction_compensation: MotorFrictionLike | None = None
+    """Assumed friction, added to the torque at the reference velocity of the motor."""
 
     def __post_init__(self) -> None:
         for name in ("sample_rate_hz", "bandwidth_hz"):

@@ -29,9 +29,9 @@ class Table:
     """"answer" has larger type; "facts" has two columns of names and values, without header."""
 
     @classmethod
-    def of(cls, columns: Mapping[str, Sequence[str]], caption: str = "") -> "Table":
+    def of(cls, columns: Mapping[str, Sequence[str]], caption: str = "", align: str = "") -> "Table":
         """Return a table of columns by their heading."""
-        return cls(tuple(columns), tuple(zip(*columns.values(), strict=True)), caption)
+        return cls(tuple(columns), tuple(zip(*columns.values(), strict=True)), caption, align)
 
     @property
     def sides(self) -> str:

@@ -10,7 +10,7 @@ from jointid.cut.outcome import (
     TYPICAL_SERVO,
     ZONES_M,
     Outcome,
-    millimetres,
+    at_most,
     remaining_error_text,
     study_outcome,
 )
@@ -117,8 +117,6 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         if assumed is None
         else f"assumes K = {three_digits(assumed.K)} N·m/rad and D = {three_digits(assumed.D)} N·m·s/rad"
     )
-    below = millimetres(outcome.after_m)
-    below = below if below.startswith("under") else f"below {below}"
     friction = outcome.robot.friction
     left = "" if outcome.depends_on_elasticity else remaining_error_text(outcome, friction=friction)
     yield Paragraph(
@@ -127,7 +125,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         "After: the servo assumes the identified values, "
         + (
             "and those of the robot are drawn from their uncertainty: of "
-            f"{outcome.distribution.K.shape[0]} robots, 95 % stay {below} "
+            f"{outcome.distribution.K.shape[0]} robots, 95 % stay {at_most(outcome.after_m)} "
             f"in the largest corner zone, {1e3 * ZONES_M[-1]:g} mm; the robot at this limit is shown."
             if outcome.distribution is not None
             else f"and the robot has exactly these. {outcome.problem}"

@@ -5,28 +5,40 @@ The same study gives the same report to the last byte: it has no date and no mac
 
 from collections.abc import Callable, Iterator
 from itertools import count
+from math import isfinite
+
+import numpy as np
 
 from jointid.analysis import NOT_USABLE, Analysis
 from jointid.answer import (
     ERROR_BARS,
     UNSTATED_TORQUE_SCALE,
     change_from,
+    elasticity_quantities,
     friction_note,
     further_quantities,
+    model_name,
 )
 from jointid.cut.outcome import Outcome, millimetres, robot_text
+from jointid.estimation.estimators.parameters import elasticity_labels
+from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.application import __version__
 from jointid.files.digest import study_digest
+from jointid.records import SineRecord
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
 from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks, torsion_blocks
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
-from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
+from jointid.study import Study
+from jointid.uncertainty.compared_models import COMPARED_MODELS, compared_models
 from jointid.uncertainty.error_parts import PARTS_MEANING, error_table
-from jointid.uncertainty.prior_rows import PRIOR_HEADER
-from jointid.wording import capitalised, plain
+from jointid.uncertainty.prior_rows import prior_table
+from jointid.wording import UNDETERMINED, capitalised, minus, plain, significant
 
 __all__ = ["make_report", "to_html", "to_pdf"]
+
+_MAX_ROWS = 100
+"""Rows of the list of records."""
 
 
 def make_report(
@@ -54,14 +66,13 @@ def make_report(
     ]
     tell(0.5, "Simulating the three corner zones")
     if outcome is not None or problem:
-        sections.append(
-            Section("Path error before and after", tuple(cut_blocks(outcome, problem, numbers)))
-        )
+        cut_section = tuple(cut_blocks(outcome, problem, numbers))
+        sections.append(Section("Path error before and after", cut_section))
     tell(0.9, "Writing data and settings")
     sections += [
-        Section("Data and settings", tuple(settings_blocks(analysis))),
-        Section("Records", (record_rows(study),)),
-        Section("Values with all digits", tuple(digit_blocks(analysis))),
+        Section("Data and settings", tuple(_settings(analysis))),
+        Section("Records", (_records(study),)),
+        Section("Values with all digits", tuple(_digits(analysis))),
     ]
     return Report(
         title=study.name or "Study without a name",
@@ -104,19 +115,95 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         )
     caption = f"Parts of the standard errors by cause, {analysis.unit.side}. {PARTS_MEANING}"
     yield Table.of(error_table(fit, analysis.unit), caption)
-    yield Table(
-        tuple(PRIOR_HEADER),
-        tuple(tuple(row.cells) for row in analysis.priors),
+    caption = (
         "Inertias and torque scales, motor side: J_m rotors, J_a arm, J_12 coupling. σ: standard "
         "deviation of the less certain value. "
-        + (UNSTATED_TORQUE_SCALE if study.torque_std is None else ""),
-        "lrrlr",
     )
+    caption += UNSTATED_TORQUE_SCALE if study.torque_std is None else ""
+    yield Table.of(prior_table(analysis.priors), caption, "lrrlr")
     if further := further_quantities(fit):
         rows = [(quantity.name, *quantity.shown) for quantity in further]
-        yield Table(
-            ("", "identified", "unit"),
-            tuple(rows),
-            f"Fitted together with K and D. {friction_note(fit)}",
-            "lrl",
+        caption = f"Fitted together with K and D. {friction_note(fit)}"
+        yield Table(("", "identified", "unit"), tuple(rows), caption, "lrl")
+
+
+def _settings(analysis: Analysis) -> Iterator[Block]:
+    """Software, study, estimator and model; results of other estimators."""
+    study, fit = analysis.study, analysis.fit
+    holds = {record.torque_hold for record in study.records}
+    delays = sorted({record.torque_delay_s for record in study.records})
+    hold = "held to the next sample" if True in holds else "instantaneous"
+    hold = hold if len(holds) == 1 else "differs by record"
+    harmonics = [("Harmonics fitted", str(analysis.phasors.harmonics.shape[1]))]
+    facts = [
+        ("Software", f"jointid {__version__}"),
+        ("Paper", "Identification of Joint Elasticity of Industrial Robots"),
+        ("Study digest", f"{study_digest(study)}, a checksum of data and settings"),
+        ("Estimator", f"{fit.method}: {METHODS[fit.method]}"),
+        ("Fitted", _model(analysis)),
+        ("Residual / noise", f"{significant(float(np.sqrt(fit.misfit)), 3)}; 1 is ideal"),
+        ("Torque samples", f"{hold}, stated delay {', '.join(plain(1e3 * d) for d in delays)} ms"),
+        *(harmonics if study.sine_records else []),
+    ]
+    yield Table((), tuple(facts), kind="facts")
+    if len(fit.candidates) > 1:
+        yield Table.of(compared_models(fit), COMPARED_MODELS)
+    names = elasticity_labels(fit.n)
+    header, *rows = [(name, *cells) for name, cells in analysis.estimates.items()]
+    caption = (
+        f"Estimators, {analysis.unit.side}. All except auto keep the given inertias and ignore "
+        "friction and delay: the paper's least squares (13)–(14), its explicit solution (15), and "
+        "weighted least squares."
+    )
+    yield Table(header, tuple(rows), caption)
+    rows = [
+        (name, *(minus(f"{v + 0.0:.2f}").replace("−0.00", "0.00") for v in row))
+        for name, row in zip(names, fit.correlation, strict=True)
+    ]
+    yield Table(("correlation", *names), tuple(rows), "Correlation of the errors of the estimates.")
+
+
+def _model(analysis: Analysis) -> str:
+    """The fitted model, with the extent of free friction."""
+    chosen = next((c.name for c in analysis.fit.candidates if c.chosen), "")
+    free = f" ({chosen.partition(', ')[2]})" if ", " in chosen else ""
+    return model_name(analysis.fit) + free
+
+
+def _records(study: Study) -> Table:
+    """One row for all records of equal frequency, pose and length."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for number, record in enumerate(study.records, start=1):
+        periods = significant(record.periods, 4) if isinstance(record, SineRecord) else "–"
+        row = (
+            record.pose or "–",
+            record.excitation.removesuffix(" Hz"),
+            periods,
+            significant(record.samples * record.interval_s, 4),
+            plain(round(1 / record.interval_s, 2)),
         )
+        alike.setdefault(row, []).append(record.label or f"record {number}")
+    header = ("records", "pose", "frequency (Hz)", "periods", "used (s)", "samples per s")
+    table = [header, *(("; ".join(labels), *row) for row, labels in alike.items())]
+    if all(record.pose is None for record in study.records):
+        table = [(row[0], *row[2:]) for row in table]
+    more = len(table) - 1 - _MAX_ROWS
+    rows = tuple(table[1 : _MAX_ROWS + 1])
+    return Table(table[0], rows, f"And {more} more rows, see the study." if more > 0 else "")
+
+
+def _digits(analysis: Analysis) -> Iterator[Block]:
+    """All digits of every number, and the command to reproduce them."""
+    fit = analysis.fit
+    found = (*elasticity_quantities(fit), *further_quantities(fit))
+    rows = [
+        (q.name, repr(q.value), repr(q.error) if isfinite(q.error) else UNDETERMINED, q.unit)
+        for q in found
+    ]
+    yield Paragraph(
+        "To reproduce these numbers (motor side, SI units), use this study, version and estimator; "
+        "another processor may round the last digits differently. Command: jointid identify STUDY"
+        + (f" --method {fit.method}" if fit.method != "auto" else "")
+        + " --json"
+    )
+    yield Table(("", "value", "standard error", "unit"), tuple(rows), align="lrrl")

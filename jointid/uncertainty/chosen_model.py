@@ -29,21 +29,10 @@ def refit(
 ) -> Estimate:
     """Estimate again with the model of ``fit``: same method, friction, delay, effects and prior.
 
-    Parameters
-    ----------
-    phasors : Phasors
-        Other records, or the same records with other noise.
-    inertia : Inertia, sequence of Inertia or InertiaPrior
-        One for all records, or one per record, as uncertain as in ``fit``; or a prior of its own.
-    fit : ElasticityFit
-        Gives the model and the start values.
-    friction : FrictionWaveforms, optional
-        Waveforms of the friction, if ``fit`` has any; by default those of the phasors.
-
-    Raises
-    ------
-    JointIdError
-        When these phasors do not allow an estimate with that model.
+    ``phasors`` are other records, or the same records with other noise; ``inertia`` is one for all
+    records or one per record, as uncertain as in ``fit``, or a prior of its own; ``fit`` also gives the
+    start values, and ``friction`` the waveforms of its friction, by default those of the phasors. Raises
+    JointIdError when these phasors do not allow an estimate with that model.
     """
     if not isinstance(inertia, InertiaPrior):
         inertia = fit.prior.like(inertia, phasors.q.shape)

@@ -34,26 +34,9 @@ def compare(
 
     The standard error of a difference takes both errors as independent. A common cause, such as the
     torque constant of the same robot, moves both alike and makes the stated number of standard errors
-    too small.
-
-    Parameters
-    ----------
-    first, second : ElasticityFit
-    same_records : bool
-        Whether both come from the same records. Their noise is then common, and no number of standard
-        errors is stated.
-    units : tuple of StiffnessUnit
-        How K and D of either study are shown: of one side and angle, each with its own gear ratios.
-
-    Returns
-    -------
-    tuple of Difference
-        K1 ... Kn, D1 ... Dn.
-
-    Raises
-    ------
-    JointIdError
-        When the numbers of joints differ.
+    too small. With ``same_records`` the noise is common, and no number of standard errors is stated.
+    ``units`` are those of either study, of one side and angle, each with its own gear ratios. Returns
+    K1 ... Kn, D1 ... Dn. Raises JointIdError when the numbers of joints differ.
     """
     if first.n != second.n:
         raise JointIdError(

@@ -80,11 +80,8 @@ class PlanningModel:
     def planned_information(self, omega: Floats, q: Complexes, duration_s: Floats) -> Floats:
         """Information of each planned record, shape (r, P, P).
 
-        Parameters
-        ----------
-        omega, duration_s : ndarray, shape (r,)
-        q : ndarray, shape (r, n), complex
-            Motor angles; the torques follow from the model.
+        ``omega`` and ``duration_s`` have shape (r,); the torques follow from the motor angles ``q``,
+        shape (r, n), by the model.
         """
         r, n = q.shape
         has_friction = self.fit.friction is not None
@@ -182,12 +179,8 @@ def planning_model(
 ) -> PlanningModel:
     """Planning model of a fit, with the noise averaged over the records of each frequency.
 
-    Parameters
-    ----------
-    phasors, inertia, fit
-        The analysis so far.
-    planned_inertia : Inertia, optional
-        Given inertia at the pose of the planned records; by default that of the first record.
+    ``planned_inertia`` is that given at the pose of the planned records, by default that of the first
+    record.
     """
     each = inertia_of_each(phasors, inertia)
     measured = fitted_problem(phasors, fit)

@@ -56,14 +56,7 @@ class PlannedMotion:
 
 
 def sensor_noise(fit: ElasticityFit, interval_s: float) -> Floats:
-    """Standard deviation of white noise in each sample of the angles and torques, shape (2n,).
-
-    Parameters
-    ----------
-    fit : ElasticityFit
-    interval_s : float
-        Sample interval of the records.
-    """
+    """Standard deviation of white noise in each sample of the angles and torques, shape (2n,)."""
     phasors = fit.phasors
     variance = phasors.standard_deviation**2 * (phasors.duration_s / interval_s)[:, None] / 4
     return np.asarray(np.sqrt(np.median(variance, axis=0)))
@@ -96,25 +89,9 @@ def plan_motion(
     The identified robot is simulated with this motion, with the sensor noise of the fit, and the
     estimator states its errors; inertias and torque scale are fitted as in the study, and errors
     together with the records so far are those of springs and inertias that are the same in both.
-
-    Parameters
-    ----------
-    fit : ElasticityFit
-        The answer so far.
-    inertia : Inertia
-        Given inertia at the pose of the motion.
-    motion : Motion
-        Its limits are replaced by ``limits``.
-    limits : MotionLimits
-    interval_s : float
-        Sample interval, s.
-    records : int, default 2
-        Number of records.
-
-    Raises
-    ------
-    JointIdError
-        When the torque does not overcome the friction, or the motion does not determine the springs.
+    ``fit`` is the answer so far, ``inertia`` that given at the pose of the motion, whose own limits
+    ``limits`` replaces. Raises JointIdError when the torque does not overcome the friction, or the
+    motion does not determine the springs.
     """
     n = fit.n
     coulomb, viscous = np.zeros(n), np.zeros(n)

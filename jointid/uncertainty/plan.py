@@ -63,14 +63,8 @@ def predict_standard_errors(
     """Predict the accuracy of K and D; everything is fitted as in ``fit``, uncertain inertias included.
 
     The noise is that of the existing records, by frequency, inversely proportional to the length.
-
-    Parameters
-    ----------
-    planned : PlannedRecords
-    phasors, inertia, fit
-        The analysis so far.
-    planned_inertia : Inertia, optional
-        Given inertia at the pose of the planned records; by default that of the first record.
+    ``planned_inertia`` is that given at the pose of the planned records, by default that of the first
+    record. Raises JointIdError when the plan has another number of joints.
     """
     if planned.torque_Nm.shape[1] != fit.n:
         raise JointIdError(
@@ -119,29 +113,13 @@ def suggest_records(
     Candidates are all frequencies with several relative phases of the joints' torques or angles, with
     the largest amplitude within the limits.
 
-    Parameters
-    ----------
-    phasors, inertia, fit
-        The analysis so far.
-    count : int, default 3
-    duration_s : float, default 4.0
-    torque_limit_Nm, velocity_limit_rad_s : array_like, shape (n,), optional
-        Largest amplitudes: of the motor torques, friction included, and of the velocities of motors and
-        arm, motor side. By default the largest of the records.
-    frequencies_hz : array_like, optional
-        By default over the band of the records and the resonances, but not below a tenth of the lowest
-        frequency of the records.
-    highest_hz : float, optional
-        Limit of the default frequencies, for instance a quarter of the sample rate.
-    planned_inertia : Inertia, optional
-        Inertia at the pose of the planned records; by default that of the first record.
-    progress : callable, optional
-        Called with the finished share, 0 to 1.
-
-    Raises
-    ------
-    JointIdError
-        When no candidate stays within the limits, or a setting is out of range.
+    ``torque_limit_Nm`` and ``velocity_limit_rad_s``, shape (n,), are the largest amplitudes of the motor
+    torques, friction included, and of the velocities of motors and arm, motor side; by default the
+    largest of the records. ``frequencies_hz`` span by default the band of the records and the
+    resonances, from a tenth of the lowest frequency of the records up to ``highest_hz``, for instance a
+    quarter of the sample rate. ``planned_inertia`` is as in ``predict_standard_errors``; ``progress`` is
+    called with the finished share, 0 to 1. Raises JointIdError when no candidate stays within the
+    limits, or a setting is out of range.
     """
     count = whole_number("count", count, 1, _MOST_RECORDS)
     now = planning_model(phasors, inertia, fit, planned_inertia)

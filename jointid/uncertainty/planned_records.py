@@ -66,19 +66,9 @@ def planned_records(
 ) -> PlannedRecords:
     """Plan records by their torques or by their motor angles; the other follows from the model.
 
-    Parameters
-    ----------
-    inertia, elasticity
-        The model, n joints.
-    frequency_hz : array_like, shape (r,)
-    torque_Nm, angle_rad : array_like, complex, shape (r, n) or (n,)
-        Amplitude and phase, one of the two; y means Im(y e^{iωt}).
-    duration_s : float or (r,)
-
-    Raises
-    ------
-    JointIdError
-        When not exactly one of torque and angle is given, or a shape or value is wrong.
+    ``frequency_hz`` has shape (r,), ``duration_s`` that or one value; ``torque_Nm`` or ``angle_rad``,
+    complex, shape (r, n) or (n,), holds amplitudes and phases, y for Im(y e^{iωt}). Raises JointIdError
+    when not exactly one of the two is given, or a shape or value is wrong.
     """
     frequency = finite_array("frequency_hz", frequency_hz, ndim=1)
     duration = finite_array("duration_s", np.broadcast_to(duration_s, frequency.shape), ndim=1)

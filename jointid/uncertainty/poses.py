@@ -77,21 +77,10 @@ def fits_by_pose(
     poses: Sequence[str | None],
     fit: ElasticityFit,
 ) -> PoseFits:
-    """Fit every pose alone.
+    """Fit every pose alone, with the model of the fit to all poses.
 
-    Parameters
-    ----------
-    phasors, inertia
-        Data of ``fit``.
-    poses : sequence of str or None
-        The pose of each record.
-    fit : ElasticityFit
-        Fit to all poses; its model is applied to each.
-
-    Raises
-    ------
-    JointIdError
-        When no pose allows an estimate, or there is not one pose per record.
+    ``poses`` holds the pose of each record. Raises JointIdError when no pose allows an estimate, or
+    there is not one pose per record.
     """
     if len(poses) != phasors.omega.size:
         raise JointIdError(f"{len(poses)} poses for {phasors.omega.size} records: give one per record.")

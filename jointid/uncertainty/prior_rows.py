@@ -53,18 +53,16 @@ class PriorRow:
         return [self.name, given, fitted, self.unit, shown]
 
 
-PRIOR_HEADER = ["", "given", "fitted", "unit", "fitted − given"]
-"""Header of the table of ``PriorRow.cells``; σ is the standard deviation of the less certain one."""
+def prior_table(rows: Sequence[PriorRow]) -> dict[str, list[str]]:
+    """Columns of a table by their heading; σ is the standard deviation of the less certain value."""
+    header = ("", "given", "fitted", "unit", "fitted − given")
+    return {name: [row.cells[k] for row in rows] for k, name in enumerate(header)}
 
 
 def prior_rows(fit: ElasticityFit, poses: Sequence[str] = ()) -> tuple[PriorRow, ...]:
     """Return the uncertain inertias M and M2 of each pose, and the torque scales unless they are exact.
 
-    Parameters
-    ----------
-    fit : ElasticityFit
-    poses : sequence of str
-        Pose of each record, "" for none, to name the inertias; numbers by default.
+    ``poses`` holds the pose of each record, "" for none, to name the inertias; numbers by default.
     """
     prior = fit.prior
     priors = prior.blocks()

@@ -53,17 +53,8 @@ def jackknife(
 ) -> Jackknife:
     """Leave out one frequency at a time; the scatter checks the error bars for any kind of noise.
 
-    Parameters
-    ----------
-    phasors, inertia, fit
-        The analysis.
-    progress : callable, optional
-        Called with the fraction done, up to 1.0; an exception from it ends the run.
-
-    Raises
-    ------
-    JointIdError
-        With fewer than three frequencies, or when the other records allow no estimate.
+    ``progress`` is called with the fraction done, up to 1.0; an exception from it ends the run. Raises
+    JointIdError with fewer than three frequencies, or when the other records allow no estimate.
     """
     groups = phasors.by_frequency()
     if len(groups) < 3:
@@ -123,20 +114,9 @@ def bootstrap(
     The noise has the covariance of the phasors, times the fit's inflation. The covariance of a record of
     few periods is drawn as well, so that the weights are as uncertain as in the fit. Given inertias and
     torque scales are drawn around the fitted ones; a linear estimator carries their errors to first
-    order. The friction waveforms are those of the records.
-
-    Parameters
-    ----------
-    draws : int, default 200
-        200 give the standard error within 5 %.
-    seed : int
-    progress : callable, optional
-        Called with the fraction done, up to 1.0; an exception from it ends the run.
-
-    Raises
-    ------
-    JointIdError
-        When fewer than half of the draws allow an estimate.
+    order. The friction waveforms are those of the records. 200 draws give the standard error within 5 %.
+    ``progress`` is as in ``jackknife``. Raises JointIdError when fewer than half of the draws allow an
+    estimate.
     """
     draws = whole_number("draws", draws, 2, 100_000)
     rng = np.random.default_rng(seed)

@@ -33,10 +33,7 @@ class PriorInfluence:
 def prior_influence(fit: ElasticityFit) -> PriorInfluence:
     """Influence of each given value; empty if all are exact, zero for unknown ones, which are fitted.
 
-    Raises
-    ------
-    JointIdError
-        When a linear estimator has no result after a small change of an inertia.
+    Raises JointIdError when a linear estimator has no result after a small change of an inertia.
     """
     prior, noise = fit.prior, fit.equations.noise
     names = fitted_layout(prior, None, False).labels[2 * fit.n :]

@@ -37,20 +37,10 @@ class TorquePrediction:
 def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
     """Cross-validation: b of equation (8) from a, of sines and motions, in one pose or several.
 
-    K and D are fitted to some bands of frequencies and predict the torques in the others. Inertias,
-    friction, delay and effects stay as fitted to all records.
-
-    Parameters
-    ----------
-    fit : ElasticityFit
-    folds : int, default 2
-        Every ``folds``-th band is left out at a time, each band once.
-
-    Raises
-    ------
-    JointIdError
-        With fewer frequencies than twice the folds, without a noise level, or when the frequencies of a
-        fold do not determine K and D.
+    K and D are fitted to some bands of frequencies and predict the torques in the others: every
+    ``folds``-th band is left out at a time, each once. Inertias, friction, delay and effects stay as
+    fitted to all records. Raises JointIdError with fewer frequencies than twice the folds, without a
+    noise level, or when the frequencies of a fold do not determine K and D.
     """
     equations, n = fit.equations, fit.n
     s = 1j * equations.omega[:, None]

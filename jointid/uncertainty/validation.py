@@ -20,10 +20,7 @@ _DOUBT = 10.0
 def compensated_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
     """Fundamentals with the identified friction and delay subtracted from the torque.
 
-    Returns
-    -------
-    Phasors
-        Without harmonics, which a linear model does not have.
+    Harmonics, which a linear model does not have, are left out.
     """
     return replace(
         phasors,
@@ -81,10 +78,7 @@ class HarmonicContent:
 def harmonic_content(phasors: Phasors) -> HarmonicContent:
     """Distortion of angle and torque; odd for friction, even for asymmetric load or backlash.
 
-    Raises
-    ------
-    JointIdError
-        When the phasors were extracted without harmonics.
+    Raises JointIdError when the phasors were extracted without harmonics.
     """
     above = phasors.harmonics[:, 1:]
     if above.shape[1] < 2:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy as np
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
 from jointid.cut.outcome import ZONES_M, Outcome, Prediction, gear_cuts, predicted_cut
-from jointid.cut.path_deflection import PathDeflection, own_path_deflections
 from jointid.cut.path_errors import errors_of_mismatch
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tracking import TrackingRun, track
@@ -40,7 +40,7 @@ def pairs(
 ) -> list[tuple[float, tuple[TrackingRun, TrackingRun] | str]]:
     """Cuts before and after with the corner zones of Figure 7, or their error message."""
     robot, own = outcome.robot, settings.zone_m
-    others = [settings.with_zone(zone) for zone in ZONES_M if zone != own]
+    others = [replace(settings, zone_m=zone) for zone in ZONES_M if zone != own]
     befores = {there.zone_m: _before(page, there, robot, outcome.assumed) for there in others}
     afters = {there.zone_m: _after(page, there, robot) for there in others}
     awaited("Cutting", *befores.values(), *afters.values())
@@ -116,12 +116,3 @@ def overview(page: Page, analysis: Analysis) -> Outcome | None:
     if robot.rule == "demonstration":
         return None
     return outcome(page, usual(robot), analysis)
-
-
-def own_path(page: Page, analysis: Analysis) -> list[PathDeflection]:
-    """Deflections of the study's own robot along the path, for each of ``ZONES_M``.
-
-    Raises JointIdError as in :func:`jointid.cut.path_deflection.own_path_deflections`.
-    """
-    doing = "Following the path with the robot model"
-    return page.computed("own path", doing, own_path_deflections, analysis, ZONES_M)

@@ -6,8 +6,21 @@ import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.analysis import NOT_USABLE
-from jointid.cut.outcome import TYPICAL_SERVO, ZONES_M, Outcome, millimetres, remaining_error_text
-from jointid.cut.path_deflection import COLUMNS_MEANING, PathDeflection, has_own_path, meaning, rows_of
+from jointid.cut.outcome import (
+    TYPICAL_SERVO,
+    ZONES_M,
+    Outcome,
+    at_most,
+    millimetres,
+    remaining_error_text,
+)
+from jointid.cut.path_deflection import (
+    COLUMNS_MEANING,
+    has_own_path,
+    meaning,
+    own_path_deflections,
+    rows_of,
+)
 from jointid.cut.robot import CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.figures.style import colours
@@ -28,13 +41,22 @@ def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> N
     """
     if not has_own_path(analysis):
         return
+    doing = "Following the path with the robot model"
     try:
-        found = cached_cuts.own_path(page, analysis)
+        found = page.computed("own path", doing, own_path_deflections, analysis, ZONES_M)
     except JointIdError as error:
         show_note(f"The tool deflection is not known. {error}")
         return
+    largest = found[-1]
+    before, servo = largest.assumed_m, "the nominal K"
+    if before is None:
+        before, servo = largest.rigid_m, "a rigid servo"
     with st.container(border=summary):
-        st.header(_own_headline(found[-1]), anchor=False)
+        headline = (
+            f"Tool deflection of this robot: {millimetres(before)} with {servo}, "
+            f"{millimetres(largest.identified_m)} with the identified K"
+        )
+        st.header(unbroken(headline), anchor=False)
         if summary:
             st.caption(f"Corner zone {1e3 * ZONES_M[-1]:g} mm. {meaning(analysis)}")
             link_to(CUT, "All corner zones")
@@ -42,16 +64,6 @@ def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> N
     header, rows = rows_of([1e3 * zone for zone in ZONES_M], found)
     show_text_table(dict(zip(header, zip(*rows, strict=True), strict=True)))
     st.caption(f"{meaning(analysis)} {COLUMNS_MEANING}")
-
-
-def _own_headline(found: PathDeflection) -> str:
-    """Deflection of the study's own robot at the largest zone, before and after."""
-    before = found.rigid_m if found.assumed_m is None else found.assumed_m
-    servo = "a rigid servo" if found.assumed_m is None else "the nominal K"
-    return unbroken(
-        f"Tool deflection of this robot: {millimetres(before)} with {servo}, "
-        f"{millimetres(found.identified_m)} with the identified K"
-    )
 
 
 def headline(outcome: Outcome) -> str:
@@ -77,8 +89,6 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
         f"{accuracy_text(outcome, settings.servo, settings.friction)}\n"
         f"- **Both**: {_conditions(settings)}"
     )
-    if outcome.before.torque_limit_hit or outcome.after.torque_limit_hit:
-        st.warning("A motor torque reached its limit.")
 
 
 def _robot(robot: CutRobot) -> str:
@@ -119,8 +129,8 @@ def accuracy_text(outcome: Outcome, servo: Servo, friction: CutFriction | None) 
         return f"{text} The page Cut, tab Accuracy of K, shows the effect of an error of K."
     return (
         "K and D of the robot differ from the identified ones within their error bars: the path error "
-        f"stays {_below(outcome.after_m)} with a probability of 95 %, "
-        f"{_below(outcome.distribution.median_m)} with 50 %. {outcome.not_better}"
+        f"stays {at_most(outcome.after_m)} with a probability of 95 %, "
+        f"{at_most(outcome.distribution.median_m)} with 50 %. {outcome.not_better}"
     )
 
 
@@ -136,11 +146,6 @@ def _conditions(settings: CutSettings) -> str:
         servo = "does not compensate it, which adds to the error"
     coulomb = three_digits(settings.friction.coulomb)
     return f"{text}motors with a Coulomb friction of {coulomb} N·m. The servo {servo}."
-
-
-def _below(length_m: float) -> str:
-    text = millimetres(length_m)
-    return text if text.startswith("under") else f"below {text}"
 
 
 def show_assumptions() -> None:

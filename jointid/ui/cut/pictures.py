@@ -2,6 +2,7 @@
 
 from base64 import b64encode
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -53,7 +54,9 @@ def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[s
     ink, arm, path = colours(dark), outcome.robot.arm, outcome.before.reference_m
     before = f"{nominal_name}: {millimetres(outcome.before_m)}"
     after = f"identified: {millimetres(outcome.after.max_contour_error_m)}"
-    sheet = _sheet(path)
+    low, high = path.min(axis=0), path.max(axis=0)
+    side = max(_SHEET_M, float((high - low).max()) + 0.08)
+    sheet = [*(0.5 * (low + high) - 0.5 * side).tolist(), side, side]
     margin = _MARGIN_M + 1.2 * min(outcome.before.max_contour_error_m, 0.03)
     reach = [run.max_tracking_error_m for run in (outcome.before, outcome.after)]
     room = min(_RECOGNISABLE * float(np.ptp(path, axis=0).min()), margin)
@@ -86,13 +89,6 @@ def tracks(before: TrackingRun, after: TrackingRun) -> Any:
     return np.stack(columns, axis=1).astype(np.float32)
 
 
-def _sheet(path: Floats) -> list[float]:
-    low, high = path.min(axis=0), path.max(axis=0)
-    side = max(_SHEET_M, float((high - low).max()) + 0.08)
-    x, y = 0.5 * (low + high) - 0.5 * side
-    return [float(x), float(y), side, side]
-
-
 def _cell(arm: PlanarArm, run: TrackingRun, sheet: list[float]) -> list[float]:
     """Window of the arm's view: base, elbow with crank, and sheet."""
     first, second = arm.link_angles(run.joint_angle_rad[0])
@@ -121,7 +117,7 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
     )
     pairs = cached_cuts.pairs(page, settings, outcome)
     names = (nominal, "identified")
-    own = settings if settings.zone_m in ZONES_M else settings.with_zone(0.0)
+    own = settings if settings.zone_m in ZONES_M else replace(settings, zone_m=0.0)
     html = page.drawn(f"figure 7 {own}", partial(_figure_7_html, pairs, names))
     st.html(html)
     done = {f"zone {1e3 * zone:g} mm": runs for zone, runs in pairs if not isinstance(runs, str)}

@@ -107,10 +107,6 @@ class CutSettings:
         """The settings of the cut after the identification: all but the nominal controller."""
         return replace(self, assumption="rigid", custom_K=(), custom_D=())
 
-    def with_zone(self, zone_m: float) -> CutSettings:
-        """The same cut with another corner zone."""
-        return replace(self, zone_m=zone_m)
-
 
 def usual(robot: CutRobot) -> CutSettings:
     """Default settings: the paper's path and the default servo."""

@@ -4,7 +4,6 @@ import os
 from contextlib import closing
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from pathlib import Path
 
 import streamlit as st
 
@@ -83,7 +82,8 @@ def show_samples_button() -> None:
     with st.container(horizontal=True):
         if (file := workspace.SAMPLES / "fleet.parquet").exists():
             show = "Show a sample fleet, 8 robots over 5 years"
-            st.button(show, key="sample_fleet", type="primary", on_click=_take_table, args=(file,))
+            table = _current(), file.read_bytes()
+            st.button(show, key="sample_fleet", type="primary", on_click=_add_rows, args=table)
         if workspace.sample_paths():
             analyse = "Analyse the sample studies, of different robots"
             st.button(analyse, key="fleet_samples", on_click=_take_samples)
@@ -112,10 +112,6 @@ def _take() -> None:
 def _add_rows(fleet: OpenFleet, data: bytes) -> None:
     for row in _read(blake2b(data, digest_size=16).hexdigest(), data):
         fleet.add(f"{row.content} {row.study}", row)
-
-
-def _take_table(file: Path) -> None:
-    _add_rows(_current(), file.read_bytes())
 
 
 def _take_samples() -> None:

@@ -16,7 +16,7 @@ from jointid.importing.map.guess import guess_unit, propose_joint
 from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.reasons import Reason, grouped, of_joints, unchanged, value_of
 from jointid.ui.importing.steps import go_on
-from jointid.ui.shared.entries import example_hint, numbers_in
+from jointid.ui.shared.entries import enter_text, numbers_in
 from jointid.ui.shared.messages import markdown_escape, show_error
 from jointid.wording import capitalised, plain
 
@@ -275,13 +275,10 @@ class Entries:
             else plain(float(base[j] or 0)).replace("−", "-")
             for j in joints
         ]  # fmt: skip
-        text = place.text_input(
-            label + ", one per joint" * (len(joints) > 1),
-            "" if set(known) == {"?"} else ", ".join(known),
-            placeholder=example_hint(", ".join(example[: len(joints)])),
-            help=help_,
-            **self._kept(f"{what} {meaning} {len(joints)}"),
-        )
+        key, first = f"import {what} {meaning} {len(joints)} {self.key}", ", ".join(known)
+        first = "" if set(known) == {"?"} else first
+        asked = label + ", one per joint" * (len(joints) > 1)
+        text = enter_text(place, key, asked, first, help_, ", ".join(example[: len(joints)]))
         try:
             given = text.replace("?", "nan")
             values = numbers_in(label, given, count=len(joints)) if text.strip() else ()

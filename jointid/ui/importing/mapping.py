@@ -36,9 +36,8 @@ def mapping_of(key: str, table: importing.LogTable) -> importing.Mapping:
 def proposed_columns(key: str, table: importing.LogTable) -> tuple[str, ...]:
     """Return time, positions and torques as far as they are known, for the first picture."""
     mapping = mapping_of(key, table)
-    pairs = [(joint.position.column, joint.torque.column) for joint in mapping.joints]
-    time = (mapping.time.column,) if mapping.time.column else ()
-    return (*time, *(name for pair in pairs for name in pair)) if time else ()
+    names = [name for joint in mapping.joints for name in (joint.position.column, joint.torque.column)]
+    return (mapping.time.column, *names) if mapping.time.column else ()
 
 
 def remember(table: importing.LogTable, mapping: importing.Mapping) -> None:
@@ -150,4 +149,4 @@ def _start_from(table: importing.LogTable, mapping: importing.Mapping) -> None:
     version = st.session_state.get(_VERSION, 0)
     for key in [k for k in st.session_state if str(k).endswith(f" {table.signature} {version}")]:
         del st.session_state[key]
-    st.session_state[_VERSION] = st.session_state.get(_VERSION, 0) + 1
+    st.session_state[_VERSION] = version + 1

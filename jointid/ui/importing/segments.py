@@ -227,15 +227,17 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
         options = list(labels.values())
         settings[_LOG] = column.SelectboxColumn(options=options, default=options[0], required=True)
     for name, attribute in ((_START, "start_s"), (_STOP, "stop_s"), (_HERTZ, "frequency_hz")):
-        columns[name] = np.array([_tidy(getattr(row, attribute), attribute) for row in rows], float)
+        digits = ".7g" if name == _HERTZ else ".6f"  # as typed: times to the microsecond
+        values = [getattr(row, attribute) for row in rows]
+        columns[name] = np.array([math.nan if v is None else float(f"{v:{digits}}") for v in values])
     if any(row.found is not None and row.found.is_motion for row in rows):
         columns["Band (Hz)"] = [_band(row.found) for row in rows]
     columns["Periods"] = [_periods(row) for row in rows]
+    hint = "Share of the signal that the sine explains, in the joint that it explains best."
     for name, share in (("Motion explained", "share"), ("Torque explained", "torque_share")):
-        columns[name] = [_percent(getattr(row.found, share, math.nan)) for row in rows]
-        settings[name] = column.TextColumn(
-            help="Share of the signal that the sine explains, in the joint that it explains best."
-        )
+        shares = [getattr(row.found, share, math.nan) for row in rows]
+        columns[name] = ["" if math.isnan(x) else f"{100 * x:.2f} %" for x in shares]
+        settings[name] = column.TextColumn(help=hint)
     if any(row.found is not None and row.found.is_multisine for row in rows):
         columns["Lines (Hz)"] = [
             ", ".join(significant(f) for f in row.found.lines_hz) if row.found else "" for row in rows
@@ -261,17 +263,6 @@ def _band(segment: Segment | None) -> str:
     if segment is None or segment.band_hz is None:
         return ""
     return "–".join(significant(f, 3) for f in segment.band_hz)
-
-
-def _percent(share: float) -> str:
-    return "" if math.isnan(share) else f"{100 * share:.2f} %"
-
-
-def _tidy(value: float | None, attribute: str) -> float:
-    """Return a number as it is typed: times to the microsecond, frequencies to seven digits."""
-    if value is None:
-        return math.nan
-    return float(f"{value:.7g}") if attribute == "frequency_hz" else round(value, 6)
 
 
 def _digest(found: Mapping[str, Sequence[Segment]]) -> str:

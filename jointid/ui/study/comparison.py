@@ -16,9 +16,8 @@ from jointid.ui.shared.messages import markdown_escape, show_error, show_info, s
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.sidebar import ESTIMATORS, FAULTY_SAMPLES
 from jointid.ui.shared.workspace import names_by_address, open_study, sample_paths
-from jointid.ui.study.uncertainty_panels import signed_percent
 from jointid.uncertainty.comparison import Difference, compare
-from jointid.wording import enumerated, significant, unbroken
+from jointid.wording import enumerated, signed_percent, significant, unbroken
 
 _CLEAR = 3.0
 """Standard errors beyond which a difference is significant."""
@@ -26,29 +25,25 @@ _CLEAR = 3.0
 
 def choose_other(page: Page) -> Page:
     """Ask for the second study and its estimator; end the page where it cannot be opened."""
-    names, partner = list(names_by_address().values()), _partner(page)
+    addresses = {name: address for address, name in names_by_address().items()}
+    partner = _partner(page)
     left, right, beside = st.columns([5, 5, 2], vertical_alignment="bottom")
-    key = choose_from(left, "compare_study", "Compare with", names, first=partner)
+    key = choose_from(left, "compare_study", "Compare with", list(addresses), first=partner)
     # Without a partner, the paper's estimator is compared.
     alone = partner == page.key and page.method != "least-squares"
     paper = "least-squares" if alone else None
     question = "compare_estimator", "Its estimator", list(ESTIMATORS)
     method = choose_from(right, *question, help_="See the sidebar.", first=paper)
-    beside.button("Swap", on_click=_swap, args=(page, key, method), help="Second study becomes first.")
+    swapped = {"chosen": addresses[key], "estimator": method}
+    swapped |= {"compare_study": page.key, "compare_estimator": page.method}
+    hint = "Second study becomes first."
+    beside.button("Swap", on_click=st.session_state.update, args=(swapped,), help=hint)
     try:
         opened = open_study(key)
     except JointIdError as error:
         show_error(error)
         st.stop()
     return replace(page, key=opened.key, study=opened.study, digest=opened.digest, method=method)
-
-
-def _swap(page: Page, second: str, method: str) -> None:
-    """Exchange first and second study with their estimators."""
-    addresses = {name: address for address, name in names_by_address().items()}
-    st.session_state.update(
-        chosen=addresses[second], estimator=method, compare_study=page.key, compare_estimator=page.method
-    )
 
 
 def _partner(page: Page) -> str:
@@ -88,10 +83,8 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         "": [f"{row.first.name} ({row.first.unit})" for row in rows],
         "Difference": ["–" if unusable else signed_percent(100 * row.relative) for row in rows],
         "Significant": ["–" if unusable else _significance(row) for row in rows],
-        _column(page): [row.first.shown[0] for row in rows],
-        _column(other) + (" (second)" if _column(other) == _column(page) else ""): [
-            row.second.shown[0] for row in rows
-        ],
+        f"{page.key}, {page.method}": [row.first.shown[0] for row in rows],
+        f"{other.key}, {other.method}": [row.second.shown[0] for row in rows],
     }
     show_text_table(columns)
     st.caption(
@@ -138,10 +131,6 @@ def _change(row: Difference) -> str:
     if ratio >= 1.5:
         return f"{significant(ratio, 2)} times as stiff"
     return f"{significant(100 * abs(row.relative), 2)} % {'stiffer' if ratio > 1 else 'softer'}"
-
-
-def _column(page: Page) -> str:
-    return f"{page.key}, {page.method}"
 
 
 def _significance(row: Difference) -> str:

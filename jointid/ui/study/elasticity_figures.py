@@ -179,19 +179,16 @@ def show_prediction(page: Page, analysis: Analysis) -> None:
     except JointIdError as error:
         show_note(f"No prediction of records left out of the fit. {error}")
         return
-    show_note(_sentence(prediction))
-
-
-def _sentence(prediction: TorquePrediction) -> str:
-    """Size of the deviation, judged as the verdict judges the misfit of all records."""
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
+    # Judged as the verdict judges the misfit of all records.
     times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
-    text = (
+    doubt = " The model lacks an effect, or half of the frequencies do not determine all its parameters."
+    show_note(
         "Cross-check: K and D from half of the frequencies predict the gear torques at the others "
         f"to {apart} % (median), {times} × the noise; up to {limit} × counts as agreement."
+        + doubt
+        * (prediction.misfit > EXPLAINED)
     )
-    doubt = " The model lacks an effect, or half of the frequencies do not determine all its parameters."
-    return text + doubt * (prediction.misfit > EXPLAINED)
 
 
 def show_model_holds(page: Page, analysis: Analysis) -> None:

@@ -95,8 +95,7 @@ def show_set_points(
     superposed = enter_text(st.container(), *drift_entry)
     choice = (entered, kind, file_format, interval, numbers, superposed)
     known = applied("Check on the simulated robot", f"setpoints {page.digest} {sines}", choice)
-    if known is not None:
-        entered, kind, file_format, interval, numbers, superposed = known
+    entered, kind, file_format, interval, numbers, superposed = known or choice
     if known is None or not entered["gear_ratio"].strip():
         st.caption(
             "Enter gear ratios, start pose and limits: without them there is no check and no file."
@@ -182,22 +181,15 @@ def _planned(settings: MotionSettings, analysis: Analysis, show: Show) -> tuple[
     study = analysis.study
     limits = MotionLimits(*(np.array(each) for each in settings.limits))
     plans = []
+    known = analysis.fit, pose_inertia(analysis, study.records[0].pose or "")
+    interval_s, band = study.records[0].interval_s, (settings.from_hz, settings.to_hz)
     for k, (kind, name) in enumerate(_KINDS.items()):
         show(k / len(_KINDS), f"{name}: simulating the robot, predicting the errors")
-        motion = Motion(
-            kind, settings.from_hz, settings.to_hz, settings.seconds, odd=kind == "multisine"
+        motion = Motion(kind, *band, settings.seconds, odd=kind == "multisine")
+        plan = run_in_background(
+            plan_motion, *known, motion, limits, interval_s=interval_s, records=settings.records
         )
-        plans.append(
-            run_in_background(
-                plan_motion,
-                analysis.fit,
-                pose_inertia(analysis, study.records[0].pose or ""),
-                motion,
-                limits,
-                interval_s=study.records[0].interval_s,
-                records=settings.records,
-            )
-        )
+        plans.append(plan)
     return tuple(plans)
 
 

@@ -5,6 +5,7 @@ from itertools import chain
 
 import numpy as np
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
 from jointid import Analysis, Inertia, JointIdError
 from jointid.arrays import Floats
@@ -50,32 +51,10 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     one, two, three, four = st.columns(4)
     count = enter_number(one, "plan_count", "Records", 3, (1, 50))
     seconds = enter_number(two, "plan_seconds", "Length of each (s)", 4.0, (0.1, 600.0))
-    # A study's limits are its own: the key holds its digest.
-    torques, velocities = (
-        enter_text(
-            place,
-            f"plan_{key}_{digest[:12]}",
-            label,
-            ", ".join(f"{x:.3g}" for x in largest),
-            f"One per joint, {of}. Default: the largest of the study.",
-        )
-        for place, key, label, largest, of in (
-            (
-                three,
-                "torque",
-                "Torque amplitudes up to (N·m)",
-                torque,
-                "at the motors, friction included",
-            ),
-            (
-                four,
-                "velocity",
-                "Velocity amplitudes up to (rad/s)",
-                velocity,
-                "of motor and arm, motor side",
-            ),
-        )
-    )
+    label, of = "Torque amplitudes up to (N·m)", "at the motors, friction included"
+    torques = _ask_limits(three, f"plan_torque_{digest[:12]}", label, torque, of)
+    label, of = "Velocity amplitudes up to (rad/s)", "of motor and arm, motor side"
+    velocities = _ask_limits(four, f"plan_velocity_{digest[:12]}", label, velocity, of)
     pose = ""
     if study.poses:
         used = {record.pose or "" for record in study.records}
@@ -91,6 +70,12 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     if min(*limits[0], *limits[1]) <= 0 or not np.isfinite(limits).all():
         raise JointIdError("The amplitudes of torque and velocity must be positive numbers.")
     return PlanSettings(int(count), float(seconds), *limits, pose=pose)
+
+
+def _ask_limits(place: DeltaGenerator, key: str, label: str, largest: Floats, of: str) -> str:
+    """Ask for one amplitude per joint; a study's limits are its own, so ``key`` holds its digest."""
+    hint = f"One per joint, {of}. Default: the largest of the study."
+    return enter_text(place, key, label, ", ".join(f"{x:.3g}" for x in largest), hint)
 
 
 def largest_so_far(analysis: Analysis) -> tuple[Floats, Floats]:

@@ -151,6 +151,8 @@ def ask() -> Simulation | None:
         records = len(frequencies) * joints
         sines = Excitation(pattern=kind, duration_s=seconds)
         experiment = {"experiment": tuple(frequencies), "excitation": sines}
+    values = [numbers_in(_LAWS[name][0], entry, count=joints) for name, entry in laws.items()]
+    of_gears = zip(*values, strict=True)
     payload = matrix_in("Addition to M2", added) if added.strip() else None
     campaign = experiment | {
         "inertia": Inertia(rotors, matrix_in("Arm inertia M2", text["M2"])),
@@ -165,7 +167,7 @@ def ask() -> Simulation | None:
             torque_noise_Nm=float(number["noise"]),
             torque_gain=numbers_in("Logged torque / true torque", gain, count=joints),
         ),
-        "gears": _gears(laws, joints),
+        "gears": tuple(Gear(**dict(zip(laws, row, strict=True))) for row in of_gears),
         "inertia_error": float(wrong) / 100,
         "added": payload,
         "seed": int(number["seed"]),
@@ -206,9 +208,3 @@ def _errors(campaign: dict[str, Any]) -> str:
             shown = ", ".join(f"{label.lower()} {plain(value)}" for label, value in values if value)
             text += f" Gear {j}: {shown}."
     return text
-
-
-def _gears(laws: dict[str, str], joints: int) -> tuple[Gear, ...]:
-    values = [numbers_in(_LAWS[name][0], text, count=joints) for name, text in laws.items()]
-    rows = zip(*values, strict=True)
-    return tuple(Gear(**dict(zip(laws, row, strict=True))) for row in rows)

@@ -20,10 +20,10 @@ from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.shared.sidebar import ESTIMATORS
 from jointid.uncertainty.compared_models import COMPARED_MODELS, compared_models
 from jointid.uncertainty.error_parts import PARTS_MEANING, error_table
-from jointid.uncertainty.prior_rows import PRIOR_HEADER
+from jointid.uncertainty.prior_rows import prior_table
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import prior_influence
-from jointid.wording import UNDETERMINED, capitalised, minus, significant
+from jointid.wording import UNDETERMINED, capitalised, minus, signed_percent, significant
 
 
 def show_estimates(analysis: Analysis) -> None:
@@ -89,18 +89,10 @@ def show_errors(analysis: Analysis) -> None:
         st.caption(UNSTATED_TORQUE_SCALE)
 
 
-def signed_percent(percent: float) -> str:
-    """Write a change with its sign."""
-    if not np.isfinite(percent):
-        return "–"
-    size = f"{abs(percent):.0f}" if abs(percent) >= 10 else significant(abs(percent), 2)
-    return f"{'+' if percent > 0 else '−'}{size} %" if percent else "0 %"
-
-
 def show_inertias(analysis: Analysis) -> None:
     """Inertias and torque scales as given and as fitted, and the change of K and D by each."""
-    cells = zip(*(row.cells for row in analysis.priors), strict=True)
-    show_text_table(dict(zip(map(capitalised, PRIOR_HEADER), cells, strict=True)))
+    columns = prior_table(analysis.priors)
+    show_text_table({capitalised(name): cells for name, cells in columns.items()})
     st.caption(
         "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation that the "
         "study states. Fitted: together with K and D. σ: standard deviation of the less certain value."
