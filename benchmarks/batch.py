@@ -39,8 +39,8 @@ from jointid import (
     save_study,
 )
 from jointid.fleet import Limits, Progress, Row, Summary, analyse_fleet, read_fleet
-from jointid.fleet.content import content_digest
 from jointid.fleet.row import row_of
+from jointid.fleet.studies import content_digest
 
 RATE_HZ = 1000.0
 FREQUENCIES_HZ = (3.0, 6.0, 10.0, 15.0, 21.0, 28.0)

@@ -50,7 +50,7 @@ from jointid.reporting.report import make_report
 from jointid.ui.study.data_quality import phasor_table as phasors_shown
 from jointid.ui.study.data_quality import quality_table
 from jointid.ui.study.elasticity_figures import harmonic_columns
-from jointid.uncertainty.error_parts import error_table
+from jointid.uncertainty.answer_tables import error_table
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.resampling import bootstrap, jackknife

@@ -42,8 +42,7 @@ from jointid.fleet.row import row_of
 from jointid.fleet.table import as_table
 from jointid.reporting.blocks import Paragraph
 from jointid.reporting.report import make_report, to_html
-from jointid.uncertainty.compared_models import compared_models
-from jointid.uncertainty.error_parts import error_parts, error_table
+from jointid.uncertainty.answer_tables import compared_models, error_parts, error_table
 from jointid.wording import significant
 
 

@@ -33,12 +33,11 @@ from jointid.files import study_parts
 from jointid.files.application import sample_studies
 from jointid.files.digest import study_digest
 from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet, worker
-from jointid.fleet.content import content_digest, packed
 from jointid.fleet.jobs import WORKER, Job, Local
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.fleet.run import journal_path
-from jointid.fleet.studies import path_text
+from jointid.fleet.studies import content_digest, packed, path_text
 from jointid.fleet.worker import answer, study_row
 
 COUNT = 7

@@ -13,8 +13,8 @@ from fleet_studies import poison, write_studies
 
 from jointid import JointIdError, analyse, load_study
 from jointid.fleet import Progress, Summary, analyse_fleet, read_fleet
-from jointid.fleet.content import content_digest
 from jointid.fleet.row import Row, row_of
+from jointid.fleet.studies import content_digest
 
 # Dask warns, from its own threads, of ports taken by its dashboard and of workers that are restarted.
 pytestmark = [

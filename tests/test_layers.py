@@ -27,10 +27,7 @@ HOMES = {
     "plotly": ["jointid/figures/*"],
     "pymunk": ["jointid/cut/arm_simulation.py"],
     "pandas": ["jointid/files/*", "jointid/importing/*", "jointid/ui/shared/page.py"],
-    "pyarrow": [
-        "jointid/files/*", "jointid/importing/*",
-        "jointid/fleet/table.py", "jointid/fleet/content.py",
-    ],
+    "pyarrow": ["jointid/files/*", "jointid/importing/*", "jointid/fleet/table.py"],
     "distributed": ["jointid/fleet/cluster.py"],
     "dask": ["jointid/fleet/cluster.py"],
     "tomli_w": ["jointid/files/*", "jointid/exporting/*"],

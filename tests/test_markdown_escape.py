@@ -16,7 +16,8 @@ from streamlit.testing.v1 import AppTest
 
 from jointid import load_study
 from jointid.files.digest import study_digest
-from jointid.files.store import Store, new_workspace, user_folder
+from jointid.files.store import Store, new_workspace
+from jointid.files.store_files import user_folder
 from jointid.files.study_files import pack_study
 from jointid.ui.shared.messages import markdown_escape
 

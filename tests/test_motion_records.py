@@ -51,7 +51,7 @@ from jointid.phasors.distortion import Distortion, distortion
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.report import make_report
 from jointid.simulation.motion import KINDS
-from jointid.uncertainty.error_parts import error_table
+from jointid.uncertainty.answer_tables import error_table
 from jointid.uncertainty.motion_plan import (
     MotionLimits,
     largest_motion,

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from jointid import JointIdError, load_study, save_study
-from jointid.files import store
+from jointid.files import store, store_files
 from jointid.files.atomic_write import locked, write_file
 from jointid.files.digest import study_digest
 from jointid.files.store import Store, new_workspace
@@ -379,7 +379,7 @@ def test_the_folder_of_a_user_without_a_home_is_absolute(
     monkeypatch.setenv("XDG_DATA_HOME", "relative")
     import pwd
 
-    assert store.user_folder() == Path(pwd.getpwuid(os.getuid()).pw_dir, ".local/share/jointid")
+    assert store_files.user_folder() == Path(pwd.getpwuid(os.getuid()).pw_dir, ".local/share/jointid")
 
 
 def test_what_a_killed_write_left_is_removed_by_a_later_one(tmp_path: Path) -> None:

@@ -31,7 +31,6 @@ from jointid.errors import JointIdError
 from jointid.files.container_limits import mebibytes
 from jointid.files.store_files import (
     DAMAGED,
-    MAX_NAME,
     Entry,
     Note,
     checksum,
@@ -40,16 +39,10 @@ from jointid.files.store_files import (
     one_line,
     part_of,
     read_entry,
-    user_folder,
     write_entry,
     write_name,
     write_whole,
 )
-
-__all__ = [
-    "LIMIT_BYTES", "MAX_NAME", "PARTS", "Entry", "Note", "Store", "new_workspace", "part_of",
-    "user_folder",
-]  # fmt: skip
 
 LIMIT_BYTES = 1 << 30
 """Default capacity of a store, 1 GiB."""

@@ -9,8 +9,8 @@ from jointid.analysis import analyse
 from jointid.background.serving import Progress, serve_here
 from jointid.errors import JointIdError
 from jointid.files.study_files import load_study
-from jointid.fleet.content import content_digest, packed
 from jointid.fleet.row import FAULT, MEMORY, REFUSED, Row, failed_row, row_of, to_plain
+from jointid.fleet.studies import content_digest, packed
 
 
 def study_row(

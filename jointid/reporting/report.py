@@ -4,6 +4,7 @@ The same study gives the same report to the last byte: it has no date and no mac
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import count
 from math import isfinite
 
@@ -30,8 +31,12 @@ from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks, 
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.study import Study
-from jointid.uncertainty.compared_models import COMPARED_MODELS, compared_models
-from jointid.uncertainty.error_parts import PARTS_MEANING, error_table
+from jointid.uncertainty.answer_tables import (
+    COMPARED_MODELS,
+    PARTS_MEANING,
+    compared_models,
+    error_table,
+)
 from jointid.uncertainty.prior_rows import prior_table
 from jointid.wording import UNDETERMINED, capitalised, minus, plain, significant
 
@@ -92,21 +97,19 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
             yield Paragraph(text, "quiet")
     if study.changes:
         yield Paragraph(f"Changed from the data as logged: {' '.join(study.changes)}")
-    header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
-    caption = f"{capitalised(analysis.unit.side)}. {ERROR_BARS} Nominal: in the controller at present."
-    rows: list[tuple[str, ...]] = []
-    for found in analysis.quantities:
-        nominal, change = "–", "–"
-        if analysis.nominal is not None:
-            reference = float(analysis.nominal[found.place])
-            nominal = plain(reference)
-            if analysis.state != NOT_USABLE:
-                change = change_from(found.value, found.error, reference)
-        rows.append((f"{found.name}, {found.meaning}", *found.shown, nominal, change))
-    if study.nominal is None:
-        header, rows = header[:3], [row[:3] for row in rows]
-        caption = caption.partition(" Nominal")[0]
-    yield Table(header, tuple(rows), caption, "lrlrr"[: len(header)], kind="answer")
+    caption = f"{capitalised(analysis.unit.side)}. {ERROR_BARS}"
+    columns = {
+        "": [f"{q.name}, {q.meaning}" for q in analysis.quantities],
+        "identified": [q.shown[0] for q in analysis.quantities],
+        "unit": [q.shown[1] for q in analysis.quantities],
+    }
+    if analysis.nominal is not None:
+        caption += " Nominal: in the controller at present."
+        pairs = list(zip(analysis.quantities, analysis.nominal.tolist(), strict=True))
+        columns["nominal"] = [plain(reference) for _, reference in pairs]
+        changes = [change_from(q.value, q.error, reference) for q, reference in pairs]
+        columns["change"] = ["–"] * len(pairs) if analysis.state == NOT_USABLE else changes
+    yield replace(Table.of(columns, caption, "lrlrr"[: len(columns)]), kind="answer")
     if outcome is not None:
         yield Paragraph(
             f"Simulated path error of {robot_text(outcome.robot)}, as in Figure 7 of the paper: "

@@ -16,15 +16,6 @@ from jointid.uncertainty.information import planning_model
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
 from jointid.wording import counted
 
-__all__ = [
-    "PlannedRecords",
-    "PredictedErrors",
-    "Suggestion",
-    "planned_records",
-    "predict_standard_errors",
-    "suggest_records",
-]
-
 _CANDIDATE_FREQUENCIES = 24
 """Default number of frequencies in the search, logarithmically spaced."""
 _MOST_RECORDS = 50

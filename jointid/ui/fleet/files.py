@@ -9,9 +9,9 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.background.child_process import Limits
-from jointid.fleet.content import content_digest, packed
 from jointid.fleet.jobs import Job, Local
 from jointid.fleet.row import Row
+from jointid.fleet.studies import content_digest, packed
 from jointid.fleet.table import read_untrusted, to_parquet
 from jointid.ui.shared import workspace
 from jointid.ui.shared.messages import show_error, show_warning

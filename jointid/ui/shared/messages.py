@@ -7,8 +7,6 @@ from typing import Any
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
-__all__ = ["markdown_escape"]
-
 _JOINER = "\N{WORD JOINER}"
 """Invisible. Addresses, icons and arrows are sought in the finished text, where no backslash helps."""
 _ALWAYS = re.compile(r"[\\`*\[\]<$|~&]")

@@ -7,7 +7,7 @@ from urllib.parse import quote
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.files.store import Entry
+from jointid.files.store_files import Entry
 from jointid.ui.shared import workspace
 from jointid.ui.shared.messages import markdown_escape, show_warning
 

@@ -17,7 +17,8 @@ from streamlit.delta_generator import DeltaGenerator
 from jointid import JointIdError, Study
 from jointid.files.application import application_folder, sample_studies
 from jointid.files.digest import study_digest
-from jointid.files.store import Entry, Store, new_workspace, part_of, user_folder
+from jointid.files.store import Store, new_workspace
+from jointid.files.store_files import Entry, part_of, user_folder
 from jointid.files.study_files import lines_around, load_study, pack_study
 from jointid.ui.shared.method_steps import Step
 

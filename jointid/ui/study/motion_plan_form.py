@@ -27,7 +27,7 @@ from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.study.plan_form import PlanSettings, pose_inertia
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
-from jointid.uncertainty.plan import PlannedRecords
+from jointid.uncertainty.planned_records import PlannedRecords
 from jointid.wording import file_stem, percent, significant, three_digits
 
 _LIMITS = {

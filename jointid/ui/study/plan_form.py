@@ -17,14 +17,12 @@ from jointid.ui.shared.results import computed_on_click, run_in_background
 from jointid.ui.study.uncertainty_panels import plus_minus
 from jointid.uncertainty.information import planning_model
 from jointid.uncertainty.plan import (
-    PlannedRecords,
     PredictedErrors,
     Suggestion,
-    planned_records,
     predict_standard_errors,
     suggest_records,
 )
-from jointid.uncertainty.planned_records import phase_deg, phasor_text
+from jointid.uncertainty.planned_records import PlannedRecords, phase_deg, phasor_text, planned_records
 from jointid.wording import percent, significant
 
 

@@ -18,8 +18,12 @@ from jointid.ui.shared.messages import show_info, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.shared.sidebar import ESTIMATORS
-from jointid.uncertainty.compared_models import COMPARED_MODELS, compared_models
-from jointid.uncertainty.error_parts import PARTS_MEANING, error_table
+from jointid.uncertainty.answer_tables import (
+    COMPARED_MODELS,
+    PARTS_MEANING,
+    compared_models,
+    error_table,
+)
 from jointid.uncertainty.prior_rows import prior_table
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import prior_influence

@@ -1,4 +1,4 @@
-"""Parts of the standard errors of K and D by their cause."""
+"""Tables of the answer: parts of the standard errors by their cause, and the compared models."""
 
 import numpy as np
 
@@ -43,4 +43,29 @@ def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> dict[str,
         unknown = UNDETERMINED if error is total else "–"
         sizes = zip(unit.shown(error).tolist(), np.isinf(total), strict=True)
         columns[name] = [unknown if lost else significant(size, 2) for size, lost in sizes]
+    return columns
+
+
+COMPARED_MODELS = (
+    "Fitted models compared. The smallest information criterion is chosen: the residual plus a penalty "
+    "for every parameter. A dash: the fit failed, a part of the model is not significant, or its "
+    "friction at the reversals contradicts the fundamentals. Reversals free below 3 %: a motor may "
+    "stick around a reversal, so that its friction is not modelled below 3 % of the largest speed."
+)
+"""Explains ``compared_models``."""
+
+
+def compared_models(fit: ElasticityFit) -> dict[str, list[str]]:
+    """Columns of a table: the models that were fitted, best first."""
+    columns: dict[str, list[str]] = {
+        "Fitted model": [c.name + " (chosen)" * c.chosen for c in fit.candidates],
+        "Parameters": ["–" if c.problem else str(c.parameters) for c in fit.candidates],
+    }
+    misfits = [c.cost / c.expected_cost if c.expected_cost > 0 else np.inf for c in fit.candidates]
+    criteria = np.array([c.criterion for c in fit.candidates])
+    for name, values, digits in (
+        ("Residual / noise", np.sqrt(misfits), 3),
+        ("Criterion", criteria, 5),
+    ):
+        columns[name] = [significant(x, digits) if np.isfinite(x) else "–" for x in values.tolist()]
     return columns
