@@ -37,16 +37,7 @@ def coherence(record: JointRecord) -> Coherence:
     """Return the share of each motor's motion that is linear in the torques of all motors.
 
     In closed loop the torque follows the encoder's noise as well, so that a high coherence means motion
-    only where the angle is also above its noise floor.
-
-    Parameters
-    ----------
-    record : JointRecord
-
-    Raises
-    ------
-    JointIdError
-        When the record is too short.
+    only where the angle is also above its noise floor. Raises JointIdError when the record is too short.
     """
     n, used = record.n, slice(record.start, None)
     parts = max(_SEGMENTS, _PER_JOINT * n)
@@ -83,10 +74,7 @@ def coherence(record: JointRecord) -> Coherence:
 def coherent_band(record: JointRecord) -> tuple[float, float]:
     """Return the widest band, lowest and highest frequency in Hz, with usable motion of some joint.
 
-    Raises
-    ------
-    JointIdError
-        When no frequency is coherent, or the record is too short.
+    Raises JointIdError when no frequency is coherent, or the record is too short.
     """
     frequency, share, above = coherence(record)
     above = _smooth(above)

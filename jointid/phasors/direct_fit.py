@@ -17,14 +17,9 @@ _RESOLVED = 0.6
 def fit_directly(window: Window, harmonics: int, *, by_scatter: bool) -> SineFit:
     """Fit a record by normal equations at its sample times; two passes, the second for the noise.
 
-    Parameters
-    ----------
-    window : Window
-    harmonics : int
-        Number of rows of ``SineFit.harmonics``.
-    by_scatter : bool
-        Estimate the noise from the scatter of the blocks; else from the spectral lines next to the
-        sine, or without such lines from the residual, assumed white.
+    ``harmonics`` is the number of rows of ``SineFit.harmonics``. The noise is estimated from the scatter
+    of the blocks (``by_scatter``); else from the spectral lines next to the sine, or without such lines
+    from the residual, assumed white.
     """
     record, block, blocks = window.record, window.block, max(window.blocks, 1)
     orders = np.arange(1, window.orders + 1)

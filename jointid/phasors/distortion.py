@@ -35,10 +35,7 @@ class Distortion(NamedTuple):
 def distortion(record: JointRecord) -> Distortion:
     """Return the levels of distortion and noise in a multisine on odd lines.
 
-    Raises
-    ------
-    JointIdError
-        When the record is no repeated multisine, or has no empty odd and even lines.
+    Raises JointIdError when the record is no repeated multisine, or has no empty odd and even lines.
     """
     used = slice(record.start, None)
     signals = np.hstack([record.theta_rad[used], record.tau_Nm[used]])

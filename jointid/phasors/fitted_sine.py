@@ -57,32 +57,18 @@ class SineFit:
 
 
 def sine_basis(phase: Floats, ramp: Floats) -> Floats:
-    """Columns cosines, sines, one and ramp of a linear sine fit.
+    """Columns cosines, sines, one and ramp of a linear sine fit, shape (N, 2H + 2).
 
-    Parameters
-    ----------
-    phase : ndarray, shape (N,) or (N, H)
-        Phase hωt of each harmonic at each sample, rad.
-    ramp : ndarray, shape (N,)
-        Time in any unit.
-
-    Returns
-    -------
-    ndarray, shape (N, 2H + 2)
+    ``phase``, shape (N,) or (N, H), is hωt of each harmonic at each sample, rad; ``ramp``, shape (N,),
+    the time in any unit.
     """
     return np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(ramp), ramp])
 
 
 def scatter(deviations: Complexes) -> Complexes:
-    """Covariance of a sum over independent blocks, from their deviations from the mean.
+    """Covariance (..., 2n, 2n) of a sum over independent blocks, from their deviations from the mean.
 
-    Parameters
-    ----------
-    deviations : ndarray, shape (..., blocks, 2n)
-
-    Returns
-    -------
-    ndarray, shape (..., 2n, 2n)
+    ``deviations`` has shape (..., blocks, 2n).
     """
     return np.asarray(deviations.swapaxes(-2, -1) @ deviations.conj())
 

@@ -15,20 +15,14 @@ class LongRecord(SineRecord):
     """A record of which only the beginning is in memory.
 
     Plots show the beginning; the fit reads all of it.
-
-    Parameters
-    ----------
-    parts : callable
-        Returns an iterator over the consecutive parts, each a SineRecord on the same clock.
-    samples_in_all : int
-        Number of samples in all parts.
-    fingerprint : callable
-        Returns a digest of the source of the parts.
     """
 
     parts: Callable[[], Iterator[SineRecord]] = field(kw_only=True, repr=False)
+    """Returns an iterator over the consecutive parts, each a SineRecord on the same clock."""
     samples_in_all: int = field(kw_only=True)
+    """Number of samples in all parts."""
     fingerprint: Callable[[], str] = field(kw_only=True, repr=False)
+    """Returns a digest of the source of the parts."""
 
     @property
     def samples(self) -> int:
@@ -39,20 +33,9 @@ class LongRecord(SineRecord):
 def joined(fits: Sequence[SineFit], samples: Sequence[int]) -> SineFit:
     """Return the fit of a record from the fits of its consecutive parts.
 
-    Each part is weighted by its samples. The noise is the scatter of the blocks of all parts; if the
-    parts differ by more, because of noise slower than a part, it is the scatter of the parts.
-
-    Parameters
-    ----------
-    fits : sequence of SineFit
-        On one clock, at least one.
-    samples : sequence of int
-        Samples of each part.
-
-    Raises
-    ------
-    JointIdError
-        When there is no part.
+    Each part is weighted by its number of ``samples``; all are on one clock. The noise is the scatter of
+    the blocks of all parts; if the parts differ by more, because of noise slower than a part, it is the
+    scatter of the parts. Raises JointIdError when there is no part.
     """
     if not fits:
         raise JointIdError("The record has no samples after start_s: correct start_s.")

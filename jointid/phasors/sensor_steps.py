@@ -172,11 +172,7 @@ def quantum(signal: Floats) -> float:
     """Quantisation step: greatest common divisor of all differences between samples; 0 without steps.
 
     Found by Euclid's algorithm, tolerant of rounding to decimals. Neighbouring samples need not differ
-    by a single step.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (N,)
+    by a single step. ``signal`` has shape (N,).
     """
     if signal.size < 2:
         return 0.0

@@ -11,20 +11,10 @@ FEWEST = 4
 def settling_change(local: Complexes, block: np.ndarray, count: np.ndarray) -> tuple[Floats, Floats]:
     """Change of a local phasor from the first quarter of the blocks to the second half.
 
-    Parameters
-    ----------
-    local : ndarray, shape (r, K, c)
-        Phasor of each block, of r records with c signals; the level common to all blocks may be
-        subtracted. Entries beyond a record's blocks are ignored.
-    block : ndarray, shape (K,)
-        Numbers of the blocks, from 0.
-    count : ndarray, shape (r, 1)
-        Number of blocks of each record.
-
-    Returns
-    -------
-    change, noise : ndarray, shape (r, c)
-        Magnitude of the change and its standard error; NaN with fewer than four blocks.
+    ``local``, shape (r, K, c), holds the phasor of each block of r records with c signals, less a level
+    common to all blocks or not; entries beyond a record's blocks are ignored. ``block``, shape (K,), are
+    the numbers of the blocks from 0, ``count``, shape (r, 1), how many each record has. Returns the
+    magnitude of the change and its standard error, each (r, c), NaN with fewer than four blocks.
     """
     early = (block < count // 4)[..., None]
     late = ((block >= count // 2) & (block < count))[..., None]

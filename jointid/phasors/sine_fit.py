@@ -34,22 +34,9 @@ _HIGHEST = 0.45
 def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit]:
     """Fit every record; uniform ones by the two-level transform, jittered or very short ones directly.
 
-    Parameters
-    ----------
-    records : sequence of SineRecord
-    harmonics : int, default 1
-        Highest harmonic in the fit. Excluded are those at or above 0.45 of the sample rate, and those
-        that would make more unknowns than a quarter of the samples.
-
-    Returns
-    -------
-    list of SineFit
-        In the order of ``records``.
-
-    Raises
-    ------
-    JointIdError
-        When a record has fewer than ``FEWEST_SAMPLES`` usable samples.
+    ``harmonics`` is the highest in the fit. Excluded are those at or above 0.45 of the sample rate, and
+    those that would make more unknowns than a quarter of the samples. Raises JointIdError when a record
+    has fewer than ``FEWEST_SAMPLES`` usable samples.
     """
     fits: dict[int, SineFit] = {}
     batches: dict[tuple[int, int, int], dict[int, Window]] = {}

@@ -26,23 +26,11 @@ def evenly_sampled(time_s: Floats, signals: Floats) -> tuple[Floats, Floats]:
 
 
 def amplitude_spectrum(time_s: Floats, signal: Floats) -> tuple[Floats, Floats]:
-    """Amplitude of a signal by frequency, through a Hann window.
+    """Frequency, Hz, and amplitude of a signal through a Hann window, each (N // 2,), without the mean.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (N,)
-        Increasing times, s; see ``evenly_sampled``.
-    signal : ndarray, shape (N,)
-
-    Returns
-    -------
-    frequency_hz, amplitude : ndarray, shape (N // 2,)
-        Without the mean. A sine between two lines loses at most 15 % of its amplitude.
-
-    Raises
-    ------
-    JointIdError
-        With fewer than eight samples, or when the times do not advance.
+    Times, see ``evenly_sampled``, and signal have shape (N,). A sine between two lines loses at most
+    15 % of its amplitude. Raises JointIdError with fewer than eight samples, or when the times do not
+    advance.
     """
     samples = time_s.size
     span = float(time_s[-1] - time_s[0]) if samples else 0.0
@@ -63,10 +51,7 @@ def amplitude_spectrum(time_s: Floats, signal: Floats) -> tuple[Floats, Floats]:
 def largest_line_hz(time_s: Floats, signal: Floats) -> float:
     """Frequency of the largest line of the spectrum, interpolated by a parabola, Hz.
 
-    Raises
-    ------
-    JointIdError
-        When the signal is too short or does not move.
+    Raises JointIdError when the signal is too short or does not move.
     """
     frequency, amplitude = amplitude_spectrum(time_s, signal)
     peak = int(np.argmax(amplitude))
@@ -93,10 +78,7 @@ def frequencies_found(
 ) -> Floats:
     """Stated frequency, corrected by the phase drift of the largest motion over the record, (r,), Hz.
 
-    Parameters
-    ----------
-    local, block, count : ndarray, shapes (r, K, 2n), (K,), (r, 1)
-        Local phasors of the blocks, less those of their record, as in ``settling_change``.
+    ``local``, less the phasors of their record, ``block`` and ``count`` are as in ``settling_change``.
     """
     n, rows = records[0].n, np.arange(len(records))
     strength = np.abs([fit.harmonics[:, :n] for fit in fits])

@@ -23,14 +23,9 @@ _CACHED_NUMBERS = 1 << 17
 
 
 def fit_side_by_side(windows: Sequence[Window], harmonics: int) -> list[SineFit]:
-    """Fit records with the same number of joints and orders.
+    """Fit uniformly sampled records of eight blocks or more, with the same number of joints and orders.
 
-    Parameters
-    ----------
-    windows : sequence of Window
-        Uniformly sampled records of eight blocks or more.
-    harmonics : int
-        Number of rows of ``SineFit.harmonics``.
+    ``harmonics`` is the number of rows of ``SineFit.harmonics``.
     """
     longest = max(window.blocks for window in windows) + 1
     each = 2 * windows[0].record.n * longest * (2 * windows[0].orders + 2)
@@ -184,11 +179,8 @@ def _block_sums(windows: Sequence[Window], columns: Sequence[Floats], most: int)
 def _gram(samples: np.ndarray, x: Floats, orders: np.ndarray) -> tuple[Floats, Floats]:
     """Gram matrices of (cosines, one) and (sines, ramp), orthogonal over a centred window.
 
-    Parameters
-    ----------
-    samples, x : ndarray, shape (r, 1)
-        Number of samples, and radians per sample.
-    orders : ndarray, shape (H,)
+    ``samples`` and ``x``, shape (r, 1), are the number of samples and the radians per sample; ``orders``
+    has shape (H,).
     """
     half = 0.5 * x * np.arange(1, 2 * orders[-1] + 1)
     sine, wave_sine, wave_cosine = np.sin(half), np.sin(samples * half), np.cos(samples * half)

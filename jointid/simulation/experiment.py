@@ -25,31 +25,23 @@ class Controller:
     τ = kp (r − y) + kv (Δr − Δy)/T + (M + M2) r̈, where Δ is the difference to the last sample.
     The defaults kp = J ω², kv = 2ζ J ω are those of the rigid joint, J = J_m + J_a and ω = 2π bandwidth.
     Raises JointIdError when a value is out of range.
-
-    Parameters
-    ----------
-    bandwidth_hz : float or (n,)
-        Natural frequency of the controlled rigid joint, Hz.
-    damping_ratio : float or (n,)
-        Its damping ratio ζ.
-    position_gain, velocity_gain : float or (n,), optional
-        kp in N·m/rad and kv in N·m·s/rad, instead of those from bandwidth and damping ratio.
-    feedforward : bool
-        Whether the rigid-body torque of the reference acceleration is added.
-    sample_rate_hz : float
-        Control rate, which is also the rate of the log, Hz.
-    torque_delay_s : float
-        Delay from a sample to the action of the torque computed from it, s. Need not be a whole number
-        of samples.
     """
 
     bandwidth_hz: PerJoint = 10.0
+    """Natural frequency of the controlled rigid joint, Hz."""
     damping_ratio: PerJoint = 0.5
+    """Its damping ratio ζ."""
     position_gain: PerJoint | None = None
+    """kp, N·m/rad, in place of that from bandwidth and damping ratio."""
     velocity_gain: PerJoint | None = None
+    """kv, N·m·s/rad, likewise."""
     feedforward: bool = True
+    """Whether the rigid-body torque of the reference acceleration is added."""
     sample_rate_hz: float = 4000.0
+    """Control rate, which is also the rate of the log, Hz."""
     torque_delay_s: float = 0.0
+    """Delay from a sample to the action of the torque computed from it, s. Need not be a whole number of
+    samples."""
 
     def __post_init__(self) -> None:
         checked_setting(self, "bandwidth_hz", "Hz", positive=True)
@@ -72,36 +64,28 @@ class Excitation:
     The reference of joint j in record r is Im(A_fj W_rj e^{iωt}) + v_j t, with t = 0 at the first
     logged sample. The amplitude A = min(velocity/ω, acceleration/ω²) bounds speed and rigid-body torque.
     Raises JointIdError when a value is out of range, or the pattern is unknown.
-
-    Parameters
-    ----------
-    pattern : {"orthogonal", "one-at-a-time"} or array_like, shape (R, n), complex
-        The weights W. "orthogonal": e^{2πi rj/R}, all joints move in every record, with other relative
-        phases. "one-at-a-time": record r moves joint r, the controllers hold the others.
-    records_per_frequency : int, optional
-        R; by default n, or the rows of ``pattern``.
-    velocity_rad_s, acceleration_rad_s2 : float or (n,)
-        Largest velocity and acceleration amplitude of the reference, motor side.
-    constant_velocity_rad_s : float or (n,)
-        Superposed constant velocity v, rad/s. A joint with a constant velocity must not reverse.
-    duration_s : float
-        Length of each record, s.
-    periods : float, optional
-        Length of each record in periods of its frequency, in place of ``duration_s``.
-    settle_s : float, optional
-        Time before the log begins, s. The run starts in the steady state of the robot without Coulomb
-        friction. By default long enough for the slowest mode of the closed loop to decay to 1e-5, and
-        zero without Coulomb friction.
     """
 
     pattern: str | ArrayLike = "orthogonal"
+    """The weights W, shape (R, n), complex, or their name. "orthogonal": e^{2πi rj/R}, all joints move
+    in every record, with other relative phases. "one-at-a-time": record r moves joint r, the controllers
+    hold the others."""
     records_per_frequency: int | None = None
+    """R; by default n, or the rows of ``pattern``."""
     velocity_rad_s: PerJoint = 10.0
+    """Largest velocity amplitude of the reference, motor side."""
     acceleration_rad_s2: PerJoint = 300.0
+    """Largest acceleration amplitude of the reference, motor side."""
     constant_velocity_rad_s: PerJoint = 0.0
+    """Superposed constant velocity v, rad/s. A joint with a constant velocity must not reverse."""
     duration_s: float = 4.0
+    """Length of each record, s."""
     periods: float | None = None
+    """Length of each record in periods of its frequency, in place of ``duration_s``."""
     settle_s: float | None = None
+    """Time before the log begins, s. The run starts in the steady state of the robot without Coulomb
+    friction. By default long enough for the slowest mode of the closed loop to decay to 1e-5, and zero
+    without Coulomb friction."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.pattern, str):
@@ -149,21 +133,15 @@ class MotorFriction:
 
     A motor at rest stays there until the other torques on it exceed F_c. Raises JointIdError when a
     value is negative or the step is not positive.
-
-    Parameters
-    ----------
-    coulomb : float or (n,)
-        F_c, N·m.
-    viscous : float or (n,)
-        F_v, N·m·s/rad.
-    step_s : float
-        Longest step with Coulomb friction, s. A reversal is located within its step, so that the error
-        is of second order: about 1e-4 of the friction phasor up to 30 Hz with the default.
     """
 
     coulomb: PerJoint = 0.0
+    """F_c, N·m."""
     viscous: PerJoint = 0.0
+    """F_v, N·m·s/rad."""
     step_s: float = 1.25e-4
+    """Longest step with Coulomb friction, s. A reversal is located within its step, so that the error is
+    of second order: about 1e-4 of the friction phasor up to 30 Hz with the default."""
 
     def __post_init__(self) -> None:
         checked_setting(self, "coulomb", "N·m")
@@ -176,24 +154,17 @@ class Measurement:
     """Sensors of position and torque; the controller uses the logged position.
 
     Raises JointIdError when a value is out of range.
-
-    Parameters
-    ----------
-    encoder_counts : int, optional
-        Encoder counts per motor turn; None is an ideal encoder.
-    position_noise_rad : float or (n,)
-        Standard deviation of white noise on the position, ahead of the encoder's rounding, rad.
-    torque_noise_Nm : float or (n,)
-        Standard deviation of white noise on the logged torque, not on the motor's, N·m.
-    torque_gain : float or (n,)
-        Logged torque over the motor's: 1.05 when the controller's torque constant is 5 % too large.
-        The noise is added afterwards.
     """
 
     encoder_counts: int | None = None
+    """Encoder counts per motor turn; None is an ideal encoder."""
     position_noise_rad: PerJoint = 0.0
+    """Standard deviation of white noise on the position, ahead of the encoder's rounding, rad."""
     torque_noise_Nm: PerJoint = 0.0
+    """Standard deviation of white noise on the logged torque, not on the motor's, N·m."""
     torque_gain: PerJoint = 1.0
+    """Logged torque over the motor's: 1.05 when the controller's torque constant is 5 % too large. The
+    noise is added afterwards."""
 
     def __post_init__(self) -> None:
         checked_setting(self, "encoder_counts", "per turn", positive=True, single=True)

@@ -31,32 +31,25 @@ class Motion:
     """Reference motion of the joints within limits of position, velocity and acceleration.
 
     Raises JointIdError when a value is out of range or the kind is unknown.
-
-    Parameters
-    ----------
-    kind : {"sweep", "multisine", "random", "moves"}
-        See ``KINDS``.
-    from_hz, to_hz : float
-        Band of a sweep, multisine or random motion, Hz.
-    duration_s : float
-        Length of the log, s.
-    velocity_rad_s, acceleration_rad_s2 : float or (n,)
-        Largest velocity and acceleration of the reference, motor side.
-    position_rad : float or (n,)
-        Largest distance from the pose, motor side, rad.
-    odd : bool
-        Multisine: excite odd multiples of the line spacing only, three of every four. Lines without
-        excitation then show nonlinear distortion, even and odd.
     """
 
     kind: str = "sweep"
+    """"sweep", "multisine", "random" or "moves", see ``KINDS``."""
     from_hz: float = 2.0
+    """Lowest frequency of a sweep, multisine or random motion, Hz."""
     to_hz: float = 40.0
+    """Highest frequency, Hz."""
     duration_s: float = 20.0
+    """Length of the log, s."""
     velocity_rad_s: PerJoint = 10.0
+    """Largest velocity of the reference, motor side."""
     acceleration_rad_s2: PerJoint = 300.0
+    """Largest acceleration of the reference, motor side."""
     position_rad: PerJoint = 1.0
+    """Largest distance from the pose, motor side, rad."""
     odd: bool = False
+    """Multisine: excite odd multiples of the line spacing only, three of every four. Lines without
+    excitation then show nonlinear distortion, even and odd."""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
