@@ -112,10 +112,7 @@ class BandLimited:
 def joint_angles(record: MotionRecord, robot: RobotModel) -> Floats:
     """Motor angles through the gears, shape (N, n), rad.
 
-    Raises
-    ------
-    JointIdError
-        When the robot has another number of joints, or unknown gear ratios.
+    Raises JointIdError when the robot has another number of joints, or unknown gear ratios.
     """
     if record.n != robot.n:
         raise JointIdError(

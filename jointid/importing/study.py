@@ -28,25 +28,10 @@ def segment_records(
 ) -> tuple[SineRecord | MotionRecord, ...]:
     """Cut the records out of a log: one per segment, or one per line of a multisine segment.
 
-    A segment of any other motion becomes a motion record, with the angles behind the gears.
-
-    Parameters
-    ----------
-    log : MappedLog
-    segments : sequence of Segment
-    pose : str, optional
-        Pose of all segments.
-
-    Returns
-    -------
-    tuple of SineRecord and MotionRecord
-        On the clock of the log. From the record of one line of a multisine the other lines are
-        subtracted by least squares; the noise remains.
-
-    Raises
-    ------
-    JointIdError
-        When a segment is too short for its frequency.
+    A segment of any other motion becomes a motion record, with the angles behind the gears. All are on
+    the clock of the log and in one ``pose``. From the record of one line of a multisine the other lines
+    are subtracted by least squares; the noise remains. Raises JointIdError when a segment is too short
+    for its frequency.
     """
     records: list[SineRecord | MotionRecord] = []
     for number, segment in enumerate(segments, start=1):
@@ -89,25 +74,10 @@ def study_from_logs(
 ) -> Study:
     """Make a study of the segments of one or many logs.
 
-    Parameters
-    ----------
-    logs : MappedLog or sequence of MappedLog
-        All with the joints of ``inertia``.
-    segments : sequence of Segment, or one such sequence for each log
-    inertia : Inertia
-        Motor side.
-    pose_of : sequence of str or None, optional
-        Pose of each log; None, the default, is the pose of ``inertia``.
-    inertia_std : float, optional
-        Relative standard deviation of the inertias; by default that of ``Study``.
-    **facts
-        Further parameters of ``Study``; name and description are by default from the logs, see
-        ``study_name``.
-
-    Raises
-    ------
-    JointIdError
-        When there is no segment, or joints disagree.
+    ``logs`` have the joints of ``inertia``, motor side; ``segments`` is one sequence for each of several
+    logs. ``pose_of`` is the pose of each log; None, the default, is that of ``inertia``.
+    ``inertia_std`` and ``facts`` are parameters of ``Study``; name and description are by default from
+    the logs, see ``study_name``. Raises JointIdError when there is no segment, or joints disagree.
     """
     if isinstance(logs, MappedLog):
         logs, segments = [logs], cast(Sequence[Sequence[Segment]], [segments])

@@ -21,14 +21,9 @@ _CYCLES = 5.0
 def proposed_band(parts: Sequence[UniformPart], variance: Floats) -> tuple[float, float]:
     """Lowest and highest frequency with a motion and torque above the noise, Hz.
 
-    The torque of a fast controller follows the noise of the angle: it alone shows no motion.
-
-    Parameters
-    ----------
-    parts : sequence of UniformPart
-        Of one record.
-    variance : ndarray, shape (2n,)
-        Of the noise in each sample of angles and torques, rad² and (N·m)².
+    The torque of a fast controller follows the noise of the angle: it alone shows no motion. ``parts``
+    are those of one record, ``variance``, shape (2n,), that of the noise in each sample of angles and
+    torques, rad² and (N·m)².
     """
     T = parts[0].interval_s
     samples = max(part.theta.shape[1] for part in parts)

@@ -85,18 +85,11 @@ def friction_waveforms(
 ) -> FrictionWaveforms:
     """Fourier coefficients of sign θ̇ and of the free friction around every reversal.
 
-    Parameters
-    ----------
-    phasors : Phasors
-        With harmonics; the more, the sharper the reversals.
-    window : float
-        A reversal is where |θ̇| is below this share of the record's largest, or within the noise of θ̇;
-        0 uses sign θ̇ everywhere.
-    curve : bool, default False
-        Whether friction varies nonlinearly with speed (Stribeck curve, gradual sign change).
-    position_filter : ndarray, shape (n,), optional
-        Time constants of first-order filters of the logged positions, s. The motors of sines reverse
-        where the positions before the filters do.
+    The more harmonics, the sharper the reversals. A reversal is where |θ̇| is below the share ``window``
+    of the record's largest, or within the noise of θ̇; 0 uses sign θ̇ everywhere. ``curve`` is whether
+    friction varies nonlinearly with speed (Stribeck curve, gradual sign change), ``position_filter``,
+    shape (n,), the time constants of first-order filters of the logged positions, s: the motors of sines
+    reverse where the positions before the filters do.
     """
     if position_filter is not None and not phasors.motion.any():
         own = friction_waveforms(_unfiltered(phasors, position_filter), window, curve=curve)

@@ -38,14 +38,8 @@ def sensor_variances(
 ) -> tuple[Floats, Floats]:
     """Variance of each sample of angles and torques (2n,), and the most that the torques' can be (n,).
 
-    Parameters
-    ----------
-    parts : sequence of UniformPart
-        With the same sensors.
-    highest_hz : float
-        Upper end of the motion's band, Hz.
-    M : ndarray, shape (n,)
-        Rotor inertias, kg·m².
+    ``parts`` have the same sensors; ``highest_hz`` is the upper end of the motion's band, ``M``, shape
+    (n,), the rotor inertias, kg·m².
     """
     n, spectra = M.size, [_spectra(part, highest_hz) for part in parts]
     variance, most = np.zeros(2 * n), np.zeros(n)

@@ -37,10 +37,7 @@ class UniformPart:
 def uniform_parts(record: MotionRecord, index: int, name: str) -> list[UniformPart]:
     """Parts of a record between its gaps, each on a uniform grid.
 
-    Raises
-    ------
-    JointIdError
-        When the clock is too uneven, or no part is long enough.
+    Raises JointIdError when the clock is too uneven, or no part is long enough.
     """
     time = record.time_s[record.start :]
     steps = np.diff(time)

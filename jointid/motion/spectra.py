@@ -38,16 +38,8 @@ _EXACT = 1e4
 def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
     """Phasors of the segments of motion records.
 
-    Parameters
-    ----------
-    records : sequence of MotionRecord
-    M : ndarray, shape (r, n)
-        Rotor inertia of each record, kg·m², to separate the noise of torque and angle.
-
-    Raises
-    ------
-    JointIdError
-        When a record's clock is too uneven, or its band is empty.
+    ``M``, shape (r, n), is the rotor inertia of each record, kg·m², to separate the noise of torque and
+    angle. Raises JointIdError when a record's clock is too uneven, or its band is empty.
     """
     found = []
     for index, record in enumerate(records):

@@ -15,21 +15,9 @@ _NEAR_HZ = 5.0
 def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple[Floats, Floats, Floats]:
     """Derivative of angles with white noise, by Wiener's filter.
 
-    Parameters
-    ----------
-    theta : ndarray, shape (n, N)
-        rad.
-    interval_s : float
-    variance : ndarray, shape (n,)
-        Of the noise in each sample, rad².
-
-    Returns
-    -------
-    velocity : ndarray, shape (n, N), rad/s
-    noise : ndarray, shape (n,)
-        Its standard deviation, rad/s.
-    blur : ndarray, shape (n,)
-        Velocity over half the jump of the acceleration, at the instant of the jump, s.
+    Of angles (n, N), rad, with a ``variance`` (n,) of the noise in each sample, rad². Returns velocity
+    (n, N), its standard deviation (n,), both rad/s, and its blur (n,): velocity over half the jump of
+    the acceleration, at the instant of the jump, s.
     """
     samples, N = theta.shape[1], next_fast_len(theta.shape[1] - 1) + 1
     # Reflected about its ends, the signal is periodic, with a continuous velocity; reflected farther

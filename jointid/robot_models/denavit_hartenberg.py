@@ -60,11 +60,7 @@ def read_denavit_hartenberg(file: str, data: bytes) -> RobotDescription:
     """Read a robot with one [[link]] per joint.
 
     A link's transform is Rz(angle) Tz(d) Tx(a) Rx(alpha) with angle = logged + zero_deg + offset_deg.
-
-    Raises
-    ------
-    JointIdError
-        When the text is not TOML, or a value is missing or invalid.
+    Raises JointIdError when the text is not TOML, or a value is missing or invalid.
     """
     top = parse_toml(file, data, _ROBOT)
     links = top.tables("link", _LINK)

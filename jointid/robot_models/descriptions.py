@@ -64,10 +64,7 @@ _IGNORED_COMPILER = {
 def read_urdf(file: str, data: bytes) -> RobotDescription:
     """Read a robot from URDF; gear ratios from transmissions, rotor inertias are unknown.
 
-    Raises
-    ------
-    JointIdError
-        When it is no usable URDF, or pinocchio is not installed.
+    Raises JointIdError when it is no usable URDF, or pinocchio is not installed.
     """
     root = parse_xml(file, data, "robot")
     for link in root.iter("link"):
@@ -80,10 +77,7 @@ def read_urdf(file: str, data: bytes) -> RobotDescription:
 def read_mjcf(file: str, data: bytes) -> RobotDescription:
     """Read a robot from MJCF; gear ratios from the actuators' ``gear``, rotors from ``armature``.
 
-    Raises
-    ------
-    JointIdError
-        When it is no usable MJCF, or pinocchio is not installed.
+    Raises JointIdError when it is no usable MJCF, or pinocchio is not installed.
     """
     root = parse_xml(file, data, "mujoco")
     plain = Element("mujoco")

@@ -188,12 +188,8 @@ class RobotModel(RobotDescription):
     def inertia(self, q: ArrayLike) -> Inertia:
         """Inertia at joint angles of shape (n,), motor side: M the rotors, M2 the links, and gravity.
 
-        An uncertain mass of the payload is the common unknown of all poses, ``Inertia.shared``.
-
-        Raises
-        ------
-        JointIdError
-            When gear ratios or rotor inertias are unknown, or M2 is not positive definite.
+        An uncertain mass of the payload is the common unknown of all poses, ``Inertia.shared``. Raises
+        JointIdError when gear ratios or rotor inertias are unknown, or M2 is not positive definite.
         """
         C = self.coupling
         if not np.isfinite(C).all():

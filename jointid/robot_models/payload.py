@@ -14,27 +14,17 @@ from jointid.robot_models.rigid_bodies import Array
 class Payload:
     """A body at the flange, with the uncertainty of its mass.
 
-    Parameters
-    ----------
-    mass : float
-        kg.
-    center : array_like, shape (3,)
-        Centre of mass in the flange's frame, m.
-    inertia : array_like, shape (6,)
-        About the centre of mass in the flange's axes: xx, yy, zz, xy, yz, xz, kg·m².
-    mass_std : float
-        Standard deviation of the mass, kg; 0 when it is exact.
-
-    Raises
-    ------
-    JointIdError
-        When a value is not finite, or a mass negative.
+    Raises JointIdError when a value is not finite, or a mass negative.
     """
 
     mass: float
+    """kg."""
     center: Floats
+    """Centre of mass in the flange's frame, m."""
     inertia: Floats
+    """About the centre of mass in the flange's axes: xx, yy, zz, xy, yz, xz, kg·m²."""
     mass_std: float
+    """Standard deviation of the mass, kg; 0 when it is exact."""
 
     def __init__(
         self,

@@ -107,12 +107,8 @@ class RigidBodies:
     def torque(self, q: Array, dq: Array, ddq: Array, *, weight: bool = True) -> Array:
         """Torque (force of a sliding joint) that moves the bodies, shape (..., n), N·m.
 
-        Parameters
-        ----------
-        q, dq, ddq : ndarray, shape (..., n)
-            Joint angles, rad, their velocities and accelerations; equal shapes.
-        weight : bool
-            Whether gravity acts.
+        Joint angles, rad, velocities and accelerations have this shape, too; ``weight`` is whether
+        gravity acts.
         """
         motion = self.motion(q, dq, ddq, weight=weight)
         wrenches = [self._wrench(motion, j) for j in range(self.n)]

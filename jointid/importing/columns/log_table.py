@@ -40,33 +40,21 @@ class LogColumn:
 class LogTable:
     """Columns of equal length from one file.
 
-    Parameters
-    ----------
-    name : str
-        File and its part, for messages.
-    columns : sequence of LogColumn
-        At least two; repeated names get a number.
-    notes : sequence of str
-        Omissions and repairs of the reader, as sentences for the user.
-    first_row : int
-        Number of the first row in the file.
-    row_word : str
-        Noun for a row: "line" of a text, "row" or "message".
-    source : str
-        The file itself, where a zip archive holds several.
-
-    Raises
-    ------
-    JointIdError
-        When there are too few columns, too many, or their lengths differ.
+    Raises JointIdError when there are too few columns, too many, or their lengths differ.
     """
 
     name: str
+    """File and its part, for messages."""
     columns: tuple[LogColumn, ...]
+    """At least two; repeated names get a number."""
     notes: tuple[str, ...] = ()
+    """Omissions and repairs of the reader, as sentences for the user."""
     first_row: int = 1
+    """Number of the first row in the file."""
     row_word: str = "row"
+    """Noun for a row: "line" of a text, "row" or "message"."""
     source: str = ""
+    """The file itself, where a zip archive holds several."""
 
     def __post_init__(self) -> None:
         plain = ["".join(c for c in each.name if c.isprintable()).strip()[:200] for each in self.columns]
@@ -109,10 +97,7 @@ class LogTable:
     def column(self, name: str) -> LogColumn:
         """Return a column by its name.
 
-        Raises
-        ------
-        JointIdError
-            When no column has this name; the message lists the existing ones.
+        Raises JointIdError when no column has this name; the message lists the existing ones.
         """
         for column in self.columns:
             if column.name == name:

@@ -29,37 +29,24 @@ _FLOOR_BINS = 20  # spectral bins to each side of a line that give its noise flo
 class Segment:
     """A span of a log in which every joint follows steady sines, or any other motion.
 
-    Parameters
-    ----------
-    start_s, stop_s : float
-        Settled part, on the clock of the log; the sample at ``stop_s`` belongs to it.
-    frequency_hz : float
-        The frequency, or the strongest of several lines; NaN for another motion.
-    lines_hz : sequence of float, optional
-        All lines at once, ascending; by default the one.
-    frequency_error_hz : float, optional
-        Standard error of the frequency; NaN where the user gave it.
-    share : float, optional
-        Share of the motor's motion that the lines explain, for the joint they explain best.
-    torque_share : float, optional
-        The same for the torque.
-    band_hz : (float, float), optional
-        Lowest and highest frequency to use of a motion that is no sine.
-
-    Raises
-    ------
-    JointIdError
-        When it is empty, or a frequency is not positive.
+    Raises JointIdError when it is empty, or a frequency is not positive.
     """
 
     start_s: float
     stop_s: float
+    """Settled part, on the clock of the log; the sample at ``stop_s`` belongs to it."""
     frequency_hz: float
+    """The frequency, or the strongest of several lines; NaN for another motion."""
     lines_hz: tuple[float, ...] = ()
+    """All lines at once, ascending; by default the one."""
     frequency_error_hz: float = float("nan")
+    """Standard error of the frequency; NaN where the user gave it."""
     share: float = float("nan")
+    """Share of the motor's motion that the lines explain, for the joint they explain best."""
     torque_share: float = float("nan")
+    """The same for the torque."""
     band_hz: tuple[float, float] | None = None
+    """Lowest and highest frequency to use of a motion that is no sine."""
 
     def __post_init__(self) -> None:
         band = self.band_hz

@@ -39,21 +39,13 @@ class FoundSegments(tuple[Segment, ...]):
 
 
 def find_segments(log: MappedLog, *, progress: Callable[[float], None] | None = None) -> FoundSegments:
-    """Find the steady sine runs of a log, in order of time.
+    """Find the steady sine runs of a log, in order of time; possibly none.
 
-    Parameters
-    ----------
-    log : MappedLog
-        One run or many, with rests, travel or nothing between them; joints one at a time or together.
-    progress : callable, optional
-        Called with the share done, 0 to 1; an exception it raises ends the search.
-
-    Returns
-    -------
-    FoundSegments
-        May be empty. Runs of one frequency with different excitation patterns are separate segments
-        with the same frequency; a multisine is one segment with ``lines_hz``. ``notes`` name moving
-        spans without a segment, such as sweeps.
+    The log holds one run or many, with rests, travel or nothing between them; joints one at a time or
+    together. Runs of one frequency with different excitation patterns are separate segments with the
+    same frequency; a multisine is one segment with ``lines_hz``. ``notes`` of the result name moving
+    spans without a segment, such as sweeps. ``progress`` is called with the share done, 0 to 1; an
+    exception it raises ends the search.
     """
     found: list[Segment] = []
     for begin, end in without_gaps(log.time_s):
@@ -132,15 +124,8 @@ _LEAST_SHARE = 0.5
 def find_runs(log: MappedLog, *, progress: Callable[[float], None] | None = None) -> FoundSegments:
     """Find the steady sines of a log; in a log without any, the spans of any other motion.
 
-    Parameters
-    ----------
-    log, progress
-        As in :func:`find_segments`.
-
-    Returns
-    -------
-    FoundSegments
-        Empty, with the reasons, when torque and motion are not coherent either.
+    Arguments as in :func:`find_segments`. The result is empty, with the reasons, when torque and motion
+    are not coherent either.
     """
     sines = find_segments(log, progress=progress)
     if sines:
@@ -169,18 +154,9 @@ def measure_run(
 ) -> Segment:
     """Measure a span that a user marked: steady lines where they explain it, else any motion.
 
-    Parameters
-    ----------
-    log : MappedLog
-    start_s, stop_s : float
-        Used as given: no transient is discarded.
-    frequency_hz : float, optional
-        The line, used as given; by default those found.
-
-    Raises
-    ------
-    JointIdError
-        When the span holds too few samples or no motion, or the frequency is not positive.
+    The span is used as given: no transient is discarded. So is ``frequency_hz``, the line; by default
+    those found. Raises JointIdError when the span holds too few samples or no motion, or the frequency
+    is not positive.
     """
     part = log.rows(start_s, stop_s)
     time, theta, tau = log.time_s[part], log.theta_rad[part], log.tau_Nm[part]

@@ -71,23 +71,11 @@ class MappedLog:
 def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
     """Convert the columns of a log to motor angles and torques in SI units.
 
-    Parameters
-    ----------
-    table : LogTable
-    mapping : Mapping
-
-    Returns
-    -------
-    MappedLog
-        θ_motor = sign · ratio · θ_joint and τ_motor = sign · τ_joint / ratio for channels on the
-        joint side; arm-side positions stay at the joint. Rows with a missing value and copies are left
-        out; notes count them and name gaps.
-        Signals with separate clocks are interpolated at the times of the slowest, with a note.
-
-    Raises
-    ------
-    JointIdError
-        When a column is missing or not chosen, too few rows are complete, or the times do not increase.
+    θ_motor = sign · ratio · θ_joint and τ_motor = sign · τ_joint / ratio for channels on the joint side;
+    arm-side positions stay at the joint. Rows with a missing value and copies are left out; notes count
+    them and name gaps. Signals with separate clocks are interpolated at the times of the slowest, with a
+    note. Raises JointIdError when a column is missing or not chosen, too few rows are complete, or the
+    times do not increase.
     """
     names = mapping.columns
     if mapping.open_roles:

@@ -21,24 +21,15 @@ MAX_JOINTS = 20
 class TimeColumn:
     """Source of the sample times.
 
-    Parameters
-    ----------
-    column : str
-        Name of the column; empty when the rows themselves are the samples (``unit`` "samples").
-    unit : str
-        "s", "ms", "µs", "ns", or "samples": numbers that count samples, at ``rate_hz``.
-    rate_hz : float, optional
-        Samples per second, for "samples" only.
-
-    Raises
-    ------
-    JointIdError
-        When the unit is unknown, or a rate is missing or not positive.
+    Raises JointIdError when the unit is unknown, or a rate is missing or not positive.
     """
 
     column: str = ""
+    """Name of the column; empty when the rows themselves are the samples (``unit`` "samples")."""
     unit: str = "s"
+    """"s", "ms", "µs", "ns", or "samples": numbers that count samples, at ``rate_hz``."""
     rate_hz: float | None = None
+    """Samples per second, for "samples" only."""
 
     def __post_init__(self) -> None:
         _require_text("time", "column", self.column)
@@ -63,28 +54,19 @@ class TimeColumn:
 
 @dataclass(frozen=True)
 class Channel:
-    """One column with its unit, scale, side and sign.
-
-    Parameters
-    ----------
-    column : str
-        Its name; empty before the choice.
-    unit : str
-        Angle: a key of ``ANGLE_UNITS``; torque: one of ``TORQUE_UNITS``.
-    scale : float, optional
-        Counts per turn, degrees per volt, torque constant, rated torque, N·m per volt, see
-        ``POSITION_SCALES`` and ``TORQUE_SCALES``. None for units that need none.
-    side : {"motor", "joint"}
-        Side of the gear on which it was measured, and for which its scale holds.
-    sign : {1, -1}
-        -1 reverses a channel that counts in the other direction.
-    """
+    """One column with its unit, scale, side and sign."""
 
     column: str
+    """Its name; empty before the choice."""
     unit: str
+    """Angle: a key of ``ANGLE_UNITS``; torque: one of ``TORQUE_UNITS``."""
     scale: float | None = None
+    """Counts per turn, degrees per volt, torque constant, rated torque, N·m per volt, see
+    ``POSITION_SCALES`` and ``TORQUE_SCALES``. None for units that need none."""
     side: str = MOTOR
+    """Side of the gear on which it was measured, and for which its scale holds."""
     sign: int = 1
+    """-1 reverses a channel that counts in the other direction."""
 
     @property
     def rad_per_unit(self) -> float:
@@ -98,25 +80,16 @@ class Channel:
 class JointMapping:
     """Position and torque of one joint.
 
-    Parameters
-    ----------
-    position, torque : Channel
-    gear_ratio : float, default 1.0
-        Motor turns over joint turns; negative if they turn in opposite directions. Used for
-        channels on the joint side only.
-    arm : Channel, optional
-        Position of a second sensor, behind the gear.
-
-    Raises
-    ------
-    JointIdError
-        When a unit, scale, side, sign or the ratio cannot be.
+    Raises JointIdError when a unit, scale, side, sign or the ratio cannot be.
     """
 
     position: Channel
     torque: Channel
     gear_ratio: float = 1.0
+    """Motor turns over joint turns; negative if they turn in opposite directions. Used for channels on
+    the joint side only."""
     arm: Channel | None = None
+    """Position of a second sensor, behind the gear."""
 
     def __post_init__(self) -> None:
         for what in QUANTITIES:
@@ -157,30 +130,19 @@ class JointMapping:
 class Mapping:
     """Meaning of the columns of a log.
 
-    Parameters
-    ----------
-    time : TimeColumn
-    joints : sequence of JointMapping
-        In the order of the study's joints.
-    torque_hold : bool, default False
-        The torque is held from one sample to the next (zero-order hold).
-    torque_delay_s : float, default 0.0
-        The torque acts this much after its sample, s.
-    assumed : sequence of str, optional
-        Unconfirmed entries that logs do not state: "gear ratio of joint 1", "torque hold",
-        "direction of torque of joint 2"; see ``jointid.importing.map.reasons``.
-
-    Raises
-    ------
-    JointIdError
-        When there is no joint, or a column is used twice.
+    Raises JointIdError when there is no joint, or a column is used twice.
     """
 
     time: TimeColumn
     joints: tuple[JointMapping, ...]
+    """In the order of the study's joints."""
     torque_hold: bool = False
+    """The torque is held from one sample to the next (zero-order hold)."""
     torque_delay_s: float = 0.0
+    """The torque acts this much after its sample, s."""
     assumed: tuple[str, ...] = field(default=(), compare=False)
+    """Unconfirmed entries that logs do not state: "gear ratio of joint 1", "torque hold", "direction of
+    torque of joint 2"; see ``jointid.importing.map.reasons``."""
 
     def __post_init__(self) -> None:
         if not self.joints:
@@ -276,10 +238,7 @@ def mapping_to_json(mapping: Mapping) -> str:
 def mapping_from_json(text: str | bytes) -> Mapping:
     """Read a mapping written by ``mapping_to_json``.
 
-    Raises
-    ------
-    JointIdError
-        When the text is not a mapping; the message names key and value.
+    Raises JointIdError when the text is not a mapping; the message names key and value.
     """
     if len(text) > _MAX_LENGTH:
         raise JointIdError(

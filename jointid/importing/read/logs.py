@@ -27,28 +27,15 @@ LogSource: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview
 
 
 def read_log(source: LogSource, name: str = "") -> tuple[LogTable, ...]:
-    """Read the tables of one log.
+    """Read the tables of one log, at least one, from a path or bytes.
 
-    Parameters
-    ----------
-    source : path or bytes
-        Text table such as CSV, wide or long; exports of TwinCAT Scope, CODESYS, LabVIEW (.lvm, TDMS),
-        dSPACE, halscope and WPILib; MDF, MATLAB .mat, HDF5, Parquet, Arrow, NumPy, JSON, Excel; ROS 2
-        bag (.db3, .mcap, or a bag's folder), ROS 1 bag; a format of a plug-in; or a zip of these. The
-        content decides, not the name.
-    name : str, optional
-        File name, for messages and ambiguous content; required with bytes.
-
-    Returns
-    -------
-    tuple of LogTable
-        At least one, the one with the most numbers first; for an archive file by file, see
-        ``main_tables``.
-
-    Raises
-    ------
-    JointIdError
-        When it cannot be read; the message names cause, place and remedy.
+    Text table such as CSV, wide or long; exports of TwinCAT Scope, CODESYS, LabVIEW (.lvm, TDMS),
+    dSPACE, halscope and WPILib; MDF, MATLAB .mat, HDF5, Parquet, Arrow, NumPy, JSON, Excel; ROS 2 bag
+    (.db3, .mcap, or a bag's folder), ROS 1 bag; a format of a plug-in; or a zip of these. The content
+    decides, not the name. ``name`` is that of the file, for messages and ambiguous content; required
+    with bytes. The table with the most numbers comes first; of an archive file by file, see
+    ``main_tables``. Raises JointIdError when it cannot be read; the message names cause, place and
+    remedy.
     """
     (result,) = read_logs([(source, name)])
     if isinstance(result, JointIdError):
@@ -57,18 +44,7 @@ def read_log(source: LogSource, name: str = "") -> tuple[LogTable, ...]:
 
 
 def read_logs(sources: Iterable[tuple[LogSource, str]]) -> Iterator[tuple[LogTable, ...] | JointIdError]:
-    """Read many logs; errors are returned in place of tables.
-
-    Parameters
-    ----------
-    sources : iterable of (path or bytes, name)
-        As for ``read_log``.
-
-    Yields
-    ------
-    tuple of LogTable, or JointIdError
-        One for each source, in order.
-    """
+    """Read many logs in order, each given as the arguments of ``read_log``; errors in place of tables."""
     with closing(ReaderProcess()) as reader:
         for source, name in sources:
             try:
