@@ -49,11 +49,7 @@ class Regression:
     def estimate(self, noise: float, std: Floats) -> Estimate:
         """Estimate coefficients in noise of one standard deviation.
 
-        Parameters
-        ----------
-        noise : float
-        std : ndarray, shape (p,)
-            Prior standard deviations; infinite without a prior, 0 leaves a column out.
+        ``std``, shape (p,), are prior ones; infinite without a prior, 0 leaves a column out.
         """
         used = std > 0
         prior = std[used]
@@ -85,17 +81,9 @@ def low_frequency_noise(residual: Floats, spans: list[int], lags: int, freedom: 
     """Standard deviation of the white noise with the residual's density at low frequency.
 
     Motion is slow and the residual is coloured: what counts for the error is the density where the
-    motion is (Bartlett's estimate, Newey and West 1987).
-
-    Parameters
-    ----------
-    residual : ndarray, shape (N,)
-    spans : list of int
-        First index of every record after the first.
-    lags : int
-        Samples over which the residual is taken as correlated.
-    freedom : float
-        Number of fitted coefficients, which lower the residual.
+    motion is (Bartlett's estimate, Newey and West 1987). ``spans`` are the first indices of every record
+    after the first in ``residual``, shape (N,); ``lags`` the samples over which it is taken as
+    correlated; ``freedom`` the number of fitted coefficients, which lower it.
     """
     parts = np.split(residual, spans)
     lag = min([lags, *(part.size - 1 for part in parts)])

@@ -34,21 +34,11 @@ def payload_from_motors(
     Each joint's motor torque, without its rotor, is the torque of links and payload times a scale
     near 1, plus Coulomb, viscous and load-dependent friction. The rotor's torque, every link and the
     links' gravity, a wave over the joint angle, are uncertain as well: none may pass for a payload.
-
-    Parameters
-    ----------
-    records, motions : list of MotionRecord, list of BandLimited
-    robot : RobotModel
-    torque_std : float
-        Relative standard deviation of the links' torque of gravity.
-    torque : list of ndarray, shape (N, n)
-        The model's, with the payload as given, N·m.
-    payload : list of ndarray, shape (N, n, 4)
-        Change of the model's torque per standard deviation.
-    links : list of ndarray, shape (N, n, n)
-        Change of the model's torque per standard deviation of every link.
-    near : ndarray, shape (4,)
-        Estimate so far: the torque constant scales the payload's torque as well.
+    ``torque_std`` is the relative standard deviation of the links' torque of gravity. Of every record,
+    ``torque``, shape (N, n), N·m, is that of the model with the payload as given; ``payload``, shape
+    (N, n, 4), and ``links``, shape (N, n, n), its change per standard deviation of the payload and of
+    every link. ``near``, shape (4,), is the estimate so far: the torque constant scales the payload's
+    torque as well.
     """
     torque = [model + change @ near for model, change in zip(torque, payload, strict=True)]
     back, every = np.linalg.inv(robot.coupling), np.concatenate([m.q for m in motions])

@@ -40,14 +40,8 @@ class PositionMap:
 def position_map(q: Floats, slow: Floats, fast: Floats, orders: Floats) -> PositionMap:
     """Fit the map to the residual of a model.
 
-    Parameters
-    ----------
-    q : ndarray, shape (N,)
-        Joint angles of all records, rad.
-    slow, fast : ndarray, shape (N,)
-        Residual in the band and deflection above the band, rad.
-    orders : ndarray, shape (m,)
-        Of ``tooth_orders``.
+    Of the joint angles ``q`` of all records, the residual in the band (``slow``) and the deflection
+    above it (``fast``), rad, each shape (N,), with the ``orders`` (m,) of ``tooth_orders``.
     """
     low, high = float(q.min()), float(q.max())
     basis = Ripple(low, 1.1 * (high - low) + 1e-9, 1, _MOST_WAVES, orders)

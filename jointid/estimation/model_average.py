@@ -133,16 +133,9 @@ def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> F
     Records that could not show a part of usual size in any direction say nothing of it: K and D then
     are those of the joint with this part, as of a gear and a link in series.
 
-    Parameters
-    ----------
-    score : Score
-        Of the part, at the estimate without it.
-    wide : ndarray, shape (count,)
-        Standard deviations of its prior in a fit, which the score contains.
-    std : ndarray, shape (count,)
-        Standard deviations of the normal prior before its negative half is cut.
-    misfit : float
-        Factor on the variances of the data.
+    ``score`` is that of the part, at the estimate without it; ``wide``, shape (count,), are the standard
+    deviations of its prior in a fit, which the score contains, ``std`` those of the normal prior before
+    its negative half is cut; ``misfit`` is a factor on the variances of the data.
     """
     fitted = std[:, np.newaxis] * score.information * std
     information = (fitted - np.diag((std / wide) ** 2)) / misfit

@@ -58,10 +58,7 @@ def fit_model(
 ) -> LikelihoodEstimate:
     """Fit one model; its friction waveforms may be given.
 
-    Raises
-    ------
-    JointIdError
-        When the model does not fit, or its parameters have left the range of numbers.
+    Raises JointIdError when the model does not fit, or its parameters have left the range of numbers.
     """
     waveforms = waveforms or model_waveforms(phasors, model)
 

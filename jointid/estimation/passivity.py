@@ -20,15 +20,8 @@ _DELAYS = np.linspace(-4.0, 4.0, 81)
 def taken_power(omega: Floats, z: Complexes, covariance: Complexes) -> Floats:
     """Power that the motors absorb beyond the allowance, in standard errors, shape (r,).
 
-    With the common delay of the torques that minimises it.
-
-    Parameters
-    ----------
-    omega : ndarray, shape (r,)
-    z : ndarray, shape (r, 2n)
-        Phasors of angles, then torques.
-    covariance : ndarray, shape (r, 2n, 2n)
-        Their noise.
+    With the common delay of the torques that minimises it. ``omega`` has shape (r,); ``z``, shape
+    (r, 2n), holds phasors of angles, then torques, ``covariance`` that of their noise, (r, 2n, 2n).
     """
     n, s = z.shape[1] // 2, 1j * omega[:, None]
     velocity, torque = s * z[:, :n], z[:, n:]

@@ -260,16 +260,7 @@ class _Fundamentals:
 
 
 def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) -> Parameters | None:
-    """Return K, D and the friction of all joints; None where the linear estimate is as good.
-
-    Parameters
-    ----------
-    phasors : Phasors
-        r records of n joints.
-    prior : InertiaPrior
-    linear : Parameters
-        K and D by least squares.
-    """
+    """Return K, D and the friction of all joints; None where the least-squares estimate is as good."""
     n = phasors.n
     waveforms = friction_waveforms(phasors, 0.0)
     viscous = 1j * phasors.omega[:, None] * phasors.q

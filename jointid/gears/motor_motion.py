@@ -39,12 +39,7 @@ class MotorMotion:
     def of(cls, segments: Iterable[Segment | None], pose: np.ndarray, loops: bool) -> MotorMotion | None:
         """Motion up to the last of the segments of each part; None without any.
 
-        Parameters
-        ----------
-        segments : iterable of Segment or None, shape (r,)
-        pose : ndarray of int, shape (r,)
-        loops : bool
-            Whether the gears may have hysteresis.
+        ``segments`` and ``pose`` have shape (r,); ``loops`` is whether the gears may have hysteresis.
         """
         parts: dict[int, list[tuple[int, Segment]]] = {}
         for row, each in enumerate(segments):

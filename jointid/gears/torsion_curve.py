@@ -72,16 +72,9 @@ def torsion_curves(
 ) -> tuple[TorsionCurve, ...]:
     """Torsion curves of n gears from H harmonics of r records.
 
-    Parameters
-    ----------
-    s : ndarray, shape (r, H)
-        Laplace variable of every harmonic.
-    deflection, torque : ndarray, shape (r, H, n)
-        Of the gears.
-    variance : ndarray, shape (2, r, H, n)
-        Of both, from noise.
-    resolved : ndarray of bool, shape (r, H, n), default True
-        Harmonics that a curve may have.
+    ``s``, shape (r, H), is the Laplace variable of every harmonic; ``deflection`` and ``torque`` have
+    shape (r, H, n), their ``variance`` from noise (2, r, H, n). ``resolved``, shape (r, H, n), are the
+    harmonics that a curve may have.
     """
     clear = np.abs(torque) ** 2 > _CLEAR**2 * variance[1]
     clear[:, 0] = True

@@ -42,27 +42,15 @@ def planned_experiment(
 ) -> Experiment:
     """Make an experiment of planned records.
 
-    Parameters
-    ----------
-    plan : PlannedRecords or PlannedMotion
-        r sines of n joints, or another motion, which ignores ``kind``.
-    inertia, elasticity
-        The model of the plan; it limits the torques of multisines and sweeps to those of the plan.
-    kind : {"sines", "multisine", "sweep"}
-        A multisine holds all frequencies that lie apart; records with a frequency in common go to
-        further multisines. A sweep from the lowest to the highest frequency is made n times, each with
-        other phases between the joints.
-    repeats : int, default 1
-    ramp_s : float, default 0.5
-        Length of the ramps, at least one period of the lowest frequency of a run.
-    rest_s : float, default 1.0
-        Rest before, between and after the runs.
-    velocity_rad_s : float or (n,)
-        Superposed velocity of the motors. Every run is then made twice, forward and back.
-    scale : float, default 1.0
-        Factor on all amplitudes and on the superposed velocity.
-
-    Raises JointIdError when a setting is out of range or the experiment too long.
+    The plan holds r sines of n joints, or another motion, which ignores ``kind``. Its model, inertia and
+    elasticity, limits the torques of multisines and sweeps to those of the plan. A ``kind`` "multisine"
+    holds all frequencies that lie apart; records with a frequency in common go to further multisines. A
+    "sweep" from the lowest to the highest frequency is made n times, each with other phases between the
+    joints. ``ramp_s`` is the length of the ramps, at least one period of the lowest frequency of a run,
+    ``rest_s`` the rest before, between and after the runs. With a superposed velocity of the motors,
+    ``velocity_rad_s``, one or (n,), every run is made twice, forward and back. ``scale`` is a factor on
+    all amplitudes and on that velocity. Raises JointIdError when a setting is out of range or the
+    experiment too long.
     """
     repeats = whole_number("repeats", repeats, 1, 100)
     ramp_s, rest_s = bounded_number("ramp_s", "s", ramp_s), bounded_number("rest_s", "s", rest_s)

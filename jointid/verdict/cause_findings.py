@@ -29,16 +29,10 @@ def finding_of(
 ) -> Finding:
     """Finding that names the fault.
 
-    Parameters
-    ----------
-    before, after : float
-        Misfit of the records as logged and as the hypothesis corrects them.
-    side : {"", "torque", "angle", "both"}
-        The scaled signal according to the coupling of the joints; empty if undecided.
-    duration_s : float
-        Of the longest record.
-    K : ndarray, shape (n,)
-        Stiffness of the corrected records.
+    ``before`` and ``after`` are the misfits of the records as logged and as the hypothesis corrects
+    them; ``side`` is the scaled signal according to the coupling of the joints ("torque", "angle",
+    "both", or empty if undecided), ``duration_s`` the length of the longest record, and ``K``, shape
+    (n,), the stiffness of the corrected records.
     """
     proof = _proof(before, after)
     if hypothesis.kind in _WHOLE:

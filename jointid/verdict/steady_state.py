@@ -52,17 +52,9 @@ def steady_from(record: SineRecord) -> float | None:
     """Return the start of the steady state on the record's own clock, s.
 
     The settling test, first quarter against second half, is applied to the rest of the record after each
-    candidate. The result is the first candidate at which this and the next test are within the noise.
-
-    Parameters
-    ----------
-    record : SineRecord
-
-    Returns
-    -------
-    float or None
-        Rounded up to a tenth of a period or finer. None if the motion does not become steady while a
-        quarter of the record and five periods remain, or if the record is larger than memory.
+    candidate. The result is the first candidate at which this and the next test are within the noise,
+    rounded up to a tenth of a period or finer. None if the motion does not become steady while a quarter
+    of the record and five periods remain, or if the record is larger than memory.
     """
     if isinstance(record, LongRecord):
         return None

@@ -26,10 +26,7 @@ _GEAR_FIELDS = {
 def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurve]) -> tuple[Gear, ...]:
     """Gears of n joints with the laws that are significant at each, from their torsion curves' range.
 
-    Parameters
-    ----------
-    covariance : ndarray, shape (P, P)
-        Of the parameters.
+    ``covariance``, shape (P, P), is that of the parameters.
     """
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     found = {}

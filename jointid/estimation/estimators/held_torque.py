@@ -66,12 +66,7 @@ class HeldTorque:
     def images(self, p: Parameters, s: Complexes, rotor: Floats, arm: Floats) -> Complexes:
         """Angle by the images per acting torque, shape (r, H, n), rad/(N·m).
 
-        Parameters
-        ----------
-        p : Parameters
-        s : ndarray, shape (r, H, 1)
-        rotor, arm : ndarray, shapes (r, n) and (r, n, n)
-            M and M2⁻¹.
+        ``s`` has shape (r, H, 1); ``rotor``, shape (r, n), and ``arm``, shape (r, n, n), are M and M2⁻¹.
         """
         late = self.delay_s + p.delay + p.effect("lag")
         passed = np.exp(-2j * np.pi * late / self.per_turn_s) if np.any(late) else None

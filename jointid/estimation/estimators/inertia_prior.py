@@ -82,20 +82,9 @@ class InertiaPrior:
     ) -> InertiaPrior:
         """Collect the inertias of r records.
 
-        Parameters
-        ----------
-        inertia : Inertia, sequence of Inertia or InertiaPrior
-            One for all records, or one per record when they come from several poses; a prior is
-            returned as it is.
-        records, joints : int
-            Numbers of records and joints.
-        inertia_std, torque_std : float, optional
-            Relative standard deviations; None is 0.
-
-        Raises
-        ------
-        JointIdError
-            When the inertias do not fit the records, or a standard deviation is negative or NaN.
+        ``inertia`` is one for all records, or one per record when they come from several poses; a prior
+        is returned as it is. The relative standard deviations are 0 for None. Raises JointIdError when
+        the inertias do not fit the records, or a standard deviation is negative or NaN.
         """
         if isinstance(inertia, InertiaPrior):
             return inertia
@@ -301,12 +290,8 @@ def _distinct(arrays: Sequence[Floats]) -> tuple[Floats, np.ndarray]:
 def checked_std(name: str, value: object) -> float:
     """Return a relative standard deviation as a float, None as 0.
 
-    One too small to matter is 0, exact; one too large to have an effect is infinite, unknown.
-
-    Raises
-    ------
-    JointIdError
-        When it is negative, NaN or no number.
+    One too small to matter is 0, exact; one too large to have an effect is infinite, unknown. Raises
+    JointIdError when it is negative, NaN or no number.
     """
     if value is None:
         return 0.0

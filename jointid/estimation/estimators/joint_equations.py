@@ -208,12 +208,8 @@ def pseudo_inverse(
 ) -> tuple[Floats, Floats]:
     """K and D of equations (13)-(14): Σ Re(a*b) / Σ|a|² and Σ ω Im(a*b) / Σ ω²|a|², each shape (..., n).
 
-    Parameters
-    ----------
-    omega : ndarray, shape (r,)
-    a, b : ndarray, shape (..., r, n)
-    explicit : bool
-        D of equation (15) as printed instead, Σ Im(a*b) / Σ ω|a|².
+    ``omega`` has shape (r,), ``a`` and ``b`` (..., r, n). ``explicit``: D of equation (15) as printed
+    instead, Σ Im(a*b) / Σ ω|a|².
     """
     power, product = np.abs(a) ** 2, a.conj() * b
     weight = np.ones_like(omega) if explicit else omega

@@ -96,11 +96,7 @@ def prior_slopes(
 ) -> tuple[Floats, Floats]:
     """Derivatives of K and D by each given inertia and torque scale, with its standard deviation.
 
-    Returns
-    -------
-    slope : ndarray, shape (2n, E)
-        By central differences, in the order of ``prior.blocks()``.
-    std : ndarray, shape (E,)
+    Shapes (2n, E), by central differences, and (E,), both in the order of ``prior.blocks()``.
     """
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2), noise=noise)
     changes, slopes, stds = _by_given(phasors, prior), [np.zeros((0, 2 * prior.n))], [np.zeros(0)]

@@ -90,33 +90,15 @@ def maximum_likelihood(
 ) -> LikelihoodEstimate:
     """Fit K and D, and optionally friction, delay, effects and inertias, to all records and harmonics.
 
-    Parameters
-    ----------
-    phasors : Phasors
-    inertia : Inertia, sequence of Inertia or InertiaPrior
-        One for all records, or one per record; with a prior, uncertain inertias and torque scales are
-        fitted as well.
-    start : ndarray, shape (2n,), or Parameters
-        Start values: K and D of a linear estimator, or the parameters of a similar fit.
-    friction : FrictionWaveforms, optional
-        Fit Coulomb and viscous friction with these waveforms.
-    delay : bool, default False
-        Fit a delay of the torque in addition to that of the records.
-    effects : sequence of str
-        Keys of ``parameters.EFFECTS`` to fit.
-    noise : Noise, optional
-        Noise of the phasors, where it is already known.
+    ``inertia`` is one for all records, or one per record; with a prior, uncertain inertias and torque
+    scales are fitted as well. ``start`` holds K and D of a linear estimator, shape (2n,), or the
+    parameters of a similar fit. Coulomb and viscous friction are fitted with the waveforms ``friction``,
+    a ``delay`` of the torque in addition to that of the records, and ``effects``, keys of
+    ``parameters.EFFECTS``. ``noise`` is that of the phasors, where it is already known.
 
-    Returns
-    -------
-    LikelihoodEstimate
-        Its ``layout`` names the parameters. The Coulomb friction of a motor that never reverses is
-        zero with variance zero.
-
-    Raises
-    ------
-    JointIdError
-        When K and D cannot be separated from each other, or no positive stiffness fits.
+    ``layout`` of the result names the parameters. The Coulomb friction of a motor that never reverses is
+    zero with variance zero. Raises JointIdError when K and D cannot be separated from each other, or no
+    positive stiffness fits.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     if not isinstance(start, Parameters):

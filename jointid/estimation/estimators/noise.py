@@ -62,13 +62,8 @@ class Noise:
 def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floats) -> Noise:
     """Noise of the records, each shrunk towards the model of common sensor variances.
 
-    Parameters
-    ----------
-    phasors : Phasors
-    M, arm : ndarray, shapes (r, n) and (r, n, n)
-        Rotor inertias and M2⁻¹ of every record.
-    K, D : ndarray, shape (n,)
-        First estimate, for the impedance Z.
+    ``M``, shape (r, n), and ``arm``, shape (r, n, n), are the rotor inertias and M2⁻¹ of every record;
+    ``K`` and ``D``, shape (n,), a first estimate, for the impedance Z.
     """
     _, H, channels = phasors.harmonics.shape
     n = phasors.n
@@ -115,14 +110,8 @@ def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes) -> dict[int, F
     coefficients, is no noise but an error of the model; a smooth part is that of the ends. Noise is the
     rest (local polynomial method; Pintelon and Schoukens, 2012, section 7.2). All records share it,
     unless the likelihood ratio shows that of a record to be its own: a slow one may hold an aliased
-    torque.
-
-    Parameters
-    ----------
-    left : ndarray, shape (r, H, n)
-        Residual of a fitted model; NaN where free friction hides the noise.
-    E : ndarray, shape (r, H, n, 2n)
-        Its derivative by the signals.
+    torque. ``left``, shape (r, H, n), is the residual of a fitted model, NaN where free friction hides
+    the noise; ``E``, shape (r, H, n, 2n), its derivative by the signals.
     """
     n = phasors.n
     columns = 2 * n + 2

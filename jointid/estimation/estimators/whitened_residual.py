@@ -175,14 +175,8 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
     McCaffrey, Survey Methodology 28, 2002). It holds whatever makes the residuals as long as that
     differs by record, as sticking friction does. The scatter of few records is inaccurate: it counts
     if that of K and D is significant, and then widens the noise of each parameter by the ratio of both
-    standard errors, if that is above 1.
-
-    Parameters
-    ----------
-    residual : WhitenedResidual
-        At the estimate.
-    covariance, prior_part : ndarray, shape (P, P)
-        Covariance of the estimate, and the part that the prior makes; noise makes the rest.
+    standard errors, if that is above 1. ``residual`` is that at the estimate; ``prior_part`` of its
+    covariance, both shape (P, P), is made by the prior, the rest by noise.
     """
     finite = finite_part(covariance)
     noise = finite - prior_part

@@ -44,7 +44,7 @@ def read_log(source: LogSource, name: str = "") -> tuple[LogTable, ...]:
 
 
 def read_logs(sources: Iterable[tuple[LogSource, str]]) -> Iterator[tuple[LogTable, ...] | JointIdError]:
-    """Read many logs in order, each given as the arguments of ``read_log``; errors in place of tables."""
+    """Read many logs in order, each given as arguments of ``read_log``; errors in place of tables."""
     with closing(ReaderProcess()) as reader:
         for source, name in sources:
             try:
