@@ -1,7 +1,5 @@
 """A study: the records of one robot with its inertias."""
 
-from __future__ import annotations
-
 import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

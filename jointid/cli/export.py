@@ -1,7 +1,5 @@
 """jointid report and jointid export."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from functools import partial

@@ -1,7 +1,5 @@
 """Output: tables for people, JSON for machines, progress on standard error."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Spread of K and D over the models that explain the same data as well: the error by their choice."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Fit of one candidate model: its friction waveforms, its estimate and its residual."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 A score test (Rao) estimates in one evaluation how much every absent part would lower the cost.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

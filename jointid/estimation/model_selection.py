@@ -4,8 +4,6 @@ Models grow from the simplest. A score test estimates in one evaluation how much
 lower the cost; the best few are fitted, and parts that they make superfluous are dropped.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ friction dissipate. If they absorb power instead, the torques are those of other
 the wrong sign.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from jointid.arrays import Complexes, Floats

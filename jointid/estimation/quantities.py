@@ -1,7 +1,5 @@
 """The table of all numbers that an identification reports, each with its standard error."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -8,8 +8,6 @@ spring deflections x = q − q_a and the spring torque Kx + Dẋ:
 The motor acceleration needs only the 2n states x, ẋ, and its response is finite at ω = 0.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ stick, and the friction torque is then not a function of the velocity. There the
 the resolution of the harmonics, so that no waveform is assumed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache

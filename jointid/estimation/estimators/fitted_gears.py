@@ -1,7 +1,5 @@
 """Gears as fitted: the laws that are significant at each joint."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Levenberg-Marquardt for the likelihood: its cost, gradient and normal matrix, and the iteration."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from jointid.arrays import Floats

@@ -1,7 +1,5 @@
 """Data and fixed quantities of a fit, and the range of its parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Score tests: reduction of the cost by one more part, without its fit."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
