@@ -32,7 +32,7 @@ from jointid.files import container_limits as contained
 from jointid.files import study_parts
 from jointid.files.application import sample_studies
 from jointid.files.digest import study_digest
-from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet, worker
+from jointid.fleet import Limits, Row, analyse_fleet, find_studies, read_fleet, studies, worker
 from jointid.fleet.jobs import WORKER, Job, Local
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import from_plain, row_of, to_plain
@@ -256,7 +256,7 @@ def test_the_digest_of_the_files_changes_with_any_byte(tmp_path: Path) -> None:
 @pytest.fixture
 def scaled_down(monkeypatch: pytest.MonkeyPatch) -> None:
     """Limits a few thousand times smaller: 16 kB stand for 1 GiB, and records above 8 kB are long."""
-    for module in (contained, content):
+    for module in (contained, studies):
         monkeypatch.setattr(module, "MAX_TOTAL_BYTES", 1 << 14)
     monkeypatch.setattr(study_parts, "LONG_BYTES", 1 << 13)
     monkeypatch.setattr(study_parts, "_PART_SAMPLES", 100)
@@ -295,7 +295,7 @@ def test_what_is_too_long_to_be_sent_is_refused_and_analysed_here(
     path = tmp_path / "long"
     save_study(small_study(1), path, record_format="parquet")
     if limit == "a long record":
-        monkeypatch.setattr(content, "MAX_TOTAL_BYTES", 1 << 30)
+        monkeypatch.setattr(studies, "MAX_TOTAL_BYTES", 1 << 30)
     else:
         monkeypatch.setattr(study_parts, "LONG_BYTES", 1 << 30)
     with pytest.raises(JointIdError, match=r"cannot be sent to a cluster: .*\.parquet is too long"):

@@ -28,25 +28,12 @@ def segment_friction(
 ) -> tuple[Complexes, Complexes, Waveforms, np.ndarray]:
     """Transforms of the friction waveforms of a segment.
 
-    Parameters
-    ----------
-    segment : Segment
-    window : float
-        Friction is unknown around a reversal where |θ̇| is below this share of its largest, or within
-        the errors of its noise and smoothing: the motor may stick there.
-    widths : ndarray, shape (n, c)
-        Decay velocities of a friction curve, rad/s.
-
-    Returns
-    -------
-    coulomb : ndarray, shape (H, n)
-        Of sign θ̇.
-    curve : ndarray, shape (H, n, c)
-        Of sign θ̇ · exp(−|θ̇|/w) for each width w.
-    unknown : Waveforms
-        Polynomials over the stretches with unknown friction; those of the shorter ones are bounded.
-    stationary : ndarray, shape (n,)
-        Whether a joint's motion is within its noise, but for short moves.
+    Friction is unknown around a reversal where |θ̇| is below the share ``window`` of its largest, or
+    within the errors of its noise and smoothing: the motor may stick there. ``widths``, shape (n, c),
+    are decay velocities w of a friction curve, rad/s. Returns the transforms of sign θ̇, shape (H, n),
+    and of sign θ̇ · exp(−|θ̇|/w), shape (H, n, c); polynomials over the stretches with unknown friction,
+    those of the shorter ones bounded; and whether a joint's motion is within its noise, but for short
+    moves, shape (n,).
     """
     v = segment.velocity
     blur, largest = _MARGIN * segment.velocity_noise, np.abs(v).max(axis=1)

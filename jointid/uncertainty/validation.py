@@ -38,8 +38,6 @@ class RecordResiduals:
     labels: tuple[str, ...]
     frequency_hz: Floats
     """Shape (r,), Hz."""
-    relative: Floats
-    """Residual torque over joint torque, shape (r, n)."""
     normalised: Floats
     """Residual torque over its standard deviation from noise, shape (r, n); rms about 1."""
 
@@ -51,16 +49,10 @@ class RecordResiduals:
 
 
 def record_residuals(phasors: Phasors, fit: ElasticityFit) -> RecordResiduals:
-    """Residuals of each record, relative and in units of noise."""
+    """Residuals of each record in units of noise."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.abs(fit.residual) / np.abs(fit.equations.spring_torque)
-        normalised = np.abs(fit.residual) / fit.residual_noise
-    return RecordResiduals(
-        labels=phasors.labels,
-        frequency_hz=phasors.omega / (2 * np.pi),
-        relative=np.nan_to_num(relative),
-        normalised=np.nan_to_num(normalised),
-    )
+        normalised = np.nan_to_num(np.abs(fit.residual) / fit.residual_noise)
+    return RecordResiduals(phasors.labels, phasors.omega / (2 * np.pi), normalised)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,12 +3,12 @@
 import os
 from contextlib import closing
 from dataclasses import dataclass, field
-from hashlib import blake2b
 
 import streamlit as st
 
 from jointid import JointIdError
 from jointid.background.child_process import Limits
+from jointid.files.store_files import checksum
 from jointid.fleet.jobs import Job, Local
 from jointid.fleet.row import Row
 from jointid.fleet.studies import content_digest, packed
@@ -110,7 +110,7 @@ def _take() -> None:
 
 
 def _add_rows(fleet: OpenFleet, data: bytes) -> None:
-    for row in _read(blake2b(data, digest_size=16).hexdigest(), data):
+    for row in _read(checksum(data), data):
         fleet.add(f"{row.content} {row.study}", row)
 
 
@@ -187,7 +187,7 @@ def _keep(fleet: OpenFleet) -> None:
     if not rows or fleet.todo or fleet.saved or fleet.unkept:
         return
     data = to_parquet(rows)
-    digest = blake2b(data, digest_size=16).hexdigest()
+    digest = checksum(data)
     try:
         workspace.keep_part(_PART, "results.parquet", digest, data, beside=())
     except JointIdError as error:
