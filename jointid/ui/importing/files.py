@@ -11,7 +11,6 @@ from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
 from jointid.figures import raw_columns
-from jointid.files.store_files import checksum
 from jointid.importing import LogTable, read_log
 from jointid.importing.columns.log_table import MAX_LOG_BYTES
 from jointid.importing.map.simultaneous_logs import joined_table, proposed_tables, simultaneous_groups
@@ -144,8 +143,8 @@ def _take(forget: Callable[[], None]) -> None:
     files: dict[str, Dropped] = {file.digest: file for file in st.session_state.get(_HELD, [])}
     for file in st.session_state.get(_UPLOADER) or []:
         data = file.getvalue()
-        taken = Dropped(file.name, data, checksum(data))
-        files[taken.digest] = taken
+        digest = blake2b(data, digest_size=16).hexdigest()
+        files[digest] = Dropped(file.name, data, digest)
     if not files and dropped():
         forget()
     st.session_state[_FILES] = list(files.values())

@@ -7,12 +7,12 @@ server loses neither. The JSON holds the entries, never results.
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from hashlib import blake2b
 from typing import Any
 
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.files.store_files import checksum
 from jointid.ui.importing.files import Dropped, dropped, hold
 from jointid.ui.importing.mapping import mappings_from_json, mappings_to_json, of_mapping, offer_again
 from jointid.ui.importing.segments import forget_rows, rows_from_json, rows_to_json
@@ -48,7 +48,7 @@ def keep_import() -> None:
     """Write the open logs and entries to the store if they have changed."""
     files = dropped()
     text = json.dumps(_snapshot(files)) if files else ""
-    digest = checksum(text.encode()) if text else ""
+    digest = blake2b(text.encode(), digest_size=16).hexdigest() if text else ""
     if digest == st.session_state[_WRITTEN]:
         return
     st.session_state[_WRITTEN] = digest
@@ -174,4 +174,5 @@ def _restore() -> None:
     hold(files)
     st.session_state[_LOST] = lost
     if files:
-        st.session_state[_WRITTEN] = checksum(json.dumps(_snapshot(files)).encode())
+        text = json.dumps(_snapshot(files))
+        st.session_state[_WRITTEN] = blake2b(text.encode(), digest_size=16).hexdigest()
