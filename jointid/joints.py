@@ -229,8 +229,15 @@ def motor_impedance(
 def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> Complexes:
     """Arm acceleration over arm torque with every motor locked, (M2 s² + sD + K)⁻¹ s².
 
-    The response of the arm on its springs, shape (f, n, n), 1/(kg·m²), is infinite only where an
-    undamped joint resonates. Arguments and errors as in ``motor_response``.
+    Parameters
+    ----------
+    omega, inertia, elasticity
+        As in ``motor_response``, likewise the errors.
+
+    Returns
+    -------
+    ndarray, shape (f, n, n), complex
+        Response of the arm on its springs, 1/(kg·m²); infinite only where an undamped joint resonates.
     """
     s2, spring = _laplace(omega, inertia, elasticity)
     dynamic = inertia.M2 * s2[:, None, None] + inertia.gravity + _diagonal(spring)
@@ -241,17 +248,33 @@ def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasti
 
 
 def resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
-    """Undamped natural frequencies of motors and arm together, poles of H: shape (n,), Hz, ascending.
+    """Undamped natural frequencies of motors and arm together, poles of H.
 
-    The n rigid-body zeros are left out. Arguments and errors as in ``motor_response``.
+    Parameters
+    ----------
+    inertia, elasticity
+        As in ``motor_response``, likewise the errors.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Frequencies in Hz, ascending, without the n rigid-body zeros.
     """
     return _natural_frequencies_hz(inertia, elasticity, moving=np.ones(inertia.n, bool))
 
 
 def locked_resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
-    """Undamped natural frequencies of the arm with every motor locked, shape (n,), Hz, ascending.
+    """Undamped natural frequencies of the arm with every motor locked.
 
-    Arguments and errors as in ``motor_response``.
+    Parameters
+    ----------
+    inertia, elasticity
+        As in ``motor_response``, likewise the errors.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Frequencies in Hz, ascending.
     """
     return _natural_frequencies_hz(inertia, elasticity, moving=np.zeros(inertia.n, bool))
 
@@ -259,8 +282,15 @@ def locked_resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
 def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
     """Undamped zeros of each diagonal element H_jj: resonances with motor j locked.
 
-    Row j of the result, shape (n, n), holds the n zeros of H_jj in Hz, ascending. Arguments and errors
-    as in ``motor_response``.
+    Parameters
+    ----------
+    inertia, elasticity
+        As in ``motor_response``, likewise the errors.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        Row j holds the n zeros of H_jj in Hz, ascending.
     """
     rows = ~np.eye(inertia.n, dtype=bool)
     return np.array([_natural_frequencies_hz(inertia, elasticity, moving=row) for row in rows])

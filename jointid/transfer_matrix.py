@@ -219,7 +219,16 @@ def single_record_response(phasors: Phasors) -> Complexes:
     """Acceleration over torque of each joint from one record alone, the dotted curve of Figure 3.
 
     For two joints this is H11 + H12 τ2/τ1, which depends on the other joint's controller through τ2.
-    Shape (r, n) for r records of n joints, 1/(kg·m²); NaN where a joint has no torque.
+
+    Parameters
+    ----------
+    phasors : Phasors
+        r records of n joints.
+
+    Returns
+    -------
+    ndarray, shape (r, n), complex
+        1/(kg·m²); NaN where a joint has no torque.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         response = -(phasors.omega[:, None] ** 2) * phasors.q / phasors.tau
