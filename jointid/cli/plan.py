@@ -1,9 +1,11 @@
 """jointid plan and jointid setpoints."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -17,6 +19,10 @@ from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
 from jointid.simulation.motion import Motion
 from jointid.wording import counted, percent
+
+if TYPE_CHECKING:
+    from jointid.uncertainty.motion_plan import PlannedMotion
+    from jointid.uncertainty.plan import Suggestion
 
 COUNT = typer.Option(min=1, max=50, help="Number of records.")
 DURATION = typer.Option(help="Length of each record, s.")
@@ -129,7 +135,7 @@ def planned(
         )
 
 
-def _print_motion(analysis: Analysis, found: Any, as_json: bool) -> None:
+def _print_motion(analysis: Analysis, found: PlannedMotion, as_json: bool) -> None:
     """Print a planned motion with its errors."""
     from jointid.uncertainty.motion_plan import largest_motion
 
@@ -156,7 +162,7 @@ def _print_motion(analysis: Analysis, found: Any, as_json: bool) -> None:
     print_table(["", "now", "motion alone", "together"], rows, right=(1, 2, 3))
 
 
-def _document(suggestion: Any) -> dict[str, Any]:
+def _document(suggestion: Suggestion) -> dict[str, Any]:
     """Suggested records, and the relative standard errors of K and D after each."""
     from jointid.uncertainty.planned_records import phase_deg
 

@@ -5,7 +5,7 @@ after an identification.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,14 @@ _BATCH_RUNS = 512
 """Runs per batch, which keeps the arrays within some hundred megabytes."""
 _STRIDE = 32
 """Step between the instants that give the lower bound of a run's largest contour error."""
+
+
+class CutOptions(TypedDict, total=False):
+    """Optional arguments of the functions here, as in :func:`~jointid.cut.tracking.track`."""
+
+    servo: Servo | None
+    friction: MotorFrictionLike | None
+    dt: float  # by default 0.5 ms
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +55,7 @@ def errors_of_mismatch(
     toolpath: Toolpath,
     elasticity: Elasticity,
     ratios: ArrayLike,
-    **options: Any,
+    **options: Unpack[CutOptions],
 ) -> Floats:
     """Simulate one cut for each pair of assumed stiffnesses; the assumed damping is the true one.
 
@@ -75,7 +83,7 @@ def path_error_distribution(
     *,
     samples: int = 200,
     seed: int = 0,
-    **options: Any,
+    **options: Unpack[CutOptions],
 ) -> PathErrorDistribution:
     """Path error after an identification: the servo assumes the fit, arms are drawn from its covariance.
 
