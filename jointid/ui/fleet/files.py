@@ -35,6 +35,8 @@ class OpenFleet:
     """By digest of the study's files, or by digest and path for rows of a table."""
     todo: dict[str, tuple[str, bytes]] = field(default_factory=dict)
     """Studies that have no row yet: name and zip, by digest."""
+    tables: dict[str, bytes] = field(default_factory=dict)
+    """Tables of results that are not read yet, by file name."""
     studies: dict[str, bytes] = field(default_factory=dict)
     """Zips of the studies that were dropped here, by digest."""
     problems: list[str] = field(default_factory=list)
@@ -64,6 +66,7 @@ def open_fleet() -> OpenFleet:
         key=_UPLOADER,
         on_change=_take,
     )
+    _read_tables(fleet)
     for problem in fleet.problems:
         show_error(problem)
     _analyse(fleet)
@@ -82,8 +85,14 @@ def show_samples_button() -> None:
     with st.container(horizontal=True):
         if (file := workspace.SAMPLES / "fleet.parquet").exists():
             show = "Show a sample fleet, 8 robots over 5 years"
-            table = _current(), file.read_bytes()
-            st.button(show, key="sample_fleet", type="primary", on_click=_add_rows, args=table)
+            table = {file.name: file.read_bytes()}
+            st.button(
+                show,
+                key="sample_fleet",
+                type="primary",
+                on_click=_current().tables.update,
+                args=(table,),
+            )
         if workspace.sample_paths():
             analyse = "Analyse the sample studies, of different robots"
             st.button(analyse, key="fleet_samples", on_click=_take_samples)
@@ -102,16 +111,23 @@ def _take() -> None:
         data = file.getvalue()
         if file.name.lower().endswith(".zip"):
             _add(fleet, file.name, data)
-            continue
-        try:
-            _add_rows(fleet, data)
-        except JointIdError as error:
-            fleet.problems.append(f"{file.name}: {error}")
+        else:
+            fleet.tables[file.name] = data
 
 
 def _add_rows(fleet: OpenFleet, data: bytes) -> None:
     for row in _read(checksum(data), data):
         fleet.add(f"{row.content} {row.study}", row)
+
+
+def _read_tables(fleet: OpenFleet) -> None:
+    """Read the tables that were dropped: here, because a callback shows no progress."""
+    while fleet.tables:
+        name, data = fleet.tables.popitem()
+        try:
+            _add_rows(fleet, data)
+        except JointIdError as error:
+            fleet.problems.append(f"{name}: {error}")
 
 
 def _take_samples() -> None:
