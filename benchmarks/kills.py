@@ -156,16 +156,16 @@ def convert(count: int, folder: Path) -> Counter[str]:
     log = write_log(folder)
     finish("convert", log, "--guess", folder / "map.json")
     found = Counter[str]()
-    for target in (folder / "study.zip", folder / "study"):
+    for half, target in enumerate((folder / "study.zip", folder / "study"), 1):
         given = ["convert", log, "--mapping", folder / "map.json", "--inertia", folder / "robot.toml"]
         given += ["-o", target, "--overwrite"]
         begin = time.monotonic()
         finish(*given)
         lasting = time.monotonic() - begin
         truth = study_digest(load_study(target))
-        for k in range((count + 1) // 2):
+        while found["kills"] < half * count / 2:
             process = Command(*given)
-            found["during a write"] += killed(process, folder, lasting, k % 2 == 1)
+            found["during a write"] += killed(process, folder, lasting, found["kills"] % 2 == 1)
             found["kills"] += process.returncode != 0
             found["acknowledged"] += process.returncode == 0
             if not target.exists():  # moved away a moment ago; the next run puts it back
