@@ -41,6 +41,8 @@ REASONS = tomllib.loads((Path(__file__).parent / "survivors.toml").read_text("ut
 SEED = int(os.environ.get("MUTATION_SEED", "1"))
 LONGEST = 4.0
 """CPU time of a mutant over that of the tests, above which it counts as found: it never ends."""
+LONGEST_TEST_S = 1.0
+"""Tests that take longer find no mutants: they would take most of the time."""
 OPERATORS = (
     "AddNot",
     "NumberReplacer",
@@ -90,8 +92,11 @@ class Tests:
         answer.unlink(missing_ok=True)
         child = os.fork()
         if child == 0:
-            resource.setrlimit(resource.RLIMIT_CPU, (self._limit_s, resource.RLIM_INFINITY))
-            self._run(answer)
+            try:
+                resource.setrlimit(resource.RLIMIT_CPU, (self._limit_s, resource.RLIM_INFINITY))
+                self._run(answer)
+            finally:
+                os._exit(0)
         os.waitpid(child, 0)
         if not answer.exists():
             return "a crash, or a loop without end"
@@ -111,7 +116,8 @@ class Tests:
         with open(os.devnull, "w") as silent:
             os.dup2(silent.fileno(), 1)
             os.dup2(silent.fileno(), 2)
-        code = pytest.main(["-x", "-q", "-n", "0", "-p", "no:cacheprovider", *self._files], [self])
+        options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-W", "ignore:Module already imported"]
+        code = pytest.main([*options, *self._files], [self])
         failed = self._failed if code == 1 else "" if code == 0 else "an import"
         libraries = [
             name
@@ -120,11 +126,11 @@ class Tests:
         ]
         told = {"failed": failed, "seconds": self._seconds, "libraries": libraries}
         answer.write_text(json.dumps(told))
-        os._exit(0)
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Tests that have found mutants first, quick ones before long ones."""
+        items[:] = [i for i in items if self._seconds.get(i.nodeid, 0.0) < LONGEST_TEST_S]
         items.sort(key=lambda i: (-self._found[i.nodeid], self._seconds.get(i.nodeid, 0.0)))
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
