@@ -21,6 +21,7 @@ import resource
 import subprocess
 import sys
 import tempfile
+import time
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
@@ -142,9 +143,15 @@ class Tests:
         items[:] = [i for i in items if self._seconds.get(i.nodeid, 0.0) < LONGEST_TEST_S]
         items.sort(key=lambda i: (-self._found[i.nodeid], self._seconds.get(i.nodeid, 0.0)))
 
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
+        """Note the CPU time of a test."""
+        begin = time.process_time()
+        yield
+        self._seconds[item.nodeid] = time.process_time() - begin
+
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Note duration and failure."""
-        self._seconds[report.nodeid] = self._seconds.get(report.nodeid, 0.0) + report.duration
+        """Note a failure."""
         if report.failed:
             self._failed = report.nodeid
 
