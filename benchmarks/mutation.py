@@ -6,7 +6,8 @@
 Draws so many mutants of the modules (cosmic-ray: an operator, comparison, number or condition changed),
 and prints the share that the tests find and every mutant that survives without a reason in
 ``benchmarks/survivors.toml``. Each mutant is tested in a fork that has loaded all libraries; the tests
-that have found mutants before come first, quick ones before long ones. Needs ``'.[benchmarks]'``.
+that have found mutants before come first, quick ones before long ones. ``MUTATION_SEED=2`` draws others.
+Needs ``'.[benchmarks]'``.
 """
 
 from __future__ import annotations
@@ -69,7 +70,10 @@ def mutants(modules: list[Path], folder: Path) -> list[MutationSpec]:
     with use_db(str(folder / "mutants.sqlite"), WorkDB.Mode.create) as database:
         init(modules, database, {})
         found = [mutation for item in database.work_items for mutation in item.mutations]
-    return [m for m in found if m.operator_name.removeprefix("core/").startswith(OPERATORS)]
+    names = ((m, m.operator_name.removeprefix("core/")) for m in found)
+    return [
+        m for m, name in names if name.startswith(OPERATORS) and not name.endswith(("_Is", "_IsNot"))
+    ]
 
 
 class Tests:

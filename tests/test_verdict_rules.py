@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,8 +22,10 @@ from jointid.verdict import (
     rules_records,
     rules_response,
     steady_state,
+    wrong_data,
 )
-from jointid.verdict.causes import CAUSES, known_cause
+from jointid.verdict.causes import CAUSES, DEGREES, known_cause
+from jointid.verdict.scorer import Hypothesis
 
 
 def case(**parts: Any) -> Any:
@@ -260,7 +263,11 @@ def test_few_further_equations_are_told(freedom: float, detail: str | None) -> N
 @pytest.mark.parametrize(("ratio", "told"), [(1 + 0.9e-6, True), (1 + 1.1e-6, False)])
 def test_records_of_one_frequency_cannot_confirm_the_model(ratio: float, told: bool) -> None:
     given = case(frequency_hz=np.array([3.0, 3.0 * ratio]), records=[0, 1], fit=two_joints())
-    assert levels(rules_model.one_frequency(given)) == ["warning"] * told
+    found = list(rules_model.one_frequency(given))
+    assert levels(found) == ["warning"] * told
+    assert all("relative phases" in finding.remedy for finding in found)
+    given.fit.n = 1
+    assert not any("relative phases" in finding.remedy for finding in rules_model.one_frequency(given))
 
 
 def limited(misfit: float, left: float, *, inflation: float = 1.0, K: float = 0.005) -> Any:
@@ -563,6 +570,20 @@ def test_a_torque_is_clipped_from_a_tenth_of_the_samples(largest: int, clipped: 
     assert rules_outlier._is_clipped(steps) == (100 > 4 * 25) == rules_outlier._is_clipped(-steps)
 
 
+@pytest.mark.parametrize(("wrong", "left_out"), [(0, False), (2, True), (3, False)])
+def test_records_that_take_power_can_be_left_out_while_most_remain(
+    monkeypatch: pytest.MonkeyPatch, wrong: int, left_out: bool
+) -> None:
+    power = np.r_[np.full(wrong, 5.01), np.full(6 - wrong, 4.99)]
+    monkeypatch.setattr(rules_outlier, "taken_power", lambda *_: power)
+    phasors = case(omega=0, z=0, covariance=0, labels="abcdef")
+    found = list(rules_outlier.motors_take_power(case(phasors=phasors, fit=two_joints())))
+    assert levels(found) == ["problem"] * (wrong > 0)
+    for finding in found:
+        assert finding.detail.startswith(f"In {wrong} of 6 records, the motors would absorb power")
+        assert [change.records for change in finding.changes] == [(0, 1)] * left_out
+
+
 @pytest.mark.parametrize("factor", [0.999, 1.0, 30.0, 1 / 30])
 def test_a_known_cause_is_within_three_per_cent(factor: float) -> None:
     for cause in CAUSES:
@@ -655,3 +676,82 @@ def test_shares_and_multiples_are_rounded_for_people() -> None:
         1e3,
         0,
     ]
+
+
+# --- wrong data
+
+
+def test_factors_near_a_known_one_are_taken_for_it() -> None:
+    for near, known in ((1.3, DEGREES), (1 / 1.3, DEGREES), (1.4, 0.0), (-1.3, -DEGREES)):
+        factor = near * DEGREES
+        assert wrong_data._snapped(factor) == (known or factor)
+    assert wrong_data._snapped(-1.2) == -1.0
+    assert wrong_data._snapped(3.0) == 3.0
+    assert wrong_data._snapped(1.4) == 1.4  # wrong inertias may be behind it
+
+
+def test_every_sign_and_pair_of_channels_is_a_hypothesis() -> None:
+    tried = list(wrong_data._hypotheses(2, None, [Inertia([0.1, 0.1], np.eye(2))]))
+    scales = [tuple(h.scale) for h in tried if h.kind in ("angle", "torque")]
+    for one in range(4):
+        assert tuple(1.0 - 2.0 * (np.arange(4) == one)) in scales
+    orders = [tuple(h.order) for h in tried if h.kind == "exchanged"]
+    assert {(0, 1, 3, 2), (1, 0, 2, 3), (1, 0, 3, 2)} <= {*orders}
+    assert {"arm angle", "gear torque", "reversed axis"} <= {h.kind for h in tried}
+
+
+def test_known_factors_and_orders_can_be_corrected() -> None:
+    one = np.ones(2)
+    for factor, kinds in ((1e3, ["scale"]), (1e-3, ["scale"]), (-1.0, ["scale"]), (7.0, []), (1.0, [])):
+        fault = Hypothesis.of("torque", one, np.array([1.0, factor]))
+        changes = cause_findings._changes(fault)
+        assert [change.kind for change in changes] == kinds
+        assert all(change.values == (1.0, 1.0, 1.0, factor) for change in changes)
+    (order,) = cause_findings._changes(replace(fault, order=np.array([1, 0, 2, 3])))
+    assert (order.kind, order.values) == ("order", (1.0, 0.0, 2.0, 3.0))
+
+
+@pytest.mark.parametrize(
+    ("order", "scale", "title"),
+    [
+        ([0, 1, 2, 4, 3, 5], 1, "The torques of joints 1 and 2 look exchanged"),
+        ([0, 1, 2, 3, 5, 4], 1, "The torques of joints 2 and 3 look exchanged"),
+        ([1, 0, 2, 3, 4, 5], 1, "The positions of joints 1 and 2 look exchanged"),
+        ([1, 0, 2, 4, 3, 5], 1, "The inertias of joints 1 and 2 look exchanged"),
+        ([0, 1, 2, 3, 4, 5], -1, "Joint 3 looks reversed relative to the others"),
+    ],
+)
+def test_exchanged_channels_are_named(order: list[int], scale: float, title: str) -> None:
+    turned = np.array([1.0, 1.0, scale])
+    fault = replace(Hypothesis.of("exchanged", turned, turned), order=np.array(order))
+    assert cause_findings.axes_look_wrong(fault, "").title == title
+
+
+def test_joints_are_listed_in_words() -> None:
+    assert cause_findings._joints([0], 1) == "joint 1"
+    assert cause_findings._joints([1], 2) == "joint 2"
+    assert cause_findings._joints([0, 2], 3) == "joints 1 and 3"
+    assert cause_findings._joints([0, 1], 2) == "all joints"
+
+
+def test_a_time_in_milliseconds_is_told_with_the_length_of_the_records() -> None:
+    for title, lasts in (("Time is probably in milliseconds", True), ("M and M2 are probably", False)):
+        (cause,) = (each for each in CAUSES if each.title.startswith(title))
+        factor = cause.factor * np.array([1.0, 1.09])
+        found = cause_findings._common_cause(cause, factor, "", 5.0, 1.0)
+        assert ("The longest record then lasts 5 s" in found.detail) == lasts
+        assert "then remains" not in found.remedy
+        more = cause_findings._common_cause(cause, factor * [1, 1.02], "", 5.0, 1.0)
+        assert "A factor of 1.11 then remains in joint 2" in more.remedy
+
+
+def test_responses_are_the_motions_under_one_torque_at_a_time() -> None:
+    H = np.array([[[1.0, 2.0], [3.0, 4.0]]])
+    matrix = case(omega=np.array([2.0]), H=H, covariance=np.zeros((1, 4, 4)))
+    records = [case(time_s=np.array([1.0, 9.0]))]
+    given = case(fit=two_joints(), records=records, of_pose=lambda pose: (None, pose))
+    motions, inertias = motion_findings._responses(given, {"far": matrix})
+    assert motions.q.real.tolist() == [[-0.25, -0.75], [-0.5, -1.0]]
+    assert motions.tau.real.tolist() == [[1, 0], [0, 1]]
+    assert motions.duration_s.tolist() == [8.0, 8.0]
+    assert inertias == ["far", "far"]
