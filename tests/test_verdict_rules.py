@@ -138,6 +138,7 @@ def test_a_joint_that_stands_in_nearly_all_records_is_a_warning(
     assert levels(found) == level
     for finding in found:
         assert finding.title == f"Joint 2 does not move in {standing} of 10 records"
+        assert finding.detail.startswith("Joint 2 moves less than its noise")
         assert finding.weight % 10 == pytest.approx(0.02 * standing / 10)
 
 
@@ -266,6 +267,7 @@ def test_records_of_one_frequency_cannot_confirm_the_model(ratio: float, told: b
     found = list(rules_model.one_frequency(given))
     assert levels(found) == ["warning"] * told
     assert all("relative phases" in finding.remedy for finding in found)
+    assert all(finding.title.startswith("Records at one frequency") for finding in found)
     given.fit.n = 1
     assert not any("relative phases" in finding.remedy for finding in rules_model.one_frequency(given))
 
@@ -383,6 +385,21 @@ def test_a_resonance_is_missed_beyond_a_factor_of_1_4(
         records=[case(interval_s=1e-3)],
     )
     assert levels(rules_model.resonance_missed(given)) == level
+
+
+@pytest.mark.parametrize(
+    ("K", "D", "titles"),
+    [
+        (1.0, -0.019, []),
+        (1.0, -0.021, ["D2 is negative"]),
+        (0.0, 0.1, ["K2 is negative"]),
+        (-1.0, -9.0, ["K2 is negative"]),
+    ],
+)
+def test_negative_values_beyond_their_errors_are_named(K: float, D: float, titles: list[str]) -> None:
+    fit = two_joints(estimate=np.array([20.0, K, 0.1, D]))
+    fit.errors = case(D=np.full(2, 0.01))
+    assert [finding.title for finding in rules_model.not_physical(case(fit=fit))] == titles
 
 
 # --- causes
