@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import random
+import signal
 import subprocess
 import sys
 import tempfile
@@ -17,6 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from threading import Thread
 
@@ -24,6 +26,7 @@ import numpy as np
 
 from benchmarks.harness import Table
 from jointid import load_study
+from jointid.cli import app
 from jointid.files.atomic_write import write_file
 from jointid.files.digest import study_digest
 from jointid.files.store import Store, new_workspace
@@ -39,6 +42,8 @@ COLUMNS = {
     **dict.fromkeys(("lost", "half written", "left over"), ".0f"),
 }
 PARTS = ("server", "batch", "convert")
+for module in ("importing.study", "importing.read.logs", "importing.find.segments", "fleet.run"):
+    import_module(f"jointid.{module}")
 
 
 def writing(folder: Path) -> list[Path]:
@@ -46,7 +51,9 @@ def writing(folder: Path) -> list[Path]:
     return [*folder.rglob(".*.new"), *folder.rglob(".*.old")]
 
 
-def killed(process: subprocess.Popen[bytes], folder: Path, until_s: float, at_write: bool) -> bool:
+def killed(
+    process: Command | subprocess.Popen[bytes], folder: Path, until_s: float, at_write: bool
+) -> bool:
     """Kill a process at a random time or at a write; True when it was writing. False if it had ended."""
     begin = time.monotonic()
     some, end = begin + random.uniform(0.1, 1.1) * until_s, begin + 3 * until_s
@@ -67,16 +74,46 @@ def swept(folder: Path, write: Callable[[], object]) -> int:
     return len(writing(folder))
 
 
-def jointid(*arguments: object) -> subprocess.Popen[bytes]:
-    """Start the command line; a victim has a group of its own, which its workers leave by themselves."""
-    command = [sys.executable, "-m", "jointid", *map(str, arguments)]
-    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    return subprocess.Popen(command, cwd=ROOT, **silent)
+class Command:
+    """The command line in a fork, which has loaded all modules: each start anew would take seconds."""
+
+    def __init__(self, *arguments: object) -> None:
+        self.returncode: int | None = None
+        self._pid = os.fork()
+        if self._pid == 0:
+            with open(os.devnull, "w") as silent:
+                os.dup2(silent.fileno(), 1)
+                os.dup2(silent.fileno(), 2)
+            try:
+                app([*map(str, arguments)])
+            except SystemExit as end:
+                os._exit(int(end.code or 0))
+            finally:
+                os._exit(1)
+
+    def poll(self) -> int | None:
+        """The exit code; None while it runs."""
+        if self.returncode is None:
+            pid, status = os.waitpid(self._pid, os.WNOHANG)
+            self.returncode = os.waitstatus_to_exitcode(status) if pid else None
+        return self.returncode
+
+    def kill(self) -> None:
+        """End it at once."""
+        if self.poll() is None:
+            os.kill(self._pid, signal.SIGKILL)
+
+    def wait(self) -> int:
+        """The exit code, at its end."""
+        while self.poll() is None:
+            time.sleep(0.001)
+        assert self.returncode is not None
+        return self.returncode
 
 
 def finish(*arguments: object) -> None:
     """Run the command line to its end, which must be good."""
-    code = jointid(*arguments).wait()
+    code = Command(*arguments).wait()
     if code:
         raise RuntimeError(f"jointid {arguments[0]} ended with code {code}")
 
@@ -93,7 +130,7 @@ def batch(count: int, folder: Path) -> Counter[str]:
     truth = {row.study: (row.K, row.D) for row in read_fleet(out)}
     out.unlink()
     while found["kills"] < count:
-        process = jointid("batch", *paths, "--out", out, "--workers", 1)
+        process = Command("batch", *paths, "--out", out, "--workers", 1)
         found["during a write"] += killed(process, folder, lasting, found["kills"] % 2 == 1)
         found["kills"] += process.returncode != 0
         journal = journal_path(out)
@@ -119,16 +156,16 @@ def convert(count: int, folder: Path) -> Counter[str]:
     log = write_log(folder)
     finish("convert", log, "--guess", folder / "map.json")
     found = Counter[str]()
-    for target in (folder / "study.zip", folder / "study"):
+    for half, target in enumerate((folder / "study.zip", folder / "study"), 1):
         given = ["convert", log, "--mapping", folder / "map.json", "--inertia", folder / "robot.toml"]
         given += ["-o", target, "--overwrite"]
         begin = time.monotonic()
         finish(*given)
         lasting = time.monotonic() - begin
         truth = study_digest(load_study(target))
-        for k in range((count + 1) // 2):
-            process = jointid(*given)
-            found["during a write"] += killed(process, folder, lasting, k % 2 == 1)
+        while found["kills"] < half * count / 2:
+            process = Command(*given)
+            found["during a write"] += killed(process, folder, lasting, found["kills"] % 2 == 1)
             found["kills"] += process.returncode != 0
             found["acknowledged"] += process.returncode == 0
             if not target.exists():  # moved away a moment ago; the next run puts it back
@@ -184,10 +221,14 @@ def server(count: int, folder: Path) -> Counter[str]:
     first = small_study(0)
     entry = store.put(place, "0.zip", study_digest(first), pack_study(first))
     kept[entry.id] = entry.digest
+    lasting = 0.0
     while found["kills"] < count:
-        visitor = Thread(target=visit, args=(1 + 1000 * found["kills"],))
+        visitor, begin = Thread(target=visit, args=(1 + 1000 * found["kills"],)), time.monotonic()
         visitor.start()
-        found["during a write"] += killed(victim.process, folder, 8.0, found["kills"] % 2 == 1)
+        while not lasting and len(store.entries(place)) < 3:
+            time.sleep(0.01)
+        lasting = lasting or time.monotonic() - begin
+        found["during a write"] += killed(victim.process, folder, lasting, found["kills"] % 2 == 1)
         found["kills"] += 1
         visitor.join()
         there = {e.id: e.digest for e in store.entries(place)}

@@ -51,7 +51,7 @@ def _row(minutes: int, runs: int) -> dict[str, Cell]:
         command = [
             sys.executable,
             "-m",
-            "jointid.cli",
+            "jointid",
             "convert",
             "log.csv",
             "--mapping",

@@ -4,27 +4,47 @@
     python -m benchmarks.mutation 200 jointid/verdict -- tests/test_verdict.py tests/test_report.py
 
 Draws so many mutants of the modules (cosmic-ray: an operator, comparison, number or condition changed),
-and prints the share that the tests find and the diff of every mutant that survives. Needs
-``'.[benchmarks]'``.
+and prints the share that the tests find and every mutant that survives without a reason in
+``benchmarks/survivors.toml``. Each mutant is tested in a fork that has loaded all libraries; the tests
+that have found mutants before come first, quick ones before long ones. ``MUTATION_SEED=2`` draws others.
+Needs ``'.[benchmarks]'``.
 """
 
 from __future__ import annotations
 
+import difflib
+import importlib
+import importlib.util
+import json
+import os
 import random
+import resource
 import subprocess
 import sys
 import tempfile
+import time
+import tomllib
+from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
+import pytest
 from cosmic_ray.commands.init import init
-from cosmic_ray.mutating import mutate_and_test
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.plugins import get_operator
 from cosmic_ray.work_db import WorkDB, use_db
-from cosmic_ray.work_item import MutationSpec, TestOutcome
+from cosmic_ray.work_item import MutationSpec
 
 ROOT = Path(__file__).parents[1]
-SEED = 1
-TIMEOUT_S = 600.0
+REASONS = tomllib.loads((Path(__file__).parent / "survivors.toml").read_text("utf-8"))
+"""Reasons of accepted survivors: by module, then by the changed line."""
+SEED = int(os.environ.get("MUTATION_SEED", "1"))
+LONGEST = 4.0
+"""CPU time of a mutant over that of the tests, above which it counts as found: it never ends."""
+LONGEST_TEST_S = 0.4
+"""Tests that take longer find no mutants: they would take most of the time."""
 OPERATORS = (
     "AddNot",
     "NumberReplacer",
@@ -50,25 +70,126 @@ def mutants(modules: list[Path], folder: Path) -> list[MutationSpec]:
     with use_db(str(folder / "mutants.sqlite"), WorkDB.Mode.create) as database:
         init(modules, database, {})
         found = [mutation for item in database.work_items for mutation in item.mutations]
-    return [m for m in found if m.operator_name.removeprefix("core/").startswith(OPERATORS)]
+    names = ((m, m.operator_name.removeprefix("core/")) for m in found)
+    return [
+        m for m, name in names if name.startswith(OPERATORS) and not name.endswith(("_Is", "_IsNot"))
+    ]
 
 
-def survivors(drawn: list[MutationSpec], tests: list[str], tree: Path) -> Iterator[str]:
-    """The diff of each mutant that no test notices."""
-    pytest = f"{sys.executable} -m pytest -x -q -n 0 -p no:cacheprovider {' '.join(tests)}"
-    command = f"env -C {tree} PYTHONPATH={tree} OPENBLAS_NUM_THREADS=1 {pytest}"
+class Tests:
+    """Tests of a copy of the project, which forks of this process run."""
+
+    def __init__(self, tree: Path, files: list[str]) -> None:
+        self._tree, self._files = tree, files
+        self._seconds: dict[str, float] = {}
+        self._found: Counter[str] = Counter()
+        self._limit_s = resource.RLIM_INFINITY
+        begin = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
+        failed = self.first_failure()
+        if failed:
+            raise SystemExit(f"{failed} fails without a mutation.")
+        spent = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) - begin
+        self._limit_s = int(LONGEST * spent) + 60
+
+    def first_failure(self) -> str:
+        """The first test that fails, or "" if all pass."""
+        answer = self._tree.parent / "answer.json"
+        answer.unlink(missing_ok=True)
+        child = os.fork()
+        if child == 0:
+            try:
+                resource.setrlimit(resource.RLIMIT_CPU, (self._limit_s, resource.RLIM_INFINITY))
+                self._run(answer)
+            finally:
+                os._exit(0)
+        os.waitpid(child, 0)
+        if not answer.exists():
+            return "a crash, or a loop without end"
+        told: dict[str, Any] = json.loads(answer.read_text())
+        self._seconds = {**told["seconds"], **self._seconds}
+        for name in told["libraries"]:
+            with suppress(Exception):
+                importlib.import_module(name)
+        self._found[told["failed"]] += 1
+        return str(told["failed"])
+
+    def _run(self, answer: Path) -> None:
+        """Run the tests and write what became of them; the process ends here."""
+        os.chdir(self._tree)
+        sys.path[:0] = [str(self._tree), str(self._tree / "tests")]
+        os.environ["PYTHONPATH"] = str(self._tree)
+        with open(os.devnull, "w") as silent:
+            os.dup2(silent.fileno(), 1)
+            os.dup2(silent.fileno(), 2)
+        options = [
+            "-x",
+            "-q",
+            "-n",
+            "0",
+            "-p",
+            "no:cacheprovider",
+            "-W",
+            "ignore:Module already imported",
+        ]
+        code = pytest.main([*options, *self._files], [self])
+        failed = self._failed if code == 1 else "" if code == 0 else "an import"
+        libraries = [
+            name
+            for name, module in [*sys.modules.items()]
+            if "site-packages" in (getattr(module, "__file__", None) or "")
+        ]
+        told = {"failed": failed, "seconds": self._seconds, "libraries": libraries}
+        answer.write_text(json.dumps(told))
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Tests that have found mutants first, quick ones before long ones."""
+        items[:] = [i for i in items if self._seconds.get(i.nodeid, 0.0) < LONGEST_TEST_S]
+        items.sort(key=lambda i: (-self._found[i.nodeid], self._seconds.get(i.nodeid, 0.0)))
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
+        """Note the CPU time of a test."""
+        begin = time.process_time()
+        yield
+        self._seconds[item.nodeid] = time.process_time() - begin
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Note a failure."""
+        if report.failed:
+            self._failed = report.nodeid
+
+
+def survivors(drawn: list[MutationSpec], tests: Tests, tree: Path) -> Iterator[tuple[str, str, str]]:
+    """Module, changed line and difference of each mutant that no test notices."""
     for number, mutant in enumerate(drawn, 1):
-        result = mutate_and_test([mutant], command, TIMEOUT_S)
-        print(f"{number} of {len(drawn)}: {result.test_outcome}", file=sys.stderr)
-        if result.test_outcome is TestOutcome.SURVIVED:
-            yield result.diff or ""
+        path = Path(mutant.module_path)
+        before = path.read_text("utf-8")
+        operator = get_operator(mutant.operator_name)(**dict(mutant.operator_args))
+        after = mutate_code(before, operator, mutant.occurrence) or before
+        compiled = Path(importlib.util.cache_from_source(str(path)))
+        try:
+            path.write_text(after, "utf-8")
+            compiled.unlink(missing_ok=True)  # it may have the same size and second
+            failed = tests.first_failure()
+        finally:
+            path.write_text(before, "utf-8")
+            compiled.unlink(missing_ok=True)
+        print(f"{number} of {len(drawn)}: {failed or 'survived'}", file=sys.stderr, flush=True)
+        if not failed:
+            name = str(path.relative_to(tree))
+            lines = [
+                *difflib.unified_diff(before.split("\n"), after.split("\n"), name, name, "", "", 2, "")
+            ]
+            (changed,) = (line[1:].strip() for line in lines[2:] if line.startswith("+"))
+            yield name, changed, "\n".join(lines)
 
 
 def main(arguments: list[str]) -> None:
     """Print the share of mutants that the tests find, and the survivors."""
     if "--" not in arguments[:-1] or not arguments[0].isdigit():
         raise SystemExit(__doc__)
-    tests = arguments[arguments.index("--") + 1 :]
+    files = arguments[arguments.index("--") + 1 :]
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
         subprocess.run(["git", "clone", "--quiet", "--shared", str(ROOT), str(tree)], check=True)
@@ -78,12 +199,15 @@ def main(arguments: list[str]) -> None:
         ]
         every = mutants(modules, Path(folder))
         drawn = random.Random(SEED).sample(every, min(int(arguments[0]), len(every)))
-        alive = list(survivors(drawn, tests, tree))
-    killed = len(drawn) - len(alive)
-    print("\n".join(alive))
-    share = killed / len(drawn)
+        alive = list(survivors(drawn, Tests(tree, files), tree))
+    open_ones = [text for name, changed, text in alive if changed not in REASONS.get(name, {})]
+    print("\n".join(open_ones))
+    share = 1 - len(alive) / len(drawn)
     error = (share * (1 - share) / len(drawn)) ** 0.5
-    print(f"{killed} of {len(drawn)} mutants found: {share:.0%} ± {error:.0%}, drawn of {len(every)}")
+    print(
+        f"{len(drawn) - len(alive)} of {len(drawn)} mutants found: {share:.0%} ± {error:.0%}, drawn of "
+        f"{len(every)}; {len(alive) - len(open_ones)} survivors with a reason, {len(open_ones)} without"
+    )
 
 
 if __name__ == "__main__":

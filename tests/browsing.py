@@ -52,7 +52,7 @@ class Server:
         environment = os.environ | {"JOINTID_DATA_DIR": str(self.data)}
         silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         self.process = subprocess.Popen(command, cwd=self.folder, env=environment, **silent)
-        for _ in range(600):
+        for _ in range(20 * PATIENCE_MS // 1000):
             try:
                 with urllib.request.urlopen(f"{self.address}/_stcore/health", timeout=5):
                     return

@@ -130,6 +130,20 @@ def test_no_piece_of_a_sweep_is_a_sine(seconds: float, noise: float, growth: str
     assert find_segments(MappedLog(time, moved, torque)) == ()
 
 
+@pytest.mark.parametrize(
+    ("hz", "swing", "period_s"), [(8.0, 2.0, 6.0), (12.0, 3.0, 4.0), (10.0, 0.5, 4.0)]
+)
+def test_a_frequency_that_turns_back_is_not_steady_there(
+    hz: float, swing: float, period_s: float
+) -> None:
+    """At its turning points it stands for some periods: the phase bends to both sides alike."""
+    time = np.arange(3000) / 250
+    phase = 2 * np.pi * np.cumsum(hz + swing * np.sin(2 * np.pi * time / period_s)) / 250
+    moved = np.column_stack([0.05 * np.sin(phase), -np.sin(phase - 0.05)])
+    moved += [1e-6, 1e-3] * np.random.default_rng(1).standard_normal(moved.shape)
+    assert find_segments(MappedLog(time, moved[:, :1], moved[:, 1:])) == ()
+
+
 @pytest.mark.parametrize("step", [0.01, 0.04])
 def test_frequencies_that_change_without_a_pause_are_runs_of_their_own(step: float) -> None:
     """The phase goes on, and no ramp shows where one sine becomes the next."""

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from jointid.cut.arm import PlanarArm
 from jointid.cut.feedforward import deflection, joint_motion, plan_servo
 from jointid.cut.rectangle import rectangle
-from jointid.cut.servo import Servo, run_servo
+from jointid.cut.servo import Servo, require_tracking, run_servo
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
@@ -157,7 +157,8 @@ def test_the_control_law_sample_by_sample(delay, differentiated, bits) -> None:
     )
     plan = plan_servo(PlanarArm.example(), rectangle(), servo, ELASTICITY.K, ELASTICITY.D)
     plant = Turning(plan.start_angle[:, None])
-    held = np.array(run_servo(plan, plant, substeps=2))[..., 0]
+    shares: list[float] = []
+    held = np.array(run_servo(plan, plant, 2, shares.append))[..., 0]
     k = np.arange(len(held))[:, None]
     true_rate = np.array([0.3, -0.2])
     y = plan.start_angle + 1e-3 * k * true_rate
@@ -174,6 +175,9 @@ def test_the_control_law_sample_by_sample(delay, differentiated, bits) -> None:
     steps = np.array(plant.steps).reshape(-1, 2, 2)
     np.testing.assert_allclose(steps[:, 1], held)
     np.testing.assert_allclose(steps[1:, 0], 0.5 * (held[1:] + held[:-1]))
+    np.testing.assert_allclose(steps[0, 0], 0.5 * held[0])
+    every = len(held) // 50
+    np.testing.assert_array_equal(shares, [*np.arange(0, len(held), every) / len(held), 1.0])
 
 
 @pytest.mark.parametrize("drive", DRIVES)
@@ -224,6 +228,35 @@ def test_torque_limit_holds_and_is_reported() -> None:
 def test_bad_settings_are_refused(option, message) -> None:
     with pytest.raises(JointIdError, match=message):
         Servo(**option)
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most", "step"),
+    [("sample_rate_hz", 50, 20_000, 0.01), ("delay_samples", 0, 100, 1), ("encoder_bits", 4, 40, 1)],
+)
+def test_the_limits_of_a_setting_are_allowed(name, least, most, step) -> None:
+    assert [getattr(Servo(**{name: value}), name) for value in (least, most)] == [least, most]
+    for value in (least - step, most + step):
+        with pytest.raises(JointIdError, match=name):
+            Servo(**{name: value})
+
+
+def test_friction_may_be_zero_and_the_torque_limit_small() -> None:
+    Servo(friction_compensation=SimpleNamespace(coulomb=0.0, viscous=0.0), torque_limit_Nm=1e-3)
+    for name, unit in (("coulomb", "N·m"), ("viscous", "N·m·s/rad")):
+        friction = SimpleNamespace(**{"coulomb": 0.0, "viscous": 0.0, name: [0.0, -0.5]})
+        with pytest.raises(JointIdError, match=f"{name} friction is -0.5 {unit}"):
+            Servo(friction_compensation=friction)
+
+
+@pytest.mark.parametrize("away", [2.999, 3.0, np.nan])
+def test_a_motor_three_radians_off_is_lost(away) -> None:
+    require_tracking(np.array([[-2.999], [0.0]]))
+    if away < 3:
+        require_tracking(np.array([[0.0], [away]]))
+        return
+    with pytest.raises(JointIdError, match="more than 3 rad"):
+        require_tracking(np.array([[0.0], [away]]))
 
 
 @pytest.mark.parametrize("option", [{"bandwidth_hz": 5000.0}, {"delay_samples": 80}])

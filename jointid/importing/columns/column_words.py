@@ -10,38 +10,39 @@ from jointid.importing.columns.log_table import LogColumn
 from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
 
 _LINES = {  # English, German, French, Italian, Spanish and others; without accents
-    "time": "time t zeit zeitstempel timestamp timestamps stamp clock temps tempo tiempo tijd uhrzeit "
+    "time": "time t zeit zeitstempel timestamp stamp clock temps tempo tiempo tijd uhrzeit "
     "zeitpunkt abtastzeit sec secs nsec elapsed messzeit duration cas czas zaman tid",
-    "sample": "sample samples index idx nr no takt cycle zyklus step schritt ipoc counter zaehler",
-    "position": "position positions pos angle angles ang theta th q phi winkel lage lagen ist istwert "
+    "sample": "sample index idx nr no takt cycle zyklus step schritt ipoc counter zaehler",
+    "position": "position pos angle ang theta th q phi winkel lage lagen ist istwert "
     "lageistwert drehwinkel encoder enc inc ink inkr inkremente increments drehgeber geber resolver "
-    "axis achs achse joint gelenk posizione angolo posicion angulo angulaire hoek poscurr "
-    "measured actual act fbk fb feedback pulse pulses xist posicao poloha uhel pozycja kat konum "
+    "axis achs achse joint jnt gelenk posizione angolo posicion angulo angulaire hoek poscurr "
+    "measured actual act fbk fb feedback pulse xist posicao poloha uhel pozycja kat konum "
     "vinkel lastlage lastwinkel",
-    "torque": "torque torques torq trq tau tq mom mmt moment momente eff drehmoment "
-    "effort efforts couple coppia par koppel load last current curr cur strom stroom "
+    "torque": "torque torq trq tau tq mom mmt moment momente eff drehmoment "
+    "effort couple coppia par koppel load last current curr cur strom stroom "
     "iq isq i amp courant corrente corriente intensite torcurr binario tork vridmoment proud prad",
-    "velocity": "velocity velocities vel speed speeds dq qd qdot omega w drehzahl geschwindigkeit "
+    "velocity": "velocity velocities vel v speed dq qd qdot omega w drehzahl geschwindigkeit "
     "geschw vitesse velocita velocidad velocidade snelheid rate rpm dot acceleration acc accel "
     "beschleunigung qdd ddq jerk dtau dtheta rychlost otacky predkosc hiz hastighet hastighed",
     "command": "command cmd commanded demand input set soll sollwert reference ref "
-    "desired des target ziel setpoint setp consigne stell vorgabe planned nominal feedforward ff "
-    "vorsteuerung d",
+    "desired des md target goal ziel setpoint setp consigne stell vorgabe planned nominal feedforward "
+    "ff vorsteuerung d",
     "no": "disturbance stoermoment stormoment droop "
-    "error err fehler deviation abweichung schleppfehler deflection limit limits min max offset "
+    "error err fehler deviation abweichung schleppfehler deflection limit min max offset bias "
     "temperature temp temperatur pressure druck status flag success id phase model",
     "other": "voltage spannung tension volt power leistung state mode digital output force kraft "
     "busvoltage pwm ext external hat filtered estimate estimated",
     "motor": "motor motorside mot mtr rotor antrieb antriebsseitig motorseitig moteur motore drive",
-    "joint": "joint j link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
+    "joint": "joint jnt j link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
     "lastseitig junta eixo osa osy osi eksen axel",
     "behind": "joint link linkside jointside arm armside loadside output abtrieb abtriebsseitig gelenk "
     "lastseitig",
     "link": "link linkside arm armside load loadside lastlage lastwinkel lastseitig abtrieb "
     "abtriebsseitig secondary",
-    "any": "joint axis achs achse gelenk ist istwert act actual measured fbk fb feedback load last th",
-    "path": "axes drives value values main plc prg gvl robot channel state "
-    "controller control encoder foc ictrl pctrl meas",
+    "any": "joint jnt axis achs achse gelenk ist istwert act actual measured fbk fb feedback load "
+    "last th",
+    "path": "axes drive value main plc prg gvl robot channel state "
+    "controller control actuator encoder foc ictrl pctrl meas",
     "current": "current curr cur strom stroom iq isq i amp courant corrente corriente intensite proud "
     "prad",
 }
@@ -71,11 +72,14 @@ _OBJECT = re.compile(
 
 
 _PARAMETER = re.compile(
-    r"(?<![A-Za-z0-9])(?:[rp]\d{1,5}(?:\[\d+\])?(?=:)|[SP]-\d-\d{4}|[1-9]\d{3}(?= [A-Za-z]))"
+    r"(?<![A-Za-z0-9])(?:[rp]\d{1,5}(?:\[\d+\])?(?=:)|[SP]-\d-\d{4}|[1-9]\d{3}(?= [A-Za-z])|ID(?=\d))"
 )
-"""Numbers of parameters and signals, not of joints: "r61:", "S-0-0051", "1718 Motor position"."""
-_ALIASES = {"aipos": "axis actual pos", "aspos": "axis target pos", "macur": "motor current"}
-"""Signals of KUKA's sensor interface."""
+"""Numbers of parameters and signals, not of joints: "r61:", "S-0-0051", "1718 Motor position"; "ID1"."""
+_ALIASES = {
+    "aipos": "axis actual pos", "aspos": "axis target pos", "macur": "motor current",
+    "fpos": "actual pos", "rpos": "target pos", "qpos": "pos", "qvel": "vel", "qfrc": "torque",
+}  # fmt: skip
+"""Signals of KUKA's sensor interface, ACS' controllers and MuJoCo."""
 
 
 _LETTERS = {"θ": "theta", "τ": "tau", "φ": "phi", "ϑ": "theta", "ß": "ss"}
@@ -119,6 +123,8 @@ def described(column: LogColumn) -> NamedColumn:
     current = stated & WORDS["current"]
     if current and stated & WORDS["position"] - WORDS["any"] <= {"q"}:
         stated = stated - {"q"}  # the q axis of the motor, not an angle
+    axes = {a for a, b in pairwise(words) if a in ("v", "w") and b.isdigit()}
+    stated -= axes if stated & _QUANTITY - axes else set()  # "w0 angle" is that of a joint w0
     score = {}
     for role, (units, _) in QUANTITIES.items():
         points = 0.0
@@ -194,7 +200,9 @@ def words_of(name: str) -> tuple[str, ...]:
 
 @cache
 def _parts(word: str) -> tuple[str, ...]:
-    """The two known words of a compound: motor, strom of "motorstrom"; else the word."""
+    """A word without a plural s, or the two of a compound: motor, strom of "motorstrom"."""
+    if len(word) > 3 and word not in _ALL_WORDS and word.removesuffix("s") in _ALL_WORDS:
+        return (word.removesuffix("s"),)
     cuts = range(3, len(word) - 2) if word not in _ALL_WORDS else ()
     both = ((word[:k], word[k:]) for k in cuts)
     return next((pair for pair in both if _ALL_WORDS.issuperset(pair)), (word,))

@@ -31,6 +31,7 @@ _SETTLED_SIGMAS = 2.0  # standard errors: to cut a period too many costs little
 _MEDIAN_OVER_RMS = 0.83  # of the magnitude of a complex normal number
 _SPLIT_GAIN = 10.0  # ratio of squared misfits, one sine over two, that proves a change of frequency
 _SPLIT_PHASE_RAD = 0.3  # least phase difference of the two over the shorter one
+_AT_ENDS = np.array([1.0, 0.4])  # x² and x³ at the ends of a run, less the line 0.6 x
 _GROWTH = 10  # part of a run by which it grows before its mean phasors are fitted again: one tenth
 
 
@@ -146,14 +147,14 @@ def grown(
         first, last = left, right
 
 
-def phase_bend(z: Complexes) -> tuple[float, float, float]:
-    """Bend of the phase common to all signals of frames (m, c) in a row, and its standard error, rad.
+def phase_bends(z: Complexes) -> tuple[Floats, Floats, float]:
+    """Quadratic and cubic part of the phase common to all signals of frames (m, c), with errors, rad.
 
-    A drifting frequency bends the phase of all signals; a steady one does not. The third value is the
-    relative growth of their amplitude from the middle to the end.
+    A drifting frequency bends the phase of all signals, cubically where it turns back; a steady one does
+    not. The third value is the relative growth of their amplitude from the middle to the end.
     """
     if len(z) < SEED_FRAMES:
-        return 0.0, np.inf, 0.0
+        return np.zeros(2), np.full(2, np.inf), 0.0
     place = np.linspace(-1, 1, len(z))
     turn = _mean_phasors(weighted(z)[0])[1] * (len(z) - 1) / 2
     level = _level(z, turn, place)
@@ -162,11 +163,15 @@ def phase_bend(z: Complexes) -> tuple[float, float, float]:
     common = level @ (centre.conj() / scatter)
     phase = np.unwrap(np.angle(common))
     growth = float(place @ common.real / (place @ place) / max(common.real.mean(), 1e-300))
-    basis = np.polynomial.polynomial.polyvander(place, 2)
-    spread = np.linalg.inv(basis.T @ basis)
-    bend = spread @ (basis.T @ phase)
-    rest = phase - basis @ bend
-    return float(bend[2]), float(np.sqrt(spread[2, 2] * (rest @ rest) / (len(z) - 3))), growth
+    found = []
+    for degree in (2, 3):
+        basis = np.polynomial.polynomial.polyvander(place, degree)
+        spread = np.linalg.inv(basis.T @ basis)
+        bend = spread @ (basis.T @ phase)
+        rest = phase - basis @ bend
+        found.append((bend[-1], np.sqrt(spread[-1, -1] * (rest @ rest) / (len(z) - degree - 1))))
+    bends, errors = np.transpose(found) * _AT_ENDS
+    return bends, errors, growth
 
 
 def settled_part(

@@ -6,9 +6,9 @@ from itertools import compress
 import numpy as np
 from scipy.signal import detrend
 
-from jointid.arrays import true_runs
+from jointid.arrays import Floats, true_runs
 from jointid.importing.find.segment import Segment
-from jointid.importing.find.steady_state import frames_of, phase_bend
+from jointid.importing.find.steady_state import frames_of, phase_bends
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.wording import listed, significant
 
@@ -34,19 +34,19 @@ def without_sweeps(
 ) -> tuple[list[Segment], list[tuple[float, float]], list[str]]:
     """Remove pieces of sweeps: return the other runs, start and stop (s) of each sweep, and notes.
 
-    In a piece of a sweep the frequency drifts, which bends the phase; in a staircase of sines it is
-    constant. Noise may hide the drift of a piece between others. Ramps beside a longer run are removed,
-    too: they bias the frequency. Segments are in order of time.
+    In a piece of a sweep the frequency drifts or turns back, which bends the phase; in a staircase of
+    sines it is constant. Noise may hide the drift of a piece between others. Ramps beside a longer run
+    are removed, too: they bias the frequency. Segments are in order of time.
     """
     bends = [_trends(log, s) for s in segments]
     edges = [s for k, s in enumerate(segments) if _is_edge(k, segments, bends[k][2])]
-    limits = [max(_MIN_BEND_RAD, _BEND_SIGMAS * error) for _, error, _ in bends]
-    drifts = [abs(bend) > limit for (bend, _, _), limit in zip(bends, limits, strict=True)]
+    limits = [np.maximum(_MIN_BEND_RAD, _BEND_SIGMAS * error) for _, error, _ in bends]
+    drifts = [bool(np.any(np.abs(b) > most)) for (b, *_), most in zip(bends, limits, strict=True)]
     spans = _merged(compress(segments, drifts))
     for k, segment in enumerate(segments):
         reach = _SWEEP_GAP * (segment.stop_s - segment.start_s)
         near = any(a - reach < segment.stop_s and segment.start_s < b + reach for a, b in spans)
-        drifts[k] |= near and abs(bends[k][0]) + limits[k] > 2 * _MIN_BEND_RAD
+        drifts[k] |= near and bool(abs(bends[k][0][0]) + limits[k][0] > 2 * _MIN_BEND_RAD)
     if any(drifts) and not all(drifts):
         for begin, end in moving_spans(log) or [(float(log.time_s[0]), float(log.time_s[-1]))]:
             here = [k for k, s in enumerate(segments) if s.start_s < end and s.stop_s > begin]
@@ -71,7 +71,7 @@ def without_sweeps(
 def _edge_hz(log: MappedLog, piece: Segment, side: int) -> float:
     """Frequency at the begin (-1) or end (1) of a piece of a sweep."""
     duration = piece.stop_s - piece.start_s
-    return piece.frequency_hz + side * 2 / np.pi * _trends(log, piece)[0] / duration
+    return piece.frequency_hz + side * 2 / np.pi * float(_trends(log, piece)[0][0]) / duration
 
 
 def _is_edge(number: int, segments: Sequence[Segment], growth: float) -> bool:
@@ -85,13 +85,13 @@ def _is_edge(number: int, segments: Sequence[Segment], growth: float) -> bool:
     )
 
 
-def _trends(log: MappedLog, segment: Segment) -> tuple[float, float, float]:
-    """Bend of a run's phase, its standard error, rad, and the growth of its amplitude."""
+def _trends(log: MappedLog, segment: Segment) -> tuple[Floats, Floats, float]:
+    """Bends of a run's phase, their standard errors, rad, and the growth of its amplitude."""
     part = log.rows(segment.start_s, segment.stop_s)
     signals = np.column_stack([log.theta_rad[part], log.tau_Nm[part]])
     interval = (segment.stop_s - segment.start_s) / (len(signals) - 1)
     lines = interval * np.array(segment.lines_hz)
-    return phase_bend(frames_of(signals, lines, hop_periods=0.5).z)
+    return phase_bends(frames_of(signals, lines, hop_periods=0.5).z)
 
 
 def _merged(pieces: Iterable[Segment]) -> list[tuple[float, float]]:

@@ -12,8 +12,8 @@ PLUGINS = "jointid.readers"
 """Group of the entry points by which other packages add a reader."""
 
 _FORMATS = (
-    "npz", "arrow", "hdf5", "matlab", "excel", "ros", "tdms", "mdf", "wpilog",
-    "twincat", "codesys", "lvm", "halscope", "json_lines", "tidy",
+    "npz", "arrow", "hdf5", "matlab", "excel", "ros", "mdf", "wpilog",
+    "twincat", "codesys", "labview", "halscope", "json_lines", "tidy",
 )  # fmt: skip
 """Modules of ``formats``; each has ``READERS`` by kind. The first that recognises a file reads it."""
 

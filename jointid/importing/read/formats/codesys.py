@@ -58,9 +58,7 @@ def read_csv(file: str, path: str) -> tuple[LogTable, ...]:
     signals = []
     for name, numbered in blocks:
         if numbered:
-            rows = [*numbered.values()]
-            decimal = "," if any("," in row for row in rows[:2000]) else "."
-            columns = columns_of(file, rows, ("time", name), decimal=decimal, first_line=min(numbered))
+            columns = columns_of(file, [*numbered.values()], ("time", name), first_line=min(numbered))
             signals.append(Signal(name, columns[0] * step, columns[1]))
     return tables_of_signals(file, signals, otherwise=f"{file} {_NO_SAMPLES}")
 

@@ -29,8 +29,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         lines = [";".join(value for _, value in _PAIR.findall(row)) for row in lines]
     else:
         names, lines[head] = lines[head].split(";"), ""
-    decimal = "," if any("," in row for row in lines[:2000]) else "."  # of the computer's language
-    columns = columns_of(file, lines, names, decimal=decimal, first_line=2)
+    columns = columns_of(file, lines, names, first_line=2)
     time = np.arange(len(columns[0]), dtype=np.float64) * period_s
     return tables_of_signals(file, [Signal(n, time, v) for n, v in zip(names, columns, strict=True)])
 

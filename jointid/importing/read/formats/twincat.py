@@ -39,10 +39,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     # A column headed by "Name" holds the times of the channels to its right.
     clocks = [k for k, name in enumerate(names) if name.strip() == "Name"]
     full = {k for k in clocks if k < len(cells) and cells[k].isdigit() and int(cells[k]) > _FULL_STAMP}
-    decimal = "," if separator != "," and any("," in row for row in body[:2000]) else "."
-    columns = columns_of(
-        file, body, names, separator=separator, decimal=decimal, first_line=start + 1, integers=full
-    )
+    columns = columns_of(file, body, names, separator=separator, first_line=start + 1, integers=full)
     origin = min((int(columns[k][columns[k] > 0].min()) for k in full), default=0)
     if len(names) != len(about.get("VariableSize", names)):
         raise JointIdError(

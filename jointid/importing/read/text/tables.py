@@ -170,18 +170,20 @@ def columns_of(
     names: Sequence[str],
     *,
     separator: str = ";",
-    decimal: str = ".",
+    decimal: str = "",
     first_line: int = 1,
     integers: Collection[int] = (),
 ) -> list[Floats]:
     """Return a column for each of ``names`` from lines of numbers; blank lines are skipped.
 
-    Missing cells at the end of a line are NaN, others than those of ``names`` dropped. Columns of large
-    ``integers`` are int64: FILETIME ticks lose digits as float64. ``first_line`` is the number of the
-    first of the lines in the file. Raises JointIdError, with line and column, when a cell is no number;
-    or when there are too many.
+    Missing cells at the end of a line are NaN, others than those of ``names`` dropped. The ``decimal``
+    mark is by default a comma where the first lines have commas that separate no columns. Columns of
+    large ``integers`` are int64: FILETIME ticks lose digits as float64. ``first_line`` is the number of
+    the first of the lines in the file. Raises JointIdError, with line and column, when a cell is no
+    number; or when there are too many.
     """
     width = len(names)
+    decimal = decimal or ("," if separator != "," and any("," in x for x in lines[:2000]) else ".")
     require_few_values(file, len(lines) * width)
     rows = [_row(line, separator, width) for line in lines if line.strip()]
     if width > MAX_COLUMNS or not rows:

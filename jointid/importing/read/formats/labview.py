@@ -1,24 +1,28 @@
-"""LabVIEW measurement files (.lvm): segments of text with units, X0, Delta_X and decimal commas."""
+"""LabVIEW's measurements: .lvm, segments of text with X0 and Delta_X, and TDMS, with npTDMS."""
 
 import re
 from collections.abc import Iterable, Iterator
 from itertools import count
+from typing import Any
 
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.errors import JointIdError
-from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first
+from jointid.errors import JointIdError, import_optional
+from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first, require_few_values
+from jointid.importing.columns.units import TIME_UNITS, split_unit
 from jointid.importing.read.clocks import Signal, tables_of_signals
-from jointid.importing.read.reader import Reader, file_text, text_matches
+from jointid.importing.read.reader import Reader, begins_with, file_text, text_matches
 from jointid.importing.read.text.numbers import number_or
 from jointid.importing.read.text.tables import columns_of
+from jointid.wording import listed
 
 _END = "***End_of_Header***"
+_UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 
 
-def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read every segment; segments of the same channels that follow each other in time are one table."""
+def read_lvm(file: str, path: str) -> tuple[LogTable, ...]:
+    """Read the segments of an .lvm file; those of the same channels in order of time are one table."""
     lines = file_text(path).split("\n")
     starts, ends = (
         [k for k, line in enumerate(lines) if line.startswith(mark)] for mark in ("Channels", _END)
@@ -31,7 +35,6 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     decimal = main.get("Decimal_Separator", ".").strip() or "."
     if decimal not in (".", ",") or decimal == separator:
         raise JointIdError(f'{file}: Decimal_Separator = "{decimal:.5}"; expected a point or a comma.')
-    has_times = main.get("X_Columns", "One").strip() != "No"
     has_times = main.get("X_Columns", "One").strip() != "No"
     runs: list[list[list[Signal]]] = []
     # A segment's header ends as that of the file does; its rows, where the next header begins.
@@ -104,6 +107,55 @@ def _signals(
             yield Signal(name, time[known], values[known], entries.get("Y_Unit_Label", ""))
 
 
+def read_tdms(file: str, path: str) -> tuple[LogTable, ...]:
+    """Read the channels of a TDMS file: waveforms, and channels beside a time channel."""
+    nptdms = import_optional("nptdms", "npTDMS", "TDMS files")
+    with nptdms.TdmsFile.open(path) as tdms:
+        groups = tdms.groups()
+        channels = [channel for group in groups for channel in group.channels()]
+        require_few_values(file, sum(len(channel) for channel in channels))
+        signals = [s for group in groups for s in _tdms_signals(group, len(groups) > 1)]
+    otherwise = (
+        f"{file} has no channels of numbers with times (wf_increment or a time channel). "
+        f"Channels found: {listed(channel.path for channel in channels)}."
+    )
+    return tables_of_signals(file, signals, otherwise=otherwise)
+
+
+def _tdms_signals(group: Any, several: bool) -> list[Signal]:
+    """Signals of one group that have times."""
+    arrays = {
+        c.name: c for c in group.channels() if len(c) and c.dtype is not None and c.dtype.kind in "biufM"
+    }
+    times: dict[str, Any] = {}
+    for name, channel in arrays.items():
+        bare, unit = split_unit(name)
+        stated = _unit(channel) or unit
+        values = np.asarray(channel[:])
+        if values.dtype.kind == "M":
+            times[name] = values.astype("datetime64[ns]").astype(np.int64) * 1e-9
+        elif bare.lower() in ("time", "t", "zeit", "x_value") or stated in TIME_UNITS:
+            times[name] = values * TIME_UNITS.get(stated, 1.0)
+    signals = []
+    for name, channel in arrays.items():
+        if name in times:
+            continue
+        step = float(channel.properties.get("wf_increment", 0.0) or 0.0)
+        values = np.asarray(channel[:], np.float64)
+        time = next((t for t in times.values() if t.size == values.size), None)
+        if step > 0:
+            time = float(channel.properties.get("wf_start_offset", 0.0)) + step * np.arange(values.size)
+        label = f"{group.name}/{name}" if several else name
+        if time is not None:
+            signals.append(Signal(label, np.asarray(time, np.float64), values, _unit(channel)))
+    return signals
+
+
+def _unit(channel: Any) -> str:
+    return str(next((channel.properties[k] for k in _UNIT_PROPERTIES if k in channel.properties), ""))
+
+
 READERS = {
-    "lvm": Reader("a LabVIEW measurement", text_matches(r"\s*LabVIEW Measurement"), read, ("lvm",))
+    "lvm": Reader("a LabVIEW measurement", text_matches(r"\s*LabVIEW Measurement"), read_lvm, ("lvm",)),
+    "tdms": Reader("a TDMS file", begins_with(b"TDSm"), read_tdms, ("tdms",)),
 }

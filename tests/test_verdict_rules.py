@@ -1,0 +1,774 @@
+"""Each rule of the verdict at its thresholds, on evidence of one's own choice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from jointid import Inertia, MotionRecord
+from jointid.errors import JointIdError
+from jointid.verdict import (
+    cause_findings,
+    evidence,
+    motion_findings,
+    rules_causes,
+    rules_inertia,
+    rules_model,
+    rules_outlier,
+    rules_records,
+    rules_response,
+    steady_state,
+    wrong_data,
+)
+from jointid.verdict.causes import CAUSES, DEGREES, known_cause
+from jointid.verdict.scorer import Hypothesis
+
+
+def case(**parts: Any) -> Any:
+    """Evidence or a fit with these parts only."""
+    return SimpleNamespace(**parts)
+
+
+def two_joints(**parts: Any) -> Any:
+    """A fit of two joints with errors of one per cent, or with other parts."""
+    usual = {"n": 2, "estimate": np.array([20.0, 4.0, 0.1, 0.02]), "inflation": 1.0, "method": "auto"}
+    usual |= {"misfit": 1.0, "friction": None, "delay": None, "prior": None}
+    fit = case(**{**usual, **parts})
+    fit.K, fit.D = np.split(fit.estimate, 2)
+    for name in ("standard_error", "noise_error"):
+        setattr(fit, name, parts.get(name, 0.01 * np.abs(fit.estimate)))
+    return fit
+
+
+def levels(found: Any) -> list[str]:
+    return [finding.level for finding in found]
+
+
+# --- records
+
+
+@pytest.mark.parametrize(
+    ("off", "level", "weight"),
+    [
+        (1.99e-3, [], 0),
+        (2.01e-3, ["warning"], 10.0),
+        (0.0499, ["warning"], 10.05),
+        (-0.0499, ["warning"], 10.05),
+        (0.0501, ["problem"], 100.05),
+        (-0.0501, ["problem"], 100.05),
+    ],
+)
+def test_a_frequency_is_wrong_from_a_difference_of_two_per_mille(
+    monkeypatch: pytest.MonkeyPatch, off: float, level: list[str], weight: float
+) -> None:
+    monkeypatch.setattr(rules_records, "_turns_at", lambda record, found: record)
+    phasors = case(frequency_found_hz=np.array([5.0, 8 * (1 + off), 8.0]), labels="abc")
+    given = case(phasors=phasors, frequency_hz=np.array([5.0, 8.0, 16.0]), sines=[True, True, False])
+    found = list(rules_records.wrong_frequency(given))
+    assert levels(found) == level
+    for finding in found:
+        assert finding.weight == pytest.approx(weight, abs=0.003)
+        assert finding.detail.startswith("b states 8 Hz")
+        assert "1 record is affected" in finding.detail
+        assert finding.changes[0].records == (1,)
+
+
+@pytest.mark.parametrize(("periods", "told"), [(2.998, True), (2.9995, False), (3.0, False)])
+def test_periods_below_three_are_few(periods: float, told: bool) -> None:
+    phasors = case(duration_s=np.array([periods / 8, 4.0]), labels="ab")
+    given = case(phasors=phasors, frequency_hz=np.array([8.0, 8.0]), fit=two_joints())
+    found = list(rules_records.few_periods(given))
+    assert levels(found) == ["note"] * told
+    assert all(finding.weight == pytest.approx(0.006) for finding in found)
+
+
+@pytest.mark.parametrize(("shared", "told"), [(50, False), (51, True)])
+def test_motions_that_share_half_of_their_samples_are_twice_the_same(shared: int, told: bool) -> None:
+    rng = np.random.default_rng(1)
+    angle, torque = rng.standard_normal((2, 200, 1))
+    first, second = slice(0, 100), slice(100 - shared, 200 - shared)
+    records = [
+        MotionRecord(np.arange(100) / 100, angle[rows], torque[rows], label=label)
+        for label, rows in (("one", first), ("two", second))
+    ]
+    phasors = case(z=np.zeros((0, 2)), covariance=np.zeros(0))
+    found = list(rules_records.counted_twice(case(phasors=phasors, records=records, fit=two_joints())))
+    assert levels(found) == ["warning"] * told
+    assert all("one and two have the same samples. 1 pair is" in finding.detail for finding in found)
+
+
+@pytest.mark.parametrize(
+    ("difference", "noise", "same"),
+    [
+        (0.9e-6, 0.0, True),
+        (1.1e-6, 0.0, False),
+        (0.0399, 0.01, True),
+        (0.041, 0.01, False),
+        (0.099, 0.1, True),
+        (0.101, 0.1, False),
+    ],
+)
+def test_records_are_proportional_within_their_noise(
+    difference: float, noise: float, same: bool
+) -> None:
+    z = np.array([[1.0, 1.0, 1e-3], [2j, 2j, 2e-3j]])
+    z[1, 2] += 1.5 * 2e-3 * difference  # a third of it goes into the factor
+    deviation = np.array([np.zeros(3), noise * np.abs(z[0]) * 2])
+    given = case(phasors=case(z=z, standard_deviation=deviation))
+    assert rules_records._proportional(given, 0, 1) == same
+
+
+@pytest.mark.parametrize(
+    ("coulomb", "standing", "level"),
+    [(0.0299, 1, []), (0.0301, 1, ["note"]), (0.5, 9, ["note"]), (0.5, 10, ["warning"])],
+)
+def test_a_joint_that_stands_in_nearly_all_records_is_a_warning(
+    monkeypatch: pytest.MonkeyPatch, coulomb: float, standing: int, level: list[str]
+) -> None:
+    stationary = np.zeros((10, 2), bool)
+    stationary[:standing, 1] = True
+    monkeypatch.setattr(rules_records, "chosen_friction", lambda *_: case(stationary=stationary))
+    fit = two_joints(friction=case(coulomb=np.array([0.5, coulomb])))
+    fit.errors = {"coulomb": np.array([0.01, 0.01])}
+    found = list(rules_records.stationary_joint(case(fit=fit, phasors=case(labels=["r"] * 10))))
+    assert levels(found) == level
+    for finding in found:
+        assert finding.title == f"Joint 2 does not move in {standing} of 10 records"
+        assert finding.detail.startswith("Joint 2 moves less than its noise")
+        assert finding.weight % 10 == pytest.approx(0.02 * standing / 10)
+
+
+def test_a_constant_torque_of_a_moving_joint_is_named_once() -> None:
+    def record(*constant: bool) -> Any:
+        return case(constant=np.array(constant), tau_Nm=np.full((9, 2), 1.5), start=2)
+
+    still, moves = record(True, False, True, True), record(False, False, False, True)
+    fine = record(False, True, False, True)
+    given = case(records=[fine, still, moves], fit=two_joints(), phasors=case(labels="abc"))
+    found = list(rules_records.constant_torque(given))
+    assert [f.title for f in found] == ["The torque of joint 2 is constant in records"]
+    assert found[0].detail.startswith("b, c: the joint moves while tau_m2_Nm stays at 1.5 N·m")
+    assert found[0].changes[0].records == (1, 2)
+    (alone,) = rules_records.constant_torque(
+        case(records=[moves], fit=two_joints(), phasors=case(labels="c"))
+    )
+    assert alone.title.endswith("in a record")
+    assert "leave this record out" in alone.remedy
+    assert alone.changes == ()  # nothing would be left
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "share", "level", "text"),
+    [
+        (9.9, 0.1, ["note"], "is coarse for the smallest motion"),
+        (10.1, 0.1, [], ""),
+        (10.1, 0.49, [], ""),
+        (10.1, 0.51, ["note"], "dominates the noise"),
+        (2.9, 0.1, ["warning"], "is coarse"),
+        (3.1, 0.1, ["note"], "is coarse"),
+    ],
+)
+def test_an_encoder_is_coarse_below_ten_steps_or_where_it_makes_half_of_the_noise(
+    monkeypatch: pytest.MonkeyPatch, amplitude: float, share: float, level: list[str], text: str
+) -> None:
+    step, samples, joints = 1e-3, 1200, slice(0, 1)
+    rounding = step**2 / 12 * 4 / samples
+    deviation = np.full((3, 2), np.sqrt(rounding / share))
+    monkeypatch.setattr(rules_records, "_encoder_steps", lambda record: np.array([step]))
+    held = np.array([[1.0, 1.0], [1.0, 1.0], [0.049, 1.0]])
+    monkeypatch.setattr(rules_records, "joint_share", lambda phasors: held)
+    q = np.array([[amplitude], [amplitude], [0.1]]) * step  # the last record holds the joint
+    phasors = case(standard_deviation=deviation, q=q[:, joints])
+    records = [case(samples=samples)] * 3
+    fit = two_joints(estimate=np.array([20.0, 0.1]), n=1)
+    given = case(phasors=phasors, fit=fit, sines=records, records=records)
+    found = list(rules_records.coarse_encoder(given))
+    assert levels(found) == level
+    assert all(text in finding.title for finding in found)
+
+
+# --- settling
+
+
+def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
+    def change(settling: float, noise: float, z: float = 1.0) -> float:
+        phasors = case(
+            settling=np.array([[settling, 0.0]]),
+            settling_noise=np.array([[noise, 1.0]]),
+            harmonic_rounding=np.zeros((1, 1, 2)),
+            z=np.array([[z, 1.0]]),
+            degrees_of_freedom=np.array([200.0]),
+            by_frequency=lambda: [(1.0, np.array([0]))],
+        )
+        return float(steady_state.unsettled(phasors)[0])
+
+    assert change(0.0101, 1e-3) == pytest.approx(0.0101)
+    assert change(0.0099, 1e-3) == 0
+    assert change(0.0501, 0.01) == pytest.approx(0.0501)
+    assert change(0.0499, 0.01) == 0
+    assert change(0.02, 0.0) == 0.02
+
+
+@pytest.mark.parametrize(("hz", "digits"), [(0.09, 0), (0.1, 0), (0.11, 1), (1.0, 1), (1.1, 2), (30, 3)])
+def test_starts_have_a_tenth_of_a_period(hz: float, digits: int) -> None:
+    assert steady_state.decimals(case(frequency_hz=hz)) == digits  # type: ignore[arg-type]
+
+
+# --- the answer
+
+
+@pytest.mark.parametrize(
+    ("noise", "whole", "named"),
+    [
+        ([0.049, 0.049, 0.19, 0.19], [0.29, 0.29, 0.59, 0.59], None),
+        ([0.051, 0.01, 0.19, 0.19], [0.06, 0.01, 0.2, 0.2], "K1 is poorly determined"),
+        ([0.01, 0.01, 0.01, 0.21], [0.01, 0.01, 0.01, 0.22], "D2 is poorly determined"),
+        ([0.01] * 4, [0.01, 0.31, 0.01, 0.01], "K2 is poorly determined"),
+        ([0.01] * 4, [0.01, 0.31, 0.61, 0.01], "K2, D1 are poorly determined"),
+        ([0.01] * 4, [0.01, np.inf, 0.01, 0.01], "K2 is poorly determined"),
+    ],
+)
+def test_errors_of_five_and_twenty_per_cent_by_noise_are_large(
+    noise: list[float], whole: list[float], named: str | None
+) -> None:
+    p = two_joints().estimate
+    for inflation in (1.0, 4.0):
+        wide = np.sqrt(inflation) * p
+        errors = {"noise_error": wide * noise, "standard_error": wide * whole}
+        found = list(rules_model.hardly_known(case(fit=two_joints(inflation=inflation, **errors))))
+        assert [finding.title for finding in found] == ([named] if named else [])
+        for finding in found:
+            assert ("at all" in finding.detail) == bool(np.isinf(whole).any())
+            assert ("longer" in finding.remedy) == (max(noise) > 0.05)
+
+
+@pytest.mark.parametrize(
+    ("freedom", "detail"),
+    [(4.0, None), (3.9, "only 3 more"), (1.0, "only 1 more"), (0.9, "no more"), (0.0, "no more")],
+)
+def test_few_further_equations_are_told(freedom: float, detail: str | None) -> None:
+    hz = np.array([3.0, 3.1])
+    fit = two_joints(fundamental=(1.0, freedom))
+    found = list(rules_model.hardly_tested(case(fit=fit, frequency_hz=hz, records=[0, 1])))
+    assert [detail in finding.detail for finding in found] == ([True] if detail else [])
+    for other in (hz, np.array([3.0, 3.0 + 1e-8])):
+        linear = two_joints(fundamental=(1.0, 0.0), method="weighted" if other is hz else "auto")
+        given = case(fit=linear, frequency_hz=other, records=[0, 1])
+        assert not list(rules_model.hardly_tested(given))
+
+
+@pytest.mark.parametrize(("ratio", "told"), [(1 + 0.9e-6, True), (1 + 1.1e-6, False)])
+def test_records_of_one_frequency_cannot_confirm_the_model(ratio: float, told: bool) -> None:
+    given = case(frequency_hz=np.array([3.0, 3.0 * ratio]), records=[0, 1], fit=two_joints())
+    found = list(rules_model.one_frequency(given))
+    assert levels(found) == ["warning"] * told
+    assert all("relative phases" in finding.remedy for finding in found)
+    assert all(finding.title.startswith("Records at one frequency") for finding in found)
+    given.fit.n = 1
+    assert not any("relative phases" in finding.remedy for finding in rules_model.one_frequency(given))
+
+
+def limited(misfit: float, left: float, *, inflation: float = 1.0, K: float = 0.005) -> Any:
+    """A fit with a misfit and a residual of some share of the torque."""
+    torque = np.ones((6, 2))
+    fit = two_joints(misfit=misfit, inflation=inflation, fundamental=(1.0, 0.0))
+    fit.noise_error = K * fit.estimate
+    fit.equations = case(
+        spring_torque=torque, omega=np.array([200.0]), noise=case(degrees_of_freedom=np.ones(6))
+    )
+    fit.residual, fit.residual_noise = left * torque, left * torque
+    fit.phasors = case(labels=tuple("abcdef"))
+    return fit
+
+
+@pytest.mark.parametrize(
+    ("misfit", "left", "level", "title"),
+    [
+        (3.0, 0.5, [], ""),
+        (3.01, 0.019, ["warning"], "limits the answer"),
+        (1100.0, 0.019, ["warning"], "limits the answer"),
+        (990.0, 0.0201, ["warning"], "limits the answer"),
+        (1010.0, 0.0201, ["problem"], "does not explain the data"),
+        (900.0, 0.9e-4, ["note"], "negligible"),
+        (900.0, 1.1e-4, ["warning"], "limits the answer"),
+    ],
+)
+def test_a_misfit_matters_with_its_share_of_the_torque(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, left: float, level: list[str], title: str
+) -> None:
+    monkeypatch.setattr(rules_model, "half_a_sample", lambda _: "")
+    monkeypatch.setattr(rules_model, "hold_change", lambda _: [])
+    monkeypatch.setattr(rules_model, "distortion", lambda _: 0.9e-3)
+    for inflation in (1.0, 4.0):
+        given = case(fit=limited(misfit, left, inflation=inflation), has_motions=False)
+        found = list(rules_model.model_limits(given))
+        assert levels(found) == level
+        for finding in found:
+            assert title in finding.title
+            widened = "widened by a factor of 2" in finding.detail
+            assert widened == (inflation > 1 and finding.level != "note")
+    given.fit.method = "weighted"
+    assert "problem" not in levels(rules_model.model_limits(given))
+
+
+def test_a_residual_is_negligible_only_beside_well_known_values() -> None:
+    assert rules_model._left_of_torque(limited(9.0, 0.9e-4, K=0.0099))[1]
+    assert not rules_model._left_of_torque(limited(9.0, 0.9e-4, K=0.0101))[1]
+    fit = limited(9.0, 0.5e-4)
+    fit.equations.omega = np.array([10.0])  # D counts little: D ω/K = 0.05
+    assert not rules_model._left_of_torque(fit)[1]
+    fit.residual = 0.9 * fit.residual
+    assert rules_model._left_of_torque(fit)[1]
+
+
+@pytest.mark.parametrize(
+    ("odd", "others", "named"),
+    [(4.9, 1.0, False), (5.1, 1.0, True), (14.9, 2.9, True), (16, 3.1, False)],
+)
+def test_a_record_with_five_times_the_misfit_of_the_others_is_named(
+    odd: float, others: float, named: bool
+) -> None:
+    fit = limited(9.0, 0.1)
+    fit.residual = fit.residual_noise * np.sqrt(np.r_[0.5, others, others, odd, others, 0.1])[:, None]
+    text, changes = rules_model._odd_record(case(fit=fit, has_motions=False))
+    assert bool(text) == named
+    assert [change.records for change in changes] == [(3,)] * named
+    fit.phasors = case(labels=tuple("aabbcc"))  # a motion has a row for each line
+    text, changes = rules_model._odd_record(case(fit=fit, has_motions=True))
+    assert not changes
+
+
+def test_usual_causes_are_friction_or_what_a_record_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    def remedy(odd: float, **parts: Any) -> str:
+        monkeypatch.setattr(rules_model, "half_a_sample", lambda _: "")
+        monkeypatch.setattr(rules_model, "distortion", lambda _: odd)
+        return rules_model._usual_cause(case(fit=two_joints(**parts)), "")
+
+    assert "usual causes" in remedy(0.99e-3)
+    assert "Check the inertias too" in remedy(1.01e-3)
+    assert "Use the estimator auto" in remedy(1.01e-3, method="weighted")
+    assert "already includes friction" in remedy(1.0, friction=case())
+
+
+@pytest.mark.parametrize(
+    ("at", "error", "level"),
+    [
+        (1.39, 0.06, []),
+        (1.41, 0.06, ["warning"]),
+        (1 / 1.39, 0.06, []),
+        (1 / 1.41, 0.06, ["warning"]),
+        (1.41, 0.049, ["note"]),
+        (1.41, 0.011, ["note"]),
+        (1.41, 0.009, []),
+    ],
+)
+def test_a_resonance_is_missed_beyond_a_factor_of_1_4(
+    monkeypatch: pytest.MonkeyPatch, at: float, error: float, level: list[str]
+) -> None:
+    monkeypatch.setattr(rules_model, "resonances", lambda *_: [5.0, 10.0])
+    monkeypatch.setattr(rules_model, "locked_resonances", lambda *_: [5.0, 0.1])
+    near = 10 * at if at > 1 else 10.0
+    hz = np.array([5.0, near]) if at > 1 else np.array([5.0 * at, 10.0])
+    fit = two_joints()
+    fit.standard_error = error * fit.estimate
+    fit.errors = case(D=0.02 * fit.D)
+    fit.elasticity = None
+    given = case(
+        fit=fit,
+        frequency_hz=hz,
+        poses=("", ""),
+        of_pose=lambda _: (np.array([0, 1]), None),
+        records=[case(interval_s=1e-3)],
+    )
+    assert levels(rules_model.resonance_missed(given)) == level
+
+
+@pytest.mark.parametrize(
+    ("K", "D", "titles"),
+    [
+        (1.0, -0.019, []),
+        (1.0, -0.021, ["D2 is negative"]),
+        (0.0, 0.1, ["K2 is negative"]),
+        (-1.0, -9.0, ["K2 is negative"]),
+    ],
+)
+def test_negative_values_beyond_their_errors_are_named(K: float, D: float, titles: list[str]) -> None:
+    fit = two_joints(estimate=np.array([20.0, K, 0.1, D]))
+    fit.errors = case(D=np.full(2, 0.01))
+    assert [finding.title for finding in rules_model.not_physical(case(fit=fit))] == titles
+
+
+# --- causes
+
+
+@pytest.mark.parametrize(
+    ("delay", "error", "text"),
+    [(1.1e-5, 1e-6, "0.011 ms"), (0.9e-5, 1e-6, None), (-1e-3, 2.4e-4, "1 ms"), (1e-3, 2.6e-4, None)],
+)
+def test_a_delay_counts_from_four_errors_and_a_hundredth_of_a_sample(
+    delay: float, error: float, text: str | None
+) -> None:
+    fit = two_joints(delay=delay, delay_error=error)
+    given = case(fit=fit, records=[case(interval_s=1e-3), case(interval_s=1e-3), case(interval_s=1.0)])
+    assert rules_causes.lag_size(given) == text
+    assert rules_causes.lag_size(case(fit=two_joints(delay_error=None), records=given.records)) is None
+
+
+@pytest.mark.parametrize(
+    ("samples", "held", "text"),
+    [
+        (0.41, False, "torque_hold = true"),
+        (0.59, False, "torque_hold = true"),
+        (0.39, False, ""),
+        (0.61, False, ""),
+        (0.5, True, ""),
+        (-0.41, True, "torque_hold = false"),
+        (-0.59, True, "torque_hold = false"),
+        (-0.39, True, ""),
+        (-0.61, True, ""),
+        (-0.5, False, ""),
+    ],
+)
+def test_half_a_sample_is_a_hold(samples: float, held: bool, text: str) -> None:
+    parameters = case(delay=samples * 1e-3, effect=lambda _: 0.0)
+    fit = two_joints(parameters=parameters, candidates=())
+    given = case(fit=fit, records=[case(torque_hold=held, interval_s=1e-3)] * 2)
+    remedy = rules_causes.half_a_sample(given)
+    assert text in remedy
+    assert bool(remedy) == bool(text)
+    assert [change.values for change in rules_causes.hold_change(given)] == [(float(not held),)] * bool(
+        text
+    )
+
+
+def test_models_of_as_many_parts_within_six_of_the_criterion_are_alternatives() -> None:
+    def model(criterion: float, *parts: str, chosen: bool = False) -> Any:
+        return case(criterion=criterion, parts=parts, chosen=chosen)
+
+    tried = (
+        model(10.0, "friction", "delay", chosen=True),
+        model(15.9, "friction", "lag"),
+        model(16.1, "friction", "torque_filter"),
+        model(9.0, "friction"),
+        model(9.0, "friction", "lag", "link"),
+        model(9.0, "lag", "link"),
+    )
+    found = rules_causes.alternatives(case(candidates=tried), "delay")
+    assert [*found] == ["lag"]
+    assert rules_causes.alternatives(case(candidates=tried[1:]), "delay") == {}
+
+
+@pytest.mark.parametrize(
+    ("significance", "spread", "probability", "told"),
+    [
+        (4.1, 5.1e-3, 0.9e-4, True),
+        (3.9, 0.1, 0.0, False),
+        (9, 4.9e-3, 0.0, False),
+        (9, 0.1, 1.1e-4, False),
+    ],
+)
+def test_poses_disagree_clearly(
+    monkeypatch: pytest.MonkeyPatch,
+    significance: float,
+    spread: float,
+    probability: float,
+    told: bool,
+) -> None:
+    fits = case(
+        names=("", "far"),
+        significance=np.array([0.0, significance, 9.0, 0.0]),
+        spread=np.array([0.9, spread, 1e-4, 0.9]),
+        probability=probability,
+        estimates=np.ones((2, 4)),
+        standard_error=np.full((2, 4), 0.01),
+    )
+    monkeypatch.setattr(rules_causes, "fits_by_pose", lambda *_: fits)
+    given = case(poses=("", "far"), fit=two_joints(), phasors=None, inertias=())
+    found = list(rules_causes.poses_disagree(given))
+    assert [finding.title for finding in found] == ["The poses disagree on K2"] * told
+    given.poses = ("far", "far")
+    assert not list(rules_causes.poses_disagree(given))
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "verb"),
+    [(5.1e-3, 1e-3, "rises"), (-5.1e-3, 1e-3, "falls"), (4.9e-3, 1e-5, ""), (0.1, 0.021, "")],
+)
+def test_stiffness_changes_with_the_deflection_from_five_errors_and_per_mille(
+    monkeypatch: pytest.MonkeyPatch, change: float, error: float, verb: str
+) -> None:
+    curve = case(
+        change=np.array([0.0, change]),
+        standard_error=np.array([0.1, error]),
+        deflection_rad=np.array([[0.1, 0.2], [0.3, 0.4]]),
+    )
+    monkeypatch.setattr(rules_causes, "amplitude_dependence", lambda _: curve)
+    given = case(fit=two_joints(parameters=case(layout=())))
+    found = list(rules_causes.depends_on_amplitude(given))
+    assert [f"joint 2 {verb} with" in finding.title for finding in found] == [True] * bool(verb)
+
+
+def test_distortion_is_that_of_torques_above_four_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = case(significance=np.array([[9.0, 9.0, 4.1, 3.9]]), odd=np.array([[0.5, 0.6, 0.02, 0.3]]))
+    monkeypatch.setattr(rules_causes, "harmonic_content", lambda _: content)
+    given = case(phasors=None, fit=two_joints(method="weighted"))
+    assert rules_causes.distortion(given) == 0.02
+    assert rules_causes.has_unmodelled_friction(given)
+    content.odd = content.odd * 0.99e-3 / 0.02
+    assert not rules_causes.has_unmodelled_friction(given)
+
+    def fails(_: Any) -> Any:
+        raise JointIdError("too short")
+
+    monkeypatch.setattr(rules_causes, "harmonic_content", fails)
+    assert rules_causes.distortion(given) == 0
+
+
+# --- inertias
+
+
+def row(difference: float, unit: str = "kg·m²") -> Any:
+    """An inertia of 2 ± 0.1 whose fitted value differs by so many standard deviations."""
+    return case(
+        name="J", unit=unit, given=2.0, given_std=0.1, fitted=2 + 0.1 * difference, fitted_std=0.02,
+        disagreement=difference,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("differences", "level", "others"),
+    [
+        ([3.47, 0.1], [], ""),
+        ([3.67, 0.1], ["warning"], ""),
+        ([9.99, 0.1], ["warning"], ""),
+        ([10.01, 0.1], ["problem"], ""),
+        ([4.0, 4.0, 4.0], ["warning"], "Also different: J, J."),
+        ([2.2] * 9, ["warning"], ""),  # together
+        ([1.4] * 9, [], ""),
+    ],
+)
+def test_inertias_are_off_by_what_chance_does_not_explain(
+    monkeypatch: pytest.MonkeyPatch, differences: list[float], level: list[str], others: str
+) -> None:
+    monkeypatch.setattr(rules_inertia, "prior_rows", lambda *_: [row(each) for each in differences])
+    fit = two_joints(inertias=(Inertia([0.1, 0.1], np.eye(2)),))
+    found = list(rules_inertia.inertias_off(case(fit=fit, poses=("",)), fit))
+    assert levels(found) == level
+    for finding in found:
+        assert others in finding.detail
+        assert ("wrong unit" in finding.detail) == (finding.level == "problem")
+        assert bool(finding.changes) == (finding.level == "warning")
+
+
+# --- responses, other records
+
+
+def test_a_peak_stands_out_by_forty_per_cent() -> None:
+    def peaks(*height: float) -> list[int]:
+        return rules_response._peaks(np.array(height))
+
+    assert peaks(1, 1.41, 1) == [1]
+    assert peaks(1, 1.39, 1) == []
+    assert peaks(1, 2, 1.5, 3, 1) == [3]  # the first is a shoulder of the second
+    assert peaks(1, 2, 1.4, 3, 1) == [1, 3]
+    assert peaks(2, 1, 1.5, 0.9, 1) == [2]
+    assert peaks(3, 2, 1) == []
+
+
+@pytest.mark.parametrize(("largest", "clipped"), [(10, False), (11, True)])
+def test_a_torque_is_clipped_from_a_tenth_of_the_samples(largest: int, clipped: bool) -> None:
+    torque = np.r_[np.full(largest, -2.0), np.linspace(0, 1.9, 100 - largest)]
+    assert rules_outlier._is_clipped(torque) == clipped
+    steps = np.repeat([0.0, 1.0, 2.0], [25, 25 - largest, 100])  # as many at every smaller size
+    assert rules_outlier._is_clipped(steps) == (100 > 4 * 25) == rules_outlier._is_clipped(-steps)
+
+
+@pytest.mark.parametrize(("wrong", "left_out"), [(0, False), (2, True), (3, False)])
+def test_records_that_take_power_can_be_left_out_while_most_remain(
+    monkeypatch: pytest.MonkeyPatch, wrong: int, left_out: bool
+) -> None:
+    power = np.r_[np.full(wrong, 5.01), np.full(6 - wrong, 4.99)]
+    monkeypatch.setattr(rules_outlier, "taken_power", lambda *_: power)
+    phasors = case(omega=0, z=0, covariance=0, labels="abcdef")
+    found = list(rules_outlier.motors_take_power(case(phasors=phasors, fit=two_joints())))
+    assert levels(found) == ["problem"] * (wrong > 0)
+    for finding in found:
+        assert finding.detail.startswith(f"In {wrong} of 6 records, the motors would absorb power")
+        assert [change.records for change in finding.changes] == [(0, 1)] * left_out
+
+
+@pytest.mark.parametrize("factor", [0.999, 1.0, 30.0, 1 / 30])
+def test_a_known_cause_is_within_three_per_cent(factor: float) -> None:
+    for cause in CAUSES:
+        near = known_cause(-cause.factor * factor, 1.03)
+        assert (near is cause) == (0.97 < factor < 1.03 and not cause.is_common)
+
+
+@pytest.mark.parametrize(
+    ("factor", "of_cause", "common"),
+    [
+        ([1e6, 2.9e7], 1e6, True),
+        ([1e6, 3.1e7], 1e6, False),
+        ([1e6, 3.5e4], 1e6, True),
+        ([1e6, 3.2e4], 1e6, False),
+        ([1e6, -1e6], 1e6, False),
+        ([1.02e-4, 1.03e-4], 1e-4, True),
+        ([1.04e-4, 1.04e-4], 1e-4, False),
+        ([0.99e-4, 1.02e-4], 1e-4, False),
+    ],
+)
+def test_a_cause_is_common_to_all_joints_within_a_gear(
+    factor: list[float], of_cause: float, common: bool
+) -> None:
+    assert cause_findings._is_common(np.array(factor), of_cause) == common
+
+
+# --- motions
+
+
+def test_a_motor_rests_where_it_moves_less_than_three_per_cent_of_its_fast_moves() -> None:
+    time = np.arange(1001) / 1000
+    half = np.where(time < 0.5, time, 0.5 + 0.02 * (time - 0.5))
+    slow = np.where(time < 0.5, time, 0.5 + 0.04 * (time - 0.5))
+    angles = np.column_stack([half, slow, 0 * time])
+    record = MotionRecord(time, angles, np.zeros_like(angles))
+    found = motion_findings.share_at_rest(record)
+    assert found == pytest.approx([0.495, 0.0, 1.0], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("share", "error", "level"),
+    [
+        (0.34, 0.4, []),
+        (0.36, 0.0099, []),
+        (0.36, 0.0101, ["warning"]),
+        (0.36, 0.49, ["warning"]),
+        (0.36, 0.51, ["problem"]),
+        (0.36, np.inf, ["problem"]),
+    ],
+)
+def test_a_joint_that_rests_is_told_where_its_stiffness_is_unknown(
+    share: float, error: float, level: list[str]
+) -> None:
+    fit = two_joints(friction=case())
+    fit.errors = case(K=np.array([1e-3, error]) * fit.K)
+    found = list(motion_findings._joints_at_rest(fit, np.array([0.9, share])))
+    assert levels(found) == level
+    for finding in found:
+        assert finding.title == "Joint 2 rests for much of the motion"
+        assert ("do not determine K2" in finding.detail) == bool(np.isinf(error))
+    fit.friction = None
+    assert not list(motion_findings._joints_at_rest(fit, np.array([0.9, 0.9])))
+
+
+# --- words
+
+
+def test_findings_weigh_by_level_and_effect() -> None:
+    for make, level, least in (
+        (evidence.problem, "problem", 100.0),
+        (evidence.warning, "warning", 10.0),
+        (evidence.note, "note", 0.0),
+    ):
+        most = 4.0 if level == "note" else 80.0
+        for effect, weight in ((0.5, 0.5), (-1.0, 0.0), (np.nan, 0.0), (np.inf, most), (99.0, most)):
+            finding = make("t", "d", "r", effect)
+            assert (finding.level, finding.weight) == (level, least + weight)
+
+
+def test_shares_and_multiples_are_rounded_for_people() -> None:
+    assert [evidence.percent(x) for x in (0.0999, 0.1, 10.0, 10.01, -0.034, 0.00123)] == [
+        "10 %", "10 %", "1000 %", "more than 1000 %", "3.4 %", "0.12 %",
+    ]  # fmt: skip
+    assert evidence.times_noise(999.0**2) == "1000 × noise"
+    assert evidence.times_noise(1001.0**2) == "over 1000 × noise"
+    assert evidence.some(["a", "b", "c"]) == "a, b, c"
+    assert evidence.some(["a,1", "b", "c", "d", "e"]) == "a,1; b; c and 2 more"
+    assert evidence.relative(np.array([1.0, -1.0, 0.0]), np.array([2.0, 0.0, 0.0])).tolist() == [
+        0.5,
+        1e3,
+        0,
+    ]
+
+
+# --- wrong data
+
+
+def test_factors_near_a_known_one_are_taken_for_it() -> None:
+    for near, known in ((1.3, DEGREES), (1 / 1.3, DEGREES), (1.4, 0.0), (-1.3, -DEGREES)):
+        factor = near * DEGREES
+        assert wrong_data._snapped(factor) == (known or factor)
+    assert wrong_data._snapped(-1.2) == -1.0
+    assert wrong_data._snapped(3.0) == 3.0
+    assert wrong_data._snapped(1.4) == 1.4  # wrong inertias may be behind it
+
+
+def test_every_sign_and_pair_of_channels_is_a_hypothesis() -> None:
+    tried = list(wrong_data._hypotheses(2, None, [Inertia([0.1, 0.1], np.eye(2))]))
+    scales = [tuple(h.scale) for h in tried if h.kind in ("angle", "torque")]
+    for one in range(4):
+        assert tuple(1.0 - 2.0 * (np.arange(4) == one)) in scales
+    orders = [tuple(h.order) for h in tried if h.kind == "exchanged"]
+    assert {(0, 1, 3, 2), (1, 0, 2, 3), (1, 0, 3, 2)} <= {*orders}
+    assert {"arm angle", "gear torque", "reversed axis"} <= {h.kind for h in tried}
+
+
+def test_known_factors_and_orders_can_be_corrected() -> None:
+    one = np.ones(2)
+    for factor, kinds in ((1e3, ["scale"]), (1e-3, ["scale"]), (-1.0, ["scale"]), (7.0, []), (1.0, [])):
+        fault = Hypothesis.of("torque", one, np.array([1.0, factor]))
+        changes = cause_findings._changes(fault)
+        assert [change.kind for change in changes] == kinds
+        assert all(change.values == (1.0, 1.0, 1.0, factor) for change in changes)
+    (order,) = cause_findings._changes(replace(fault, order=np.array([1, 0, 2, 3])))
+    assert (order.kind, order.values) == ("order", (1.0, 0.0, 2.0, 3.0))
+
+
+@pytest.mark.parametrize(
+    ("order", "scale", "title"),
+    [
+        ([0, 1, 2, 4, 3, 5], 1, "The torques of joints 1 and 2 look exchanged"),
+        ([0, 1, 2, 3, 5, 4], 1, "The torques of joints 2 and 3 look exchanged"),
+        ([1, 0, 2, 3, 4, 5], 1, "The positions of joints 1 and 2 look exchanged"),
+        ([1, 0, 2, 4, 3, 5], 1, "The inertias of joints 1 and 2 look exchanged"),
+        ([0, 1, 2, 3, 4, 5], -1, "Joint 3 looks reversed relative to the others"),
+    ],
+)
+def test_exchanged_channels_are_named(order: list[int], scale: float, title: str) -> None:
+    turned = np.array([1.0, 1.0, scale])
+    fault = replace(Hypothesis.of("exchanged", turned, turned), order=np.array(order))
+    assert cause_findings.axes_look_wrong(fault, "").title == title
+
+
+def test_joints_are_listed_in_words() -> None:
+    assert cause_findings._joints([0], 1) == "joint 1"
+    assert cause_findings._joints([1], 2) == "joint 2"
+    assert cause_findings._joints([0, 2], 3) == "joints 1 and 3"
+    assert cause_findings._joints([0, 1], 2) == "all joints"
+
+
+def test_a_time_in_milliseconds_is_told_with_the_length_of_the_records() -> None:
+    for title, lasts in (("Time is probably in milliseconds", True), ("M and M2 are probably", False)):
+        (cause,) = (each for each in CAUSES if each.title.startswith(title))
+        factor = cause.factor * np.array([1.0, 1.09])
+        found = cause_findings._common_cause(cause, factor, "", 5.0, 1.0)
+        assert ("The longest record then lasts 5 s" in found.detail) == lasts
+        assert "then remains" not in found.remedy
+        more = cause_findings._common_cause(cause, factor * [1, 1.02], "", 5.0, 1.0)
+        assert "A factor of 1.11 then remains in joint 2" in more.remedy
+
+
+def test_responses_are_the_motions_under_one_torque_at_a_time() -> None:
+    H = np.array([[[1.0, 2.0], [3.0, 4.0]]])
+    matrix = case(omega=np.array([2.0]), H=H, covariance=np.zeros((1, 4, 4)))
+    records = [case(time_s=np.array([1.0, 9.0]))]
+    given = case(fit=two_joints(), records=records, of_pose=lambda pose: (None, pose))
+    motions, inertias = motion_findings._responses(given, {"far": matrix})
+    assert motions.q.real.tolist() == [[-0.25, -0.75], [-0.5, -1.0]]
+    assert motions.tau.real.tolist() == [[1, 0], [0, 1]]
+    assert motions.duration_s.tolist() == [8.0, 8.0]
+    assert inertias == ["far", "far"]
