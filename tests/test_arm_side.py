@@ -28,6 +28,7 @@ from jointid import (
 from jointid.analysis import analyse_arm_side
 from jointid.arm_side.band_limited import GaussianFilter, band_limited
 from jointid.arm_side.mixed_model import Estimate
+from jointid.arm_side.moves import clear_moves
 from jointid.arm_side.terms import joint_torque
 from jointid.cli import app
 from jointid.files.digest import study_digest
@@ -107,6 +108,17 @@ def test_joints_whose_torque_hardly_varies_or_that_rest_are_refused() -> None:
     assert "not identifiable" in found.reasons[0]
     assert "moves too little" in found.reasons[1]
     assert np.isfinite(found.K[2])
+
+
+def test_without_gravity_a_few_moves_do_not_show_stiffness() -> None:
+    """A move there and back accelerates at the same positions: so does a transmission error."""
+    quiet = Truth(TRUTH.K, TRUTH.skew_s, 150.0, eccentricity=2, ripple=1, teeth=2, vibration=0.3)
+    found = identify_arm_side(rows_of(motion_record(quiet, 2, 10.0), slice(1000, 1600)), KNOWN)
+    assert np.isnan(found.K[0])
+    assert "fewer than 4 moves: gravity does not load" in found.reasons[0]
+    assert abs(found.K[1] - TRUTH.K[1]) < 3 * found.standard_error[1]
+    swing = np.sin(np.linspace(0, 2 * np.pi, 400))
+    assert [clear_moves([v]) for v in (swing, swing[:250], np.r_[swing, 0.2 * swing])] == [2, 2, 2]
 
 
 def test_one_record_predicts_the_deflection_of_another() -> None:

@@ -39,7 +39,7 @@ HOMES = {
     "rosbags": ["jointid/importing/read/*"],
     "threadpoolctl": ["jointid/small_matrices.py"],
     "lazy_loader": ["jointid/__init__.py", "jointid/*/__init__.py"],
-    "pinocchio": ["jointid/robot_models/descriptions.py"],
+    "pinocchio": ["jointid/robot_models/urdf.py"],
     "typer": ["jointid/cli/*"],
     "rich": ["jointid/cli/*"],
     "numpy": ["*"],

@@ -231,6 +231,59 @@ def test_mjcf_agrees_with_pinocchio(tmp_path: Path) -> None:
     assert other.inertia(q[0]).M[0] == pytest.approx(40 / 200**2)
 
 
+CLASSES = """<mujoco><compiler angle="radian" eulerseq="ZYx"/>
+  <default><joint axis="0 1 0" armature="3"/><geom density="500"/>
+    <default class="rail"><joint type="slide" ref="0.2" pos="0 0.1 0"/>
+      <default class="pipe"><geom type="capsule" size="0.05 0.2"/><motor gear="40"/></default></default>
+  </default>
+  <worldbody><body pos="0 0 0.4" zaxis="1 0 1" childclass="main">
+    <joint name="a" ref="0.3"/><geom type="box" size="0.1 0.2 0.3"/>
+    <body pos="0.3 0 0.5" euler="0.1 0.2 0.3" childclass="rail">
+      <geom type="cylinder" fromto="0 0 0 0 0.2 0.2" size="0.1" density="100"/>
+      <body pos="0 0.2 0" axisangle="0 1 1 0.7">
+        <joint name="b" class="pipe" axis="1 1 0"/><geom class="pipe" pos="0.1 0 0"/>
+        <body xyaxes="1 1 0 0 0 1"><joint name="c" class="main" type="hinge"/><geom size="0.1" mass="2"/>
+          <body pos="0 0 0.2"><inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.2 0.15"/></body>
+        </body></body></body></body></worldbody>
+  <actuator><motor class="pipe" joint="b"/></actuator></mujoco>"""
+
+
+def test_mjcf_has_the_classes_and_angles_of_mujoco() -> None:
+    """pinocchio's own reader of MJCF drops joints of such files: the model is built step by step."""
+
+    def place(rotation: np.ndarray, *origin: float) -> pin.SE3:
+        return pin.SE3(rotation, np.array(origin or (0.0, 0.0, 0.0)))
+
+    turn, root, still = pin.utils.rotate, np.sqrt(0.5), np.eye(3)
+    slant = np.stack([[root, root, 0], [0, 0, 1], [root, -root, 0]], axis=1)
+    about = pin.AngleAxis(0.7, np.array([0, root, root])).matrix()
+    model = pin.Model()
+    first = model.addJoint(0, pin.JointModelRY(), place(turn("y", np.pi / 4), 0, 0, 0.4), "a")
+    model.appendBodyToJoint(first, pin.Inertia.FromBox(500 * 0.048, 0.2, 0.4, 0.6), place(still))
+    # upper-case letters turn about fixed axes, lower-case ones about turned axes
+    fixed = place(turn("y", 0.2) @ turn("z", 0.1) @ turn("x", 0.3), 0.3, 0, 0.5)
+    length = np.sqrt(0.08)
+    rod = pin.Inertia.FromCylinder(100 * np.pi * 0.01 * length, 0.1, length)
+    model.appendBodyToJoint(first, rod, fixed * place(turn("x", -np.pi / 4), 0, 0.1, 0.1))
+    rail = fixed * place(about, *(np.array([0, 0.2, 0]) + about @ [0, 0.1, 0]))
+    slide = pin.JointModelPrismaticUnaligned(np.array([root, root, 0]))
+    second = model.addJoint(first, slide, rail, "b")
+    volume = np.pi * 0.05**2 * (0.4 + 4 / 3 * 0.05)
+    capsule = pin.Inertia.FromCapsule(500 * volume, 0.05, 0.4)
+    model.appendBodyToJoint(second, capsule, place(still, 0.1, -0.1, 0))
+    third = model.addJoint(second, pin.JointModelRY(), place(slant, 0, -0.1, 0), "c")
+    model.appendBodyToJoint(third, pin.Inertia.FromSphere(2.0, 0.1), place(still))
+    tip = pin.Inertia(1.0, np.array([0.1, 0, 0]), np.diag([0.1, 0.2, 0.15]))
+    model.appendBodyToJoint(third, tip, place(still, 0, 0, 0.2))
+    data, robot = model.createData(), RobotModel.parse("classes.xml", CLASSES.encode())
+    assert robot.names == ("a", "b", "c")
+    for q, dq, ddq in zip(*some_motion(3), strict=True):
+        expected = pin.rnea(model, data, q - [0.3, 0.2, 0.0], dq, ddq)
+        np.testing.assert_allclose(robot.torque(q, dq, ddq), expected, **NEAR)
+    np.testing.assert_array_equal(robot.armature, [3, 3, 3])
+    np.testing.assert_array_equal(robot.gear_ratio, [np.nan, 40, np.nan])
+
+
 FILES = {"a.urdf": URDF, "a.xml": MJCF, "a.toml": SIX_AXES}
 DOCUMENT_TYPE = '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd"><!ENTITY b "&x;&x;">]>'
 WELD = '<equality><weld body1="slide"/></equality><asset>'
@@ -248,6 +301,7 @@ BAD_PARTS = {
     "two bases": ("a.urdf", '<link name="base"/>', '<link name="base"/><link name="b2"/>', "base, b2"),
     "frame of the world": ("a.xml", '<light pos="0 0 3"/>', "<frame/>", "worldbody: <frame>"),
     "include": ("a.xml", "<asset>", '<include file="/etc/passwd"/><asset>', "include"),
+    "unknown class": ("a.xml", 'childclass="wrist"', 'childclass="wrst"', 'class "wrst"'),
     "closed loop": ("a.xml", "<asset>", WELD, "loops"),
     "mass from a mesh": ("a.xml", 'type="box"', 'type="mesh" mesh="shell"', "body fore.*inertial"),
     "two joints": ("a.xml", '<joint name="j2"/>', '<joint name="j2"/><joint name="j4"/>', "2 joints"),

@@ -10,6 +10,7 @@ from jointid.arm_side.band_limited import BandLimited, band_limited, joint_angle
 from jointid.arm_side.candidates import Average, Scale, average, noise_of
 from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
+from jointid.arm_side.moves import clear_moves, over_own_move
 from jointid.arm_side.payload import payload_from_motors
 from jointid.arm_side.position_map import position_map, tooth_orders
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
@@ -23,13 +24,15 @@ LARGEST_ERROR = 0.25
 """Relative standard error beyond which a stiffness is refused."""
 _LEAST_RAD = 1e-4
 """Range of a joint's angle up to which it rests: noise of its encoders."""
-_REST = 0.02
-"""Velocity, in parts of the joint's largest, up to which it rests."""
 _SLIP = 0.1
 """Lowest velocity, in parts of the largest between two rests or reversals: as a joint starts or stops,
 friction and lubrication of the gear change its deflection by more than any law of friction here."""
 _OTHER_SLIPS = (0.05, 0.2)
 """Other choices of that limit; the change of the result is part of the error."""
+_WEIGHTLESS, _FEWEST_MOVES = 0.1, 4
+"""Share of gravity in the variation of a torque below which only acceleration shows K, and the fewest
+moves that then do: a move there and back has the same accelerations at the same positions, as a
+transmission error does, and most of them where friction changes."""
 _PARTS = (6, 10)
 """Numbers of parts of the time, each left out in turn: the same part of every record."""
 _FEWEST = 60
@@ -174,7 +177,15 @@ def _identified(
         )
         for joint in joints
     ]
-    return _summary(joints, given, robot, band_hz, mean, root)
+    swing, weight = (
+        np.concatenate([robot.torque(m.q, m.dq * on, m.ddq * on) for m in motions]).std(axis=0)
+        for on in (1, 0)
+    )
+    shown = [
+        weight[j] > _WEIGHTLESS * swing[j] or clear_moves([m.dq[:, j] for m in motions]) >= _FEWEST_MOVES
+        for j in range(robot.n)
+    ]
+    return _summary(joints, given, robot, band_hz, mean, root, shown)
 
 
 def _skews(joints: list[JointDeflection | None], own: Floats) -> tuple[Floats, Floats]:
@@ -231,7 +242,7 @@ def _joint(
         every.append((m.deflection[m.inner, j], terms.columns[m.inner]))
         y.append(m.deflection[rows, j])
         columns.append(np.hstack([terms.columns[rows], offset]))
-        speed.append(_over_own_move(m.dq[:, j], _REST * fastest)[rows])
+        speed.append(over_own_move(m.dq[:, j], fastest)[rows])
         source.append(np.full(rows.size, i))
         moving = np.cumsum(speed[-1] > _SLIP)
         progress.append((moving - 1) / max(1, moving[-1]))
@@ -287,15 +298,7 @@ def _joint(
     )
 
 
-def _over_own_move(v: Floats, rest: float) -> Floats:
-    """Velocity v (N,) over the largest between two rests or reversals, (N,); 0 up to ``rest``."""
-    size = np.abs(v) * (np.abs(v) > rest)
-    begins = np.flatnonzero(np.diff(np.sign(size * v), prepend=np.nan))
-    peak = np.maximum.reduceat(np.abs(v), begins).clip(rest)
-    return np.asarray(size / np.repeat(peak, np.diff(begins, append=v.size)))
-
-
-def _reason(joint: JointDeflection | None, sensor: bool) -> str:
+def _reason(joint: JointDeflection | None, sensor: bool, shown: bool) -> str:
     if not sensor:
         return "No sensor behind the gear in these records."
     if joint is None:
@@ -307,6 +310,12 @@ def _reason(joint: JointDeflection | None, sensor: bool) -> str:
             "The joint's torque varies too little, or only together with the transmission error. "
             "Move through poses of different gravity, or faster."
         )
+    if not shown:
+        return (
+            f"K is not identifiable from fewer than {_FEWEST_MOVES} moves: gravity does not load this "
+            "joint, and the torque of its acceleration cannot be told from transmission error and "
+            "friction. Move it there and back several times, at different speeds."
+        )
     return ""
 
 
@@ -317,6 +326,7 @@ def _summary(
     band_hz: float | None,
     mean: Floats,
     root: Floats,
+    shown: list[bool],
 ) -> ArmSideFit:
     n = robot.n
     sensors = np.array(
@@ -325,7 +335,7 @@ def _summary(
             for j in range(n)
         ]
     )
-    reasons = tuple(_reason(joint, bool(sensors[j])) for j, joint in enumerate(joints))
+    reasons = tuple(_reason(joint, bool(sensors[j]), shown[j]) for j, joint in enumerate(joints))
     K, error, skew, skew_error, residual = np.full((5, n), np.nan)
     for j, joint in enumerate(joints):
         if joint is None:

@@ -37,8 +37,9 @@ _FEW = 6
 _MANY, _NOISES = 10_000, 4
 """Equations of many joints from which the first ones show the model as well, and how often they show
 the noise."""
-_SAME = 0.1
-"""Relative change of the noise from which the models are compared again."""
+_SAME, _SAME_OF_MANY = 0.1, 0.3
+"""Relative change of the variances from which the models are compared again, and with many equations,
+whose noise is found with the same model before."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
 """Least share of a joint's equations in a segment that free friction leaves, and that from which the
 segment shows the noise; without such segments those with the largest share do."""
@@ -131,7 +132,8 @@ def _identified(
     few, own = phasors.select(rows), prior.of_rows(rows)
     choice = search(few, own, start, noise=_noise(few, own), first=first if many else None)
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
-    if rows.size < phasors.omega.size or _differ(again, phasors):
+    same = _SAME_OF_MANY if many and choice.model == first else _SAME
+    if rows.size < phasors.omega.size or _differ(again, phasors, same):
         phasors, found = again, choice.estimate
         if isinstance(found, LikelihoodEstimate):
             search = partial(search, first=choice.model)
@@ -253,12 +255,12 @@ def _with_noise(
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
 
-def _differ(one: Phasors, other: Phasors) -> bool:
+def _differ(one: Phasors, other: Phasors, same: float = _SAME) -> bool:
     """Whether the noise of motions differs noticeably."""
     rows = one.motion
     before, after = (np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real for each in (one, other))
     change = np.divide(before - after, after, out=np.zeros_like(after), where=after > 0)
-    return bool(np.any(np.sqrt(np.mean(change**2, axis=0)) > _SAME))
+    return bool(np.any(np.sqrt(np.mean(change**2, axis=0)) > same))
 
 
 def _lines(

@@ -185,6 +185,12 @@ class DrivenGears:
             Derivatives of M2 of every pose by its c parameters.
         """
         (n, N), step = self.delta.shape, self.motors.step_s[2:]
+        if not self.laws.hysteretic and np.all(self._slope == self.laws.K):
+            # of linear gears, no other deflection changes the torque beyond K δ
+            bins = np.zeros((*shape, n, n if arm is None else len(arm)), complex)
+            if np.any(beyond):
+                bins[..., range(n), range(n)] = self.motors.bins(np.asarray(beyond), shape)
+            return bins
         own = beyond * np.eye(n)[..., None]
         left = np.zeros((n if arm is None else len(arm), *self._shape))
         if arm is not None:

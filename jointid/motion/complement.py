@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag, cho_solve, cholesky, qr, solve_triangular
+from scipy.linalg import cholesky, qr, solve_triangular
+from scipy.linalg.lapack import dpotri
 
 from jointid.arrays import Complexes, Floats
 
@@ -154,11 +155,15 @@ class Complement:
         """
         left, sizes = np.zeros((len(self.bases), self.V.shape[2])), np.zeros((2, self.V.shape[2]))
         for place, basis, U, own in zip(left, self.bases, self.roots, rows, strict=True):
-            bounded = block_diag(*basis.bounded)
-            share = cho_solve((U, False), bounded)
+            of_U = np.triu(dpotri(U)[0])
+            share = of_U + np.triu(of_U, 1).T
             solved = solve_triangular(U, own[: basis.joint.size], check_finite=False)
+            weighted = np.empty(solved.size)
+            for used, bounded in zip(basis.of_joints(), basis.bounded, strict=True):
+                share[:, used] = share[:, used] @ bounded
+                weighted[used] = bounded @ solved[used]
             kept = np.eye(basis.joint.size) - share
-            by_direction = (kept * kept.T).sum(axis=1), 2 * solved * (bounded @ solved), np.diag(share)
+            by_direction = (kept * kept.T).sum(axis=1), 2 * solved * weighted, np.diag(share)
             place[:], *size = (np.bincount(basis.joint, each, place.size) for each in by_direction)
             sizes += np.array(size)
         return left, sizes[0], sizes[1]

@@ -16,15 +16,16 @@ from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.robot_models.denavit_hartenberg import read_denavit_hartenberg
 from jointid.robot_models.description import RobotDescription
-from jointid.robot_models.descriptions import read_mjcf, read_urdf
+from jointid.robot_models.mjcf import read_mjcf
 from jointid.robot_models.payload import Payload
 from jointid.robot_models.rigid_bodies import (
     Array,
     RigidBodies,
-    about_origin,
+    combined,
     cross,
     symmetric_tensor,
 )
+from jointid.robot_models.urdf import read_urdf
 from jointid.wording import enumerated
 
 MAX_FILE_BYTES = 4 << 20
@@ -240,10 +241,7 @@ class RobotModel(RobotDescription):
             (float(links.mass[-1]), links.center[-1], links.inertia[-1]),
             (load.mass, origin + R @ load.center, R @ symmetric_tensor(load.inertia) @ R.T),
         ]
-        mass = sum(m for m, _, _ in parts)
-        center = sum((m * c for m, c, _ in parts), np.zeros(3)) / (mass or 1.0)
-        tensor = sum((t + about_origin(m, c - center) for m, c, t in parts), np.zeros((3, 3)))
-
+        mass, center, tensor = combined(parts)
         last = {"mass": mass, "center": center, "inertia": tensor}
         changed: dict[str, Any] = {
             name: np.concatenate([getattr(links, name)[:-1], [own]]) for name, own in last.items()

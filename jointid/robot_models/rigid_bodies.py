@@ -5,6 +5,7 @@ the torque of joint j is z_j · (moment − o_j × force) of all bodies beyond i
 value or a conjugate: complex angles give exact derivatives.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -173,9 +174,15 @@ def symmetric_tensor(six: Array) -> Array:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def about_origin(mass: float, center: Floats) -> Floats:
-    """Inertia of a point mass about the origin, shape (3, 3), kg·m²."""
-    return np.asarray(mass * (center @ center * np.eye(3) - np.outer(center, center)))
+def combined(parts: Sequence[tuple[float, Floats, Floats]]) -> tuple[float, Floats, Floats]:
+    """Mass, centre of mass and inertia about it of several bodies with theirs, in one frame."""
+    mass = sum(m for m, _, _ in parts)
+    center = sum((m * c for m, c, _ in parts), np.zeros(3)) / (mass or 1.0)
+    tensor = np.zeros((3, 3))
+    for m, c, own in parts:
+        arm = c - center
+        tensor += own + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return mass, center, tensor
 
 
 def _skew(axis: Array) -> Array:

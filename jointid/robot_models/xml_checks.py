@@ -1,0 +1,74 @@
+"""Checks that robot descriptions in XML share; each error names the file and the element."""
+
+from collections.abc import Iterable, Sequence
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from jointid.arrays import Floats, frozen
+from jointid.errors import JointIdError
+from jointid.parsing.checked_xml import require_numbers
+from jointid.robot_models.rigid_bodies import RigidBodies
+from jointid.wording import counted
+
+_MOST_JOINTS = 64
+
+
+def require_unique(file: str, parts: list[Element]) -> None:
+    """Refuse two elements of one name."""
+    names = [part.get("name") for part in parts]
+    for part, name in zip(parts, names, strict=True):
+        if name is not None and names.count(name) > 1:
+            raise xml_error(file, f'two elements <{part.tag}> have the name "{name:.60}": rename one.')
+
+
+def require_numeric(file: str, root: Element, known: dict[str, dict[str, range]]) -> None:
+    """Refuse attributes that are not numbers, and negative masses."""
+    for owner in root.iter():
+        for part in owner:
+            for key, count in known.get(part.tag, {}).items():
+                if (text := part.get(key)) is None:
+                    continue
+                name = part.get("name") or owner.get("name") or ""
+                place = f"<{part.tag}> of {name}, {key}" if name else f"<{part.tag}>, {key}"
+                values = require_numbers(file, place, text, count)
+                if (key in ("mass", "density", "armature") or part.tag == "mass") and values[0] < 0:
+                    raise xml_error(file, f"{place} = {values[0]:g}: it must not be negative.")
+                if key in ("axis", "quat", "zaxis") and not any(values):
+                    raise xml_error(file, f"{place} is zero: give a direction.")
+
+
+def require_physical(file: str, names: Sequence[str], links: RigidBodies) -> None:
+    """Refuse inertias that no body has."""
+    for name, tensor in zip(names, links.inertia, strict=True):
+        moments = np.linalg.eigvalsh(tensor)
+        if moments[0] < -1e-6 * np.abs(moments).max():
+            raise xml_error(
+                file,
+                f"the bodies moved by joint {name} have the negative principal moment {moments[0]:g} "
+                "kg·m²: check its inertias.",
+            )
+
+
+def gear_ratios(
+    file: str, names: Sequence[str], stated: Iterable[tuple[str | None, str | None]]
+) -> Floats:
+    """Coupling matrix (n, n) of gear ratios by joint; NaN on its diagonal where none is stated."""
+    if not 1 <= len(names) <= _MOST_JOINTS:
+        raise xml_error(
+            file,
+            f"the robot has {counted(len(names), 'moving joint')}: 1 to {_MOST_JOINTS} can be used.",
+        )
+    found = {}
+    for joint, text in stated:
+        if joint is not None and text is not None:
+            place = f"gear ratio of joint {joint}"
+            found[joint] = require_numbers(file, place, text, range(1, 7))[0]
+            if found[joint] == 0:
+                raise xml_error(file, f"{place} is 0: give motor turns per joint turn.")
+    return frozen(np.diag([1 / found.get(name, np.nan) for name in names]))
+
+
+def xml_error(file: str, message: str) -> JointIdError:
+    """Error that names the file."""
+    return JointIdError(f"{file}: {message}", file=file)
