@@ -191,6 +191,16 @@ def quick_app_tests() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def one_command() -> Iterator[None]:
+    """Build the commands of a program once a session; typer's runner builds them for every call."""
+    from typer import testing
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(testing, "_get_command", functools.cache(testing._get_command))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def kept_analyses() -> Iterator[None]:
     """Analyse a study once a session: pages, commands and tests ask for the same ones."""
     from jointid import analysis
