@@ -21,7 +21,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_a_study_is_answered_alike_twice_or_refused": (),
     },
     "test_app.py": {
-        "test_it_suits_three_joints": ("*Cut*", "*Plan*", "*Report*"),
+        "test_it_suits_three_joints": ("*Simulate*",),
         "test_wrong_inertias_and_torque_scale_are_corrected_by_a_known_payload": (),
     },
     "test_arm.py": {
