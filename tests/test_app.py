@@ -91,12 +91,6 @@ class TestFirstScreen:
         assert figures(at) == joints
         assert not any("Path error" in s.value for s in at.header)  # no cut applies
 
-    def test_an_address_of_a_study_that_is_gone_is_said(self, app: AppTest) -> None:
-        app.query_params["study"] = "long gone.zip"
-        at = shown(app.run())
-        assert any("long gone.zip" in info.value for info in at.info)
-        assert at.title[0].value == "Test cell with 2 joint(s)"
-
     def test_without_samples_it_says_how_to_get_a_study(
         self, app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:

@@ -76,6 +76,7 @@ def test_who_lacks_the_address_sees_nothing(studies: dict[int, Study]) -> None:
         stranger = begun(study=address["study"], **place)
         assert any("is not, or no longer, in this workspace" in info.value for info in stranger.info)
         assert "mine.zip" not in str(stranger._tree)
+    assert any("long gone.zip" in info.value for info in begun(study="long gone.zip").info)
 
 
 def test_a_simulated_study_is_kept() -> None:
