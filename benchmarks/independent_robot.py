@@ -335,6 +335,7 @@ class _Nonlinear:
         self.arm_smoothing = robots[0].arm_smoothing_rad_s
         self.K, self.M = every("K"), every("M")
         self.torque_corner = 2 * np.pi * every("torque_filter_hz")
+        self.filters = bool(self.torque_corner.any())
         first, second = every("knee_rad"), every("second_knee_rad")
         slope = np.where(first > 0, every("knee_slope"), 1.0)
         self.knees = tuple(np.where(knee > 0, knee, np.inf) for knee in (first, second))
@@ -344,6 +345,10 @@ class _Nonlinear:
         self.geared = any(np.any(law) for law in laws)
         self.direction = np.zeros(shape)
         """Of set-valued friction: the sign of the velocity, 0 where a motor sticks."""
+        self.plain = rubs and not (self.smoothing or self.bristled or self.falls or self.loaded)
+        """Friction of this kind is the same during a step, as long as its direction is."""
+        self.stuck: Array | None = None
+        """Motors that stick during a step; None without any."""
         self.states = 2  # bristles at the motor and in the gear, beside the linear part
         self.shape = shape
 
@@ -352,13 +357,17 @@ class _Nonlinear:
         return np.zeros((p, self.plants.size + self.states * n, r))
 
     def __call__(self, x: Array, torque: Array) -> Array:
+        self.torque, self.pushed = torque, torque / self.M
         if self.sets:
-            self._break_away(x, torque)
+            self._break_away(x)
+            stuck = self.set_valued & (self.direction == 0)
+            self.stuck = stuck if stuck.any() else None
+        self.friction = self._plain_friction()
         h = self.step
-        first = self._rate(x, torque)
-        second = self._rate(x + (0.5 * h) * first, torque)
-        third = self._rate(x + (0.5 * h) * second, torque)
-        fourth = self._rate(x + h * third, torque)
+        first = self._rate(x)
+        second = self._rate(x + (0.5 * h) * first)
+        third = self._rate(x + (0.5 * h) * second)
+        fourth = self._rate(x + h * third)
         second += third
         second *= 2
         second += first
@@ -366,10 +375,13 @@ class _Nonlinear:
         second *= h / 6
         second += x
         if self.sets:
-            self._come_to_rest(x, second, torque)
+            self._come_to_rest(x, second)
         return second
 
-    def _level(self, velocity: Array, direction: Array, x: Array) -> Array:
+    def _plain_friction(self) -> Array | None:
+        return self._level(0.0, self.direction, 0.0) * self.direction if self.plain else None
+
+    def _level(self, velocity: Array | float, direction: Array, x: Array | float) -> Array:
         level = self.coulomb * (1 + self.asymmetry * direction)
         if self.falls:
             level = level + self.stribeck * np.exp(-((velocity / self.stribeck_rad_s) ** 2))
@@ -381,45 +393,47 @@ class _Nonlinear:
         at = self.plants.at
         return self.K * (x[:, at["theta"]] - x[:, at["arm"]])
 
-    def _drive(self, x: Array, torque: Array) -> Array:
+    def _drive(self, x: Array) -> Array:
         """Torque on the motors without set-valued friction."""
         direction, self.direction = self.direction, np.zeros(self.shape)
-        free = self._rate(x, torque, hold=False)[:, self.plants.at["omega"]] * self.M
+        self.friction = self._plain_friction()
+        free = self._rate(x, hold=False)[:, self.plants.at["omega"]] * self.M
         self.direction = direction
         return free
 
-    def _break_away(self, x: Array, torque: Array) -> None:
+    def _break_away(self, x: Array) -> None:
         stuck = self.set_valued & (self.direction == 0)
         if stuck.any():
-            drive = self._drive(x, torque)
+            drive = self._drive(x)
             sign = np.sign(drive)
             level = self._level(np.zeros(self.shape), sign, x)
             np.copyto(self.direction, np.where(np.abs(drive) > level, sign, 0.0), where=stuck)
 
-    def _come_to_rest(self, before: Array, after: Array, torque: Array) -> None:
+    def _come_to_rest(self, before: Array, after: Array) -> None:
         at = self.plants.at["omega"]
         v = after[:, at]
         turned = self.set_valued & (v * self.direction < 0)
         if turned.any():
             old = before[:, at]
             remains = np.where(turned, v / np.where(turned, v - old, 1.0), 0.0)
-            drive = self._drive(after, torque)
+            drive = self._drive(after)
             sign = np.sign(drive)
             excess = np.maximum(np.abs(drive) - self._level(np.zeros(self.shape), sign, after), 0.0)
             moved = sign * excess / self.M * remains * self.step
             np.copyto(v, moved, where=turned)
             np.copyto(self.direction, np.sign(moved), where=turned)
 
-    def _rate(self, x: Array, torque: Array, *, hold: bool = True) -> Array:
+    def _rate(self, x: Array, *, hold: bool = True) -> Array:
         plants, at, n = self.plants, self.plants.at, self.plants.n
         size = plants.size
         rate = np.empty_like(x)
         linear = rate[:, :size]
         np.matmul(plants.A, x[:, :size], out=linear)
-        linear[:, at["omega"]] += torque / self.M
-        linear[:, at["torque_log"]] += self.torque_corner * torque
+        linear[:, at["omega"]] += self.pushed
+        if self.filters:
+            linear[:, at["torque_log"]] += self.torque_corner * self.torque
+        rate[:, size:] = 0.0
         bristle, wound = rate[:, size : size + n], rate[:, size + n :]
-        bristle[:] = wound[:] = 0.0
         velocity, arm_velocity = x[:, at["omega"]], x[:, at["arm_omega"]]
         on_motor = on_arm = None
         if self.geared:
@@ -440,17 +454,15 @@ class _Nonlinear:
             rubbing = self.arm_coulomb * np.tanh(arm_velocity / self.arm_smoothing)
             on_arm = -rubbing if on_arm is None else on_arm - rubbing
         if self.rubs:
-            friction = self._friction(x, velocity, bristle)
+            friction = self.friction if self.plain else self._friction(x, velocity, bristle)
             on_motor = -friction if on_motor is None else on_motor - friction
         if on_motor is not None:
             linear[:, at["omega"]] += on_motor / self.M
         if on_arm is not None:
             linear[:, at["arm_omega"]] += plants.arm_force @ on_arm
-        if self.sets and hold:
-            stuck = self.set_valued & (self.direction == 0)
-            if stuck.any():
-                linear[:, at["omega"]][stuck] = 0.0
-                linear[:, at["theta"]][stuck] = 0.0
+        if hold and self.stuck is not None:
+            linear[:, at["omega"]][self.stuck] = 0.0
+            linear[:, at["theta"]][self.stuck] = 0.0
         return rate
 
     def _friction(self, x: Array, velocity: Array, bristle: Array) -> Array:

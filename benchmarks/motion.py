@@ -121,7 +121,9 @@ def simulate(runs: Sequence[tuple[Robot, Motion]]) -> list[list[MotionRecord]]:
     targets, rates = zip(*(references(motion, n) for _, motion in runs), strict=True)
     target, rate = np.concatenate(targets, axis=2), np.concatenate(rates, axis=2)
     samples, _, columns = target.shape
-    sub = int(np.ceil(1 / first.sample_rate_hz / MAX_STEP_S - 1e-9))
+    late = bool(plants.of("lag_s").any())
+    exact = plants.linear and not late  # in one step a sample
+    sub = 1 if exact else int(np.ceil(1 / first.sample_rate_hz / MAX_STEP_S - 1e-9))
     lag = np.rint(plants.of("lag_s")[0] * first.sample_rate_hz * sub).astype(int)
     step_s = 1 / first.sample_rate_hz / sub
     advance = _Linear(plants, step_s) if plants.linear else _Nonlinear(plants, step_s, columns)
@@ -135,7 +137,7 @@ def simulate(runs: Sequence[tuple[Robot, Motion]]) -> list[list[MotionRecord]]:
         torques[k] = gain * (target[k] - angles[k]) + damping * (rate[k] - x[0, plants.at["omega"]])
         for part in range(sub):
             held = torques[k]
-            if lag.any():
+            if late:
                 held = torques[np.maximum((k * sub + part - lag[:, 0]) // sub, 0), np.arange(n)]
             x = advance(x, held[None])
     found, column = [], 0

@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # the process that only hands out the tests loads none of the
     from jointid import Analysis, Study
     from jointid.importing.read.reader_process import ReaderProcess
 
-LONGEST_FILES = ("test_whole_error.py", "test_verdict.py", "test_fleet.py")
+LONGEST_FILES = ("test_motion.py", "test_verdict.py", "test_whole_error.py", "test_fleet.py")
 """Beside those that need a browser."""
 
 BROWSER_TIMEOUT_S = 600
@@ -113,6 +113,17 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """End the browser before the first test without one: they come later."""
+    if "browsing" in sys.modules and not item.get_closest_marker("browser"):
+        sys.modules["browsing"].close_browser()
+
+
+def pytest_sessionfinish() -> None:
+    if "browsing" in sys.modules:
+        sys.modules["browsing"].close_browser()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Tests, and the servers they start, keep nothing in the user's own store."""
@@ -176,6 +187,16 @@ def quick_app_tests() -> Iterator[None]:
         patch.setattr(results, "_pool", functools.partial(Pool, 0))
         patch.setattr(ScriptCache, "get_bytecode", lambda _, path: compiled(path))
         patch.setattr(local_script_runner, "require_widgets_deltas", wait)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_command() -> Iterator[None]:
+    """Build the commands of a program once a session; typer's runner builds them for every call."""
+    from typer import testing
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(testing, "_get_command", functools.cache(testing._get_command))
         yield
 
 
@@ -365,25 +386,21 @@ def address(new_server: Callable[[], Server]) -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def browser(chromium: str) -> Iterator[Browser]:
-    """A browser for the tests of a file; those who make contexts close them."""
-    from browsing import FLAGS
-    from playwright.sync_api import sync_playwright
+def browser(chromium: str) -> Browser:
+    """The browser of all tests that this process runs; those who make contexts close them."""
+    from browsing import kept_browser
 
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-        yield browser
-        browser.close()
+    return kept_browser(chromium)
 
 
 @pytest.fixture(scope="module")
-def context(browser: Browser) -> BrowserContext:
+def context(browser: Browser) -> Iterator[BrowserContext]:
     """One for all tests of a file: the client's code is compiled once."""
     from browsing import warm
 
-    context = browser.new_context()
-    warm(context)
-    return context
+    with browser.new_context() as context:
+        warm(context)
+        yield context
 
 
 @pytest.fixture

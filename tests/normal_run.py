@@ -21,6 +21,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_a_study_is_answered_alike_twice_or_refused": (),
     },
     "test_app.py": {
+        "test_it_suits_three_joints": ("*Simulate*",),
         "test_wrong_inertias_and_torque_scale_are_corrected_by_a_known_payload": (),
     },
     "test_arm.py": {
@@ -29,6 +30,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     "test_arm_side.py": {
         "test_a_wrong_torque_constant_does_not_change_the_payload": (),
         "test_jitter_of_the_clock_is_resampled": (),
+        "test_with_known_payload_and_a_quiet_gear_stiffness_is_within_one_per_cent": (),
     },
     "test_benchmarks.py": {
         "test_long_parts_are_reached": ("friction",),
@@ -101,7 +103,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_import_readers.py": {
         "test_a_zip_bomb_of_arrays_is_refused": (),
-        "test_each_kind_of_log_gives_k_and_d": ("log73.mat", "log.xlsx", "bag.mcap"),
+        "test_each_kind_of_log_gives_k_and_d": ("log73.mat", "bag.mcap"),
     },
     "test_import_roles.py": {
         "test_a_clock_inside_a_matrix_and_velocities_take_no_role": ("first-*",),
@@ -148,7 +150,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_friction_is_chosen_by_itself": (),
         "test_inertias_need_not_be_known": (),
         "test_joints_that_move_in_turn_with_friction": (),
-        "test_motions_of_two_joints": ("None-moves", "None-sweep", "inf-random"),
+        "test_motions_of_two_joints": ("None-moves", "inf-random"),
         "test_without_noise_k_and_d_are_exact": ("1000.0*",),
     },
     "test_motion_records.py": {
@@ -199,11 +201,11 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_no_scale_helps_where_rest_exceeds_the_limit": (),
         "test_over_a_limit_nothing_is_written": ("acceleration*",),
         "test_the_played_motion_gives_k_and_d_back": (),
-        "test_the_set_points_of_a_file_give_k_and_d_back": ("sines-rsi",),
+        "test_the_set_points_of_a_file_give_k_and_d_back": (),
     },
     "test_sine_fit.py": {
         "test_stated_covariance_is_the_scatter_of_the_phasors": (
-            "just over eight", "many", "coloured", "*one period*",
+            "just over eight", "many", "coloured", "hardly one period*",
         ),
     },
     "test_six_axes.py": {

@@ -79,6 +79,8 @@ class TestFirstScreen:
         facts = " ".join(m.value for m in at.markdown)
         for fact in ("simulated", "12 records", "2 joints", "3–29 Hz"):
             assert fact in facts
+        assert any(s.value.startswith("Path error ") for s in at.header)
+        assert any("nominal values" in html.proto.body for html in at.get("html"))
 
     @pytest.mark.parametrize(("key", "joints"), [("one joint", 1), ("three joints", 3)])
     def test_it_suits_any_number_of_joints(self, app: AppTest, key: str, joints: int) -> None:
@@ -87,12 +89,7 @@ class TestFirstScreen:
         expected = {f"{q}{j}" for q in "KD" for j in range(1, joints + 1)}
         assert {m.label.split()[0] for m in at.metric} == expected
         assert figures(at) == joints
-
-    def test_an_address_of_a_study_that_is_gone_is_said(self, app: AppTest) -> None:
-        app.query_params["study"] = "long gone.zip"
-        at = shown(app.run())
-        assert any("long gone.zip" in info.value for info in at.info)
-        assert at.title[0].value == "Test cell with 2 joint(s)"
+        assert not any("Path error" in s.value for s in at.header)  # no cut applies
 
     def test_without_samples_it_says_how_to_get_a_study(
         self, app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

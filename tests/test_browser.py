@@ -17,6 +17,7 @@ from browsing import (
     choose,
     finished,
     follow,
+    heard,
     open_file,
     too_wide,
 )
@@ -47,9 +48,9 @@ PAGES = {
     "Compare": "Compare",
     "Glossary": "Glossary",
 }
-FIRST_IN_LONG = tuple(path for path in PAGES if path not in ("", "Report"))
-"""What a fresh server runs first in a long run; in a normal one the page that needs most modules."""
 PHONE: ViewportSize = {"width": 390, "height": 844}
+GO = "path => { history.pushState({}, '', '/' + path); dispatchEvent(new PopStateEvent('popstate')); }"
+"""Go to a page as the Back button does: nothing is loaded again."""
 MEASURED_COLOUR = (
     "document.querySelector('.js-plotly-plot').data.find(t => t.name === 'measured').marker.color"
 )
@@ -67,9 +68,8 @@ def drawn(page: Page, count: int) -> None:
         expect(figure.locator(".main-svg").first).to_be_visible()
 
 
-@pytest.mark.parametrize(
-    "path", ["Report", *(pytest.param(p, marks=pytest.mark.long) for p in FIRST_IN_LONG)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("path", [path for path in PAGES if path not in ("", "Report")])
 def test_a_fresh_server_runs_every_page_first(server: Server, path: str) -> None:
     session = Session(server.address)
     elements = session.run(path)
@@ -82,24 +82,28 @@ def test_a_fresh_server_runs_every_page_first(server: Server, path: str) -> None
 def test_a_fresh_server_opens_a_page_by_its_address(
     server: Server, open_in: Callable[..., Page]
 ) -> None:
-    page = open_in(f"{server.address}/Cut")
-    finished(page, PAGES["Cut"])
+    """The page that needs most modules."""
+    page = open_in(f"{server.address}/Report")
+    finished(page, PAGES["Report"])
     assert not page.get_by_text("Page not found").count()
 
 
 def test_the_first_screen_shows_answer_and_figures_in_either_theme(
     address: str, open_in: Callable[..., Page]
 ) -> None:
-    page = open_in(address)
+    page = open_in(address, scheme="light")
     finished(page, PAGES[""])
     expect(page.get_by_test_id("stMetric")).to_have_count(4)
     figures(page, 2)
     assert page.evaluate(MEASURED_COLOUR) == "#000000"
+    assert accessible(page) == []
     page.emulate_media(color_scheme="dark")
     page.reload(wait_until="commit")
     finished(page, PAGES[""])
     figures(page, 2)
     assert page.evaluate(MEASURED_COLOUR) == "#FFFFFF"
+    assert accessible(page) == []
+    tab_reaches_every_control(page)
 
 
 def test_a_figure_is_saved_as_svg_and_as_its_numbers(address: str, open_in: Callable[..., Page]) -> None:
@@ -123,9 +127,12 @@ def test_a_figure_is_saved_as_svg_and_as_its_numbers(address: str, open_in: Call
     assert all(float(row["standard error"]) > 0 for row in measured)
 
 
-def test_a_long_simulation_can_be_stopped(address: str, open_in: Callable[..., Page]) -> None:
+def test_a_form_is_filled_by_keys_and_a_long_simulation_can_be_stopped(
+    address: str, open_in: Callable[..., Page]
+) -> None:
     page = open_in(f"{address}/Simulate")
     finished(page, PAGES["Simulate"])
+    tab_reaches_every_control(page)
     page.get_by_label("Length of a record (s)").fill("25")
     page.get_by_label("Frequencies", exact=True).fill("50")
     page.get_by_role("button", name="Simulate", exact=True).click()
@@ -138,10 +145,15 @@ def test_a_long_simulation_can_be_stopped(address: str, open_in: Callable[..., P
 
 def test_nothing_is_wider_than_a_phone(address: str, open_in: Callable[..., Page]) -> None:
     page = open_in(address, **PHONE)
+    page.emulate_media(reduced_motion="reduce")
+    finished(page, PAGES[""])
+    assert too_wide(page) <= 0
     for path, title in PAGES.items():
-        page.goto(f"{address}/{path}", wait_until="commit")
-        finished(page, title)
-        assert too_wide(page) <= 0, title
+        if path:
+            with heard(page):
+                page.evaluate(GO, path)
+            finished(page, title)
+            assert too_wide(page) <= 0, title
 
 
 def fleet_with(study: Study) -> tuple[list[Row], int]:
@@ -209,10 +221,12 @@ def failed(study: Study) -> Study:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("path", ["", *(pytest.param(p, marks=pytest.mark.long) for p in PAGES if p)])
+@pytest.mark.parametrize("path", [path for path in PAGES if path])
+@pytest.mark.long
 def test_axe_finds_nothing_on_any_page(
     address: str, open_in: Callable[..., Page], path: str, scheme: str
 ) -> None:
+    """The first screen is looked at where its figures are."""
     page = open_in(f"{address}/{path}", scheme=scheme)
     finished(page, PAGES[path])
     assert accessible(page) == []
@@ -250,12 +264,8 @@ FOCUSED = """() => {
 }"""
 
 
-@pytest.mark.parametrize("path", ["", pytest.param("Report", marks=pytest.mark.long), "Simulate"])
-def test_tab_reaches_every_control_and_shows_where_it_is(
-    address: str, open_in: Callable[..., Page], path: str
-) -> None:
-    page = open_in(f"{address}/{path}")
-    finished(page, PAGES[path])
+def tab_reaches_every_control(page: Page) -> None:
+    """Each shows where it is once it has the focus."""
     page.bring_to_front()
     for _ in range(4 * page.evaluate(TABBABLE)):
         page.keyboard.press("Tab")
@@ -264,3 +274,10 @@ def test_tab_reaches_every_control_and_shows_where_it_is(
     missed = "window.wanted.filter(e => e.isConnected).map(e => e.outerHTML.slice(0, 200))"
     assert page.evaluate(missed) == []
     assert page.evaluate("window.unmarked") == []
+
+
+@pytest.mark.long
+def test_tab_reaches_every_control_of_the_report(address: str, open_in: Callable[..., Page]) -> None:
+    page = open_in(f"{address}/Report")
+    finished(page, PAGES["Report"])
+    tab_reaches_every_control(page)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from examples import tries
 
 from jointid import (
     Elasticity,
@@ -79,7 +80,7 @@ def test_a_wrong_payload_does_not_pass_for_another_gravity() -> None:
     K = np.array([5.0e6, 7.5e6, 4.2e6, 1.3e6, 1.1e6, 0.4e6]) / ROBOT.gear_ratio**2
     quiet = Measurement(position_noise_rad=1e-6, torque_noise_Nm=1e-3)
     records = simulate_records(
-        true, Elasticity(K, 0.003 * K), np.geomspace(3, 40, 9), measurement=quiet, seed=1
+        true, Elasticity(K, 0.003 * K), np.geomspace(3, 40, tries(6, long=9)), measurement=quiet, seed=1
     )
     carrying = ROBOT.with_payload(mass=ROBOT.payload.mass + 35, mass_std=40.0)
     fit = identify_elasticity(extract_phasors(records), carrying.inertia(q), inertia_std=0.0)

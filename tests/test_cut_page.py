@@ -263,19 +263,6 @@ class TestPage:
         assert "**Both robots are simulated.**" in text
 
 
-class TestFirstScreen:
-    def test_shows_the_outcome(self, app: AppTest) -> None:
-        at = shown(app.run())
-        assert any(s.value.startswith("Path error ") for s in at.header)
-        assert any("nominal values" in html.proto.body for html in at.get("html"))
-
-    @pytest.mark.parametrize("key", ["one joint", "three joints"])
-    def test_makes_no_claim_where_no_cut_applies(self, app: AppTest, key: str) -> None:
-        app.query_params["study"] = key
-        at = shown(app.run())
-        assert not any("Path error" in s.value for s in at.header)
-
-
 def control(at: AppTest, key: str) -> Any:
     return next(group for group in at.get("button_group") if group.key == key)
 

@@ -27,7 +27,7 @@ from jointid.files.study_files import pack_study
 
 pytestmark = pytest.mark.browser
 METHOD = tries(
-    ["Records", "Elasticity"],  # tables, figures and tabs
+    ["Elasticity"],  # tables, figures and tabs
     long=["Records", "Phasors", "Transfer matrix", "Elasticity", "Cut", "Plan"],
 )
 """What every page is sent is read without a browser, too: ``test_hostile_pages.py``."""
@@ -112,10 +112,11 @@ def test_no_name_leads_away(
     for title in METHOD:
         follow(page, title, title)
         look(page)
-    follow(page, "Report and export", "Report and export")
-    page.get_by_role("button", name="Make the report").click()
-    expect(page.get_by_role("button", name="Report as PDF")).to_be_visible()
-    look(page)
+    if tries(False, long=True):  # what the report holds: test_report.py
+        follow(page, "Report and export", "Report and export")
+        page.get_by_role("button", name="Make the report").click()
+        expect(page.get_by_role("button", name="Report as PDF")).to_be_visible()
+        look(page)
     open_file(page, f"{file_name(4)}.zip", refused_study(studies[2]))
     expect(page.get_by_text("was not opened")).to_be_visible()
     look(page)

@@ -35,10 +35,6 @@ from jointid.importing import (
 TRIES = share(100)
 
 
-tried: Counter[str] = Counter()
-"""Examples of hypothesis, by test."""
-
-
 def tell(capsys: pytest.CaptureFixture[str], text: str) -> None:
     """Print what was tried, also from a worker of pytest-xdist: its standard error is the terminal's."""
     with capsys.disabled():
@@ -83,7 +79,6 @@ def test_damaged_text_logs(capsys: pytest.CaptureFixture[str]) -> None:
 @examples(200, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(st.text(alphabet="0123456789.,;\t -+eE\n\"'#abZ°[]%/:", max_size=300))
 def test_any_text(content: str) -> None:
-    tried["any text"] += 1
     try:
         check(read_log(content.encode(), "log.csv"))
     except JointIdError:
@@ -93,7 +88,6 @@ def test_any_text(content: str) -> None:
 @examples(100, derandomize=True)
 @given(st.binary(min_size=1, max_size=200))
 def test_any_bytes_that_claim_to_be_text(content: bytes) -> None:
-    tried["any bytes that claim to be text"] += 1
     try:
         check(read_log(b"t;q;tau\n" + content, "log.csv"))
     except JointIdError:
@@ -117,7 +111,6 @@ anything = st.recursive(
 @examples(300, derandomize=True)
 @given(st.data())
 def test_mapping_with_anything_in_one_place(data: st.DataObject) -> None:
-    tried["mapping with anything in one place"] += 1
     values = json.loads(mapping_to_json(MAPPING))
     place = values
     while True:
@@ -160,8 +153,3 @@ def test_every_sound_log_of_the_fuzzed_kinds_is_read(tmp_path: Path) -> None:
         assert not isinstance(result, JointIdError), str(result)
         log = apply_mapping(result[0], guess_mapping(result[0]).mapping)
         assert [round(s.frequency_hz, 2) for s in find_segments(log)] == [10.0]
-
-
-def test_what_hypothesis_tried(capsys: pytest.CaptureFixture[str]) -> None:
-    """Last in the file: the tests above have counted."""
-    tell(capsys, ", ".join(f"{name}: {count}" for name, count in tried.items()))

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from examples import tries
 from plants import BAND_HZ, PAPER, PARALLELOGRAM, SERIAL, campaign, circular, exact_phasors, motion
 
 from jointid import Elasticity, Inertia, JointIdError, Phasors, identify_elasticity
@@ -58,14 +59,14 @@ def test_k_and_d_are_found_from_wrong_inertias(inertia: Inertia, by: float, std:
 
 
 def test_the_standard_error_is_that_of_the_scatter() -> None:
-    scores = []
-    for seed in range(60):
+    scores, runs = [], tries(30, long=60)
+    for seed in range(runs):
         fit = identify_elasticity(
             measured(seed=seed), wrong(PARALLELOGRAM, 0.03, seed), inertia_std=math.inf,
             method="maximum-likelihood",
         )  # fmt: skip
         scores.append((fit.estimate - TRUTH) / fit.standard_error)
-    assert np.abs(np.mean(np.square(scores), axis=0) - 1).max() < 4 * np.sqrt(2 / 60)
+    assert np.abs(np.mean(np.square(scores), axis=0) - 1).max() < 4 * np.sqrt(2 / runs)
 
 
 def test_an_exact_prior_is_the_paper_and_a_loose_one_ends_in_the_unknown() -> None:
@@ -197,7 +198,7 @@ def test_linear_estimators_carry_the_prior_in_their_errors(method: str) -> None:
     assert np.array_equal(fit.estimate, exact.estimate)
     assert fit.noise_error == pytest.approx(exact.standard_error)
     prior, estimates = fit.prior, []
-    for _ in range(200):
+    for _ in range(tries(80, long=200)):
         M, lower = (mean + std * rng.standard_normal(mean.shape) for mean, std in _inertias(prior))
         scale = 1 + 0.005 * rng.standard_normal(2)
         scaled = phasors.scaled(np.concatenate([np.ones(2), scale]))

@@ -73,7 +73,10 @@ def test_a_delay_turns_the_images_of_the_torque(changed: dict[str, float]) -> No
 
     With the images of a torque without delay K was 0.2 % off: in low noise, more than 8 standard errors.
     """
-    motion = replace(SHORT, sample_rate_hz=250.0, noise_Nm=0.002, encoder_counts=2**20)
+    length = tries(2.5, long=5.0)
+    motion = replace(
+        SHORT, duration_s=length, sample_rate_hz=250.0, noise_Nm=0.002, encoder_counts=2**20
+    )
     fit = identify_motion(records(motion, **changed), GIVEN)
     assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
     assert np.all(fit.standard_error[:2] < 1e-3 * TRUE[:2])
@@ -282,7 +285,8 @@ def test_joints_that_move_in_turn_with_friction() -> None:
 def test_hardening_is_found_under_heavy_friction() -> None:
     """Noise and free friction explain nearly all that a linear gear leaves: the score tells."""
     hard = {"cubic": [20_000.0, 0.0], "coulomb": [0.1, 0.05], "viscous": [2e-3, 4e-4]}
-    rubbing = simulate([(replace(CELL, **hard), replace(SHORT, noise_Nm=0.02, duration_s=2.0))])[0]
+    motion = replace(SHORT, noise_Nm=0.02, duration_s=tries(1.3, long=2.0))
+    rubbing = simulate([(replace(CELL, **hard), motion)])[0]
     fit = identify_motion(rubbing, GIVEN, inertia_std=0.05)
     assert fit.gears[0].kind == "hardening"
     assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
@@ -331,7 +335,8 @@ def test_bands_of_many_joints_have_the_misfit_of_noise(monkeypatch: pytest.Monke
     monkeypatch.setattr(free_friction, "_MOST", 16)
     monkeypatch.setattr(end_terms, "_ROWS", 30)
     robot = replace(MANUTEC, coulomb=[0.05, 0.02, 0.05], viscous=[1e-3, 5e-4, 1e-3])
-    moved = simulate([(robot, Motion("random", records=2, duration_s=4.0, seed=4))])[0]
+    motion = Motion("random", records=tries(1, long=2), duration_s=tries(3.0, long=4.0), seed=4)
+    (moved,) = simulate([(robot, motion)])
     fit = identify_motion(moved, Inertia(robot.M, robot.M2))
     assert np.all(np.abs(found[-1][found[-1] != 0] - 1) < 0.5)
     assert np.all(np.abs(fit.estimate - robot.answer) < 4 * fit.standard_error)

@@ -96,11 +96,10 @@ def test_each_draw_is_an_arm_whose_servo_assumes_the_fit() -> None:
 
 
 def test_the_promise_grows_with_the_uncertainty_and_repeats() -> None:
-    arm, path = PlanarArm.example(), rectangle()
-    one = path_error_distribution(arm, path, TRUE, COVARIANCE, samples=60, seed=1)
-    again = path_error_distribution(arm, path, TRUE, COVARIANCE, samples=60, seed=1)
-    other = path_error_distribution(arm, path, TRUE, COVARIANCE, samples=60, seed=2)
-    third = path_error_distribution(arm, path, TRUE, COVARIANCE / 9, samples=60, seed=1)
+    one, again, other, third = (
+        path_error_distribution(PlanarArm.example(), rectangle(), TRUE, C, samples=25, seed=seed)
+        for C, seed in ((COVARIANCE, 1), (COVARIANCE, 1), (COVARIANCE, 2), (COVARIANCE / 9, 1))
+    )
     np.testing.assert_array_equal(one.max_contour_error_m, again.max_contour_error_m)
     assert np.any(one.max_contour_error_m != other.max_contour_error_m)
     assert third.p95_m == pytest.approx(one.p95_m / 3, rel=0.05)

@@ -1,4 +1,4 @@
-"""Twenty persons at once, each with a study of their own: nobody sees anything of another's.
+"""Persons at once, each with a study of their own: nobody sees anything of another's.
 
 Twenty real browsers weigh more than the server that is tested, so that the sessions speak its protocol.
 """
@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from browsing import Server
+from examples import tries
 from sessions import Session
 
 from jointid import Elasticity, Inertia, SineRecord, Study, motor_response
@@ -23,7 +24,7 @@ from jointid.files.study_files import pack_study
 
 pytestmark = pytest.mark.browser
 
-PERSONS = 20
+PERSONS, PAGES_EACH = tries((8, 4), long=(20, 6))
 PAGES = ("", "Records", "Phasors", "Transfer_matrix", "Elasticity")
 METHODS = ("weighted", "least-squares", "explicit")
 INERTIA = Inertia(M=[0.001], M2=[[0.004]])
@@ -76,7 +77,7 @@ def test_everybody_sees_their_own_study_only(crowd: list[tuple[Session, str]]) -
         session.run("", query)
         session.choose("Estimator", method)
         seen = []
-        for _ in range(6):
+        for _ in range(PAGES_EACH):
             together.wait(timeout=60)
             page = order.choice(PAGES)
             seen.append((page, str(session.run(page))))

@@ -1,10 +1,12 @@
-"""Nothing is lost: refresh, closed tab, kill -9, links; and nothing is seen by who lacks the address."""
+"""Nothing is lost: refresh, closed tab, kill -9, links.
+
+Who lacks the address sees nothing: ``test_workspace.py``, ``test_sessions_browser.py``.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from dataclasses import replace
 from urllib.parse import parse_qs, urlsplit
 
@@ -20,7 +22,6 @@ from browsing import (
     open_file,
 )
 from playwright.sync_api import Browser, BrowserContext, Page, expect
-from sessions import Session
 
 from jointid import Study
 from jointid.files.study_files import pack_study
@@ -125,37 +126,6 @@ def test_a_study_that_was_being_read_when_somebody_went_elsewhere_is_there(
         drop_study(page, "long.zip", pack_study(replace(studies[1], records=many)))
     follow(page, "Simulate a robot", "Simulate a robot")
     chosen(page, "long.zip")
-
-
-def test_who_lacks_the_address_sees_nothing(
-    server: Server, studies: dict[int, Study], visit: Visit
-) -> None:
-    quick = f"{server.address}/Import_a_log"  # the sidebar of a page without pictures
-    mine, theirs = visit(quick, "Import a log"), visit(quick, "Import a log")
-    open_file(mine, "mine.zip", pack_study(studies[1]))
-    expect(theirs.get_by_text("Recent studies")).to_have_count(0)
-    open_file(theirs, "theirs.zip", pack_study(studies[3]))
-    place, place_of_theirs = workspace_of(mine), workspace_of(theirs)
-    assert place != place_of_theirs
-    reload(mine, "Import a log")
-    for page, seen, hidden in ((mine, "mine.zip", "theirs.zip"), (theirs, "theirs.zip", "mine.zip")):
-        chosen(page, seen)
-        page.get_by_role("combobox", name="Study").click()
-        expect(page.get_by_role("option", name=seen)).to_be_visible()
-        expect(page.get_by_role("option", name=hidden)).to_have_count(0)
-        page.keyboard.press("Escape")
-    entry = parse_qs(urlsplit(mine.url).query)["study"][0]
-    for query in (
-        f"study={entry}",
-        f"study={entry}&w={place_of_theirs}",
-        f"study={entry}&w=../../etc/passwd",
-    ):
-        with closing(Session(server.address)) as stranger:  # not even what is sent names the study
-            said = str(stranger.run("Import_a_log", query))
-        assert "is not, or no longer, in this workspace" in said
-        assert "mine.zip" not in said
-    page = visit(mine.url.replace("/Import_a_log", "/Records"), "Records")
-    chosen(page, "mine.zip")
 
 
 def test_the_bare_address_offers_the_last_workspace(

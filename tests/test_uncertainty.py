@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from examples import tries
 from plants import (
     BAND_HZ,
     PAPER,
@@ -138,7 +139,7 @@ def test_influence_tells_poses_apart() -> None:
 def test_bootstrap_agrees_with_the_stated_errors(method: str) -> None:
     phasors = measured(noise=10.0)
     fit = fitted(phasors, SERIAL, method)
-    result = bootstrap(phasors, SERIAL, fit, draws=200, seed=1)
+    result = bootstrap(phasors, SERIAL, fit, draws=tries(80, long=200), seed=1)
     ratio = result.standard_error / fit.standard_error
     assert np.all((ratio > 0.75) & (ratio < 1.33)), ratio
     assert np.all(np.abs(result.estimates.mean(axis=0) - fit.estimate) < 0.5 * fit.standard_error)

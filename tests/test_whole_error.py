@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from examples import tries
 
-from benchmarks.independent_robot import Robot, paper_motions, simulate
+from benchmarks.independent_robot import MAX_STEP_S, Robot, paper_motions, simulate
 from benchmarks.real_robots import (
     OTHERS,
     PAPER,
@@ -60,14 +60,15 @@ RUNS = 1
 FREQUENCIES, LOWEST, PERIODS = tries(6, long=8), tries(1.0, long=0.5), tries(4.0, long=10.5)
 """At most so many, and no very long records of wide bands; the benchmark has up to 18, from 0.3 on.
 
-Records of nonlinear robots, which take long to simulate, have few periods in a normal run.
+Records of nonlinear robots, which take long to simulate, have few periods and steps in a normal run.
 """
+STEP = {"max_step_s": tries(5e-4, long=MAX_STEP_S)}
 
 
 def shorter(case: Case) -> Case:
     low, high, count = case.band
     band = (max(low, LOWEST) if high > 1 else low, high, min(count, FREQUENCIES))
-    few = {} if case.campaign(0).robot.linear else {"periods": PERIODS}
+    few = {} if case.campaign(0).robot.linear else {"periods": PERIODS, **STEP}
     return replace(case, band=band, motions=few | dict(case.motions))
 
 
@@ -130,7 +131,7 @@ def test_play_and_hysteresis_are_found_together(share: float, run: int) -> None:
         dahl = {"hysteresis_Nm": share * loads.torque, "hysteresis_rad": share * loads.deflection}
         return dahl | {"backlash_rad": 0.06 * loads.deflection}
 
-    case = Case(change=change, band=(0.5, 3.0, tries(6, long=8)), motions={"periods": PERIODS})
+    case = Case(change=change, band=(0.5, 3.0, tries(6, long=8)), motions={"periods": PERIODS, **STEP})
     found = outcomes([case.campaign(run, noise=0.01)])
     assert np.abs(found[0].z).max() < 5, told(found)
     assert np.abs(found[0].error).max() < 0.01, told(found)
@@ -205,7 +206,7 @@ def test_tables_have_their_columns() -> None:
 def test_an_insignificant_part_of_the_only_model_that_explains_the_data_is_left_out() -> None:
     """Heavy friction leads all fits astray but that with a delay, which this robot lacks."""
     robot = varied(PAPER, np.random.default_rng(1))
-    experiment = paper_motions(robot, band(robot, 0.3, 3, 12), seed=1, noise=0.01)
+    experiment = paper_motions(robot, band(robot, 0.3, 3, 12), seed=1, noise=0.01, **STEP)
     least = Loads.of(robot, experiment).least
     rubbing = replace(robot, coulomb=1.5 * least, viscous=0.04 * least)
     (records,) = simulate([(rubbing, experiment)])

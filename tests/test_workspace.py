@@ -64,6 +64,21 @@ def test_another_session_at_the_address_continues(studies: dict[int, Study], joi
     assert [m.value for m in again.metric] == [m.value for m in at.metric]
 
 
+def test_who_lacks_the_address_sees_nothing(studies: dict[int, Study]) -> None:
+    """Not even what is sent names the study."""
+    mine, theirs = upload(begun(), studies[1]), upload(begun(), studies[3], "theirs.zip")
+    address, other = address_of(mine), address_of(theirs)
+    assert address["w"] != other["w"]
+    assert "mine.zip" in str(mine._tree)
+    assert "mine.zip" not in str(theirs._tree)
+    assert "theirs.zip" not in str(mine.run()._tree)
+    for place in ({}, {"w": other["w"]}, {"w": "../../etc/passwd"}):
+        stranger = begun(study=address["study"], **place)
+        assert any("is not, or no longer, in this workspace" in info.value for info in stranger.info)
+        assert "mine.zip" not in str(stranger._tree)
+    assert any("long gone.zip" in info.value for info in begun(study="long gone.zip").info)
+
+
 def test_a_simulated_study_is_kept() -> None:
     at = shown(begun().switch_page("pages/8_Simulate.py").run())
     at.number_input(key="sim_count").set_value(4)
