@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from jointid import JointIdError, Study, analyse, load_study
+from jointid.analysis import reanalysed
 from jointid.background.child_process import Child
 from jointid.background.pool import NoWorkerError, Pool
 from jointid.ui.shared import results
@@ -281,3 +282,12 @@ def test_a_queue_is_said_when_all_processors_are_busy(
     results.awaited("Computing", begun)
     assert len(said) == 1, "a finished computation shows nothing"
     assert results.queue_text() == ""
+
+
+def test_another_estimator_uses_the_known_analysis(ready: Pool, study: Study) -> None:
+    """It differs in no bit from a whole analysis, and comes back without what was sent."""
+    known = analyse(study)
+    found = ready.call(reanalysed, study, known, "explicit")
+    assert differences(found, analyse(study, method="explicit")) == []
+    assert found.phasors is known.phasors
+    assert found.fit is known.fits["explicit"]

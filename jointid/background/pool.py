@@ -11,10 +11,13 @@ import pickle
 import queue
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 
 from jointid.background.child_process import Child, Ended, Limits
 from jointid.background.serving import Progress, serve_here
@@ -61,10 +64,11 @@ class Pool:
     ) -> Any:
         """Call ``function(*arguments)`` in a process, and wait up to ``patience_s`` for a free one.
 
-        The function is one of a module, or a ``functools.partial`` of one. An argument that is part of
-        the result comes back as the same object. ``progress`` is passed on if given; an exception it
-        raises ends the call. Raises NoWorkerError when no process runs or none becomes free in time;
-        JointIdError when the call crashes its process; and whatever the call raises.
+        The function is one of a module, or a ``functools.partial`` of one. Arrays and dataclasses of
+        the arguments that are part of the result come back as the same objects. ``progress`` is passed
+        on if given; an exception it raises ends the call. Raises NoWorkerError when no process runs or
+        none becomes free in time; JointIdError when the call crashes its process; and whatever the call
+        raises.
         """
         if not self._ready:
             raise NoWorkerError
@@ -160,16 +164,41 @@ class _Pickler(pickle.Pickler):
 
     def __init__(self, file: io.BytesIO, held: Sequence[Any] = ()) -> None:
         super().__init__(file, _PROTOCOL)
-        self._held = {id(value): k for k, value in enumerate(held)}
+        self._held = {id(value): k for k, value in enumerate(_parts(held))}
 
     def persistent_id(self, value: Any) -> int | None:
         return self._held.get(id(value))
 
 
+def _parts(held: Sequence[Any]) -> list[Any]:
+    """Arguments, and the arrays and dataclasses in them: in the same order in both processes."""
+    found: dict[int, Any] = {}
+
+    def collect(value: Any) -> None:
+        if id(value) in found:
+            return
+        inside: Iterable[Any] = ()
+        if is_dataclass(value) and not isinstance(value, type):
+            found[id(value)] = value
+            # Not its __dict__: a cached property may come in between.
+            inside = (getattr(value, field.name) for field in fields(value))
+        elif isinstance(value, np.ndarray):
+            found[id(value)] = value
+        elif isinstance(value, tuple | list):
+            inside = value
+        elif isinstance(value, Mapping):
+            inside = value.values()
+        for part in inside:
+            collect(part)
+
+    collect(held)
+    return [*found.values()]
+
+
 class _Unpickler(pickle.Unpickler):
     def __init__(self, data: bytes, held: Sequence[Any]) -> None:
         super().__init__(io.BytesIO(data))
-        self._held = held
+        self._held = _parts(held)
 
     def persistent_load(self, number: int) -> Any:
         return self._held[number]

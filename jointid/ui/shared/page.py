@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -11,12 +11,13 @@ import pandas  # noqa: F401 - before any figure: plotly uses it half imported in
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
+from jointid.analysis import reanalysed
 from jointid.figures.style import colours
 from jointid.ui.shared.charts import choose_segment, introduce, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.results import awaited, note_session, result_cache
-from jointid.ui.shared.sidebar import choose_study
+from jointid.ui.shared.sidebar import DEFAULT_METHOD, choose_study
 from jointid.ui.shared.workspace import Refused, link_to, open_study
 
 Given = ParamSpec("Given")
@@ -59,7 +60,10 @@ class Page:
     def analysed(self) -> Analysis:
         """Return the result of the whole method, motor side. Raises JointIdError as ``analyse``."""
         doing = "Fitting sines, identifying K and D"
-        return self.computed("analysis", doing, analyse, self.study, method=self.method)
+        known = replace(self, method=DEFAULT_METHOD).computed("analysis", doing, analyse, self.study)
+        if self.method == DEFAULT_METHOD:
+            return known
+        return self.computed("analysis", doing, reanalysed, self.study, known, self.method)
 
     def begin(
         self,

@@ -65,7 +65,7 @@ def run_in_background(
 ) -> Found:
     """Return ``compute(*given, **named)`` for a function of a module without side effects.
 
-    A given value that is part of the result comes back as the same object; ``progress`` is called in
+    What is given and is part of the result comes back as the same object; ``progress`` is called in
     this process. Raises JointIdError when the computation ends its process; and whatever it raises.
     """
     return _computed(_session(), compute, *given, **named)
@@ -185,7 +185,9 @@ class ResultCache:
         """Note the memory of a result without what was given and is part of it, such as the study."""
         if finished.exception() is not None:
             return
-        size = size_bytes(finished.result(), set(map(id, given)))
+        counted: set[int] = set()
+        size_bytes(given, counted)
+        size = size_bytes(finished.result(), counted)
         with self._lock:
             if self._results.get(key) is finished:
                 self._bytes[key] = size
