@@ -6,6 +6,7 @@ loop and three descriptors, until another tab closes.
 """
 
 import asyncio
+import gc
 import os
 import sys
 from collections.abc import AsyncIterator
@@ -117,6 +118,7 @@ def serve(script: str, port: int) -> None:
     """Serve the app until a signal ends it; ``.streamlit/config.toml`` beside it holds the address."""
     for name in _PRELOADED:
         import_module(name)
+    gc.freeze()  # a full collection passes over them: it stops everybody for 0.1 s
     app = st.App(script, lifespan=_closing_sessions, on_script_error=show_internal_error)
     config.set_option("server.port", port)
     address = config.get_option("server.address") or "127.0.0.1"
