@@ -23,7 +23,10 @@ from jointid.analysis import reanalysed
 from jointid.background.child_process import Child
 from jointid.background.pool import NoWorkerError, Pool
 from jointid.ui.shared import results
-from jointid.ui.shared.results import ResultCache, run_in_background
+from jointid.ui.shared.page import analyse_first_sample
+from jointid.ui.shared.results import ResultCache, result_cache, run_in_background
+from jointid.ui.shared.sidebar import DEFAULT_METHOD
+from jointid.ui.shared.workspace import open_sample, sample_paths
 from jointid.uncertainty.resampling import jackknife
 
 SAMPLE = Path(__file__).parents[1] / "sample_data" / "single_joint"
@@ -282,6 +285,12 @@ def test_a_queue_is_said_when_all_processors_are_busy(
     results.awaited("Computing", begun)
     assert len(said) == 1, "a finished computation shows nothing"
     assert results.queue_text() == ""
+
+
+def test_the_first_sample_is_analysed_for_its_page(pool: Pool) -> None:
+    analyse_first_sample()
+    name = next(iter(sample_paths()))
+    assert result_cache().get(("analysis", open_sample(name).digest, DEFAULT_METHOD)) is not None
 
 
 def test_another_estimator_uses_the_known_analysis(ready: Pool, study: Study) -> None:

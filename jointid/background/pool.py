@@ -101,7 +101,7 @@ class Pool:
         progress: Callable[..., object] | None,
     ) -> Any:
         try:
-            _, data = child.ask({}, _packed((function, arguments, progress is not None)), progress)
+            _, data = child.ask({}, packed((function, arguments, progress is not None)), progress)
         finally:
             self._put_back(child)
         raised, result = _Unpickler(data, arguments).load()
@@ -214,13 +214,14 @@ def answer(_: dict[str, Any], body: bytes, progress: Progress) -> tuple[dict[str
     except (Exception, MemoryError) as error:
         result = (True, error)
     try:
-        return {}, _packed(result, arguments)
+        return {}, packed(result, arguments)
     except Exception as error:  # exceptions and results of other libraries may not be picklable
         reason = f"{function} gave {type(result[1]).__name__}, which cannot be sent: {error!s:.200}"
-        return {}, _packed((True, TypeError(reason)))
+        return {}, packed((True, TypeError(reason)))
 
 
-def _packed(value: Any, held: Sequence[Any] = ()) -> bytes:
+def packed(value: Any, held: Sequence[Any] = ()) -> bytes:
+    """Return a value as bytes, with references to what is held by both sides."""
     file = io.BytesIO()
     _Pickler(file, held).dump(value)
     return file.getvalue()

@@ -18,7 +18,7 @@ from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.results import awaited, note_session, result_cache
 from jointid.ui.shared.sidebar import DEFAULT_METHOD, choose_study
-from jointid.ui.shared.workspace import Refused, link_to, open_study
+from jointid.ui.shared.workspace import Refused, link_to, open_sample, open_study, sample_paths
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -211,6 +211,14 @@ def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Pa
         show_error(error)
         st.stop()
     return Page(key, opened.study, opened.digest, method, unit, is_dark())
+
+
+def analyse_first_sample() -> None:
+    """Analyse the sample that the bare address shows, if there is one, before anybody asks for it."""
+    for name in list(sample_paths())[:1]:
+        opened = open_sample(name)
+        page = Page(name, opened.study, opened.digest, DEFAULT_METHOD, unit="", dark=False)
+        page.begin("analysis", analyse, opened.study).result()
 
 
 def _show_problem(error: JointIdError) -> None:
