@@ -251,7 +251,7 @@ def test_equal_computations_are_one_and_failed_ones_are_none(pool: Pool) -> None
 
 
 def test_the_cache_has_a_limit_but_keeps_the_latest() -> None:
-    kept = ResultCache(most_bytes=3 << 20, always_kept=1)
+    kept = ResultCache(most_bytes=7 << 19, always_kept=1)
     for key in range(5):
         kept.put(key, np.zeros(1 << 17))  # 1 MiB
     assert [key for key in range(5) if kept.get(key) is not None] == [2, 3, 4]

@@ -11,7 +11,7 @@ import pickle
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from types import MappingProxyType
@@ -171,27 +171,22 @@ class _Pickler(pickle.Pickler):
 
 
 def _parts(held: Sequence[Any]) -> list[Any]:
-    """Arguments, and the arrays and dataclasses in them: in the same order in both processes."""
+    """Arrays and dataclasses in what is held, in the same order in both processes."""
     found: dict[int, Any] = {}
-
-    def collect(value: Any) -> None:
+    waiting = [*held]
+    for value in waiting:
         if id(value) in found:
-            return
-        inside: Iterable[Any] = ()
+            continue
         if is_dataclass(value) and not isinstance(value, type):
             found[id(value)] = value
             # Not its __dict__: a cached property may come in between.
-            inside = (getattr(value, field.name) for field in fields(value))
+            waiting += (getattr(value, field.name) for field in fields(value))
         elif isinstance(value, np.ndarray):
             found[id(value)] = value
         elif isinstance(value, tuple | list):
-            inside = value
+            waiting += value
         elif isinstance(value, Mapping):
-            inside = value.values()
-        for part in inside:
-            collect(part)
-
-    collect(held)
+            waiting += value.values()
     return [*found.values()]
 
 

@@ -21,7 +21,7 @@ from jointid.errors import JointIdError
 from jointid.gears.laws import GearLaws, GearState
 from jointid.joints import Elasticity
 
-_set_torque = pymunk.Body.torque.fset
+_set_torque = vars(pymunk.Body)["torque"].fset
 """``body.torque = ...`` checks the name of the attribute: a tenth of the time of a cut."""
 LONGEST_STEP_S = 1e-3
 """Longest step: the error grows with the square of the step, up to instability."""

@@ -133,7 +133,7 @@ class Page:
 
     def sine_phasors(self) -> Phasors:
         """Return the phasors of the sines, those of the analysis if it is kept. Raises JointIdError."""
-        kept: Analysis | None = result_cache().get(("analysis", self.digest, self.method))
+        kept: Analysis | None = result_cache().get(("analysis", self.digest, DEFAULT_METHOD))
         if kept is not None:
             return kept.phasors
         return self.computed("phasors", "Fitting sines", extract_phasors, self.study.sine_records)
