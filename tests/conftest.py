@@ -210,10 +210,10 @@ def kept_analyses() -> Iterator[None]:
     kept: dict[tuple[str, str], Analysis] = {}
 
     @functools.wraps(analyse)
-    def once(study: Study, method: str) -> Analysis:
+    def once(study: Study, method: str, known: Analysis | None = None) -> Analysis:
         key = study_digest(study), method
         if key not in kept:
-            kept[key] = analyse(study, method)
+            kept[key] = analyse(study, method, known)
         return replace(kept[key], study=study)
 
     with pytest.MonkeyPatch.context() as patch:

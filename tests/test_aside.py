@@ -19,10 +19,14 @@ import numpy as np
 import pytest
 
 from jointid import JointIdError, Study, analyse, load_study
+from jointid.analysis import reanalysed
 from jointid.background.child_process import Child
 from jointid.background.pool import NoWorkerError, Pool
 from jointid.ui.shared import results
-from jointid.ui.shared.results import ResultCache, run_in_background
+from jointid.ui.shared.page import analyse_first_sample
+from jointid.ui.shared.results import ResultCache, result_cache, run_in_background
+from jointid.ui.shared.sidebar import DEFAULT_METHOD
+from jointid.ui.shared.workspace import open_sample, sample_paths
 from jointid.uncertainty.resampling import jackknife
 
 SAMPLE = Path(__file__).parents[1] / "sample_data" / "single_joint"
@@ -247,7 +251,7 @@ def test_equal_computations_are_one_and_failed_ones_are_none(pool: Pool) -> None
 
 
 def test_the_cache_has_a_limit_but_keeps_the_latest() -> None:
-    kept = ResultCache(most_bytes=3 << 20, always_kept=1)
+    kept = ResultCache(most_bytes=7 << 19, always_kept=1)
     for key in range(5):
         kept.put(key, np.zeros(1 << 17))  # 1 MiB
     assert [key for key in range(5) if kept.get(key) is not None] == [2, 3, 4]
@@ -281,3 +285,18 @@ def test_a_queue_is_said_when_all_processors_are_busy(
     results.awaited("Computing", begun)
     assert len(said) == 1, "a finished computation shows nothing"
     assert results.queue_text() == ""
+
+
+def test_the_first_sample_is_analysed_for_its_page(pool: Pool) -> None:
+    analyse_first_sample()
+    name = next(iter(sample_paths()))
+    assert result_cache().get(("analysis", open_sample(name).digest, DEFAULT_METHOD)) is not None
+
+
+def test_another_estimator_uses_the_known_analysis(ready: Pool, study: Study) -> None:
+    """It differs in no bit from a whole analysis, and comes back without what was sent."""
+    known = analyse(study)
+    found = ready.call(reanalysed, study, known, "explicit")
+    assert differences(found, analyse(study, method="explicit")) == []
+    assert found.phasors is known.phasors
+    assert found.fit is known.fits["explicit"]

@@ -11,10 +11,13 @@ import pickle
 import queue
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 
 from jointid.background.child_process import Child, Ended, Limits
 from jointid.background.serving import Progress, serve_here
@@ -61,10 +64,11 @@ class Pool:
     ) -> Any:
         """Call ``function(*arguments)`` in a process, and wait up to ``patience_s`` for a free one.
 
-        The function is one of a module, or a ``functools.partial`` of one. An argument that is part of
-        the result comes back as the same object. ``progress`` is passed on if given; an exception it
-        raises ends the call. Raises NoWorkerError when no process runs or none becomes free in time;
-        JointIdError when the call crashes its process; and whatever the call raises.
+        The function is one of a module, or a ``functools.partial`` of one. Arrays and dataclasses of
+        the arguments that are part of the result come back as the same objects. ``progress`` is passed
+        on if given; an exception it raises ends the call. Raises NoWorkerError when no process runs or
+        none becomes free in time; JointIdError when the call crashes its process; and whatever the call
+        raises.
         """
         if not self._ready:
             raise NoWorkerError
@@ -97,7 +101,7 @@ class Pool:
         progress: Callable[..., object] | None,
     ) -> Any:
         try:
-            _, data = child.ask({}, _packed((function, arguments, progress is not None)), progress)
+            _, data = child.ask({}, packed((function, arguments, progress is not None)), progress)
         finally:
             self._put_back(child)
         raised, result = _Unpickler(data, arguments).load()
@@ -160,16 +164,36 @@ class _Pickler(pickle.Pickler):
 
     def __init__(self, file: io.BytesIO, held: Sequence[Any] = ()) -> None:
         super().__init__(file, _PROTOCOL)
-        self._held = {id(value): k for k, value in enumerate(held)}
+        self._held = {id(value): k for k, value in enumerate(_parts(held))}
 
     def persistent_id(self, value: Any) -> int | None:
         return self._held.get(id(value))
 
 
+def _parts(held: Sequence[Any]) -> list[Any]:
+    """Arrays and dataclasses in what is held, in the same order in both processes."""
+    found: dict[int, Any] = {}
+    waiting = [*held]
+    for value in waiting:
+        if id(value) in found:
+            continue
+        if is_dataclass(value) and not isinstance(value, type):
+            found[id(value)] = value
+            # Not its __dict__: a cached property may come in between.
+            waiting += (getattr(value, field.name) for field in fields(value))
+        elif isinstance(value, np.ndarray):
+            found[id(value)] = value
+        elif isinstance(value, tuple | list):
+            waiting += value
+        elif isinstance(value, Mapping):
+            waiting += value.values()
+    return [*found.values()]
+
+
 class _Unpickler(pickle.Unpickler):
     def __init__(self, data: bytes, held: Sequence[Any]) -> None:
         super().__init__(io.BytesIO(data))
-        self._held = held
+        self._held = _parts(held)
 
     def persistent_load(self, number: int) -> Any:
         return self._held[number]
@@ -185,13 +209,14 @@ def answer(_: dict[str, Any], body: bytes, progress: Progress) -> tuple[dict[str
     except (Exception, MemoryError) as error:
         result = (True, error)
     try:
-        return {}, _packed(result, arguments)
+        return {}, packed(result, arguments)
     except Exception as error:  # exceptions and results of other libraries may not be picklable
         reason = f"{function} gave {type(result[1]).__name__}, which cannot be sent: {error!s:.200}"
-        return {}, _packed((True, TypeError(reason)))
+        return {}, packed((True, TypeError(reason)))
 
 
-def _packed(value: Any, held: Sequence[Any] = ()) -> bytes:
+def packed(value: Any, held: Sequence[Any] = ()) -> bytes:
+    """Return a value as bytes, with references to what is held by both sides."""
     file = io.BytesIO()
     _Pickler(file, held).dump(value)
     return file.getvalue()

@@ -21,6 +21,8 @@ from jointid.errors import JointIdError
 from jointid.gears.laws import GearLaws, GearState
 from jointid.joints import Elasticity
 
+_set_torque = vars(pymunk.Body)["torque"].fset
+"""``body.torque = ...`` checks the name of the attribute: a tenth of the time of a cut."""
 LONGEST_STEP_S = 1e-3
 """Longest step: the error grows with the square of the step, up to instability."""
 
@@ -92,10 +94,10 @@ class ArmSimulation:
         if self._gears is not None:
             more = self._gears.torque(np.array([[motor1 - self._link1], [motor2 - joint2]]))
             s1, s2 = s1 + float(more[0, 0]), s2 + float(more[1, 0])
-        link1.torque = s1 - s2 if self._serial else s1
-        link2.torque = s2
-        rotor1.torque = torque1 - s1 - self._F1 * motor1_rate
-        rotor2.torque = torque2 - s2 - self._F2 * motor2_rate
+        _set_torque(link1, s1 - s2 if self._serial else s1)
+        _set_torque(link2, s2)
+        _set_torque(rotor1, torque1 - s1 - self._F1 * motor1_rate)
+        _set_torque(rotor2, torque2 - s2 - self._F2 * motor2_rate)
         self._space.step(dt)
         v1, v2 = link1.angular_velocity, link2.angular_velocity
         v3, v4 = rotor1.angular_velocity, rotor2.angular_velocity

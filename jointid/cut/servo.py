@@ -16,7 +16,7 @@ from jointid.arrays import Floats, bounded_number, per_joint, whole_number
 from jointid.errors import JointIdError
 
 PROGRESS_CALLS = 50
-"""Calls of a progress function per run."""
+"""Calls of a progress function per run, and checks that it is stable."""
 LOST_RAD = 3.0
 """Tracking error, seen on the joint side, from which the control loop counts as unstable."""
 
@@ -146,7 +146,10 @@ def run_servo(
     report = max(1, len(feed) // PROGRESS_CALLS)
     for k, feedforward in enumerate(feed):
         y, speed = plant.motor, plant.motor_rate
-        require_tracking(y - angle[k])
+        if k % report == 0:
+            require_tracking(y - angle[k])
+            if progress is not None:
+                progress(k / len(feed))
         if quantised:
             y = count * np.rint(y / count)
         if plan.differentiated:
@@ -161,8 +164,6 @@ def run_servo(
             plant.step(new)
         held.append(new)
         old = new
-        if progress is not None and k % report == 0:
-            progress(k / len(feed))
     require_tracking(plant.motor - angle[-1])
     if progress is not None:
         progress(1.0)

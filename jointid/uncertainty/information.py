@@ -132,6 +132,11 @@ class PlanningModel:
         return np.asarray(np.sqrt(variance + np.square(self.fit.unseen_error)))
 
     @cached_property
+    def _prior(self) -> Floats:
+        """Information of the prior, shape (P, P)."""
+        return self.problem.prior_residual(self.p)[1]
+
+    @cached_property
     def _widening(self) -> Floats:
         """Stated variance over the bound with the measured records, at least 1, shape (2n,)."""
         fit, today = self.fit, np.diag(self.covariance(self.today))
@@ -144,8 +149,7 @@ class PlanningModel:
 
         A linear estimator keeps the given inertias; their errors are carried into K and D.
         """
-        weight = self.problem.prior_residual(self.p)[1]
-        own = 2 * self.fit.n
+        weight, own = self._prior, 2 * self.fit.n
         if self.fit.method not in LINEAR:
             return determined_covariance(information + weight)[:own, :own]
         noise = determined_covariance(information[:own, :own])

@@ -77,6 +77,8 @@ class Evidence:
     """The chosen estimate."""
     transfer_matrices: Mapping[str, TransferMatrix]
     """By pose."""
+    automatic: ElasticityFit | None = None
+    """The fit of "auto", if it is known already."""
 
     @property
     def sines(self) -> tuple[SineRecord, ...]:

@@ -9,7 +9,7 @@ from jointid.answer import fitted_parts
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
-from jointid.estimation.identify_elasticity import identify_elasticity
+from jointid.estimation.identify_elasticity import identify_each
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.prior_rows import disagreements
@@ -137,10 +137,12 @@ def _best_fit(evidence: Evidence) -> ElasticityFit:
     searched = fit.method == "auto" or (fit.method == "weighted" and fit.candidates)  # none fitted
     if searched or _physical_misfit(fit) < GOOD:
         return fit
-    try:
-        best = identify_elasticity(evidence.phasors, evidence.inertias)
-    except JointIdError:
-        return fit
+    best = evidence.automatic
+    if best is None:
+        try:
+            best = identify_each(evidence.phasors, fit.prior, ["auto"])["auto"]
+        except JointIdError:
+            return fit
     return best if _physical_misfit(best) < GOOD else fit
 
 

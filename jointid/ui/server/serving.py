@@ -6,6 +6,7 @@ loop and three descriptors, until another tab closes.
 """
 
 import asyncio
+import gc
 import os
 import sys
 from collections.abc import AsyncIterator
@@ -29,11 +30,14 @@ _MOST_CONNECTIONS = 500
 """Fifty tabs with seven connections each; with their sessions below the usual 1024 descriptors."""
 _PRELOADED = (
     "pandas",
+    "streamlit.emojis",
     "jointid.figures.response",
     "jointid.cut.outcome",
     "jointid.uncertainty.validation",
 )
 """Imported before the address is open, so that the first page need not: half of its time."""
+_FIRST_SCREEN = ("jointid.ui.cut.panels", "jointid.ui.study.elasticity_figures")
+"""They register components with the running server, hence cannot be imported before."""
 KEPT_S = 3 * PATIENCE_S
 """Time for a tab to connect again, for instance after its network failed, s."""
 
@@ -84,14 +88,24 @@ class PatientConnection(H11Protocol):
 
 
 @asynccontextmanager
-async def _closing_sessions(_app: object) -> AsyncIterator[dict[str, Any]]:
-    """Close sessions whose tab has closed; streamlit's own limit counts further departures only."""
+async def _lifespan(_app: object) -> AsyncIterator[dict[str, Any]]:
     closing = asyncio.create_task(_close_sessions())
+    preparing = asyncio.create_task(asyncio.to_thread(_prepare))
     yield {}
     closing.cancel()
+    preparing.cancel()
+
+
+def _prepare() -> None:
+    """Get the first screen ready while the first browser still loads its own code."""
+    for name in _FIRST_SCREEN:
+        import_module(name)
+    import_module("jointid.ui.shared.page").analyse_first_sample()
+    gc.freeze()  # a full collection passes over all this: it stops everybody for 0.1 s
 
 
 async def _close_sessions() -> None:
+    """Close sessions whose tab has closed; streamlit's own limit counts further departures only."""
     server = runtime.get_instance()
     while True:
         await asyncio.sleep(PATIENCE_S)
@@ -117,7 +131,7 @@ def serve(script: str, port: int) -> None:
     """Serve the app until a signal ends it; ``.streamlit/config.toml`` beside it holds the address."""
     for name in _PRELOADED:
         import_module(name)
-    app = st.App(script, lifespan=_closing_sessions, on_script_error=show_internal_error)
+    app = st.App(script, lifespan=_lifespan, on_script_error=show_internal_error)
     config.set_option("server.port", port)
     address = config.get_option("server.address") or "127.0.0.1"
     # Streamlit lowers the level of uvicorn's loggers.

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -11,13 +11,14 @@ import pandas  # noqa: F401 - before any figure: plotly uses it half imported in
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
+from jointid.analysis import reanalysed
 from jointid.figures.style import colours
 from jointid.ui.shared.charts import choose_segment, introduce, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.results import awaited, note_session, result_cache
-from jointid.ui.shared.sidebar import choose_study
-from jointid.ui.shared.workspace import Refused, link_to, open_study
+from jointid.ui.shared.sidebar import DEFAULT_METHOD, choose_study
+from jointid.ui.shared.workspace import Refused, link_to, open_sample, open_study, sample_paths
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -59,7 +60,10 @@ class Page:
     def analysed(self) -> Analysis:
         """Return the result of the whole method, motor side. Raises JointIdError as ``analyse``."""
         doing = "Fitting sines, identifying K and D"
-        return self.computed("analysis", doing, analyse, self.study, method=self.method)
+        known = replace(self, method=DEFAULT_METHOD).computed("analysis", doing, analyse, self.study)
+        if self.method == DEFAULT_METHOD:
+            return known
+        return self.computed("analysis", doing, reanalysed, self.study, known, self.method)
 
     def begin(
         self,
@@ -129,7 +133,7 @@ class Page:
 
     def sine_phasors(self) -> Phasors:
         """Return the phasors of the sines, those of the analysis if it is kept. Raises JointIdError."""
-        kept: Analysis | None = result_cache().get(("analysis", self.digest, self.method))
+        kept: Analysis | None = result_cache().get(("analysis", self.digest, DEFAULT_METHOD))
         if kept is not None:
             return kept.phasors
         return self.computed("phasors", "Fitting sines", extract_phasors, self.study.sine_records)
@@ -207,6 +211,14 @@ def open_page(title: str, introduction: str = "", *, heading: bool = True) -> Pa
         show_error(error)
         st.stop()
     return Page(key, opened.study, opened.digest, method, unit, is_dark())
+
+
+def analyse_first_sample() -> None:
+    """Analyse the sample that the bare address shows, if there is one, before anybody asks for it."""
+    for name in list(sample_paths())[:1]:
+        opened = open_sample(name)
+        page = Page(name, opened.study, opened.digest, DEFAULT_METHOD, unit="", dark=False)
+        page.begin("analysis", analyse, opened.study).result()
 
 
 def _show_problem(error: JointIdError) -> None:

@@ -3,7 +3,7 @@
 import os
 import sys
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from functools import cache, partial
@@ -11,13 +11,12 @@ from threading import Lock, Semaphore
 from time import monotonic
 from typing import Any, Literal, ParamSpec, TypeVar
 
-import numpy as np
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 from streamlit.runtime.scriptrunner import get_script_run_ctx
 
 from jointid import JointIdError
-from jointid.background.pool import NoWorkerError, Pool
+from jointid.background.pool import NoWorkerError, Pool, packed
 from jointid.ui.shared.messages import markdown_escape, show_error
 from jointid.wording import counted
 
@@ -65,7 +64,7 @@ def run_in_background(
 ) -> Found:
     """Return ``compute(*given, **named)`` for a function of a module without side effects.
 
-    A given value that is part of the result comes back as the same object; ``progress`` is called in
+    What is given and is part of the result comes back as the same object; ``progress`` is called in
     this process. Raises JointIdError when the computation ends its process; and whatever it raises.
     """
     return _computed(_session(), compute, *given, **named)
@@ -185,7 +184,7 @@ class ResultCache:
         """Note the memory of a result without what was given and is part of it, such as the study."""
         if finished.exception() is not None:
             return
-        size = size_bytes(finished.result(), set(map(id, given)))
+        size = len(packed(finished.result(), given))
         with self._lock:
             if self._results.get(key) is finished:
                 self._bytes[key] = size
@@ -259,19 +258,3 @@ def steps_at(bar: DeltaGenerator, began: float | None = None) -> Show:
         bar.progress(min(max(done, 0.0), 1.0), markdown_escape(text))
 
     return show
-
-
-def size_bytes(value: object, counted: set[int] | None = None) -> int:
-    """Return the approximate memory of a value with all its parts, each counted once."""
-    counted = set() if counted is None else counted
-    if id(value) in counted:
-        return 0
-    counted.add(id(value))
-    if isinstance(value, np.ndarray):
-        return int(value.nbytes)
-    parts: Any = getattr(value, "__dict__", {}).values()
-    if isinstance(value, Mapping):
-        parts = value.values()
-    elif isinstance(value, list | tuple):
-        parts = value
-    return sys.getsizeof(value) + sum(size_bytes(part, counted) for part in parts)

@@ -235,12 +235,17 @@ def open_study(key: str) -> Opened:
         store().touch(place, entry)
         digest, study = _load_kept(str(store().folder), entry.id, entry.checksum, place, entry.digest)
         return Opened(key, digest, study)
+    return open_sample(key)
+
+
+def open_sample(key: str) -> Opened:
+    """Return a sample study. Raises JointIdError when it cannot be read."""
     path = sample_paths()[key]
     stamp = (path / "study.toml" if path.is_dir() else path).stat()
     return _load_sample(key, str(path), stamp.st_mtime_ns, stamp.st_size)
 
 
-@st.cache_resource(max_entries=8, show_spinner="Reading the sample study")
+@st.cache_resource(max_entries=8, show_spinner=False)
 def _load_sample(key: str, path: str, changed_ns: int, size: int) -> Opened:
     study = load_study(path)
     return Opened(key, study_digest(study), study)
