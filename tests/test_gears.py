@@ -35,7 +35,7 @@ from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.start_values import other_laws, with_backlash
 from jointid.figures.springs import torsion_curve
 from jointid.gears.driven_gears import DrivenGears
-from jointid.gears.harmonic_balance import WoundGears, beyond_linear, sine_stiffness
+from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffness
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
 from jointid.phasors.periods import phasors_of, samples_of
@@ -225,8 +225,9 @@ def test_a_motion_that_leans_has_no_mean_torque() -> None:
 def test_stiffness_in_a_sine_is_that_of_an_integration() -> None:
     amplitude = np.array([0.002, 0.01, 0.04])
     turn = 2 * np.pi * np.arange(20_000) / 20_000
+    sines = amplitude[:, None] * np.sin(turn[::40])
     for gear in (replace(g, K=43.0) for g in (HARD, PLAY, DAHL, SLOPES)):
-        for size, found in zip(amplitude, sine_stiffness(gear, amplitude), strict=True):
+        for size, found in zip(amplitude, law_stiffness(gear, sines), strict=True):
             delta, z = size * np.sin(turn), 0.0
             torque = gear.torque(delta)
             if gear.hysteresis_Nm:
@@ -487,6 +488,6 @@ def test_a_gear_that_runs_away_in_a_motion_has_no_deflection_and_prints_nothing(
     measured = motors.balance(np.ones(1), np.array([0.002]), np.zeros(1), np.zeros(1))
     inertia = np.array([[[0.004]]])
     with np.errstate(all="ignore"):
-        found = DrivenGears.solve(motors, laws, np.array([0.01]), inertia, 0 * inertia, measured)
+        found = DrivenGears.solve(motors, laws, np.array([0.01]), inertia, 0 * inertia, measured, 1.0)
     assert not np.isfinite(found.delta).any()
     assert capfd.readouterr() == ("", "")
