@@ -38,6 +38,7 @@ from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffness
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
+from jointid.gears.torsion_curve import torsion_curves
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.rules_effects import effects_found
@@ -158,6 +159,17 @@ def test_the_torsion_curve_is_the_gear_s_torque(stiffening: ElasticityFit) -> No
     within = 8 * (curve.torque_noise_Nm + 43.0 * curve.deflection_noise_rad)
     assert np.all(np.abs(curve.torque_Nm - true).max(axis=1) < within + 2e-3 * curve.amplitude_Nm.max())
     assert stiffening.gears[0].tried_Nm == pytest.approx(curve.amplitude_Nm.max())
+
+
+def test_the_band_of_a_torsion_curve_holds_harmonics_that_noise_hides() -> None:
+    """Estimated noise that is too large hides them; the fitted law tells their size."""
+    order = np.arange(1, 32)
+    torque = np.where(order % 2, 1.0 / order**2, 0)[None, :, None].astype(complex)
+    both, noise = np.stack([torque, torque]), np.full((2, *torque.shape), 4e-4)
+    s = 10j * np.pi * order[None]
+    (curve,) = torsion_curves(s, *both, noise, both, np.ones(torque.shape, bool))
+    missed = curve.torque_Nm - samples_of(torque[..., 0], curve.torque_Nm.shape[1])
+    assert 0.02 < missed.std() < curve.torque_noise_Nm[0] < 2 * missed.std()
 
 
 def test_colours_of_the_curve_rise_with_frequency_or_amplitude(stiffening: ElasticityFit) -> None:
