@@ -21,6 +21,7 @@ from jointid.wording import (
     decimal_place,
     enumerated,
     listed,
+    percent,
     signed_percent,
     significant,
     with_error,
@@ -169,10 +170,11 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
         slope = float(np.diff(gear.torque([edge, 1.001 * edge]))[0]) / (0.001 * edge)
         terms[f"K at {largest}"] = stiffnesses(slope)
     if gear.K2:
-        terms["Slopes K1, K2, K3"] = stiffnesses(gear.K, gear.K2, gear.K3)
-        terms["Torques T1, T2"] = torques(gear.T1_Nm, gear.T2_Nm)
+        terms["Catalogue K1, K2, K3"] = stiffnesses(gear.K, gear.K2, gear.K3)
+        terms["Catalogue T1, T2"] = torques(gear.T1_Nm, gear.T2_Nm)
     if gear.backlash_rad:
-        terms["Backlash"] = wind_up(gear.backlash_rad)
+        share = f"{percent(gear.backlash_share)} of the peak-to-peak deflection"
+        terms["Backlash"] = f"{wind_up(gear.backlash_rad)}, {share}"
     if gear.hysteresis_Nm:
         terms["Hysteresis (± torque)"] = torques(gear.hysteresis_Nm)
     lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0

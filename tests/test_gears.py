@@ -35,9 +35,10 @@ from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.start_values import other_laws, with_backlash
 from jointid.figures.springs import torsion_curve
 from jointid.gears.driven_gears import DrivenGears
-from jointid.gears.harmonic_balance import WoundGears, beyond_linear, sine_stiffness
+from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffness
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
+from jointid.gears.torsion_curve import torsion_curves
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.rules_effects import effects_found
@@ -160,6 +161,17 @@ def test_the_torsion_curve_is_the_gear_s_torque(stiffening: ElasticityFit) -> No
     assert stiffening.gears[0].tried_Nm == pytest.approx(curve.amplitude_Nm.max())
 
 
+def test_the_band_of_a_torsion_curve_holds_harmonics_that_noise_hides() -> None:
+    """Estimated noise that is too large hides them; the fitted law tells their size."""
+    order = np.arange(1, 32)
+    torque = np.where(order % 2, 1.0 / order**2, 0)[None, :, None].astype(complex)
+    both, noise = np.stack([torque, torque]), np.full((2, *torque.shape), 4e-4)
+    s = 10j * np.pi * order[None]
+    (curve,) = torsion_curves(s, *both, noise, both, np.ones(torque.shape, bool))
+    missed = curve.torque_Nm - samples_of(torque[..., 0], curve.torque_Nm.shape[1])
+    assert 0.02 < missed.std() < curve.torque_noise_Nm[0] < 2 * missed.std()
+
+
 def test_colours_of_the_curve_rise_with_frequency_or_amplitude(stiffening: ElasticityFit) -> None:
     curve = stiffening.torsion_curves[0]
     ends = {
@@ -225,8 +237,9 @@ def test_a_motion_that_leans_has_no_mean_torque() -> None:
 def test_stiffness_in_a_sine_is_that_of_an_integration() -> None:
     amplitude = np.array([0.002, 0.01, 0.04])
     turn = 2 * np.pi * np.arange(20_000) / 20_000
+    sines = amplitude[:, None] * np.sin(turn[::40])
     for gear in (replace(g, K=43.0) for g in (HARD, PLAY, DAHL, SLOPES)):
-        for size, found in zip(amplitude, sine_stiffness(gear, amplitude), strict=True):
+        for size, found in zip(amplitude, law_stiffness(gear, sines), strict=True):
             delta, z = size * np.sin(turn), 0.0
             torque = gear.torque(delta)
             if gear.hysteresis_Nm:
@@ -487,6 +500,6 @@ def test_a_gear_that_runs_away_in_a_motion_has_no_deflection_and_prints_nothing(
     measured = motors.balance(np.ones(1), np.array([0.002]), np.zeros(1), np.zeros(1))
     inertia = np.array([[[0.004]]])
     with np.errstate(all="ignore"):
-        found = DrivenGears.solve(motors, laws, np.array([0.01]), inertia, 0 * inertia, measured)
+        found = DrivenGears.solve(motors, laws, np.array([0.01]), inertia, 0 * inertia, measured, 1.0)
     assert not np.isfinite(found.delta).any()
     assert capfd.readouterr() == ("", "")

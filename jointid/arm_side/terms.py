@@ -9,6 +9,7 @@ import numpy as np
 from jointid.arm_side.band_limited import BandLimited, GaussianFilter
 from jointid.arrays import Floats
 from jointid.robot_models.model import RobotModel
+from jointid.small_matrices import dahl_from_rest
 
 _PRESLIDING_RAD = 3e-4
 """Motion after a reversal in which friction in the gear builds up."""
@@ -64,16 +65,6 @@ def waves(angle: Floats, orders: Floats) -> Floats:
     return np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
 
 
-def _presliding(q: Floats) -> Floats:
-    """Dahl's friction state between −1 and 1, from rest."""
-    step = np.diff(q, prepend=q[0])
-    decay, state = np.exp(-np.abs(step) / _PRESLIDING_RAD), np.zeros_like(q)
-    for i in range(1, q.size):
-        sign = np.sign(step[i])
-        state[i] = sign + (state[i - 1] - sign) * decay[i] if sign else state[i - 1]
-    return state
-
-
 def joint_torque(
     motion: BandLimited, robot: RobotModel, elastic: Floats
 ) -> tuple[Floats, Floats, Floats]:
@@ -108,7 +99,7 @@ def joint_terms(
     ripple : Ripple
     """
     lowpass, raw = motion.lowpass, motion.raw[:, j]
-    friction = lowpass(_presliding(raw))[:, None]
+    friction = lowpass(dahl_from_rest(raw[None], np.array([[1 / _PRESLIDING_RAD]]))[0])[:, None]
     parts = {
         "compliance": torque[:, j, None],
         "skew": motion.dq[:, j, None],

@@ -181,6 +181,6 @@ class _Data:
         arm = ideal_compliance(prior, prior.M2, prior.gravity, s)
         by = balance(own, np.ones_like(own))
         rows, z = (wind_up(by, arm), by), phasors.harmonics[..., None]
-        deflection, torque = ((each @ z)[..., 0] for each in rows)
-        noise = noise_of(rows, phasors.harmonic_covariance)
-        return torsion_curves(s, deflection, torque, noise)
+        deflection, torque = curves = np.stack([(each @ z)[..., 0] for each in rows])
+        noise, every = noise_of(rows, phasors.harmonic_covariance), np.ones(torque.shape, bool)
+        return torsion_curves(s, deflection, torque, noise, curves, every)

@@ -74,6 +74,8 @@ def fit_model(
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             estimate = fitted(start)
+            if not np.isfinite(estimate.cost):  # a gear in motion that runs away from some starts only
+                raise np.linalg.LinAlgError("not finite")
             if waveforms is None or "position_filter" not in model.effects or phasors.motion.any():
                 return estimate
             found = estimate.named["position_filter"]

@@ -95,7 +95,10 @@ def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model) -> N
         near.insert(0, leading)
     starts = [each.named for model in near if (each := fits.estimate(model))]
     bar = max(POOR, fits.misfit(narrow))
-    for start in [*starts, search.start]:
+    has_law = any(law in search.start.layout for law in GEAR_LAWS)
+    if has_law or not (search.has_motions and narrow.is_slow):  # without one it would run away
+        starts.append(search.start)
+    for start in starts:
         if fits.misfit(wider) >= bar and search.may_start_again(wider):
             search.fit(wider, start)
 

@@ -35,8 +35,9 @@ _MOST_FITS = 24
 """Fits of one search."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
-_MOST_SLOW_FITS, _MOST_SLOW_FITS_OF_MOTIONS = 12, 3
-"""Fits with a law of the gears, and the same where the records hold motions."""
+_MOST_SLOW_FITS, _MOST_SLOW_FITS_OF_MOTIONS, _MOST_LAWS_OF_MOTIONS = 12, 8, 3
+"""Fits with a law of the gears that compare models; all such fits where the records hold motions, and
+the sets of laws that they compare."""
 
 
 @dataclass
@@ -126,14 +127,16 @@ class Search:
         tried, earlier = self.fits.tried, self.fits.estimate(model)
         self.starts[model] = self.starts.get(model, 0) + 1
         laws = [law for law in GEAR_LAWS if law in model.effects]
-        if compares and model.is_slow and not (self.has_motions and laws in self.laws):
-            if self.slow_fits >= (_MOST_SLOW_FITS_OF_MOTIONS if self.has_motions else _MOST_SLOW_FITS):
+        if model.is_slow and (compares or self.has_motions):
+            others = self.has_motions and compares and laws not in self.laws
+            most = _MOST_SLOW_FITS_OF_MOTIONS if self.has_motions else _MOST_SLOW_FITS
+            if self.slow_fits >= most or (others and len(self.laws) >= _MOST_LAWS_OF_MOTIONS):
                 tried.setdefault(
                     model, JointIdError("Not fitted: the limit on fits of gear laws is reached.")
                 )
                 return
             self.slow_fits += 1
-            self.laws.append(laws)
+            self.laws += [laws] * others
         try:
             waveforms = self.waveforms(model, start)
             estimate = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)

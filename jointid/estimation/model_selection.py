@@ -6,6 +6,7 @@ lower the cost; the best few are fitted, and parts that they make superfluous ar
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from jointid.estimation.model_average import spread, spread_of_unseen
 from jointid.estimation.model_fits import stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
 from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, Search
+from jointid.estimation.motion_start import motion_start
 from jointid.estimation.passivity import least_misfit
 from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
 from jointid.joints import Inertia
@@ -235,7 +237,7 @@ def _fit_laws(search: Search) -> None:
     if search.may_have_friction:
         laws += [(rubbing, "backlash", begin) for begin in (with_backlash, by_motion)]
     if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
-        laws.append((fits.least(list(fits.tried)), "backlash", with_backlash))
+        laws.append((fits.least(list(fits.tried)), "backlash", partial(motion_start, backlash=True)))
     for model, law, begin in laws:
         if (search.is_lost or search.has_motions) and law in fits.optional:
             wider = model.with_part(law)

@@ -13,6 +13,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
+from jointid.gears.motor_motion import MotorMotion
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors
 
@@ -26,12 +27,17 @@ _RIDGE = 1e-10
 """Added to the normal matrix of unit diagonal."""
 _ROUNDING = 1e-9
 """Share of the largest torque that is no information, for records without noise."""
+_LOADED = 0.2
+"""Torque over its largest from which a flank is in contact."""
 _RUBS = 2.0
 """Cost that friction explains, over the remaining one, from which friction is fitted."""
 
 
-def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
-    """K, D, friction if significant and, with a common unknown as the payload, elements of M2."""
+def motion_start(phasors: Phasors, prior: InertiaPrior, *, backlash: bool = False) -> Parameters:
+    """K, D, friction if significant and, with a common unknown as the payload, elements of M2.
+
+    ``backlash`` adds that of every gear, which moves the arm from one flank to the other.
+    """
     n, shared = prior.n, bool(prior.shared.any())
     known = np.any(phasors.harmonics != 0, axis=2)
     known[~phasors.motion, 1:] = False
@@ -52,7 +58,8 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
 
     middle = float(np.median(phasors.excited))
     fastest = float(np.abs(s).max())
-    yielding, slow = np.zeros(n), np.zeros(n)  # 1/K and D/K
+    flank = _flanks(phasors, prior)[row, bins] if backlash else np.zeros((row.size, n))
+    yielding, slow, half = np.zeros((3, n))  # 1/K, D/K and half the backlash
     rubbing, payload = np.zeros((2, n)), 0.0  # the payload in its standard deviations
     change = s2[..., None] * prior.shared[prior.part[pose]] + prior.shared_gravity[pose]
     for _ in range(_STEPS):
@@ -60,7 +67,7 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
         drive = torque - np.einsum("kbj,kj->bj", rubs, rubbing)
         lag = 1 + s[:, None] * slow
         C = yielding / lag
-        arm = z[:, :n] - C * drive
+        arm = z[:, :n] - C * drive - half * flank / lag
         passed = one + A * C[:, None]
         residual = (A @ arm[..., None])[..., 0] - drive
         size = np.abs(A) ** 2 @ variance[:, :n, None] + np.abs(passed) ** 2 @ of_torque[..., None]
@@ -68,6 +75,7 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
         columns = [A * (-(2 * lag - 1) / lag**2 * drive)[:, None]]
         columns += [A * (s[:, None] / lag**2 * drive)[:, None]]
         columns += [passed * waveform[:, None] for waveform in rubs]
+        columns += [-A * (flank / lag)[:, None]] * backlash
         columns += [change @ arm[..., None]] * shared
         J = np.concatenate([*columns, residual[..., None]], axis=2) / np.sqrt(size)
         normal, rows = np.zeros((J.shape[2],) * 2), 0
@@ -87,14 +95,16 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
         scale = np.sqrt(np.maximum(np.diag(N), np.finfo(float).tiny))
         inverse = np.linalg.inv(N / np.outer(scale, scale) + _RIDGE * np.eye(len(N)))
         step = -inverse @ (g / scale) / scale
+        count = (4 + backlash) * n
         rise, fall, *rub = step[: 4 * n].reshape(4, n)
+        half = half + (step[4 * n : count] if backlash else 0)
         damped = yielding * slow + fall
         stiffest = yielding + rise
         yielding = np.where(stiffest > 0, stiffest, 0.5 * yielding)
         slow = np.divide(damped, yielding, out=np.zeros(n), where=yielding > 0)
         slow = np.clip(slow, 0.0, _SLOWEST / fastest)
         rubbing = rubbing + rub
-        payload += float(step[4 * n :].sum())
+        payload += float(step[count:].sum())
         if np.abs(step * scale).max() < _NEAR * np.sqrt(misfit):
             break
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
@@ -103,9 +113,28 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     rubs_clearly = bool(sizes @ np.linalg.solve(inverse[own, own], sizes) > _RUBS * rows)
     values = {"K": K, "D": slow * K}
     values |= {"coulomb": rubbing[0], "viscous": rubbing[1]} if rubs_clearly else {}
+    values |= {"backlash": 2 * np.maximum(half, 0)} if backlash else {}
     values |= {"M2": prior.lower + payload * prior.common} if shared else {}
-    layout = ParameterLayout.of(n, friction=rubs_clearly, arms=len(prior.lower) if shared else 0)
+    layout = ParameterLayout.of(
+        n,
+        friction=rubs_clearly,
+        effects=["backlash"] * backlash,
+        arms=len(prior.lower) if shared else 0,
+    )
     return layout.named(layout.pack(**values))
+
+
+def _flanks(phasors: Phasors, prior: InertiaPrior) -> Complexes:
+    """Bins of the flank in contact, 1 or -1, by the torque; between flanks it changes uniformly."""
+    motors = MotorMotion.of(phasors.segments, prior.pose, loops=False)
+    if motors is None:
+        return np.zeros((*phasors.harmonics.shape[:2], prior.n), complex)
+    none = np.zeros(prior.n)
+    torque = motors.balance(np.ones(prior.n), prior.M[0], none, none)
+    for own in torque:
+        loaded = np.flatnonzero(np.abs(own) > _LOADED * np.abs(own).max())
+        own[:] = np.interp(np.arange(own.size), loaded, np.sign(own[loaded]))
+    return motors.bins(torque, phasors.harmonics.shape[:2])
 
 
 def _real(values: Complexes) -> Floats:

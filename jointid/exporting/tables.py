@@ -76,11 +76,11 @@ def torsion_table(analysis: Analysis) -> str:
     """Torsion curves: one row per joint, record (of a motion: segment) and point of its period.
 
     CSV with a header row: measured deflection and torque of the gear with their noise (standard
-    deviation), and the elastic torque of the fitted law. Motor side; damping and hysteresis are part of
-    the measured torque, the mean deflection of a record is set to 0.
+    deviation), and the elastic torque of the fitted law: damping and hysteresis are part of the measured
+    torque alone. Motor side; the mean deflection of a record is set to 0.
     """
     header = ["joint", "record", "pose", "frequency_hz", "deflection_rad", "torque_Nm"]
-    header += ["deflection_std_rad", "torque_std_Nm", "law_Nm"]
+    header += ["deflection_std_rad", "torque_std_Nm", "elastic_law_Nm"]
     rows: list[list[object]] = []
     labels = analysis.phasors.labels  # of sines; a motion has segments
     for j, (curve, gear) in enumerate(zip(analysis.fit.torsion_curves, analysis.fit.gears, strict=True)):

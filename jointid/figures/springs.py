@@ -10,7 +10,7 @@ from jointid.answer import AT_MOTOR, StiffnessUnit
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import Sketch, Trace, frequency_axis, joint_symbol, linear_axis, plain_text
-from jointid.gears.harmonic_balance import sine_stiffness
+from jointid.gears.harmonic_balance import law_stiffness
 from jointid.joints import Elasticity
 
 
@@ -140,19 +140,17 @@ def stiffness_over_amplitude(
 ) -> go.Figure:
     """Torque over deflection of every record's fundamental against its torque amplitude, by pose.
 
-    The joint counts from 0; ``poses`` are those of the records, by default all the same.
+    The joint counts from 0; ``poses`` are those of the records, by default all the same. The law is
+    evaluated at the deflection of every record: beside backlash it depends on its waveform as well.
     """
     sketch, curve, gear = Sketch(dark), fit.torsion_curves[joint], fit.gears[joint]
     scale = unit.of_gear(joint)
     K, error, amplitude = curve.stiffness
     K, error, amplitude = scale.stiffness * K, scale.stiffness * error, scale.torque * amplitude
     names = np.array(poses if len(poses) == K.size else [""] * K.size)
-    size = np.geomspace(0.01, 1, 80) * gear.tried_rad
-    secant = np.zeros(size.size) if gear.tried_rad == 0 else sine_stiffness(gear, size)
-    law, secant = scale.torque * size * secant, scale.stiffness * secant
-    inside = law >= amplitude.min(initial=np.inf)
+    law, rising = scale.stiffness * law_stiffness(gear, curve.deflection_rad), np.argsort(amplitude)
     hover = f"%{{x:.3g}} N·m<br>%{{y:.4g}} {scale.unit}<extra>fitted law</extra>"
-    sketch.line(law[inside], secant[inside], "fitted law", "identified", hovertemplate=hover)
+    sketch.line(amplitude[rising], law[rising], "fitted law", "identified", hovertemplate=hover)
     for k, pose in enumerate(dict.fromkeys(names.tolist())):
         own = names == pose
         name = plain_text(pose) or ("each record" if np.all(own) else "no pose stated")

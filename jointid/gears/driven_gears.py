@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_banded
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
+from jointid.small_matrices import dahl_from_rest
 
 _HAT = (1 / 12, 10 / 12, 1 / 12)
 """Weights of three samples in the integral over a hat (Numerov)."""
@@ -29,8 +29,9 @@ _SECOND, _CENTRAL = (1.0, -2.0, 1.0), (0.5, 0.0, -0.5)
 """Second difference, and half the difference over two steps."""
 _NEWTON, _CONVERGED = 25, 1e-3
 """Most Newton steps, and the relative residual that ends them."""
-_OBSERVED = 0.1
-"""Rate of the observer over the resonance with the motor locked."""
+_OBSERVED, _OF_BACKLASH = 0.1, 5.0
+"""Rate of the observer over the resonance with the motor locked, and what the square of half the
+backlash over the largest linear deflection adds: an arm that often leaves its flanks is unstable."""
 _FIRST, _STARTS = 6, 3
 """Steps at the start of a motion whose smoothed velocity is inaccurate, and Gauss-Newton steps for its
 state."""
@@ -46,18 +47,20 @@ class DrivenGears:
     motors: MotorMotion
     laws: GearLaws
     """Arrays of shape (n, 1)."""
+    delta: Floats
+    """Deflection, shape (n, N), rad."""
+    loop: Floats
+    """State of the hysteresis, shape (n, N)."""
     D: Floats
     """Shape (n,)."""
     M2: Floats
     """Of every pose, shape (p, n, n)."""
     G: Floats
     """Stiffness of gravity of every pose, shape (p, n, n)."""
-    delta: Floats
-    """Deflection, shape (n, N), rad."""
-    loop: Floats
-    """State of the hysteresis, shape (n, N)."""
     measured: Floats
     """Torque through the gears by the motors' balance, shape (n, N), N·m."""
+    observed: Floats
+    """Rate of the observer over that resonance, shape (n,)."""
 
     @classmethod
     def solve(
@@ -68,20 +71,26 @@ class DrivenGears:
         M2: Floats,
         G: Floats,
         measured: Floats,
+        strength: float,
         start: DrivenGears | None = None,
     ) -> DrivenGears:
-        """Solve from ``start``, the solution at similar parameters, or from the linear deflection."""
+        """Solve from ``start``, the solution at similar parameters, or from the linear deflection.
+
+        ``strength`` multiplies the rate of the observer.
+        """
+        largest = np.abs(measured).max(axis=1) + np.finfo(float).tiny
+        share = (laws.K * laws.half_backlash)[:, 0] / largest
+        own = M2, G, measured, strength * (_OBSERVED + _OF_BACKLASH * np.minimum(share**2, 1))
         if start is None:
             none = np.zeros(motors.rise.shape)
             zero = 0 * laws.K
             linear = GearLaws.made(laws.K, zero, zero, zero, zero, (zero, zero), (zero, zero))
-            at = cls(motors, linear, D, M2, G, none, none, measured)
-            delta = at._stepped().delta
+            delta = cls(motors, linear, none, none, D, *own)._stepped().delta
             if laws.has_backlash:
                 delta += np.abs(laws.half_backlash) * np.sign(delta)
         else:
             delta = start.delta
-        found = begun = cls(motors, laws, D, M2, G, delta, _loop(laws, delta), measured)._begun()
+        found = begun = cls(motors, laws, delta, _loop(laws, delta), D, *own)._begun()
         least = _CONVERGED * float(np.abs(found._hat_torque(laws.K * delta)).max())
         for _ in range(_WHOLE):
             if not np.abs(found._left).max() > least:
@@ -93,10 +102,11 @@ class DrivenGears:
         """With the state at the start of each part by the torque measured in a first period."""
         n, delta = len(self.delta), self.delta.copy()
         squared = np.linalg.eigvals(np.linalg.solve(self.M2, np.diag(self.laws.K[:, 0])))
-        period = 2 * np.pi / np.sqrt(squared.real.min())
-        for at in np.flatnonzero(self.motors.starts)[::2].tolist():
+        period = 2 * np.pi / np.sqrt(np.maximum(squared.real.min(), np.finfo(float).tiny))
+        begins = np.flatnonzero(self.motors.starts)[::2].tolist()
+        for at, end in zip(begins, [*begins[1:], delta.shape[1]], strict=True):
             step = self.motors.step_s[at]
-            used = slice(at, at + max(int(period / step), 4 * _FIRST))
+            used = slice(at, at + int(min(max(period / step, 4 * _FIRST), end - at)))
             part = self._part(used, delta, self.loop)
             unit = np.zeros((2, n, *part._shape))
             for j in range(n):
@@ -216,7 +226,7 @@ class DrivenGears:
     def _observer(self) -> Floats:
         """M2 c of every pose, shape (p, n, n)."""
         own = np.diagonal(np.linalg.inv(self.M2), axis1=1, axis2=2)
-        return self.M2 * (_OBSERVED * np.sqrt(own / self.laws.K[:, 0]))[:, None]
+        return self.M2 * (self.observed * np.sqrt(own / self.laws.K[:, 0]))[:, None]
 
     def _observed(self, torque: Floats, D: Floats) -> Floats:
         """Term of the observer for a torque (..., n, N) beside D δ̇, at steps 2 … N."""
@@ -330,12 +340,4 @@ def _each(matrices: Floats, rows: Floats, pose: np.ndarray) -> Floats:
 
 def _loop(laws: GearLaws, delta: Floats) -> Floats:
     """State of the hysteresis over deflections (n, N)."""
-    if not laws.hysteretic:
-        return np.zeros(delta.shape)
-    move = np.diff(delta, axis=1, prepend=delta[:, :1])
-    decay = np.exp(-np.abs(move) * laws.sharpness)
-    band, found = np.ones((2, move.shape[1])), np.sign(move) * (1 - decay)
-    for kept, own in zip(decay, found, strict=True):
-        band[1, :-1] = -kept[1:]
-        own[:] = solve_banded((1, 0), band, own, check_finite=False)
-    return np.asarray(found)
+    return dahl_from_rest(delta, laws.sharpness) if laws.hysteretic else np.zeros(delta.shape)

@@ -87,6 +87,11 @@ class Gear:
         """Dominant law: "linear", "hardening", "piecewise", "backlash" or "hysteresis"."""
         return self.laws[0]
 
+    @property
+    def backlash_share(self) -> float:
+        """Backlash over the largest peak-to-peak deflection; NaN where no deflection was tried."""
+        return 0.5 * self.backlash_rad / self.tried_rad if self.tried_rad else np.nan
+
     def torque(self, deflection_rad: ArrayLike) -> Floats:
         """Elastic torque, without damping and hysteresis, N·m, in the shape of ``deflection_rad``."""
         delta = np.asarray(deflection_rad, dtype=np.float64)

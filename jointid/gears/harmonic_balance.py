@@ -18,8 +18,6 @@ _FURTHER_POINTS = 4
 """The same where the highest harmonics are small ones that are measured."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
-_SINE_POINTS = 512
-"""Samples of a sine."""
 _NEWTON, _CONVERGED = 36, 1e-6
 """Most Newton steps for the deflection, and its relative residual that ends them."""
 _MANY = 32
@@ -231,12 +229,17 @@ def beyond_linear(laws: GearLaws, delta: Complexes, points: int) -> tuple[Comple
     return found, slope + 0.5 * (steep + np.roll(steep, -1, axis=-1)), chords
 
 
-def sine_stiffness(gear: Gear, amplitude_rad: Floats) -> Floats:
-    """Stiffness of a gear at sines of the deflection, with hysteresis, N·m/rad; like the amplitudes."""
-    delta = np.zeros((*amplitude_rad.shape, 2), complex)
-    delta[..., 1] = amplitude_rad
-    beyond, *_ = beyond_linear(GearLaws.of([gear]), delta, _SINE_POINTS)
-    return np.asarray(gear.K + beyond[..., 1].real / amplitude_rad)
+def law_stiffness(gear: Gear, deflection_rad: Floats) -> Floats:
+    """Real part of torque over deflection at the fundamental, with hysteresis, shape (r,), N·m/rad.
+
+    Of a gear at a period of r deflections, shape (r, points).
+    """
+    points = deflection_rad.shape[1]
+    delta = np.zeros((len(deflection_rad), points // _POINTS), complex)
+    delta[:, 1:] = phasors_of(deflection_rad, points // _POINTS - 1)
+    beyond, *_ = beyond_linear(GearLaws.of([gear]), delta, points)
+    with np.errstate(invalid="ignore"):  # of a joint that does not move
+        return np.asarray(gear.K + (beyond[:, 1] / delta[:, 1]).real)
 
 
 def _parts(z: Complexes) -> Floats:

@@ -68,13 +68,14 @@ def torsion_curves(
     deflection: Complexes,
     torque: Complexes,
     variance: Floats,
-    resolved: np.ndarray | bool = True,
+    fitted: Complexes,
+    resolved: np.ndarray,
 ) -> tuple[TorsionCurve, ...]:
     """Torsion curves of n gears from H harmonics of r records.
 
     ``s``, shape (r, H), is the Laplace variable of every harmonic; ``deflection`` and ``torque`` have
-    shape (r, H, n), their ``variance`` from noise (2, r, H, n). ``resolved``, shape (r, H, n), are the
-    harmonics that a curve may have.
+    shape (r, H, n), their ``variance`` from noise and those ``fitted`` by the law (2, r, H, n).
+    ``resolved``, shape (r, H, n), are the harmonics that a curve may have.
     """
     clear = np.abs(torque) ** 2 > _CLEAR**2 * variance[1]
     clear[:, 0] = True
@@ -82,12 +83,12 @@ def torsion_curves(
     clear &= resolved
     points = max(_POINTS, _PER_HARMONIC * s.shape[1])
     signals = np.stack([deflection, torque])
-    # The harmonics that a curve leaves out are an error of it, by what they have beyond the noise.
-    left_out = np.where(unclear, np.abs(signals) ** 2 - variance, 0).sum(axis=2)
+    # Harmonics that a curve leaves out are an error of it. Noise hides them, the fitted law does not.
+    left_out = np.where(unclear, np.abs(fitted) ** 2, 0).sum(axis=2)
     signals = np.where(clear, signals, 0)
     waves = samples_of(signals.swapaxes(2, 3), points)  # (2, r, n, t)
     main = (np.abs(signals[1]) ** 2).sum(axis=2).argmax(axis=1)
-    sigma = np.sqrt(0.5 * (np.where(clear, variance, 0).sum(axis=2) + np.maximum(left_out, 0)))
+    sigma = np.sqrt(0.5 * (np.where(clear, variance, 0).sum(axis=2) + left_out))
     return tuple(
         TorsionCurve(
             deflection_rad=waves[0, rows, j],

@@ -5,12 +5,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import GEAR_LAWS, PARAMETERS
-from jointid.estimation.quantities import quantities
+from jointid.estimation.quantities import Quantity, quantities
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.evidence import Evidence, Finding, note
 from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample, hold_change
-from jointid.wording import capitalised, enumerated, significant
+from jointid.wording import capitalised, enumerated, percent, significant
 
 _REMEDIES = {
     "arm_viscous": ("The arm has viscous friction", ""),
@@ -63,7 +64,7 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         law = "hardening" if name == "cubic" else name
         if name in GEAR_LAWS:
             found = tuple(q for q in found if law in fit.gears[q.joints[0] - 1].laws) or found
-        values = ", ".join(" ".join(q.shown).rstrip() + f" (joint {q.joints[0]})" for q in found)
+        values = ", ".join(_value(fit, q) for q in found)
         clearest = max(found, key=lambda q: abs(q.value) / (q.error if q.error > 0 else np.inf))
         title, remedy = _REMEDIES[name]
         title = re.sub(r"\{(.*)\|(.*)\}", r"\2" if clearest.value < 0 else r"\1", title)
@@ -81,6 +82,16 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
             "",
             *(hold_change(evidence) if name in _TIMES else []),
         )
+
+
+def _value(fit: ElasticityFit, found: Quantity) -> str:
+    """Value of an effect at its joint; of backlash also in arc minutes and over the deflection."""
+    (j,) = found.joints
+    text, gear = " ".join(found.shown).rstrip() + f" (joint {j}", fit.gears[j - 1]
+    if found.parameter == "backlash":
+        text += f", {significant(np.degrees(60 * found.value), 3)} arcmin at the motor"
+        text += f", {percent(gear.backlash_share)} of the peak-to-peak deflection"
+    return f"{text})"
 
 
 _TIMES = ("lag", "position_filter", "torque_filter")

@@ -12,8 +12,10 @@ F_a sign θ̇_a, presliding friction at the motor F_p z(θ). All enter the resid
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -49,6 +51,8 @@ _GEAR = (
 )  # fmt: skip
 """Parameters of a gear's torque over deflection."""
 
+_Solution = TypeVar("_Solution", WoundGears, DrivenGears)
+
 
 @dataclass(frozen=True, eq=False)
 class JointLaws:
@@ -70,6 +74,8 @@ class JointLaws:
     """Rows that are no segments of motions."""
     motors: MotorMotion | None
     """Motion of the motors in the others."""
+    strength: float = 1.0
+    """Factor on the observer of the gears in motions."""
     latest: list[Wound] = field(default_factory=list)
     """Deflection as last solved, from which the next solution starts."""
 
@@ -178,24 +184,18 @@ class JointLaws:
                 drive = np.where(self.low[rows], by_torque * torque[rows], moved[rows])
                 both = _with_mean([drive, 0 * further]), _with_mean([by_torque, further])
                 m = int(self.low[rows].sum(axis=1).max())
-                starts = (*(each.of_sines for each in self.latest), None)
-                for start in starts:  # the start of other parameters may lead nowhere
-                    of_sines = WoundGears.solve(laws, *both, H, m, start)
-                    beyond[rows] = of_sines.beyond
-                    if np.isfinite(of_sines.delta).all():
-                        break
+                starts = [each.of_sines for each in self.latest]
+                of_sines = _first_finite(partial(WoundGears.solve, laws, *both, H, m), starts)
+                beyond[rows] = of_sines.beyond
             if self.motors:
                 scale, viscous, coulomb = (
                     np.broadcast_to(each, p.K.shape)
                     for each in (p.torque_scale, p.effect("viscous"), p.effect("coulomb"))
                 )
                 measured = self.motors.balance(scale, rotor, viscous, coulomb)
-                for other in (*(each.of_motions for each in self.latest), None):
-                    of_motions = DrivenGears.solve(self.motors, laws, p.D, *arm, measured, other)
-                    bins = self.motors.bins(of_motions.beyond, (r, H)).swapaxes(1, 2)
-                    if np.isfinite(bins).all():
-                        break
-                beyond[..., 1:] = beyond[..., 1:] + bins
+                solve = partial(DrivenGears.solve, self.motors, laws, p.D, *arm, measured, self.strength)
+                of_motions = _first_finite(solve, [each.of_motions for each in self.latest])
+                beyond[..., 1:] += self.motors.bins(of_motions.beyond, (r, H)).swapaxes(1, 2)
         found = Wound(beyond, of_sines, of_motions)
         if np.isfinite(beyond).all():
             self.latest[:] = [found]
@@ -315,6 +315,17 @@ class Wound:
     """Mean and phasors of the torque beyond K δ, shape (r, n, 1 + H), N·m."""
     of_sines: WoundGears | None
     of_motions: DrivenGears | None
+
+
+def _first_finite(
+    solve: Callable[[_Solution | None], _Solution], starts: list[_Solution | None]
+) -> _Solution:
+    """Solution from the first of some starts that leads to one; that of other parameters may not."""
+    for start in starts:
+        found = solve(start)
+        if np.isfinite(found.delta).all():
+            return found
+    return solve(None)
 
 
 def _points(H: int) -> int:

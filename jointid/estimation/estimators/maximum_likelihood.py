@@ -45,6 +45,8 @@ _NEAR = 1e-6
 """Damping from which the fit with weights by harmonic begins: the optimum without them is near."""
 _CHANCE = 1e-3
 """Probability of the misfit of a band by noise from which it is the model's."""
+_HELD = 3.0
+"""Strength of the observer of gears in motions for the first part of a fit from far off."""
 _LOST = 100.0
 """Misfit of a model with a law of the gears that is not fitted again with weights by harmonic."""
 
@@ -111,6 +113,10 @@ def maximum_likelihood(
     p = problem.start(start)
     scale: Floats = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
+    if "backlash" in effects and problem.laws is not None and problem.laws.motors is not None:
+        held = replace(problem, laws=replace(problem.laws, strength=_HELD, latest=[]))
+        if WhitenedResidual.of(held, p, scale).cost > POOR * problem.rows / 2:
+            p, _ = minimised(held, p, scale)  # arms that leave their flanks have many local minima
     p, normal = minimised(problem, p, scale)
     problem = with_law_noise(problem, p)
     fitted = WhitenedResidual.of(problem, p, scale)

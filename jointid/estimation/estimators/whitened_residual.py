@@ -10,7 +10,12 @@ from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.balance import balance, noise_of, wind_up
-from jointid.estimation.estimators.problem import Problem, friction_advance, motor_stiffness
+from jointid.estimation.estimators.problem import (
+    Problem,
+    friction_advance,
+    gear_torque,
+    motor_stiffness,
+)
 from jointid.estimation.estimators.residual import Residual
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.motion.free_friction import FreeFriction, Projection
@@ -143,10 +148,15 @@ class WhitenedResidual:
             most = 2 * (power * above).sum(axis=1) > power.sum(axis=1)
             resolved[rows] = above & most[:, None]
         torque = torque - left
-        deflection = angle - (at.arm @ (torque - at.law[1])[..., None])[..., 0]
+        by_law = gear_torque(at.X, at.arm, angle, at.law)
+
+        def wound(torque: Complexes) -> Complexes:
+            return np.asarray(angle - (at.arm @ (torque - at.law[1])[..., None])[..., 0])
+
         by = balance(motor_stiffness(problem, at.p), at.lag * at.p.torque_scale)
         variance = noise_of((wind_up(by, at.arm), by), problem.noise.covariance)
-        return torsion_curves(problem.s, deflection, torque, variance, resolved)
+        fitted = np.stack([wound(by_law), by_law])
+        return torsion_curves(problem.s, wound(torque), torque, variance, fitted, resolved)
 
     def compensated(self) -> tuple[Complexes, Complexes]:
         """Motor angle and torque without friction, delay, effects and ends, both shape (r, h, n).

@@ -78,17 +78,19 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
         found["K over amplitude"] = per_joint(
             "Stiffness of joint {0} over the torque amplitude of the records",
             partial(stiffness_over_amplitude, fit, poses=poses, unit=unit),
-            "K of each record over its torque amplitude. A linear gear gives a level line; hardening "
-            "raises K at large torque, hysteresis at small torque, and backlash lowers it there.",
+            "K of each record over its torque amplitude, and of the fitted law at the same deflection. "
+            "A linear gear gives a level line; hardening raises K at large torque, hysteresis at small "
+            "torque, and backlash lowers it there.",
         )
     return found
 
 
 def _show_torsion(page: Page, analysis: Analysis) -> None:
     st.caption(
-        "Torque through the gear over its deflection, from motor data alone. The slope of the blue line "
-        "is K; damping opens the loops, one per record, drawn with ± two standard errors. Motions "
-        "appear as dots."
+        "Torque through the gear over its deflection, from motor data alone. The blue line is the "
+        "fitted elastic law; its slope at small torque, outside any backlash, is K. Damping and "
+        "hysteresis open the loops, one per record, drawn with ± two standard errors. Motions appear "
+        "as dots."
     )
     by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
     joints = page.show_per_joint(
@@ -109,8 +111,9 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         "Torsion curves (.csv)",
         lambda: torsion_table(analysis),
         f"{file_stem(page.study.name)}_torsion.csv",
-        hint="Torque u = τ − Mθ̈ − friction over deflection θ − θₐ, with M₂θ̈ₐ = u. The mean deflection "
-        "of a record is not observable and set to 0.",
+        hint="Torque u = τ − Mθ̈ − friction over deflection θ − θₐ, with M₂θ̈ₐ = u. It includes damping "
+        "and hysteresis, the elastic law does not. The mean deflection of a record is not observable "
+        "and set to 0.",
     )
 
 

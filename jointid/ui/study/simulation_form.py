@@ -80,10 +80,10 @@ _LAWS = {
     "backlash_rad": ("Backlash (rad)", "Total angle between the flanks, seen from the motor."),
     "hysteresis_Nm": ("Hysteresis (N·m)", "Half the height of the loop (Dahl model)."),
     "presliding_rad": ("Presliding (rad)", "Hysteresis over the initial slope of its loop."),
-    "K2": ("K2 (N·m/rad)", "Slope beyond the torque T1; 0: no change of slope."),
-    "K3": ("K3 (N·m/rad)", "Slope beyond the torque T2."),
-    "T1_Nm": ("T1 (N·m)", "Torque from which the slope is K2."),
-    "T2_Nm": ("T2 (N·m)", "Torque from which the slope is K3."),
+    "K2": ("Catalogue K2 (N·m/rad)", "Slope beyond the torque T1; 0: no change of slope."),
+    "K3": ("Catalogue K3 (N·m/rad)", "Slope beyond the torque T2."),
+    "T1_Nm": ("Catalogue T1 (N·m)", "Torque from which the slope is K2."),
+    "T2_Nm": ("Catalogue T2 (N·m)", "Torque from which the slope is K3."),
 }
 """Label and explanation of the laws of a gear, one number for all joints or one each."""
 _ADDED_HELP = (
@@ -204,7 +204,8 @@ def _errors(campaign: dict[str, Any]) -> str:
         text += " All experiments without and with a known payload."
     for j, gear in enumerate(campaign["gears"], start=1):
         if gear.kind != "linear":
-            values = ((label, getattr(gear, name)) for name, (label, *_) in _LAWS.items())
-            shown = ", ".join(f"{label.lower()} {plain(value)}" for label, value in values if value)
+            values = ((label.rstrip(")"), getattr(gear, name)) for name, (label, *_) in _LAWS.items())
+            parts = [(*label.split(" ("), value) for label, value in values if value]
+            shown = ", ".join(f"{name} {plain(value)} {unit}" for name, unit, value in parts)
             text += f" Gear {j}: {shown}."
     return text
