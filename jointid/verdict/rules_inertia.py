@@ -26,7 +26,6 @@ from jointid.verdict.evidence import (
     Evidence,
     Finding,
     number,
-    percent,
     problem,
     relative,
     some,
@@ -36,7 +35,7 @@ from jointid.verdict.evidence import (
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.wrong_data import axis_hypotheses, low_frequency_inertia
-from jointid.wording import capitalised, plain, significant, with_error
+from jointid.wording import capitalised, percent, plain, significant, with_error
 
 _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""

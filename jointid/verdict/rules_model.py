@@ -17,7 +17,6 @@ from jointid.verdict.evidence import (
     Finding,
     note,
     number,
-    percent,
     problem,
     relative,
     some,
@@ -25,7 +24,7 @@ from jointid.verdict.evidence import (
     warning,
 )
 from jointid.verdict.rules_causes import distortion, half_a_sample, hold_change
-from jointid.wording import counted
+from jointid.wording import counted, percent
 
 EXPLAINED = 3.0
 """Misfit up to which noise explains the data."""
