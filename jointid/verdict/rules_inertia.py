@@ -33,6 +33,7 @@ from jointid.verdict.evidence import (
     warning,
 )
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
+from jointid.verdict.rules_model import contradicts
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.wrong_data import axis_hypotheses, low_frequency_inertia
 from jointid.wording import capitalised, percent, plain, significant, with_error
@@ -41,6 +42,8 @@ _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
 _ABSURD = 10.0
 """Difference from a given inertia, in its standard deviations, from which the answer is not usable."""
+_FAR_OFF = 0.2
+"""Relative error of K or D by inertias given as exact, beside a large misfit, of the same answer."""
 _LOWER, _FAR_LOWER, _NEARER = 0.7, 0.3, 0.5
 """Misfit of a linear fit, that of one with free friction, and difference from the given inertias in
 standard deviations, over those as logged, from which axes look exchanged or reversed."""
@@ -134,7 +137,9 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         accounts += (
             " So large an error indicates a wrong unit, a wrong torque constant or another robot."
         )
-    yield (problem if absurd else warning)(
+    sure = change - relative(CLEAR * own.standard_error, fit.estimate)
+    useless = absurd or (exact and contradicts(fit) and sure.max() > _FAR_OFF)
+    yield (problem if useless else warning)(
         "The inertias look wrong" if row.unit else "The torque scales or inertias look wrong",
         f"{capitalised(row.name)} was entered as {given}{unit}; the records indicate "
         f"{with_error(row.fitted, row.fitted_std)}{unit}.{others} {accounts}",
