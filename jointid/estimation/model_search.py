@@ -190,7 +190,7 @@ class Search:
         for plain in self.fits.tried if misfit > POOR and "friction" not in parts else ():
             further, found = parts.difference(plain.parts), self.fits.estimate(plain)
             if len(further) == 1 and parts > set(plain.parts) and found:
-                score = self.scores(plain).get(*further) if found.misfit > LOST else None
+                score = self.scores(plain).get(further.pop()) if found.misfit > LOST else None
                 left.append(found.misfit * (1 - score.gain / found.cost) if score else 0.0)
         return bool(left) and min(left) > POOR * NEEDED * misfit
 

@@ -204,7 +204,7 @@ class ArmFriction:
 
     def by_motion(self, change: Complexes) -> Complexes:
         """Change of P for changes of Y f, both shape (r, H, n, c)."""
-        return self.settled(self._forces(self.inner @ _rows(change)))
+        return self.settled(self._forces(np.asarray(self.inner @ _rows(change))))
 
     def settled(self, force: Complexes) -> Complexes:
         """Changes of P that remain of ones at a given motion, which they change; (r, H, n, c)."""
@@ -212,7 +212,8 @@ class ArmFriction:
         each = np.eye(n * m).reshape(1, n, m, n * m)
         jumps = self._jumps(self._forces(each)) + np.eye(n * m)
         sizes = np.linalg.solve(jumps, self._jumps(force))
-        return np.asarray(force - self._forces(sizes.reshape(r, n, m, -1)))
+        left = self._forces(np.asarray(sizes.reshape(r, n, m, -1)))
+        return np.asarray(force - left)
 
     def _jumps(self, force: Complexes) -> Floats:
         """Change of −sign at the jumps with forces (r, H, n, c), shape (r, n m, c)."""

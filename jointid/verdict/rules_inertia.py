@@ -15,6 +15,7 @@ from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.estimation.identify_motion import identify_motion
 from jointid.estimation.model_fits import fit_model
+from jointid.estimation.model_selection import LOOSE
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import refit
@@ -49,8 +50,6 @@ _LOWER, _FAR_LOWER, _NEARER = 0.7, 0.3, 0.5
 standard deviations, over those as logged, from which axes look exchanged or reversed."""
 _CHANCE = 5e-4
 """Probability that any right value differs as far from the given one, and that all together do."""
-_LOOSE = 0.3
-"""Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 
 
 def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
@@ -147,7 +146,7 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         "of the torque constant scales all inertias alike.",
         float(change.max()) if exact else 0.05,
         "edit inertias",
-        *([] if absurd or not row.unit else [Change("inertias", (), (_LOOSE,) * exact, own_inertias)]),
+        *([] if absurd or not row.unit else [Change("inertias", (), (LOOSE,) * exact, own_inertias)]),
     )
 
 
@@ -158,7 +157,7 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
         if own.misfit <= _EXPLAINED:
             return own if "torque_scale" in own.parameters.layout else None
         try:
-            own = _refitted(evidence, inertias, _LOOSE)
+            own = _refitted(evidence, inertias, LOOSE)
         except JointIdError:
             return None
     return own if own.misfit <= _EXPLAINED else None
