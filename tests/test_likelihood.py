@@ -48,6 +48,7 @@ from jointid.estimation.model_average import (
 )
 from jointid.estimation.model_search import Search
 from jointid.estimation.model_selection import choose_model
+from jointid.gears.torque_spread import ArmFriction
 from jointid.motion.friction import friction_waveforms
 
 LINEAR_EFFECTS = tuple(name for name in EFFECTS if name not in NONLINEAR)
@@ -356,6 +357,21 @@ def test_parts_that_are_demanded_are_fitted_also_where_there_are_none(
     if friction or method == "auto" or not rubs:
         assert errors_percent(fit).max() < 0.2
         assert in_standard_errors(fit).max() < 4
+
+
+def test_friction_turns_strongly_coupled_arms_back_earlier() -> None:
+    """The direction of the arms is that of the motion under torque and friction together."""
+    M2 = np.array([[0.002274, 0.003522], [0.003522, 0.007068]])
+    s = 2j * np.pi * np.array([[5.0], [12.0]]) * np.arange(1, 16)
+    torque = np.zeros((2, 15, 2), complex)
+    torque[:, 0] = [[1.0, 0.8j], [0.5, -0.7]]
+    level, mobility = np.array([0.02, 0.02]), np.linalg.inv(M2) / s[..., None, None]
+    found = ArmFriction.solve(level, mobility, torque, 128)
+    again = ArmFriction.at(level, mobility, torque - level * found.sign, 128)
+    alone = ArmFriction.at(level, mobility, torque, 128)
+    size = np.linalg.norm(found.sign)
+    assert np.linalg.norm(again.sign - found.sign) < 1e-3 * size < 0.1 * size
+    assert np.linalg.norm(alone.sign - found.sign) > 0.02 * size
 
 
 def test_the_jacobian_with_coulomb_friction_at_the_arm() -> None:
