@@ -177,22 +177,10 @@ class Search:
         models = [model, *self._narrower(model)]
         for narrow in models[1:]:
             far = fits.misfit(narrow) > NEEDED * max(1.0, found.misfit)
-            if not (far and self.may_start_again(narrow)) or fits.is_behind(narrow, model):
-                continue
-            if not self._needs_friction(narrow, found.misfit):
+            if far and self.may_start_again(narrow) and not fits.is_behind(narrow, model):
                 self.fit(narrow, with_delay(found.named))  # from other starts it may have diverged
         best = fits.least([each for each in models if each in fits.tried])
         return best if best == model else self.pruned(best)
-
-    def _needs_friction(self, model: Model, misfit: float) -> bool:
-        """Whether a model without friction stays far above a misfit, by scores beside a lost model."""
-        parts, left = set(model.parts), []
-        for plain in self.fits.tried if misfit > POOR and "friction" not in parts else ():
-            further, found = parts.difference(plain.parts), self.fits.estimate(plain)
-            if len(further) == 1 and parts > set(plain.parts) and found:
-                score = self.scores(plain).get(further.pop()) if found.misfit > LOST else None
-                left.append(found.misfit * (1 - score.gain / found.cost) if score else 0.0)
-        return bool(left) and min(left) > POOR * NEEDED * misfit
 
     def _narrower(self, model: Model) -> Iterator[Model]:
         """The model without each part that is not certain, and with a delay in place of others."""
