@@ -111,8 +111,13 @@ def three_digits(values: Iterable[float]) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a relative error in per cent with two digits."""
-    return f"{significant(100 * share, 2)} %" if math.isfinite(share) else UNDETERMINED
+    """Return the size of a share or relative error in per cent, with about two digits."""
+    if not math.isfinite(share):
+        return UNDETERMINED
+    size = 100 * abs(share)
+    if size > 1000:
+        return "more than 1000 %"
+    return f"{size:.0f} %" if size >= 10 else f"{plain(float(f'{size:.2g}'))} %"
 
 
 def signed_percent(change: float) -> str:

@@ -48,6 +48,7 @@ from jointid.estimation.model_average import (
 )
 from jointid.estimation.model_search import Search
 from jointid.estimation.model_selection import choose_model
+from jointid.gears.torque_spread import ArmFriction
 from jointid.motion.friction import friction_waveforms
 
 LINEAR_EFFECTS = tuple(name for name in EFFECTS if name not in NONLINEAR)
@@ -358,6 +359,21 @@ def test_parts_that_are_demanded_are_fitted_also_where_there_are_none(
         assert in_standard_errors(fit).max() < 4
 
 
+def test_friction_turns_strongly_coupled_arms_back_earlier() -> None:
+    """The direction of the arms is that of the motion under torque and friction together."""
+    M2 = np.array([[0.002274, 0.003522], [0.003522, 0.007068]])
+    s = 2j * np.pi * np.array([[5.0], [12.0]]) * np.arange(1, 16)
+    torque = np.zeros((2, 15, 2), complex)
+    torque[:, 0] = [[1.0, 0.8j], [0.5, -0.7]]
+    level, mobility = np.array([0.02, 0.02]), np.linalg.inv(M2) / s[..., None, None]
+    found = ArmFriction.solve(level, mobility, torque, 128)
+    again = ArmFriction.at(level, mobility, torque - level * found.sign, 128)
+    alone = ArmFriction.at(level, mobility, torque, 128)
+    size = np.linalg.norm(found.sign)
+    assert np.linalg.norm(again.sign - found.sign) < 1e-3 * size < 0.1 * size
+    assert np.linalg.norm(alone.sign - found.sign) > 0.02 * size
+
+
 def test_the_jacobian_with_coulomb_friction_at_the_arm() -> None:
     """Against central differences: every parameter moves the instants at which the arm turns back."""
     phasors = extract_phasors(prescribed_motion(np.sign), harmonics=15)
@@ -368,7 +384,8 @@ def test_the_jacobian_with_coulomb_friction_at_the_arm() -> None:
     noise = spring_equations(phasors, PARALLELOGRAM).noise
     problem = make_problem(phasors, prior, layout, PAPER.K, friction, noise)
     given = ParameterLayout.of(2, friction=True, effects=("arm_coulomb", "arm_viscous"))
-    start = given.pack(K=PAPER.K, D=PAPER.D, coulomb=COULOMB, arm_coulomb=COULOMB, arm_viscous=1e-3)
+    friction_of_arms = {"arm_coulomb": 0.05 * COULOMB, "arm_viscous": 1e-3}  # they do not stick
+    start = given.pack(K=PAPER.K, D=PAPER.D, coulomb=COULOMB, **friction_of_arms)
     p = problem.start(given.named(start))
     J = Residual.at(problem, p).jacobian(problem.z)
     for k, label in enumerate(layout.labels):

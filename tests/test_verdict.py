@@ -550,6 +550,13 @@ def test_wrong_inertias_are_told_with_the_right_ones(factor: float) -> None:
     assert not said(found, "model, not the noise")  # the cause is known
 
 
+def test_exact_inertias_that_contradict_the_records_make_the_answer_unusable() -> None:
+    """K and D of inertias 30 % off are tens of per cent off, however wide their errors are."""
+    found = findings(evidence(sound(), Inertia(SERIAL.M, SERIAL.M2 * [[1.3, 1], [1, 1]])))
+    (wrong,) = said(found, "inertias look wrong")
+    assert wrong.level == "problem"
+
+
 def test_wrong_inertias_do_not_hide_behind_friction() -> None:
     given = Inertia(PARALLELOGRAM.M, PARALLELOGRAM.M2 * 1.03)
     found = findings(evidence(rubbing(), given, friction=True))

@@ -23,7 +23,7 @@ NEEDED = 3.0
 """Ratio of misfits from which a part is needed, whatever its standard error."""
 _SIGNIFICANT = 5.0
 """Standard errors by which an optional part must differ from zero."""
-_WORTH = 0.2
+WORTH = 0.2
 """Share of the misfit beyond 1 that a part must explain where the model leaves more than noise: every
 wrong part explains something."""
 CHANCE = 1e-3
@@ -206,6 +206,18 @@ class Fits:
             criterion[model] = 2 * estimate.whole_cost(misfit) + penalty
         return criterion
 
+    def is_behind(self, narrow: Model, model: Model) -> bool:
+        """Whether another model stays better than one that lacks parts of a fitted one.
+
+        The cost cannot fall without them.
+        """
+        found, lost = self.estimate(model), set(model.parts).difference(narrow.parts)
+        if found is None or "friction" in lost or set(narrow.parts).difference(model.parts):
+            return False
+        sizes = (len(EFFECTS[p].parameters) * found.named.K.size if p in EFFECTS else 1 for p in lost)
+        saved = float(np.log(self.rows)) * sum(sizes)
+        return self.criterion(judged=False)[model] - saved >= min(self.criterion().values())
+
     def is_explained(self, model: Model) -> bool:
         """Whether noise explains the residual of a model, at the fundamentals as well."""
         found = self.estimate(model)
@@ -245,7 +257,7 @@ class Fits:
                 return False
         simpler = self.estimate(model.without(part))
         beyond_noise = own > EXPLAINED and simpler is not None and part != "friction"
-        if beyond_noise and simpler and simpler.misfit - own < _WORTH * (simpler.misfit - 1):
+        if beyond_noise and simpler and simpler.misfit - own < WORTH * (simpler.misfit - 1):
             return False
         if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
             least = _SIGNIFICANT**2 + size.size

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtri
 
-from jointid.estimation.candidates import CHANCE, EXPLAINED, Model
+from jointid.estimation.candidates import CHANCE, EXPLAINED, WORTH, Model
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import GEAR_LAWS, LAWS
 from jointid.estimation.estimators.score_tests import Score
@@ -161,7 +161,12 @@ def _clear_parts(search: Search, model: Model, found: LikelihoodEstimate) -> lis
     fits, scored = search.fits, search.scores(model)
     chance = CHANCE / max(len(fits.optional), 1)
 
+    # Of a model that is off, a part must explain more (``part_is_significant``): half by its score.
+    worth = 0.5 * WORTH * (found.cost - found.expected_cost) * (found.misfit > EXPLAINED)
+
     def is_clear(score: Score, misfit: float) -> bool:
+        if score.gain < worth:
+            return False
         return bool(2 * score.gain / max(1.0, misfit) > chdtri(score.count, chance))
 
     order = sorted(scored, key=lambda part: scored[part].penalised(fits.rows), reverse=True)

@@ -180,9 +180,9 @@ class Search:
         models = [model, *self._narrower(model)]
         for narrow in models[1:]:
             far = fits.misfit(narrow) > NEEDED * max(1.0, found.misfit)
-            if far and self.may_start_again(narrow):
+            if far and self.may_start_again(narrow) and not fits.is_behind(narrow, model):
                 self.fit(narrow, with_delay(found.named))  # from other starts it may have diverged
-        best = fits.least(models)
+        best = fits.least([each for each in models if each in fits.tried])
         return best if best == model else self.pruned(best)
 
     def _narrower(self, model: Model) -> Iterator[Model]:

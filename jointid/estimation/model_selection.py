@@ -24,7 +24,7 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.model_average import spread, spread_of_unseen
-from jointid.estimation.model_fits import stepped
+from jointid.estimation.model_fits import fit_model, stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
 from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, Search
 from jointid.estimation.motion_start import motion_start
@@ -33,6 +33,8 @@ from jointid.estimation.start_values import at_resonances, by_motion, friction_s
 from jointid.joints import Inertia
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
+LOOSE = 0.3
+"""Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 _BETTER = 0.1
 """Ratio of misfits from which other start values are the right ones."""
 _ALIKE = 1.2
@@ -117,6 +119,8 @@ def _searched(search: Search) -> Choice:
         search.fit(search.base, search.start)
         return _choice(search, search.base)
     _fit_first(search)
+    if search.is_lost and _inertias_are_wrong(search):
+        return _choice(search, search.fits.least(list(search.fits.tried)))
     rows = _few(search)
     if search.is_lost and rows.size < phasors.omega.size:
         return _searched_in_few(search, rows)
@@ -128,6 +132,23 @@ def _searched(search: Search) -> Choice:
             _fit_first(search)
             _fit_laws(search)
     return _choice(search, _best(search))
+
+
+def _inertias_are_wrong(search: Search) -> bool:
+    """Whether only the inertias, given as exact, keep a model from the data."""
+    if search.prior.inertia_std or search.has_motions:
+        return False
+    loose, model = replace(search.prior, inertia_std=LOOSE), search.base
+    if search.may_have_friction and model.reversal is None:
+        model = model.with_part("friction")
+    try:
+        probed = fit_model(search.phasors, loose, search.start, search.noise, model)
+    except JointIdError:
+        return False
+    if not probed.misfit < DOUBTFUL:
+        return False
+    search.fit(model, probed.named)  # heavy friction may have led the others astray
+    return search.is_lost
 
 
 def _other_start(search: Search) -> Search:

@@ -29,6 +29,8 @@ class Cause(NamedTuple):
     why: str
     remedy: str
     """With {} for the joints."""
+    by: str = ""
+    """What to do in the files with {}, the columns of a unit of one signal."""
 
     @property
     def is_common(self) -> bool:
@@ -37,8 +39,8 @@ class Cause(NamedTuple):
 
 
 def _unit(factor: float, signal: str, title: str, why: str, unit: str, by: str) -> Cause:
-    remedy = f"Set the unit of the {signal} of {{}} to {unit} on import, or {by}"
-    return Cause(factor, signal, title, why, remedy)
+    remedy = f"Set the unit of the {signal} of {{}} to {unit} on import, or {by.format('it')}"
+    return Cause(factor, signal, title, why, remedy, by)
 
 
 def _time(factor: float, unit: str, taken: str, why: str, by: str) -> Cause:
@@ -56,10 +58,10 @@ ACTIONS: dict[str, Action] = {"time": "edit mapping", "inertia": "edit inertias"
 CAUSES = (
     _unit(DEGREES, "position", "seems to be in degrees",
           "a position in degrees read as radians (180/π = 57.3)", "deg",
-          "multiply it by π/180"),
+          "multiply {} by π/180"),
     _unit(1 / DEGREES, "position", "looks converted from degrees though it is in radians",
           "a position in radians read as degrees (180/π = 57.3)", "rad",
-          "multiply it by 180/π"),
+          "multiply {} by 180/π"),
     Cause(DEGREES**2, "position", "seems to be in degrees, and its gear ratio 57.3 times too large",
           "degrees read as radians twice, in the position and in the gear ratio ((180/π)² = 3283)",
           "Check the unit of the position of {}, degrees or radians, and the gear ratio"),
@@ -67,13 +69,13 @@ CAUSES = (
           "radians read as degrees twice, in the position and in the gear ratio ((180/π)² = 3283)",
           "Check the unit of the position of {}, degrees or radians, and the gear ratio"),
     _unit(2 * np.pi, "position", "seems to be in revolutions",
-          "a position in revolutions read as radians (2π)", "rev", "multiply it by 2π"),
+          "a position in revolutions read as radians (2π)", "rev", "multiply {} by 2π"),
     _unit(1 / (2 * np.pi), "position", "looks converted from revolutions though it is in radians",
-          "a position in radians read as revolutions (2π)", "rad", "divide it by 2π"),
+          "a position in radians read as revolutions (2π)", "rad", "divide {} by 2π"),
     _unit(1e3, "torque", "seems to be in mN·m",
-          "a torque in mN·m read as N·m", "mN·m", "divide it by 1000"),
+          "a torque in mN·m read as N·m", "mN·m", "divide {} by 1000"),
     _unit(1e-3, "position", "seems to be in mrad",
-          "a position in mrad read as rad", "mrad", "divide it by 1000"),
+          "a position in mrad read as rad", "mrad", "divide {} by 1000"),
     Cause(np.sqrt(0.5), "torque", "seems to be an rms value in place of the peak",
           "an rms current read as peak (1/√2)",
           "Check whether current and torque constant of {} are both rms or both peak values"),

@@ -138,14 +138,6 @@ def times_noise(misfit: float) -> str:
     return f"over {_MOST_TIMES:.0f} × noise" if ratio > _MOST_TIMES else f"{number(ratio, 2)} × noise"
 
 
-def percent(share: float) -> str:
-    """Format a share in percent, with about two digits."""
-    value = 100 * abs(share)
-    if value > 1000:
-        return "more than 1000 %"
-    return f"{value:.0f} %" if value >= 10 else f"{value:.2g} %"
-
-
 def number(value: float, digits: int = 3) -> str:
     """Format a number with a number of significant digits: 2200, 0.1, 5.4×10⁻⁵."""
     size = abs(value)

@@ -14,7 +14,7 @@ from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.prior_rows import disagreements
 from jointid.verdict.causes import GOOD
-from jointid.verdict.evidence import Evidence, Finding, good, percent, relative, times_noise
+from jointid.verdict.evidence import Evidence, Finding, good, relative, times_noise
 from jointid.verdict.rules_causes import (
     against_the_paper,
     depends_on_amplitude,
@@ -53,7 +53,7 @@ from jointid.verdict.rules_records import (
 from jointid.verdict.rules_response import foreign_peak, rejected
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.wrong_data import wrong_data
-from jointid.wording import enumerated
+from jointid.wording import enumerated, percent
 
 __all__ = ["Evidence", "Finding", "findings"]
 

@@ -10,13 +10,14 @@ from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.transfer_matrix import TransferMatrix
-from jointid.verdict.evidence import Evidence, Finding, percent, problem, some, warning
+from jointid.verdict.evidence import Evidence, Finding, problem, some, warning
 from jointid.verdict.findings import all_well, of_records, wrong_columns
 from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import inertias_off, judged
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
 from jointid.verdict.rules_records import counted_twice
+from jointid.wording import percent
 
 _RESTS, _LOOSELY, _UNKNOWN = 0.35, 0.01, 0.5
 """Share of the time at rest, and relative standard error of K, from which a joint is reported, and the

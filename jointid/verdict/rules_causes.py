@@ -19,11 +19,10 @@ from jointid.verdict.evidence import (
     Finding,
     note,
     number,
-    percent,
     relative,
     warning,
 )
-from jointid.wording import enumerated, significant, with_error
+from jointid.wording import enumerated, percent, significant, with_error
 
 CLEAR = 4.0
 """Standard errors that are not by chance."""

@@ -15,6 +15,7 @@ from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.estimation.identify_motion import identify_motion
 from jointid.estimation.model_fits import fit_model
+from jointid.estimation.model_selection import LOOSE
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import refit
@@ -26,7 +27,6 @@ from jointid.verdict.evidence import (
     Evidence,
     Finding,
     number,
-    percent,
     problem,
     relative,
     some,
@@ -34,21 +34,22 @@ from jointid.verdict.evidence import (
     warning,
 )
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
+from jointid.verdict.rules_model import contradicts
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.wrong_data import axis_hypotheses, low_frequency_inertia
-from jointid.wording import capitalised, plain, significant, with_error
+from jointid.wording import capitalised, percent, plain, significant, with_error
 
 _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
 _ABSURD = 10.0
 """Difference from a given inertia, in its standard deviations, from which the answer is not usable."""
+_FAR_OFF = 0.2
+"""Relative error of K or D by inertias given as exact, beside a large misfit, of the same answer."""
 _LOWER, _FAR_LOWER, _NEARER = 0.7, 0.3, 0.5
 """Misfit of a linear fit, that of one with free friction, and difference from the given inertias in
 standard deviations, over those as logged, from which axes look exchanged or reversed."""
 _CHANCE = 5e-4
 """Probability that any right value differs as far from the given one, and that all together do."""
-_LOOSE = 0.3
-"""Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 
 
 def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
@@ -135,7 +136,9 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         accounts += (
             " So large an error indicates a wrong unit, a wrong torque constant or another robot."
         )
-    yield (problem if absurd else warning)(
+    sure = change - relative(CLEAR * own.standard_error, fit.estimate)
+    useless = absurd or (exact and contradicts(fit) and sure.max() > _FAR_OFF)
+    yield (problem if useless else warning)(
         "The inertias look wrong" if row.unit else "The torque scales or inertias look wrong",
         f"{capitalised(row.name)} was entered as {given}{unit}; the records indicate "
         f"{with_error(row.fitted, row.fitted_std)}{unit}.{others} {accounts}",
@@ -143,7 +146,7 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         "of the torque constant scales all inertias alike.",
         float(change.max()) if exact else 0.05,
         "edit inertias",
-        *([] if absurd or not row.unit else [Change("inertias", (), (_LOOSE,) * exact, own_inertias)]),
+        *([] if absurd or not row.unit else [Change("inertias", (), (LOOSE,) * exact, own_inertias)]),
     )
 
 
@@ -154,7 +157,7 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
         if own.misfit <= _EXPLAINED:
             return own if "torque_scale" in own.parameters.layout else None
         try:
-            own = _refitted(evidence, inertias, _LOOSE)
+            own = _refitted(evidence, inertias, LOOSE)
         except JointIdError:
             return None
     return own if own.misfit <= _EXPLAINED else None

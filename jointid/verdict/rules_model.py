@@ -17,7 +17,6 @@ from jointid.verdict.evidence import (
     Finding,
     note,
     number,
-    percent,
     problem,
     relative,
     some,
@@ -25,7 +24,7 @@ from jointid.verdict.evidence import (
     warning,
 )
 from jointid.verdict.rules_causes import distortion, half_a_sample, hold_change
-from jointid.wording import counted
+from jointid.wording import counted, percent
 
 EXPLAINED = 3.0
 """Misfit up to which noise explains the data."""
@@ -144,8 +143,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         widened = times_noise(fit.inflation).removesuffix(" × noise")
         left += f". The noise part of the error bars is widened by a factor of {widened}"
     odd_record, changes = _odd_record(evidence)
-    contradicts = share_left > _MUCH and max(fit.misfit, misfit) * share_left > _CONTRADICTED
-    make = problem if contradicts and fit.method not in LINEAR else warning
+    make = problem if contradicts(fit) and fit.method not in LINEAR else warning
     finding = make(
         "The model does not explain the data" if make is problem else MODEL_LIMITS,
         f"{left}.{odd_record}",
@@ -156,6 +154,12 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         *changes,
     )
     yield replace(finding, code="model limits")
+
+
+def contradicts(fit: ElasticityFit) -> bool:
+    """Whether the residual is so large that the answer is not usable."""
+    share_left, _ = _left_of_torque(fit)
+    return share_left > _MUCH and max(fit.misfit, fit.fundamental[0]) * share_left > _CONTRADICTED
 
 
 def _share_of_angles(fit: ElasticityFit) -> float:

@@ -17,13 +17,12 @@ from jointid.estimation.passivity import taken_power
 from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
 from jointid.phasors.extract import Phasors
 from jointid.phasors.long_records import LongRecord
-from jointid.verdict.causes import DEGREES, GOOD
+from jointid.verdict.causes import CAUSES, GOOD
 from jointid.verdict.evidence import (
     Change,
     Evidence,
     Finding,
     number,
-    percent,
     problem,
     some,
     times_noise,
@@ -31,7 +30,7 @@ from jointid.verdict.evidence import (
 from jointid.verdict.rules_records import off_frequency
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import joint_share
-from jointid.wording import counted
+from jointid.wording import capitalised, counted, percent
 
 _LEFT = 0.02
 """Largest share of the misfit without the record; by noise alone, one record changes little."""
@@ -45,15 +44,9 @@ _FEWEST = 4
 _TOLERANCE = 0.15
 """Relative difference within which a factor counts as a known one, or as 1."""
 
-_KNOWN = (
-    (DEGREES, "angle", "seems to be in degrees", "Multiply {} by π/180 in this record."),
-    (-DEGREES, "angle", "seems to be in degrees, with the sign reversed", "Multiply {} by −π/180."),
-    (-1.0, "torque", "looks reversed in sign", "Reverse the sign of {} in this record."),
-    (1e3, "torque", "seems to be in mN·m", "Divide {} by 1000 in this record."),
-    (1e-3, "angle", "seems to be in mrad", "Divide {} by 1000 in this record."),
-    (2 * np.pi, "angle", "seems to be in revolutions", "Multiply {} by 2π in this record."),
-)
-"""Torque over angle, measured over expected; signal, description and remedy."""
+_UNITS = {cause.factor: cause for cause in CAUSES if cause.by}
+"""Wrong units of one signal by torque over angle, measured over expected."""
+_KNOWN = (1.0, -1.0, *(sign * factor for factor in _UNITS for sign in (1.0, -1.0)))
 
 _CLEAR = 4.0
 """Amplitude of a torque over its noise below which there may be no sine."""
@@ -116,8 +109,7 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
     )
     title, cause, remedy = _outlier_text(found, label, n)
     changes = [Change("leave out", (found.record,))]
-    known = [1.0, *(factor for factor, *_ in _KNOWN)]
-    if found.factor is not None and np.isin(found.factor, known).all():
+    if found.factor is not None and np.isin(found.factor, _KNOWN).all():
         ones = np.ones(n)
         scale = np.r_[1 / found.factor, ones] if found.by_angle else np.r_[ones, found.factor]
         changes.insert(0, Change("scale", (found.record,), tuple(scale.tolist())))
@@ -179,9 +171,15 @@ def _outlier_text(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
     factor = float(found.factor[wrong[0]])
     scale = 1 / factor if found.by_angle else factor
     cause = f"The {signal}{joints} is {number(scale)} times the value expected from the other records."
-    for known, usual, looks, remedy in _KNOWN:
-        if np.allclose(found.factor[wrong], known) and (known == -1 or usual == signal):
-            return f"The {signal}{joints} in {label} {looks}", cause, remedy.format(names)
+    unit, alike = _UNITS.get(abs(factor)), np.all(found.factor[wrong] == factor)
+    if alike and factor == -1:
+        title = f"The {signal}{joints} in {label} looks reversed in sign"
+        return title, cause, f"Reverse the sign of {names} in this record."
+    if alike and unit and _usual_on_angle(factor) == found.by_angle:
+        title, sign = f"The {signal}{joints} in {label} {unit.title}", ""
+        if factor < 0:
+            title, sign = f"{title}, with the sign reversed", " and reverse its sign"
+        return title, cause, f"{capitalised(unit.by.format(names))}{sign} in this record."
     return (
         f"The {signal}{joints} in {label} differs in scale from all other records",
         cause,
@@ -229,14 +227,12 @@ def _is_real(factors: Complexes) -> bool:
 
 
 def _snapped(factor: float) -> float:
-    for known in (1.0, *(known for known, *_ in _KNOWN)):
-        if abs(factor / known - 1) < _TOLERANCE:
-            return known
-    return factor
+    return next((known for known in _KNOWN if abs(factor / known - 1) < _TOLERANCE), factor)
 
 
 def _usual_on_angle(factor: float) -> bool:
-    return next((signal for known, signal, *_ in _KNOWN if known == factor), "angle") == "angle"
+    unit = _UNITS.get(abs(factor))
+    return factor != -1 and (unit is None or unit.signal == "position")
 
 
 def foreign_torques(evidence: Evidence) -> Iterator[Finding]:

@@ -16,14 +16,13 @@ from jointid.verdict.evidence import (
     Finding,
     note,
     number,
-    percent,
     problem,
     relative,
     some,
     warning,
 )
 from jointid.verdict.steady_state import decimals, joint_share, steady_from, unsettled
-from jointid.wording import counted
+from jointid.wording import counted, percent
 
 _HELD = 0.05
 """Amplitude over the joint's largest at the same frequency below which a record holds the joint."""

@@ -26,7 +26,7 @@ from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
-from jointid.gears.torque_spread import SignSlope, dahl, signs
+from jointid.gears.torque_spread import ArmFriction, dahl
 from jointid.phasors.periods import phasors_of, samples_of
 
 _CLEAR = 3.0
@@ -284,17 +284,10 @@ class JointLaws:
         """w, the deflection beyond that of the linear gear under the same torque, (r, H, n), rad."""
         return np.asarray(-wound.beyond[..., 1:].swapaxes(1, 2) / stiffness)
 
-    def arm_friction(self, torque: Complexes, arm: Complexes) -> Complexes:
-        """Phasors of sign θ̇_a, shape (r, H, n), for the arm's compliance A⁻¹, shape (r, H, n, n)."""
-        return phasors_of(signs(self._arm_velocity(torque, arm)), torque.shape[1]).swapaxes(1, 2)
-
-    def arm_friction_slope(self, torque: Complexes, arm: Complexes) -> SignSlope:
-        """Derivative of the phasors of sign θ̇_a by those of θ̇_a, both of them for the torque f."""
-        return SignSlope.at(self._arm_velocity(torque, arm), torque.shape[1])
-
-    def _arm_velocity(self, torque: Complexes, arm: Complexes) -> Floats:
-        velocity = self.s[..., None] * (arm @ np.where(self.clear, torque, 0)[..., None])[..., 0]
-        return samples_of(velocity.swapaxes(1, 2), _points(torque.shape[1]))
+    def arm_friction(self, level: Floats, torque: Complexes, arm: Complexes) -> ArmFriction:
+        """Friction of levels (n,) under torques (r, H, n) at arms of compliance A⁻¹, (r, H, n, n)."""
+        clear, mobility = np.where(self.clear, torque, 0), self.s[..., None, None] * arm
+        return ArmFriction.solve(level, mobility, clear, _points(torque.shape[1]))
 
     def presliding(self, bristle: Floats, H: int) -> Complexes:
         """Phasors of z(θ) for presliding angles, shape (n,); shape (r, H, n)."""

@@ -29,7 +29,7 @@ from jointid.estimation.estimators.problem import (
     motor_stiffness,
     rigid_arm_compliance,
 )
-from jointid.gears.torque_spread import SignSlope
+from jointid.gears.torque_spread import ArmFriction
 from jointid.joints import motor_impedance
 from jointid.small_matrices import inverse, lifted
 
@@ -100,7 +100,8 @@ class Residual:
         law, wound = (np.zeros_like(q), np.zeros_like(q)), None
         if problem.laws is not None:
             if "arm_coulomb" in problem.layout:
-                law = law[0], p.effect("arm_coulomb") * problem.laws.arm_friction(torque, arm)
+                level = p["arm_coulomb"]
+                law = law[0], level * problem.laws.arm_friction(level, torque, arm).sign
             apart = q - (arm @ (torque - law[1])[..., None])[..., 0]
             both = problem.arm_inertia(p), problem.gravity(p)
             wound = problem.laws.wound(torque, apart, gear, p, both, problem.rotor_inertia(p)[0])
@@ -186,9 +187,9 @@ class Residual:
             J[..., layout[name]] = by_gear * value[..., None, :]
         turns = None
         if "arm_coulomb" in layout and problem.laws is not None:
-            signs = problem.laws.arm_friction(self.torque, self.arm)
-            J[..., layout["arm_coulomb"]] = -(self.X @ self.arm) * signs[..., None, :]
-            turns = problem.laws.arm_friction_slope(self.torque, self.arm)
+            turns = problem.laws.arm_friction(p["arm_coulomb"], self.torque, self.arm)
+            force = turns.settled(turns.sign[..., None] * np.eye(n))
+            J[..., layout["arm_coulomb"]] = -(self.X @ self.arm) @ force
         self._differentiate_arm(J, f - self.law[1], turns)
         if "position_filter" in layout:
             J[..., layout["position_filter"]] = -self.X * (s * smooth[..., :n])[..., None, :]
@@ -223,13 +224,12 @@ class Residual:
         laws = self.problem.laws
         return torque if laws is None else np.where(laws.clear, torque, 0)
 
-    def _by_turns(self, turns: SignSlope, angle: Complexes) -> Complexes:
+    def _by_turns(self, turns: ArmFriction, angle: Complexes) -> Complexes:
         """Change of r by Coulomb friction at the arm for changes of its angle, both (r, H, n, c).
 
         They move the instants at which the arm turns back.
         """
-        change = turns.of(self.problem.s[..., None, None] * angle)
-        force = self.p["arm_coulomb"][:, None] * change
+        force = turns.by_motion(self.problem.s[..., None, None] * angle)
         return np.asarray(-(self.X @ self.arm) @ force)
 
     def _own_columns(self, smooth: Complexes) -> dict[str, Complexes]:
@@ -263,7 +263,7 @@ class Residual:
             columns["bristle"] = -p["motor_presliding"] * slope * earlier
         return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
 
-    def _differentiate_arm(self, J: Complexes, f: Complexes, turns: SignSlope | None) -> None:
+    def _differentiate_arm(self, J: Complexes, f: Complexes, turns: ArmFriction | None) -> None:
         """Fill the columns of M2 and of the effects on the arm's dynamic stiffness.
 
         ``f`` is the torque that moves the arm.
@@ -274,7 +274,7 @@ class Residual:
         share = -self.X @ self.arm  # −XA⁻¹
         angle = (self.arm @ f[..., None])[..., 0]
         by_arm = share * angle[..., None, :]  # ∂r/∂A_jj
-        moved = (self.arm @ self._clear(self.torque)[..., None])[..., 0]
+        moved = (self.arm @ (self._clear(self.torque) - self.law[1])[..., None])[..., 0]
         factors = {"arm_viscous": s, "link": -(s**4), "gravity": np.ones_like(s)}
         for name, factor in factors.items():
             if name in layout:
@@ -297,7 +297,7 @@ class Residual:
                 J[..., layout["M2"]] += self._by_common_gravity(share, angle, moved, turns)
 
     def _by_common_gravity(
-        self, share: Complexes, angle: Complexes, moved: Complexes, turns: SignSlope | None
+        self, share: Complexes, angle: Complexes, moved: Complexes, turns: ArmFriction | None
     ) -> Complexes:
         """Change of r by the gravity that follows the common unknown in M2, shape (r, H, n, u t)."""
         prior = self.problem.prior
