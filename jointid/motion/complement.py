@@ -40,6 +40,11 @@ class Waveforms:
         """Number of free waveforms; their rank may be smaller."""
         return sum(each.shape[1] for each in self.free)
 
+    @property
+    def is_bounded(self) -> bool:
+        """Whether some waveforms have a known size."""
+        return any(each.shape[1] for each in self.bounded)
+
     @cached_property
     def basis(self) -> Basis:
         """Basis of the complement of the free waveforms: the same in all fits."""
@@ -146,19 +151,10 @@ class Complement:
                 place[: basis.torques.shape[1], j] = basis.torques[used].T @ solved[used]
         return found
 
-    def noise_left(self, rows: Floats) -> tuple[Floats, Floats, Floats]:
-        """Degrees of freedom that noise keeps in its part of the residual, shape (r, n).
-
-        And the squares of the bounded waveforms in residuals of coordinates (r, C), and their expected
-        values, each shape (n,).
-        """
-        left, sizes = np.zeros((len(self.bases), self.V.shape[2])), np.zeros((2, self.V.shape[2]))
-        for place, basis, U, own in zip(left, self.bases, self.roots, rows, strict=True):
-            bounded = block_diag(*basis.bounded)
-            share = cho_solve((U, False), bounded)
-            solved = solve_triangular(U, own[: basis.joint.size], check_finite=False)
-            kept = np.eye(basis.joint.size) - share
-            by_direction = (kept * kept.T).sum(axis=1), 2 * solved * (bounded @ solved), np.diag(share)
-            place[:], *size = (np.bincount(basis.joint, each, place.size) for each in by_direction)
-            sizes += np.array(size)
-        return left, sizes[0], sizes[1]
+    def noise_left(self) -> Floats:
+        """Degrees of freedom that noise keeps in its part of the residual, shape (r, n)."""
+        left = np.zeros((len(self.bases), self.V.shape[2]))
+        for place, basis, U in zip(left, self.bases, self.roots, strict=True):
+            kept = np.eye(basis.joint.size) - cho_solve((U, False), block_diag(*basis.bounded))
+            place[:] = np.bincount(basis.joint, (kept * kept.T).sum(axis=1), place.size)
+        return left
