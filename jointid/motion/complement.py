@@ -40,11 +40,6 @@ class Waveforms:
         """Number of free waveforms; their rank may be smaller."""
         return sum(each.shape[1] for each in self.free)
 
-    @property
-    def is_bounded(self) -> bool:
-        """Whether some waveforms have a known size."""
-        return any(each.shape[1] for each in self.bounded)
-
     @cached_property
     def basis(self) -> Basis:
         """Basis of the complement of the free waveforms: the same in all fits."""

@@ -48,7 +48,7 @@ class FreeFriction:
         counts = np.array([own.count for own in records], dtype=int)
         n, most = sizes.shape[1], counts.max(initial=0)
         left = max((2 * np.count_nonzero(own.known) - own.count for own in records), default=0)
-        if any(own.is_bounded for own in records) and left <= max(_MOST, most):
+        if any(each.shape[1] for own in records for each in own.bounded) and left <= max(_MOST, most):
             bases = (own.basis.sized(size) for own, size in zip(records, sizes, strict=True))
             return cls(bases=tuple(bases), shapes=int(counts.sum()))
         doublings = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)

@@ -13,8 +13,7 @@ _RESOLVED = 0.5
 _FURTHER = 1
 """Further polynomials, which the highest bin resolves in part."""
 _RESTS = 2
-"""Polynomials of a stretch beyond which it is a rest: whatever the motor does before and after, its
-friction there is any torque up to the level of friction."""
+"""Polynomials of a stretch beyond which it is a rest, with any friction up to its level."""
 _MOST = 0.6
 """Largest share of a joint's equations that shorter stretches take: the longest first, for in the
 shortest the unknown friction is an impulse, like noise."""
@@ -22,7 +21,7 @@ _TURN = 0.25
 """Place of the change of sign in a rest. Friction drops when the motor stops, to any torque within its
 level, and follows the drive to the other level: its mean is that of a change after a quarter."""
 _MORE = 6
-"""Degrees beyond those of a stretch for which a quadrature has twice as many points: it is then exact."""
+"""Degrees beyond those of a stretch for which a quadrature has twice as many points and is exact."""
 _MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
 _REST = 2
@@ -122,10 +121,8 @@ def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Float
     # A straight line between the last and the first clear sample; exact for neighbours.
     samples = (after - before) / (np.abs(v[before]) + np.abs(v[after]))
     at_once = np.abs(v[before]) * samples - np.minimum(late * samples, latest)
-    in_rest = _TURN * (after - before)
-    return before + np.where(after - before > _REST, in_rest, at_once), np.append(
-        sign[:1], sign[turn + 1]
-    )
+    at = np.where(after - before > _REST, _TURN * (after - before), at_once)
+    return before + at, np.append(sign[:1], sign[turn + 1])
 
 
 def _of_steps(turns: Floats, signs: Floats, N: int, H: int) -> Complexes:
