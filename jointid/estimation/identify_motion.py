@@ -229,18 +229,14 @@ def _with_noise(
     left, friction = residual.at.r - residual.free_friction(), residual.at.problem.friction
     spread = np.zeros(left.shape) if friction is None else friction.spread
     rows = 2.0 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
-    left_of_noise, size = residual.projection.noise_left(residual.rows, rows, spread)
-    share = np.where(residual.at.problem.used, left_of_noise / rows, 0)
+    share = np.where(residual.at.problem.used, residual.projection.noise_left(rows) / rows, 0)
     clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
     whole = np.einsum("rhjj->rhj", residual.at.V).real
     by_noise = 1 - np.divide(spread, whole, out=np.zeros(left.shape), where=spread > 0)
     left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
     torques = sensor_noise(phasors, left, residual.at.E)
     usual: Floats = np.mean([*torques.values()], axis=0)
-    stated = next(segment.unknown_Nm for segment in phasors.segments if segment is not None)
     braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
-    # No larger than the level of friction, whatever else the model lacks there.
-    unknown = np.where(stated > 0, np.minimum(stated * size, braked), braked)
     phasors, prior = of or (phasors, prior)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
     for row, segment in enumerate(phasors.segments):
@@ -251,7 +247,7 @@ def _with_noise(
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
-            segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=unknown)
+            segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=braked)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
 

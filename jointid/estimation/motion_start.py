@@ -108,7 +108,8 @@ def motion_start(phasors: Phasors, prior: InertiaPrior, *, backlash: bool = Fals
         if np.abs(step * scale).max() < _NEAR * np.sqrt(misfit):
             break
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
-    K = np.where(yielding > 0, 1 / np.where(yielding > 0, yielding, 1.0), own * middle**2)
+    seen = yielding > np.sqrt(misfit * np.diag(inverse)[:n]) / scale[:n]  # a joint that rests shows none
+    K = np.where(seen, 1 / np.where(seen, yielding, 1.0), own * middle**2)
     own, sizes = slice(2 * n, 4 * n), rubbing.ravel() * scale[2 * n : 4 * n]
     rubs_clearly = bool(sizes @ np.linalg.solve(inverse[own, own], sizes) > _RUBS * rows)
     values = {"K": K, "D": slow * K}

@@ -147,23 +147,14 @@ class Complement:
                 place[: basis.torques.shape[1], j] = basis.torques[used].T @ solved[used]
         return found
 
-    def noise_left(self, rows: Floats) -> tuple[Floats, Floats, Floats]:
-        """Degrees of freedom that noise keeps in its part of the residual, shape (r, n).
-
-        And the squares of the bounded waveforms in residuals of coordinates (r, C), and their expected
-        values, each shape (n,).
-        """
-        left, sizes = np.zeros((len(self.bases), self.V.shape[2])), np.zeros((2, self.V.shape[2]))
-        for place, basis, U, own in zip(left, self.bases, self.roots, rows, strict=True):
+    def noise_left(self) -> Floats:
+        """Degrees of freedom that noise keeps in its part of the residual, shape (r, n)."""
+        left = np.zeros((len(self.bases), self.V.shape[2]))
+        for place, basis, U in zip(left, self.bases, self.roots, strict=True):
             of_U = np.triu(dpotri(U)[0])
             share = of_U + np.triu(of_U, 1).T
-            solved = solve_triangular(U, own[: basis.joint.size], check_finite=False)
-            weighted = np.empty(solved.size)
             for used, bounded in zip(basis.of_joints(), basis.bounded, strict=True):
                 share[:, used] = share[:, used] @ bounded
-                weighted[used] = bounded @ solved[used]
             kept = np.eye(basis.joint.size) - share
-            by_direction = (kept * kept.T).sum(axis=1), 2 * solved * weighted, np.diag(share)
-            place[:], *size = (np.bincount(basis.joint, each, place.size) for each in by_direction)
-            sizes += np.array(size)
-        return left, sizes[0], sizes[1]
+            place[:] = np.bincount(basis.joint, (kept * kept.T).sum(axis=1), place.size)
+        return left

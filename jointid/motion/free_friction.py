@@ -19,8 +19,8 @@ from jointid.small_matrices import inverse
 
 _MANY = 48
 """Waveforms from which Cholesky's method pays for a call per record."""
-_MOST = 256
-"""Waveforms of a record from which their complement, joint by joint, is faster with many joints."""
+_MOST = 500
+"""Coordinates of the complement of a record, above which its evaluation is slow."""
 _RIDGE = DEPENDENT
 """Added to the Gram matrix of unit columns: neighbouring hat functions are nearly dependent."""
 
@@ -34,7 +34,7 @@ class FreeFriction:
     ends: tuple[np.ndarray, Complexes] | None = None
     """Indices of some records, shape (m,), and further columns, (m, H, n, k)."""
     bases: tuple[Basis, ...] = ()
-    """In place of the groups, where a record has many waveforms: the complement of each record."""
+    """In place of the groups, for motions: the complement of each record, with bounded friction."""
     shapes: int = 0
     """Number of waveforms; their rank may be smaller."""
 
@@ -43,11 +43,12 @@ class FreeFriction:
         """Collect the waveforms of the records, each at its own first bins of H.
 
         ``sizes``, shape (r, n), are the standard deviations of the bounded ones; the complement takes
-        them as noise.
+        them as noise. Only it knows that the friction of a reversal is one torque in all bins.
         """
         counts = np.array([own.count for own in records], dtype=int)
-        n = sizes.shape[1]
-        if counts.max(initial=0) > _MOST and n > 2:
+        n, most = sizes.shape[1], counts.max(initial=0)
+        left = max((2 * np.count_nonzero(own.known) - own.count for own in records), default=0)
+        if any(each.shape[1] for own in records for each in own.bounded) and left <= max(_MOST, most):
             bases = (own.basis.sized(size) for own, size in zip(records, sizes, strict=True))
             return cls(bases=tuple(bases), shapes=int(counts.sum()))
         doublings = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
@@ -191,28 +192,18 @@ class Projection:
         bases = self.complement.bases if self.complement else ()
         return round(found + float(sum(basis.freed.sum() for basis in bases)))
 
-    def noise_left(self, rows: Floats, known: Floats, spread: Floats) -> tuple[Floats, Floats]:
-        """Degrees of freedom (r, n) of the noise that the projection leaves, of those known, (r, 1).
-
-        And the size of bounded waveforms over the stated, (n,), for the rows (r, m) of the residual:
-        of those in the complement, or of the variance ``spread``, shape (r, H, n), in that of the bins.
-        """
+    def noise_left(self, known: Floats) -> Floats:
+        """Degrees of freedom (r, n) of the noise that the projection leaves, of those known, (r, 1)."""
         n = self.W.shape[2]
         if self.complement:
-            found, *size = self.complement.noise_left(rows)
+            found = self.complement.noise_left()
             if self.ends:  # they take from all joints alike
                 found[self.ends.records] -= self.ends.leverage().sum(axis=1, keepdims=True) / n
-        else:
-            kept = np.ones(rows.shape)
-            for each in (*self.columns, *([self.ends] if self.ends else [])):
-                kept[each.records] -= each.leverage()
-            found = known + (kept - 1).reshape(len(kept), -1, n).sum(axis=1)
-            weighted = self.W.conj().swapaxes(2, 3) @ self.whitened(rows[..., None])
-            left = kept.reshape(len(kept), 2, -1, n).mean(axis=1)[..., None] * np.abs(self.W) ** 2
-            squares = np.abs(weighted[..., 0]) ** 2, left.sum(axis=2)
-            size = [(spread * each).sum(axis=(0, 1)) for each in squares]
-        shown, stated = size
-        return found, np.sqrt(np.divide(shown, stated, out=np.ones(n), where=stated > 0))
+            return found
+        taken = np.zeros((len(self.W), 2 * self.W.shape[1] * n))
+        for each in (*self.columns, *([self.ends] if self.ends else [])):
+            taken[each.records] += each.leverage()
+        return np.asarray(known - taken.reshape(len(taken), -1, n).sum(axis=1))
 
     def explained(self, values: Complexes) -> Complexes:
         """Free friction in the values (r, H, n, 1) in use, shape (r, H, n)."""

@@ -1,7 +1,8 @@
 """Friction of a segment at its bins: the sign of the velocity, and free friction at its pauses."""
 
+from functools import lru_cache
+
 import numpy as np
-from scipy.special import spherical_jn
 
 from jointid.arrays import Complexes, Floats
 from jointid.motion.complement import Waveforms
@@ -11,9 +12,16 @@ _RESOLVED = 0.5
 """Polynomials of a stretch beyond its phase at the highest bin, which decides how many it needs."""
 _FURTHER = 1
 """Further polynomials, which the highest bin resolves in part."""
+_RESTS = 2
+"""Polynomials of a stretch beyond which it is a rest, with any friction up to its level."""
 _MOST = 0.6
-"""Largest share of a joint's equations that the stretches take: the longest, for in the shortest the
-unknown friction is an impulse, like noise."""
+"""Largest share of a joint's equations that shorter stretches take: the longest first, for in the
+shortest the unknown friction is an impulse, like noise."""
+_TURN = 0.25
+"""Place of the change of sign in a rest. Friction drops when the motor stops, to any torque within its
+level, and follows the drive to the other level: its mean is that of a change after a quarter."""
+_MORE = 6
+"""Degrees beyond those of a stretch for which a quadrature has twice as many points and is exact."""
 _MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
 _REST = 2
@@ -91,7 +99,7 @@ def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Float
     """Samples, with their fraction, at which the direction changes, and the directions (m + 1,).
 
     The velocity is then ``late`` in the direction before, but the motor turned no more than ``latest``
-    samples ago. Where a motor rests, the change is in the middle of its last and first clear motion.
+    samples ago. Where a motor rests, the change is at ``_TURN`` between its last and first clear motion.
     """
     clear = np.flatnonzero(np.abs(v) > blur)
     sign = np.sign(v[clear])
@@ -99,8 +107,9 @@ def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Float
     before, after = clear[turn], clear[turn + 1]
     # A straight line between the last and the first clear sample; exact for neighbours.
     samples = (after - before) / (np.abs(v[before]) + np.abs(v[after]))
-    sooner = np.where(after - before > _REST, 0.0, np.minimum(late * samples, latest))
-    return before + np.abs(v[before]) * samples - sooner, np.append(sign[:1], sign[turn + 1])
+    at_once = np.abs(v[before]) * samples - np.minimum(late * samples, latest)
+    at = np.where(after - before > _REST, _TURN * (after - before), at_once)
+    return before.astype(float) + at, np.append(sign[:1], sign[turn + 1])
 
 
 def _of_steps(turns: Floats, signs: Floats, N: int, H: int) -> Complexes:
@@ -131,18 +140,29 @@ def _polynomials(stretches: np.ndarray, N: int, H: int, most: int) -> tuple[Comp
     """
     bins = np.arange(1, H + 1)[:, None]
     length, middle = np.diff(stretches, axis=1)[:, 0], stretches.mean(axis=1)
-    phase = np.pi * length / N
-    count = np.ceil(phase * H + _RESOLVED)
+    count = np.ceil(np.pi * length / N * H + _RESOLVED).astype(int)
     longest = np.argsort(-length)
-    degrees = np.zeros(length.size)
-    within = longest[np.cumsum(count[longest]) <= most]
-    degrees[within] = count[within]
+    is_free = count > _RESTS
+    is_free[longest[np.cumsum(count[longest]) <= most]] = True
     late = np.exp(-2j * np.pi * bins * middle / N) * (2j / N)
-    degree, of = np.nonzero(np.arange(count.max(initial=0) + _FURTHER)[:, None] < count + _FURTHER)
-    # stretches of equal length share their functions
-    pairs, which = np.unique(np.stack([degree, length[of]]), axis=1, return_inverse=True)
-    bessel = spherical_jn(pairs[0], bins * (np.pi * pairs[1] / N))[:, which]
-    shapes = length[of] * ((-1j) ** degree * bessel) * late[:, of]
-    std = np.sqrt(np.where(degree, 1 / (2 * degree - 1) + 1 / (2 * degree + 3), 1 / 3))
-    free = degree < degrees[of]
-    return shapes[:, free], std[~free] * shapes[:, ~free]
+    free, bounded = [np.zeros((H, 0), complex)], [np.zeros((H, 0), complex)]
+    for steps in np.unique(length).tolist():  # stretches of equal length share their functions
+        equal = length == steps
+        resolved = count[equal][0]
+        degree = np.arange(resolved + _FURTHER)
+        phase = np.pi * steps / N * bins
+        x, weighted = _quadrature((degree.size + _MORE).bit_length())
+        shapes = 0.5 * steps * np.exp(-1j * phase * x) @ weighted[:, : degree.size]
+        std = np.sqrt(np.where(degree, 1 / (2 * degree - 1) + 1 / (2 * degree + 3), 1 / 3))
+        for each in np.flatnonzero(equal).tolist():
+            own, first = late[:, each, None] * shapes, resolved * is_free[each]
+            free.append(own[:, :first])
+            bounded.append(std[first:] * own[:, first:])
+    return np.concatenate(free, axis=1), np.concatenate(bounded, axis=1)
+
+
+@lru_cache
+def _quadrature(doublings: int) -> tuple[Floats, Floats]:
+    """Points of Gauss's quadrature (p,), and their weights times Legendre's polynomials (p, p / 2)."""
+    x, weights = np.polynomial.legendre.leggauss(2 ** (doublings + 1))
+    return x, weights[:, None] * np.polynomial.legendre.legvander(x, x.size // 2 - 1)
