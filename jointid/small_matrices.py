@@ -9,7 +9,6 @@ from functools import cache
 from typing import TypeVar
 
 import numpy as np
-from scipy.linalg import solve_banded
 from threadpoolctl import ThreadpoolController
 
 from jointid.arrays import Complexes, Floats
@@ -151,17 +150,3 @@ def one_thread() -> AbstractContextManager[object]:
 @cache
 def _controller() -> ThreadpoolController:
     return ThreadpoolController()
-
-
-def dahl_from_rest(delta: Floats, sharpness: Floats) -> Floats:
-    """Dahl's z over deflections (n, N), dz/dδ = sharpness (1 − z sign δ̇), from zero.
-
-    The sharpness has shape (n, 1).
-    """
-    move = np.diff(delta, axis=1, prepend=delta[:, :1])
-    decay = np.exp(-np.abs(move) * sharpness)
-    band, found = np.ones((2, move.shape[1])), np.sign(move) * (1 - decay)
-    for kept, own in zip(decay, found, strict=True):
-        band[1, :-1] = -kept[1:]
-        own[:] = solve_banded((1, 0), band, own, check_finite=False)
-    return np.asarray(found)

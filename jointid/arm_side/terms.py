@@ -8,8 +8,8 @@ import numpy as np
 
 from jointid.arm_side.band_limited import BandLimited, GaussianFilter
 from jointid.arrays import Floats
+from jointid.gears.laws import dahl_from_rest
 from jointid.robot_models.model import RobotModel
-from jointid.small_matrices import dahl_from_rest
 
 _PRESLIDING_RAD = 3e-4
 """Motion after a reversal in which friction in the gear builds up."""

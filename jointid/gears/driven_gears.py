@@ -19,9 +19,8 @@ import numpy as np
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from jointid.arrays import Complexes, Floats
-from jointid.gears.laws import GearLaws
+from jointid.gears.laws import GearLaws, dahl_from_rest
 from jointid.gears.motor_motion import MotorMotion
-from jointid.small_matrices import dahl_from_rest
 
 _HAT = (1 / 12, 10 / 12, 1 / 12)
 """Weights of three samples in the integral over a hat (Numerov)."""

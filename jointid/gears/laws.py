@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 from jointid.arrays import Floats
 from jointid.gears.gear import Gear, knees
@@ -131,6 +132,20 @@ class GearLaws:
 def _beyond(x: Floats, edge: Floats) -> Floats:
     """Part of x beyond ± edge; np.clip is slower on small arrays."""
     return np.asarray(x - np.minimum(np.maximum(x, -edge), edge))
+
+
+def dahl_from_rest(delta: Floats, sharpness: Floats) -> Floats:
+    """Dahl's z over deflections (n, N), dz/dδ = sharpness (1 − z sign δ̇), from zero.
+
+    The sharpness has shape (n, 1).
+    """
+    move = np.diff(delta, axis=1, prepend=delta[:, :1])
+    decay = np.exp(-np.abs(move) * sharpness)
+    band, found = np.ones((2, move.shape[1])), np.sign(move) * (1 - decay)
+    for kept, own in zip(decay, found, strict=True):
+        band[1, :-1] = -kept[1:]
+        own[:] = solve_banded((1, 0), band, own, check_finite=False)
+    return np.asarray(found)
 
 
 class GearState:
