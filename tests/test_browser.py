@@ -154,6 +154,11 @@ def test_nothing_is_wider_than_a_phone(address: str, open_in: Callable[..., Page
                 page.evaluate(GO, path)
             finished(page, title)
             assert too_wide(page) <= 0, title
+    page.get_by_test_id("stExpandSidebarButton").click()
+    side = page.get_by_test_id("stSidebar")
+    side.get_by_role("link", name="Records").click()
+    finished(page, "Records")
+    expect(side).not_to_be_in_viewport()  # it would cover the page
 
 
 def fleet_with(study: Study) -> tuple[list[Row], int]:

@@ -59,12 +59,12 @@ _scripts = {
         html="<i hidden></i>",
         js=Path(__file__).with_name(f"{name}.js").read_text("utf-8"),
     )
-    for name in ("figure_toolbar", "scroll_regions")
+    for name in ("figure_toolbar", "scroll_regions", "phone_sidebar")
 }
 
 
 def equip_page() -> None:
-    """Add SVG and CSV to the toolbars of figures; let the keyboard reach every region that scrolls."""
+    """Equip toolbars of figures with SVG and CSV, scrolling regions for the keyboard, phones."""
     for name, script in _scripts.items():
         script(key=name)
 
