@@ -117,7 +117,8 @@ def convert(
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
         raise typer.BadParameter(
-            f"--pose is given {len(poses)} times for {counted(len(tables), 'log')}."
+            f"--pose is given {len(poses)} times for {counted(len(tables), 'log')}: "
+            "give it once, or once per log."
         )
     measured_on = parse_date(date)
     with progress("Looking for sine runs") as report:
