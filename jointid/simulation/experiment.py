@@ -76,8 +76,8 @@ class Excitation:
     Parameters
     ----------
     pattern : {"orthogonal", "one-at-a-time"} or array_like, shape (R, n), complex
-        The weights W. "orthogonal": e^{2πi rj/R}, all joints move in every record, with other relative
-        phases. "one-at-a-time": record r moves joint r, the controllers hold the others.
+        The weights W. "orthogonal": e^{2πi rj/R}, all joints move in every record, with different
+        relative phases. "one-at-a-time": record r moves joint r, the controllers hold the others.
     records_per_frequency : int, optional
         R; by default n, or the rows of ``pattern``.
     velocity_rad_s, acceleration_rad_s2 : float or (n,)
