@@ -338,7 +338,7 @@ def test_over_a_limit_nothing_is_written(quantity: str, factor: float) -> None:
     limits[0] = factor * peak
     tight = replace(WIDE, **{quantity: limits})
     name = quantity.split("_")[0]
-    expected = rf"The {name} of joint 1 reaches .* \(record \d \(.* Hz\), [\d.]+ s, .* its limit is"
+    expected = rf"The {name} of joint 1 reaches .* \(record \d \(.* Hz\), [\d.]+ s, .*; its limit is"
     with pytest.raises(JointIdError, match=expected) as refusal:
         set_points(played(), tight, "egm").text()
     scale = float(re.search(r"scale of the motion to ([\d.]+) \(now 1\)", str(refusal.value))[1])

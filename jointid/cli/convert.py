@@ -131,7 +131,7 @@ def convert(
     if study.assumed:
         notes = (
             *notes,
-            f"{study.remarks[-1]} Correct them in {mapping}, or confirm them (assumed = []).",
+            f'{study.remarks[-1]} Correct them in {mapping}, or confirm them ("assumed": []).',
         )
     for line in (*notes, *[UNSTATED_TORQUE_SCALE] * (study.torque_std is None)):
         typer.echo(line, err=True)
