@@ -116,10 +116,8 @@ def convert(
     robot = replace(robot_from(inertia), **changes)
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
-        raise typer.BadParameter(
-            f"--pose is given {len(poses)} times for {counted(len(tables), 'log')}: "
-            "give it once, or once per log."
-        )
+        given = f"{len(poses)} times for {counted(len(tables), 'log')}"
+        raise typer.BadParameter(f"--pose is given {given}: give it once, or once per log.")
     measured_on = parse_date(date)
     with progress("Looking for sine runs") as report:
         study, notes = mapped_study(tables, chosen, robot, poses, report)
