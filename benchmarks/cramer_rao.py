@@ -25,8 +25,8 @@ SAMPLE_RATE_HZ = 2000.0
 NOISE = np.array([1e-4, 1e-4, 0.05, 0.05])
 """Standard deviation of each sample: motor angles in rad, torques in N·m."""
 HEADINGS = (
-    "periods", "estimator", "RMSE / bound: K1", "K2", "D1", "D2", "68 % intervals with the truth",
-    "95 % intervals with the truth",
+    "periods", "estimator", "RMSE / bound: K1", "K2", "D1", "D2", "truth within the 68 % interval",
+    "truth within the 95 % interval",
 )  # fmt: skip
 METHODS = ("least-squares", "weighted", "maximum-likelihood", "auto")
 

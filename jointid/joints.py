@@ -38,8 +38,8 @@ class Inertia:
     """Exactly known part of M2, shape (n, n), kg·m², such as a payload of known mass and position. The
     uncertainty of M2 then applies to M2 − added. By default zero."""
     gravity: Floats
-    """Stiffness of gravity, the derivative of the static torque by the joint angles, shape (n, n),
-    N·m/rad; exact. By default zero: a horizontal arm."""
+    """Stiffness of gravity, the derivative of the static torque with respect to the joint angles,
+    shape (n, n), N·m/rad; exact. By default zero: a horizontal arm."""
     shared: Floats
     """Change of M2 by one standard deviation of an unknown common to all poses, such as the mass of the
     payload, shape (n, n), kg·m². By default zero."""

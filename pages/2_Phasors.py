@@ -15,7 +15,7 @@ page = open_page(
     "Phasors",
     "A sine of known frequency is fully described by its amplitude and phase: one complex number, the "
     "phasor. Velocity and acceleration follow by multiplication with iω, without numerical "
-    "differentiation of encoder noise. Hold and delay of the torque are corrected.",
+    "differentiation of encoder noise. The torque is corrected for hold and delay.",
 )
 st.latex(
     r"\theta = a + ib,\;\; \dot\theta = i\omega\,\theta,\;\; "

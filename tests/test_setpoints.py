@@ -338,7 +338,7 @@ def test_over_a_limit_nothing_is_written(quantity: str, factor: float) -> None:
     limits[0] = factor * peak
     tight = replace(WIDE, **{quantity: limits})
     name = quantity.split("_")[0]
-    expected = rf"The {name} of joint 1 reaches .* \(record \d \(.* Hz\), [\d.]+ s, .* its limit is"
+    expected = rf"The {name} of joint 1 reaches .* \(record \d \(.* Hz\), [\d.]+ s, .*; its limit is"
     with pytest.raises(JointIdError, match=expected) as refusal:
         set_points(played(), tight, "egm").text()
     scale = float(re.search(r"scale of the motion to ([\d.]+) \(now 1\)", str(refusal.value))[1])
@@ -429,7 +429,7 @@ def test_a_format_refuses_what_it_cannot_hold() -> None:
         set_points(played(), replace(WIDE, start_deg=START_DEG[:5], joint_names=()), "ur")
     with pytest.raises(JointIdError, match="expected 4 and 12 ms"):
         set_points(played(), WIDE, "rsi", interval_ms=2.0)
-    with pytest.raises(JointIdError, match=r"23\.00 Hz has less than 5 .* plan up to 16\.67 Hz"):
+    with pytest.raises(JointIdError, match=r"23\.00 Hz has fewer than 5 .* plan up to 16\.67 Hz"):
         set_points(played(), WIDE, "rsi", interval_ms=12.0)
     with pytest.raises(JointIdError, match="csv, ros2, ur, egm, rsi"):
         set_points(played(), WIDE, "krl")

@@ -62,7 +62,7 @@ class ArmSideFit:
 
     @property
     def table(self) -> dict[str, list[str]]:
-        """K with its standard error, skew and reason of refusal of every joint, as text."""
+        """K with its standard error, skew and reason for refusal of every joint, as text."""
         known = np.isfinite(self.K)
         pairs = {
             "K at the joint (N·m/rad)": (self.K, self.standard_error, known),

@@ -116,9 +116,8 @@ def convert(
     robot = replace(robot_from(inertia), **changes)
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
-        raise typer.BadParameter(
-            f"--pose is given {len(poses)} times for {counted(len(tables), 'log')}."
-        )
+        given = f"{len(poses)} times for {counted(len(tables), 'log')}"
+        raise typer.BadParameter(f"--pose is given {given}: give it once, or once per log.")
     measured_on = parse_date(date)
     with progress("Looking for sine runs") as report:
         study, notes = mapped_study(tables, chosen, robot, poses, report)
@@ -130,7 +129,7 @@ def convert(
     if study.assumed:
         notes = (
             *notes,
-            f"{study.remarks[-1]} Correct them in {mapping}, or confirm them (assumed = []).",
+            f'{study.remarks[-1]} Correct them in {mapping}, or confirm them ("assumed": []).',
         )
     for line in (*notes, *[UNSTATED_TORQUE_SCALE] * (study.torque_std is None)):
         typer.echo(line, err=True)

@@ -104,7 +104,7 @@ def planned(
     known = load_named(path)
     if shape is None and known.motion_records:
         raise JointIdError(
-            "Sines are planned from the noise of sines, and this study has records of other motions: "
+            "Sines can be planned for a study of sine records only, and this one has motion records: "
             "add --motion sweep to plan a motion."
         )
     with progress("Planning"):

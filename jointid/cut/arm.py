@@ -163,7 +163,7 @@ class PlanarArm:
         return np.stack([np.cos(phi) @ self.length_m, np.sin(phi) @ self.length_m], axis=-1)
 
     def jacobian(self, joint_angle_rad: ArrayLike) -> Floats:
-        """Derivative of the tool position by the joint angles, shape (..., 2, 2), m/rad."""
+        """Derivative of the tool position with respect to the joint angles, shape (..., 2, 2), m/rad."""
         phi = self.link_angles(joint_angle_rad)
         links = np.stack([-np.sin(phi) * self.length_m, np.cos(phi) * self.length_m], axis=-2)
         return np.asarray(links @ self.links_from_joints)

@@ -83,7 +83,7 @@ class Outcome:
         """Sentence where the servo before may cut as well as with the identified values; else empty."""
         if self.distribution is None or self.before_m > self.after_m:
             return ""
-        return "Within the error bars, the path error after is not smaller than that before."
+        return "Within the error bars, the path error is not smaller after identification than before."
 
     @property
     def spread_m(self) -> float:

@@ -58,7 +58,7 @@ class TrackingRun:
 
     @property
     def max_contour_error_m(self) -> float:
-        """Largest contour error, m."""
+        """Largest contour error (path error), m."""
         return float(self.contour_error_m.max())
 
     @property

@@ -143,7 +143,7 @@ def _settings(analysis: Analysis) -> Iterator[Block]:
         ("Paper", "Identification of Joint Elasticity of Industrial Robots"),
         ("Study digest", f"{study_digest(study)}, a checksum of data and settings"),
         ("Estimator", f"{fit.method}: {METHODS[fit.method]}"),
-        ("Fitted", _model(analysis)),
+        ("Fitted model", _model(analysis)),
         ("Residual / noise", f"{significant(float(np.sqrt(fit.misfit)), 3)}; 1 is ideal"),
         ("Torque samples", f"{hold}, stated delay {', '.join(plain(1e3 * d) for d in delays)} ms"),
         *(harmonics if study.sine_records else []),

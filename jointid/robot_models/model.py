@@ -158,7 +158,7 @@ class RobotModel(RobotDescription):
         Raises
         ------
         JointIdError
-            When the last axis has not n values, or a value is not finite.
+            When the last axis does not have n values, or a value is not finite.
         """
         return np.asarray(self._torque(*self._checked(q=q, dq=dq, ddq=ddq)))
 

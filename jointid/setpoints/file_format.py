@@ -17,11 +17,11 @@ _ASCII = str.maketrans({"−": "-", "·": " ", "°": "deg", "²": "^2"})
 _SAFETY = (
     "The check below uses a simulated robot, for small motions around the start pose. It does not",
     "cover collisions, cables, tool and workpiece, tool speed, singularities, or wrong inertias, K, D",
-    "and limits. It is not a safety function and replaces no risk assessment (ISO 10218).",
+    "and limits. It is not a safety function and does not replace a risk assessment (ISO 10218).",
     "Release: by the person responsible for this cell. Safety-rated monitoring of speed, space and stop",
     "remains on; nobody is in the safeguarded space; an emergency stop is within reach.",
     "First run: in the maker's simulator, then on the robot with a file of scale 0.1 at reduced speed,",
-    "then in steps. Clear the whole range of the joints below, with tool and workpiece.",
+    "then in steps. Keep the whole range of the joints below clear for arm, tool and workpiece.",
     "The experiment excites resonances on purpose: secure tool, hoses and workpiece. Stop at growing",
     "vibration, following errors or hot drives. It starts and ends at the start pose, at rest.",
 )

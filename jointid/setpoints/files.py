@@ -67,11 +67,11 @@ def _require_possible(
         raise JointIdError(f"{chosen.title}: an interval of {interval_ms:g} ms, expected {names} ms.")
     if highest > most * (1 + 1e-9):
         raise JointIdError(
-            f"{significant(highest)} Hz has less than {_FEWEST_PER_PERIOD} set points per period at "
+            f"{significant(highest)} Hz has fewer than {_FEWEST_PER_PERIOD} set points per period at "
             f"{interval_ms:g} ms: plan up to {significant(most)} Hz, or shorten the interval."
         )
     if robot.gear_ratio.size != n:
-        raise JointIdError(f"The experiment has {n} joints, the limits another number.")
+        raise JointIdError(f"The experiment has {n} joints, the limits have {robot.gear_ratio.size}.")
     if chosen.axes and axes not in chosen.axes:
         raise JointIdError(
             f"{chosen.title} needs the start angles of {' or '.join(map(str, chosen.axes))} axes, got "

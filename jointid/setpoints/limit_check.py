@@ -116,6 +116,6 @@ def require_within_limits(rows: Sequence[LimitRow], scale: float) -> None:
         remedy = "The motion is not the cause: choose another start pose, or check load and friction."
     raise JointIdError(
         f"The {worst.quantity} of joint {worst.joint} reaches {significant(worst.peak)} {worst.unit} "
-        f"({worst.where}), its limit is {significant(worst.limit)} {worst.unit}.",
+        f"({worst.where}); its limit is {significant(worst.limit)} {worst.unit}.",
         hint=remedy,
     )

@@ -22,7 +22,7 @@ class Controller:
     """Sampled, decentralised position and velocity control, with torque feedforward.
 
     With the reference r, the encoder position y and the control interval T, sample k commands
-    τ = kp (r − y) + kv (Δr − Δy)/T + (M + M2) r̈, where Δ is the difference to the last sample.
+    τ = kp (r − y) + kv (Δr − Δy)/T + (M + M2) r̈, where Δ is the difference from the last sample.
     The defaults kp = J ω², kv = 2ζ J ω are those of the rigid joint, J = J_m + J_a and ω = 2π bandwidth.
     Raises JointIdError when a value is out of range.
     """

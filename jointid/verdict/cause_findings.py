@@ -82,7 +82,7 @@ def finding_of(
             remedies.append(_unknown_remedy(factor, joints))
             continue
         reversed_too = bool(factor[joints[0]] < 0)
-        title = f"the {cause.signal} of {whose} {cause.title}" + " and the sign reversed" * reversed_too
+        title = f"the {cause.signal} of {whose} {cause.title}" + ", its sign reversed" * reversed_too
         other = (
             OTHER_CAUSES.get(cause.factor, "") if len(joints) == factor.size and not reversed_too else ""
         )

@@ -49,7 +49,7 @@ _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."
 )
-_NO_SIGN = "Logs do not state it. Assumed: a positive torque accelerates in the positive direction."
+_NO_SIGN = "Logs do not state it. Assumed: a positive torque accelerates to positive positions."
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def guess_mapping(table: LogTable) -> Guess:
         _joint(k, pair, arms.get(groups.get(pair[0].name, "")), degrees, reasons)
         for k, pair in enumerate(pairs, start=1)
     )
-    hold = "A log does not say whether the torque is held from sample to sample."
+    hold = "Logs do not state whether the torque is held between samples; not held is assumed."
     reasons.append(Reason("torque hold", hold))
     unproven = dict.fromkeys(reason.what for reason in reasons if not reason.sure)
     return Guess(Mapping(time, joints, assumed=tuple(unproven)), tuple(reasons))
@@ -200,7 +200,7 @@ def _drive_reasons(number: int, joint: JointMapping) -> list[Reason]:
     for role, (_, scales) in QUANTITIES.items():
         unit = getattr(joint, role).unit
         if unit in scales:
-            why = f'The unit "{unit}" needs a scale ({scales[unit]}); 1 is assumed. Give it.'
+            why = f'Give the scale of the unit "{unit}" ({scales[unit]}); 1 is assumed.'
             needed.append(Reason(f"scale of {role} of joint {number}", why))
     return needed
 

@@ -243,13 +243,13 @@ def mapping_from_json(text: str | bytes) -> Mapping:
     if len(text) > _MAX_LENGTH:
         raise JointIdError(
             f"The mapping has {len(text)} characters, more than the limit of {_MAX_LENGTH}: choose one "
-            "that was saved here."
+            "that jointid saved."
         )
     try:
         values = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise JointIdError(
-            f"The mapping is not JSON ({error!s:.120}): choose one that was saved here."
+            f"The mapping is not JSON ({error!s:.120}): choose one that jointid saved."
         ) from error
     top = _keys("mapping", values, Mapping, "format")
     version = top.pop("format", None)

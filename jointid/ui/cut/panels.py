@@ -128,17 +128,17 @@ def accuracy_text(outcome: Outcome, servo: Servo, friction: CutFriction | None) 
         text = remaining_error_text(outcome, servo, friction)
         return f"{text} The page Cut, tab Accuracy of K, shows the effect of an error of K."
     return (
-        "K and D of the robot differ from the identified ones within their error bars: the path error "
+        "K and D of the simulated robot are drawn from the error bars: the path error "
         f"stays {at_most(outcome.after_m)} with a probability of 95 %, "
         f"{at_most(outcome.distribution.median_m)} with 50 %. {outcome.not_better}"
     )
 
 
 def _conditions(settings: CutSettings) -> str:
-    """Controller and friction, the same before and after."""
+    """Servo and friction, the same before and after."""
     encoder = f"{settings.encoder_bits}-bit encoders" if settings.encoder_bits else "ideal encoders"
     delay = counted(settings.delay_samples, "sample")
-    text = f"a controller of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}; "
+    text = f"a servo of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}; "
     if settings.friction is None:
         return text + "motors without friction."
     servo = "compensates it"

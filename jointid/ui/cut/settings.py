@@ -26,7 +26,7 @@ _NUMBERS: dict[str, dict[str, tuple[Any, ...]]] = {
         "height": ("Height (mm)", _SIDES_MM[1], (2.0, 150.0)),
         "speed": ("Speed (mm/s)", _SPEED_MM_S, (10.0, 1000.0)),
     },
-    "Controller": {
+    "Servo": {
         "rate": ("Control rate (Hz)", TYPICAL_SERVO.sample_rate_hz, (500.0, 8000.0)),
         "delay": (
             "Delay (samples)",
@@ -128,7 +128,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
         def label(name: Assumption) -> str:
             return capitalised(NOMINAL_NAMES[name])
 
-        assumption = choose_segment("Controller before", choices, key, format_func=label, hint=_HINT)
+        assumption = choose_segment("Servo before", choices, key, format_func=label, hint=_HINT)
     with right:
         zone = st.slider(
             "Corner zone (mm)",
@@ -143,7 +143,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
             "corner without stopping.",
         )
     K, D = _ask_custom(robot, digest) if assumption == "custom" else ((), ())
-    with st.expander("Path, controller and drive"):
+    with st.expander("Path, servo and drive"):
         places = st.columns(3)
         number: dict[str, float] = {}
         for place, (heading, entries) in zip(places, _NUMBERS.items(), strict=False):

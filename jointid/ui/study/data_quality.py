@@ -194,7 +194,7 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
             of_paper = f" (Figure {4 + i} of the paper)" if i < 2 else ""
             st.markdown(f"**All records together**{of_paper}")
             page.show(f"H {i} {j} {pose} {view}", draw, what)
-        caption = "A peak seen only in one record alone comes from the other joints' controllers."
+        caption = "A peak that only single records show comes from the other joints' controllers."
     else:
         page.show(f"H {i} {j} {pose} {view}", draw, what)
         caption = "Measured points with ± one standard error."

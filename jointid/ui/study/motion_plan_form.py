@@ -36,10 +36,10 @@ _LIMITS = {
     "lower_deg": ("Lowest positions (°)", "-170, -100", ""),
     "upper_deg": ("Highest positions (°)", "170, 10", ""),
     "velocity_deg_s": ("Velocities (°/s)", "105, 101", "Largest velocities of the joints."),
-    "acceleration_deg_s2": ("Accelerations (°/s²)", "2600, 2600", "Largest of the joints."),
+    "acceleration_deg_s2": ("Accelerations (°/s²)", "2600, 2600", "Largest accelerations."),
     "torque_Nm": ("Motor torques (N·m)", "20, 12", "Largest torques of the motors."),
     "load_Nm": ("Motor torques at rest (N·m)", "0, 4", "Such as gravity at the start; empty: none."),
-    "axes": ("Axes of the robot", "1, 2", "Axes that are the joints of the study; empty: the first."),
+    "axes": ("Axes of the robot", "1, 2", "Axes that are joints of the study; empty: the first ones."),
     "joint_names": ("Names of all axes", "joint_1, joint_2", "For ROS 2; empty: joint_1, joint_2, …"),
 }
 _SUPERPOSED = "Avoids sticking at reversals; every record then runs forward and back."

@@ -145,7 +145,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     fit, names = analysis.fit, elasticity_labels(analysis.fit.n)
     low, high = drawn.interval(0.68)
     errors = {
-        "Stated": fit.standard_error,
+        "Standard error": fit.standard_error,
         "Bootstrap": drawn.standard_error,
         "68 % of the draws": (high - low) / 2,
         "From noise": fit.noise_error,
