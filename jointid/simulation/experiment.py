@@ -68,7 +68,7 @@ class Excitation:
 
     pattern: str | ArrayLike = "orthogonal"
     """The weights W, shape (R, n), complex, or their name. "orthogonal": e^{2πi rj/R}, all joints move
-    in every record, with other relative phases. "one-at-a-time": record r moves joint r, the controllers
+    in every record, with different relative phases. "one-at-a-time": record r moves joint r, the controllers
     hold the others."""
     records_per_frequency: int | None = None
     """R; by default n, or the rows of ``pattern``."""

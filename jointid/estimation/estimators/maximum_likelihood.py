@@ -268,5 +268,5 @@ def _require_separable(problem: Problem, normal: Floats) -> None:
         names = np.array(problem.layout.labels)[seen][np.abs(vectors[:, 0]) > 0.3]
         raise JointIdError(
             f"The records cannot separate {' and '.join(names)}. Add records at other frequencies, "
-            "and with other relative amplitudes and phases of the joints."
+            "and with different relative amplitudes and phases of the joints."
         )
