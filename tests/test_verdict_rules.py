@@ -26,6 +26,7 @@ from jointid.verdict import (
 )
 from jointid.verdict.causes import CAUSES, DEGREES, known_cause
 from jointid.verdict.scorer import Hypothesis
+from jointid.wording import percent
 
 
 def case(**parts: Any) -> Any:
@@ -681,7 +682,7 @@ def test_findings_weigh_by_level_and_effect() -> None:
 
 
 def test_shares_and_multiples_are_rounded_for_people() -> None:
-    assert [evidence.percent(x) for x in (0.0999, 0.1, 10.0, 10.01, -0.034, 0.00123)] == [
+    assert [percent(x) for x in (0.0999, 0.1, 10.0, 10.01, -0.034, 0.00123)] == [
         "10 %", "10 %", "1000 %", "more than 1000 %", "3.4 %", "0.12 %",
     ]  # fmt: skip
     assert evidence.times_noise(999.0**2) == "1000 × noise"

@@ -68,8 +68,8 @@ class Excitation:
 
     pattern: str | ArrayLike = "orthogonal"
     """The weights W, shape (R, n), complex, or their name. "orthogonal": e^{2πi rj/R}, all joints move
-    in every record, with different relative phases. "one-at-a-time": record r moves joint r, the controllers
-    hold the others."""
+    in every record, with different relative phases. "one-at-a-time": record r moves joint r, the
+    controllers hold the others."""
     records_per_frequency: int | None = None
     """R; by default n, or the rows of ``pattern``."""
     velocity_rad_s: PerJoint = 10.0
