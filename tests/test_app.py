@@ -267,6 +267,13 @@ class TestSimulating:
         assert metric(at, "K1")[0] == pytest.approx(30, rel=0.02)
         assert metric(at, "K2")[0] == pytest.approx(12, rel=0.02)
 
+    def test_another_motion_becomes_a_study_of_motions(self, form: AppTest) -> None:
+        at = shown(form.selectbox(key="sim_pattern").set_value("Sweeps").run())
+        at.number_input(key="sim_seconds").set_value(4.0)
+        at = shown(at.button[0].click().run())
+        assert not at.error
+        assert metric(at, "K1")[0] == pytest.approx(43, rel=0.02)
+
     def test_entries_are_in_the_address_and_come_back_from_it(self, app: AppTest) -> None:
         app.query_params["sim_K"] = "50, 9"
         app.query_params["sim_count"] = "7"

@@ -19,7 +19,7 @@ import pytest
 from typer.testing import CliRunner
 
 import jointid
-from jointid import Study, analyse, load_study, resonances, save_study
+from jointid import MotionRecord, Study, analyse, load_study, resonances, save_study
 from jointid.cli import app
 from jointid.cli.files import robot_from
 from jointid.cli.options import gears
@@ -292,6 +292,17 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
     assert "presliding" in refused(2, *again, "loss=0.1")
     assert "not a number" in refused(2, *again, "cubic=hard")
     assert "presliding_rad" in refused(1, *again, "hysteresis=0.1")
+
+
+def test_motions_of_simulated_gears_have_their_laws(here: Path) -> None:
+    made = ["simulate", "s.zip", "--motion", "sweep", "--duration-s", "5", "--records", "1"]
+    ok(*made, "--gear", "1: cubic=9000")
+    (record,) = load_study(here / "s.zip").records
+    assert isinstance(record, MotionRecord)
+    fit = analyse(load_study(here / "s.zip")).fit
+    assert [gear.kind for gear in fit.gears] == ["hardening", "linear"]
+    assert fit.gears[0].cubic == pytest.approx(9000, rel=0.03)
+    np.testing.assert_allclose(fit.K, [43, 7.5], rtol=0.005)
 
 
 def test_gears_of_all_joints_and_of_one() -> None:

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from plants import ONE, PAPER, PARALLELOGRAM, SERIAL, THREE, THREE_SPRINGS
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm, Study, analyse, rectangle
-from jointid.cut.outcome import cut_outcome, millimetres, study_outcome
+from jointid.cut.outcome import cut_outcome, gear_cuts, gears_text, millimetres, study_outcome
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.servo import Servo
+from jointid.gears.gear import Gear
 
 PATH = rectangle(zone_m=0.010)
 IDEAL = Servo()
@@ -52,6 +53,16 @@ def robot(relative_error: float = 0.0, drive: Any = "parallelogram") -> CutRobot
 
 def scaled(ratio: float) -> Elasticity:
     return Elasticity(ratio * PAPER.K, PAPER.D)
+
+
+def test_the_text_of_nonlinear_gears_has_both_servos() -> None:
+    hard = replace(robot(), gears=(Gear(cubic=9000.0), Gear()))
+    outcome = cut_outcome(hard, PATH, PAPER, samples=2)
+    unknown, known = gear_cuts(hard, outcome.toolpath)
+    text = gears_text(outcome)
+    assert f"{millimetres(unknown.max_contour_error_m)} if the servo assumes K and D" in text
+    assert f"{millimetres(known.max_contour_error_m)} if it assumes the laws" in text
+    assert unknown.max_contour_error_m > 5 * known.max_contour_error_m
 
 
 class TestTheArm:

@@ -175,6 +175,16 @@ def gear_cuts(
     return cut(servo=servo), cut(servo=servo, assumed_gears=robot.gears)
 
 
+def gears_text(outcome: Outcome) -> str:
+    """Path error with the identified laws of nonlinear gears, which the others leave out."""
+    runs = gear_cuts(outcome.robot, outcome.toolpath, friction=outcome.robot.friction)
+    linear, known = (millimetres(run.max_contour_error_m) for run in runs)
+    return (
+        "These path errors are those of linear gears. With the identified gear laws, the path error is "
+        f"{linear} if the servo assumes K and D, and {known} if it assumes the laws."
+    )
+
+
 def study_outcome(analysis: Analysis) -> Outcome | None:
     """Return the cut before and after on the paper's path, or None for studies without a cut.
 

@@ -23,8 +23,6 @@ _SAME_FILTER = 0.02
 """Relative difference between time constants below which friction keeps its waveforms. Beyond it they
 are renewed once: ``friction_advance`` follows the time constant to first order; the square of the
 difference is left."""
-_STRONGER = (10.0, 3.0)
-"""Factors on the observer of gears in motions that lead back to a deflection which a fit had found."""
 
 
 def filters_before_friction(model: Model, p: Parameters | None) -> Floats | None:
@@ -107,11 +105,6 @@ def evaluated(
     problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
     problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
     found = WhitenedResidual.of(problem, estimate.p, scale)
-    if not np.isfinite(found.cost) and problem.laws is not None:
-        for strength in _STRONGER:  # each solution is the start of the next
-            held = replace(problem, laws=replace(problem.laws, strength=strength))
-            WhitenedResidual.of(held, estimate.p, scale)
-        found = WhitenedResidual.of(problem, estimate.p, scale)
     if not np.isfinite(found.cost):
         raise JointIdError(
             "The law of the gears does not compute: the arm behind the measured motors runs away. "

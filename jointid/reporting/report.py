@@ -20,7 +20,7 @@ from jointid.answer import (
     further_quantities,
     model_name,
 )
-from jointid.cut.outcome import Outcome, millimetres, robot_text
+from jointid.cut.outcome import Outcome, gears_text, millimetres, robot_text
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.application import __version__
@@ -116,6 +116,8 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
             f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after "
             f"({outcome.which}). {outcome.not_better if outcome.depends_on_elasticity else ''}".rstrip()
         )
+        if outcome.robot.gears:
+            yield Paragraph(gears_text(outcome))
     caption = f"Parts of the standard errors by cause, {analysis.unit.side}. {PARTS_MEANING}"
     yield Table.of(error_table(fit, analysis.unit), caption)
     caption = (

@@ -82,9 +82,7 @@ def simulate_records(
     friction, measurement = friction or MotorFriction(), measurement or Measurement()
     frequencies = _frequencies(frequencies_hz, controller.sample_rate_hz)
     seed = whole_number("seed", seed, 0)
-    curved = () if gears is None else gears_with(elasticity.K, gears)
-    laws = GearLaws.of(curved) if any(gear.laws != ("linear",) for gear in curved) else None
-    robot = Robot(inertia, elasticity, controller, friction, laws)
+    robot = Robot(inertia, elasticity, controller, friction, _laws(elasticity, gears))
     weights = excitation.weights(robot.n)
     A = excitation.amplitudes(2 * np.pi * frequencies, robot.n)[:, None, :] * weights
     reference = Reference(
@@ -95,7 +93,7 @@ def simulate_records(
     samples = _record_lengths(excitation, controller, reference.omega / (2 * np.pi))
     settle = excitation.settle_s
     if settle is None:
-        settle = robot.settling_time_s() if laws or np.any(robot.coulomb > 0) else 0.0
+        settle = robot.settling_time_s() if robot.gears or np.any(robot.coulomb > 0) else 0.0
     before = int(np.ceil(settle / robot.T - 1e-9))
     _require_memory(before + int(samples.max()), reference.A.size)
 
@@ -123,6 +121,7 @@ def simulate_motion(
     controller: Controller | None = None,
     friction: MotorFriction | None = None,
     measurement: Measurement | None = None,
+    gears: Sequence[Gear] | None = None,
     pose: str | None = None,
     declare_timing: bool = True,
     seed: int = 0,
@@ -138,7 +137,7 @@ def simulate_motion(
         Reference of the joints; by default a sweep.
     records : int
         Number of records, each with different random phases, points or sweep directions.
-    controller, friction, measurement, pose, declare_timing, progress
+    controller, friction, measurement, gears, pose, declare_timing, progress
         As in :func:`simulate_records`.
     seed : int
         Seed of the motion and of the noise.
@@ -155,7 +154,7 @@ def simulate_motion(
     motion, controller = motion or Motion(), controller or Controller()
     friction, measurement = friction or MotorFriction(), measurement or Measurement()
     seed, records = whole_number("seed", seed, 0), whole_number("records", records, 1, 1000)
-    robot = Robot(inertia, elasticity, controller, friction)
+    robot = Robot(inertia, elasticity, controller, friction, _laws(elasticity, gears))
     before = int(np.ceil(2 * robot.settling_time_s() / robot.T))
     length = int(np.ceil(motion.duration_s / robot.T - 1e-6))
     _require_memory(before + length, 2 * robot.n * records)
@@ -172,6 +171,12 @@ def simulate_motion(
         )
         for r in range(records)
     )
+
+
+def _laws(elasticity: Elasticity, gears: Sequence[Gear] | None) -> GearLaws | None:
+    """Laws of the gears beside K and D; None where all are linear."""
+    curved = () if gears is None else gears_with(elasticity.K, gears)
+    return GearLaws.of(curved) if any(gear.laws != ("linear",) for gear in curved) else None
 
 
 def _stated(controller: Controller, pose: str | None, declare_timing: bool) -> dict[str, Any]:

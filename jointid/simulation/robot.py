@@ -97,7 +97,8 @@ class Robot:
         if isinstance(reference, Reference):
             Z, y_before, torques = self._steady_state(reference, -before)
         else:  # at rest, with the springs relaxed
-            Z, y_before = np.zeros((5 * n, shape[2])), np.zeros(shape[1:])
+            Z = np.zeros((self.steps[0].EG.shape[1], shape[2]))
+            y_before = np.zeros(shape[1:])
             torques = deque([y_before] * (self.delay + 1), maxlen=self.delay + 2)
         motor, arm, motor_rate, arm_rate, acting, *of_gears = Z.reshape(-1, *shape[1:])  # views
         loop = np.zeros_like(y_before)

@@ -12,10 +12,9 @@ F_a sign θ̇_a, presliding friction at the motor F_p z(θ). All enter the resid
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
+from jointid.gears.start_deflection import first_finite, from_observers
 from jointid.gears.torque_spread import ArmFriction, dahl
 from jointid.phasors.periods import phasors_of, samples_of
 
@@ -50,8 +50,6 @@ _GEAR = (
     "piecewise", "knee", "second_bend", "second_knee",
 )  # fmt: skip
 """Parameters of a gear's torque over deflection."""
-
-_Solution = TypeVar("_Solution", WoundGears, DrivenGears)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +183,7 @@ class JointLaws:
                 both = _with_mean([drive, 0 * further]), _with_mean([by_torque, further])
                 m = int(self.low[rows].sum(axis=1).max())
                 starts = [each.of_sines for each in self.latest]
-                of_sines = _first_finite(partial(WoundGears.solve, laws, *both, H, m), starts)
+                of_sines = first_finite(partial(WoundGears.solve, laws, *both, H, m), starts)
                 beyond[rows] = of_sines.beyond
             if self.motors:
                 scale, viscous, coulomb = (
@@ -193,8 +191,12 @@ class JointLaws:
                     for each in (p.torque_scale, p.effect("viscous"), p.effect("coulomb"))
                 )
                 measured = self.motors.balance(scale, rotor, viscous, coulomb)
-                solve = partial(DrivenGears.solve, self.motors, laws, p.D, *arm, measured, self.strength)
-                of_motions = _first_finite(solve, [each.of_motions for each in self.latest])
+                of_motions = from_observers(
+                    partial(DrivenGears.solve, self.motors, laws, p.D, *arm, measured),
+                    self.strength,
+                    [each.of_motions for each in self.latest],
+                    by_flank=laws.has_backlash,
+                )
                 beyond[..., 1:] += self.motors.bins(of_motions.beyond, (r, H)).swapaxes(1, 2)
         found = Wound(beyond, of_sines, of_motions)
         if np.isfinite(beyond).all():
@@ -308,17 +310,6 @@ class Wound:
     """Mean and phasors of the torque beyond K δ, shape (r, n, 1 + H), N·m."""
     of_sines: WoundGears | None
     of_motions: DrivenGears | None
-
-
-def _first_finite(
-    solve: Callable[[_Solution | None], _Solution], starts: list[_Solution | None]
-) -> _Solution:
-    """Solution from the first of some starts that leads to one; that of other parameters may not."""
-    for start in starts:
-        found = solve(start)
-        if np.isfinite(found.delta).all():
-            return found
-    return solve(None)
 
 
 def _points(H: int) -> int:

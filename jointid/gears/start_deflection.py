@@ -1,0 +1,47 @@
+"""Deflection of gears from one of several start values, of which some lead nowhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from jointid.gears.driven_gears import DrivenGears
+from jointid.gears.harmonic_balance import WoundGears
+
+_STRONGER = (10.0, 3.0)
+"""Factors on the observer of gears in motions, whose solutions lead to the one without a factor."""
+
+_Solution = TypeVar("_Solution", WoundGears, DrivenGears)
+
+
+def first_finite(
+    solve: Callable[[_Solution | None], _Solution], starts: Sequence[_Solution | None]
+) -> _Solution:
+    """Solution from the first of some starts that leads to one; that of other parameters may not."""
+    for start in starts:
+        found = solve(start)
+        if np.isfinite(found.delta).all():
+            return found
+    return solve(None)
+
+
+def from_observers(
+    solve: Callable[[float, DrivenGears | None], DrivenGears],
+    strength: float,
+    starts: Sequence[DrivenGears | None],
+    *,
+    by_flank: bool,
+) -> DrivenGears:
+    """Solution from the first start that leads to one; without any, from a stronger observer.
+
+    An arm that lost its flank stays on the other: with ``by_flank`` the stronger one comes first.
+    """
+    solved = partial(solve, strength)
+    found = None if by_flank and not starts else first_finite(solved, starts)
+    if found is None or not (starts or np.isfinite(found.delta).all()):
+        far, near = _STRONGER
+        found = solved(solve(near * strength, solve(far * strength, None)))
+    return found
