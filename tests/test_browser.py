@@ -159,6 +159,7 @@ def test_nothing_is_wider_than_a_phone(address: str, open_in: Callable[..., Page
     side.get_by_role("link", name="Records").click()
     finished(page, "Records")
     expect(side).not_to_be_in_viewport()  # it would cover the page
+    page.wait_for_function("!Object.keys(localStorage).some((key) => key.includes('SidebarCollapsed'))")
 
 
 def fleet_with(study: Study) -> tuple[list[Row], int]:
