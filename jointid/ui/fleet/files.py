@@ -122,12 +122,12 @@ def _add_rows(fleet: OpenFleet, data: bytes) -> None:
 
 def _read_tables(fleet: OpenFleet) -> None:
     """Read the tables that were dropped: here, because a callback shows no progress."""
-    while fleet.tables:
-        name, data = fleet.tables.popitem()
+    for name, data in fleet.tables.items():
         try:
             _add_rows(fleet, data)
         except JointIdError as error:
             fleet.problems.append(f"{name}: {error}")
+    fleet.tables = {}
 
 
 def _take_samples() -> None:
