@@ -34,7 +34,6 @@ from jointid.files.store_files import (
     Entry,
     Note,
     checksum,
-    holds,
     latest_name,
     one_line,
     part_of,
@@ -116,12 +115,9 @@ class Store:
         with self._failing("written"):
             self._make_room(len(data))
             place.mkdir(mode=0o700, parents=True, exist_ok=True)
-            # An entry with equal bytes keeps its id: links to it stay valid.
-            same_bytes = next((id_ for id_ in same if holds(place / f"{id_}.data", data)), None)
-            kept = write_entry(place / f"{same_bytes or secrets.token_hex(16)}.json", name, digest, data)
+            kept = write_entry(place / f"{secrets.token_hex(16)}.json", name, digest, data)
             for id_ in same:
-                if id_ != kept.id:
-                    self._remove(place / f"{id_}.json")
+                self._remove(place / f"{id_}.json")
             self._make_room(0, spare=kept.id)
         return kept
 

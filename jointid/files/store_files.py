@@ -98,30 +98,14 @@ def read_entry(file: Path) -> Entry:
     return entry
 
 
-def holds(file: Path, data: bytes) -> bool:
-    """Whether a file holds exactly these bytes."""
-    try:
-        return file.stat().st_size == len(data) and file.read_bytes() == data
-    except FileNotFoundError:
-        return False
-
-
 def write_entry(file: Path, name: str, digest: str, data: bytes) -> Entry:
-    """Write an entry's data, unless they exist, then its .json beside them, which commits the entry."""
+    """Write an entry's data, then its .json beside them, which commits the entry."""
     now = time.time()
     entry = Entry(file.stem, one_line(name), digest, len(data), checksum(data), now, now)
-    there = holds(file.with_suffix(".data"), data)
-    if not there:
-        write_whole(file.with_suffix(".data"), data)
+    write_whole(file.with_suffix(".data"), data)
     meta = {key: value for key, value in asdict(entry).items() if key not in ("id", "opened_s")}
     meta["format"] = 1
     write_whole(file, json.dumps(meta | {"seal": _seal(meta)}).encode())
-    if there:
-        file.with_suffix(".name").unlink(missing_ok=True)
-        with suppress(FileNotFoundError):
-            os.utime(file.with_suffix(".data"))
-        if not file.with_suffix(".data").exists():  # another process removed it meanwhile
-            write_whole(file.with_suffix(".data"), data)
     return entry
 
 

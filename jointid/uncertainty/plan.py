@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Complexes, Floats, finite_array, per_joint, whole_number
+from jointid.arrays import Complexes, Floats, per_joint, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
@@ -94,7 +94,6 @@ def suggest_records(
     duration_s: float = 4.0,
     torque_limit_Nm: ArrayLike | None = None,
     velocity_limit_rad_s: ArrayLike | None = None,
-    frequencies_hz: ArrayLike | None = None,
     highest_hz: float | None = None,
     planned_inertia: Inertia | None = None,
     progress: Callable[[float], object] = lambda done: None,
@@ -106,9 +105,9 @@ def suggest_records(
 
     ``torque_limit_Nm`` and ``velocity_limit_rad_s``, shape (n,), are the largest amplitudes of the motor
     torques, friction included, and of the velocities of motors and arm, motor side; by default the
-    largest of the records. ``frequencies_hz`` span by default the band of the records and the
-    resonances, from a tenth of the lowest frequency of the records up to ``highest_hz``, for instance a
-    quarter of the sample rate. ``planned_inertia`` is as in ``predict_standard_errors``; ``progress`` is
+    largest of the records. The frequencies span the band of the records and the resonances, from a
+    tenth of the lowest frequency of the records up to ``highest_hz``, for instance a quarter of the
+    sample rate. ``planned_inertia`` is as in ``predict_standard_errors``; ``progress`` is
     called with the finished share, 0 to 1. Raises JointIdError when no candidate stays within the
     limits, or a setting is out of range.
     """
@@ -125,10 +124,7 @@ def suggest_records(
         raise JointIdError(
             f"The torque limit of joint {j} does not exceed its friction: raise this limit."
         )
-    if frequencies_hz is None:
-        frequency = _candidate_frequencies(phasors, pose, fit, duration_s, highest_hz)
-    else:
-        frequency = finite_array("frequencies_hz", frequencies_hz, ndim=1)
+    frequency = _candidate_frequencies(phasors, pose, fit, duration_s, highest_hz)
     candidates = _candidates(pose, fit.elasticity, frequency, torque, velocity, duration_s)
     frequency, angle, duration = candidates.frequency_hz, candidates.angle_rad, candidates.duration_s
     parts, steps = [], _PARTS + _PARTS // 5 * count
