@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -284,6 +285,22 @@ def test_mjcf_has_the_classes_and_angles_of_mujoco() -> None:
     np.testing.assert_array_equal(robot.gear_ratio, [np.nan, 40, np.nan])
 
 
+def test_mujoco_sees_no_file_of_the_users_mjcf(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor plugins, textures or scripts: only known elements and attributes are handed on."""
+    import mujoco
+
+    seen: list[str] = []
+    read = mujoco.MjModel.from_xml_string
+    fake = SimpleNamespace(from_xml_string=lambda text: (seen.append(text), read(text))[1])
+    monkeypatch.setattr(mujoco, "MjModel", fake)
+    more = (
+        '<extension><plugin plugin="p"/></extension><asset><hfield name="h" file="/etc/passwd"/>'
+        '<texture file="/etc/passwd"/><model name="m" file="/etc/passwd"/>'
+    )
+    RobotModel.parse("arm.xml", MJCF.replace("<asset>", more).encode())
+    assert not any(word in seen[0] for word in ("file", "passwd", "plugin", "meshes", "asset", "light"))
+
+
 FILES = {"a.urdf": URDF, "a.xml": MJCF, "a.toml": SIX_AXES}
 DOCUMENT_TYPE = '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd"><!ENTITY b "&x;&x;">]>'
 WELD = '<equality><weld body1="slide"/></equality><asset>'
@@ -301,11 +318,19 @@ BAD_PARTS = {
     "two bases": ("a.urdf", '<link name="base"/>', '<link name="base"/><link name="b2"/>', "base, b2"),
     "frame of the world": ("a.xml", '<light pos="0 0 3"/>', "<frame/>", "worldbody: <frame>"),
     "include": ("a.xml", "<asset>", '<include file="/etc/passwd"/><asset>', "include"),
+    "include in a class": (
+        "a.xml",
+        '<default class="wrist">',
+        '<default class="wrist"><include/>',
+        "include",
+    ),
+    "too many": ("a.xml", "<asset>", "<asset/>" * 5000 + "<asset>", "more than 5000 elements"),
+    "endless arm": ("a.xml", 'size="0.1 0.2 0.3"', 'size="1e200 1 1"', "(fore|j2).*inertia"),
     "unknown class": ("a.xml", 'childclass="wrist"', 'childclass="wrst"', 'class "wrst"'),
     "closed loop": ("a.xml", "<asset>", WELD, "loops"),
-    "mass from a mesh": ("a.xml", 'type="box"', 'type="mesh" mesh="shell"', "body fore.*inertial"),
+    "mass from a mesh": ("a.xml", 'type="box"', 'type="mesh" mesh="shell"', "fore, shape 1.*inertial"),
     "two joints": ("a.xml", '<joint name="j2"/>', '<joint name="j2"/><joint name="j4"/>', "2 joints"),
-    "ball": ("a.xml", 'type="slide"', 'type="ball"', "j3 is ball"),
+    "ball": ("a.xml", 'type="slide"', 'type="ball"', "j3 is neither"),
     "frame": ("a.xml", '<geom type="mesh" mesh="shell"/>', "<frame/>", "<frame>"),
     "scaled mass": ("a.xml", "meshdir=", "settotalmass=", "settotalmass"),
     "no mass": ("a.toml", "mass = 100.0", "", "number 3: mass is missing"),

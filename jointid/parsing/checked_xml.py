@@ -8,14 +8,16 @@ from jointid.errors import JointIdError
 from jointid.wording import shown
 
 _MAX_DEPTH = 200
+_MAX_ELEMENTS = 5_000
 
 
 def parse_xml(file: str, data: bytes, root: str) -> Element:
     """Parse an XML file whose outermost element is ``root``; comments are dropped.
 
-    Raises JointIdError when it is not XML, has a document type or another root, or is nested too deeply.
+    Raises JointIdError when it is not XML, has a document type or another root, or too many or too
+    deep elements.
     """
-    parser, builder, depth = expat.ParserCreate(), TreeBuilder(), 0
+    parser, builder, depth, elements = expat.ParserCreate(), TreeBuilder(), 0, 0
 
     def fail(message: str) -> JointIdError:
         line = parser.CurrentLineNumber
@@ -25,8 +27,10 @@ def parse_xml(file: str, data: bytes, root: str) -> Element:
         raise fail("a document type or an entity, which a robot does not need: remove <!DOCTYPE …>.")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
+        nonlocal depth, elements
+        depth, elements = depth + 1, elements + 1
+        if elements > _MAX_ELEMENTS:
+            raise fail(f"more than {_MAX_ELEMENTS} elements, which a robot does not need.")
         if depth > _MAX_DEPTH:
             raise fail(f"elements are nested more than {_MAX_DEPTH} deep.")
         if depth == 1 and tag != root:

@@ -3,7 +3,6 @@
 pinocchio takes an unreadable mass for 0 and ignores unknown elements; the checks here precede it.
 """
 
-from collections.abc import Iterator
 from typing import Any
 from xml.etree.ElementTree import Element, tostring
 
@@ -11,11 +10,11 @@ import numpy as np
 
 from jointid.arrays import frozen
 from jointid.errors import import_optional
-from jointid.parsing.checked_xml import parse_xml
+from jointid.parsing.checked_xml import parse_xml, require_numbers
 from jointid.robot_models.description import RobotDescription
 from jointid.robot_models.rigid_bodies import RigidBodies
 from jointid.robot_models.xml_checks import (
-    gear_ratios,
+    require_joints,
     require_numeric,
     require_physical,
     require_unique,
@@ -53,11 +52,12 @@ def read_urdf(file: str, data: bytes) -> RobotDescription:
         reason = str(error).split("message:")[-1].strip()
         raise xml_error(file, f"pinocchio cannot read this robot: {reason:.200}.") from error
     names = tuple(model.names)[1:]
-    coupling, links = gear_ratios(file, names, _gears(root)), _bodies(pin, model)
+    require_joints(file, len(names))
+    gears, links = _gears(file, root), _bodies(pin, model)
     require_physical(file, names, links)
     return RobotDescription(
         links=links,
-        coupling=coupling,
+        coupling=frozen(np.diag([1 / gears.get(name, np.nan) for name in names])),
         rotor_inertia=frozen(np.full(links.n, np.nan)),
         zero=frozen(np.zeros(links.n)),
         names=names,
@@ -113,10 +113,18 @@ def _require_urdf(file: str, root: Element) -> None:
                 )
 
 
-def _gears(root: Element) -> Iterator[tuple[str | None, str | None]]:
+def _gears(file: str, root: Element) -> dict[str, float]:
+    """Gear ratios that are stated, by joint."""
+    found = {}
     for part in root.iter("transmission"):
         if len(joints := part.findall("joint")) == 1:
-            yield from ((joints[0].get("name"), e.text) for e in part.iter("mechanicalReduction"))
+            name = joints[0].get("name", "")
+            for each in part.iter("mechanicalReduction"):
+                place = f"gear ratio of joint {name}"
+                found[name] = require_numbers(file, place, each.text or "", range(1, 7))[0]
+                if found[name] == 0:
+                    raise xml_error(file, f"{place} is 0: give motor turns per joint turn.")
+    return found
 
 
 def _bodies(pin: Any, model: Any) -> RigidBodies:

@@ -1,11 +1,11 @@
 """Checks that robot descriptions in XML share; each error names the file and the element."""
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from jointid.arrays import Floats, frozen
 from jointid.errors import JointIdError
 from jointid.parsing.checked_xml import require_numbers
 from jointid.robot_models.rigid_bodies import RigidBodies
@@ -16,10 +16,11 @@ _MOST_JOINTS = 64
 
 def require_unique(file: str, parts: list[Element]) -> None:
     """Refuse two elements of one name."""
-    names = [part.get("name") for part in parts]
-    for part, name in zip(parts, names, strict=True):
-        if name is not None and names.count(name) > 1:
-            raise xml_error(file, f'two elements <{part.tag}> have the name "{name:.60}": rename one.')
+    for name, count in Counter(part.get("name") for part in parts).items():
+        if name is not None and count > 1:
+            raise xml_error(
+                file, f'two elements <{parts[0].tag}> have the name "{name:.60}": rename one.'
+            )
 
 
 def require_numeric(file: str, root: Element, known: dict[str, dict[str, range]]) -> None:
@@ -41,6 +42,10 @@ def require_numeric(file: str, root: Element, known: dict[str, dict[str, range]]
 def require_physical(file: str, names: Sequence[str], links: RigidBodies) -> None:
     """Refuse inertias that no body has."""
     for name, tensor in zip(names, links.inertia, strict=True):
+        if not np.isfinite(tensor).all():
+            raise xml_error(
+                file, f"the bodies moved by joint {name} have no finite inertia: check their sizes."
+            )
         moments = np.linalg.eigvalsh(tensor)
         if moments[0] < -1e-6 * np.abs(moments).max():
             raise xml_error(
@@ -50,23 +55,12 @@ def require_physical(file: str, names: Sequence[str], links: RigidBodies) -> Non
             )
 
 
-def gear_ratios(
-    file: str, names: Sequence[str], stated: Iterable[tuple[str | None, str | None]]
-) -> Floats:
-    """Coupling matrix (n, n) of gear ratios by joint; NaN on its diagonal where none is stated."""
-    if not 1 <= len(names) <= _MOST_JOINTS:
+def require_joints(file: str, count: int) -> None:
+    """Refuse a robot without joints, or with too many."""
+    if not 1 <= count <= _MOST_JOINTS:
         raise xml_error(
-            file,
-            f"the robot has {counted(len(names), 'moving joint')}: 1 to {_MOST_JOINTS} can be used.",
+            file, f"the robot has {counted(count, 'moving joint')}: 1 to {_MOST_JOINTS} can be used."
         )
-    found = {}
-    for joint, text in stated:
-        if joint is not None and text is not None:
-            place = f"gear ratio of joint {joint}"
-            found[joint] = require_numbers(file, place, text, range(1, 7))[0]
-            if found[joint] == 0:
-                raise xml_error(file, f"{place} is 0: give motor turns per joint turn.")
-    return frozen(np.diag([1 / found.get(name, np.nan) for name in names]))
 
 
 def xml_error(file: str, message: str) -> JointIdError:
