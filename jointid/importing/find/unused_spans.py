@@ -49,7 +49,7 @@ def without_sweeps(
     """
     trends = [_trends(log, s) for s in segments]
     edges = [s for k, s in enumerate(segments) if _is_edge(k, segments, trends[k][2])]
-    pieces = []
+    pieces: list[Segment] = []
     for chain in _chains(log, segments):
         runs = [segments[k] for k in chain]
         pieces += compress(runs, _drifts(log, runs, [trends[k] for k in chain]))
