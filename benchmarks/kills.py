@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import random
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -51,9 +50,7 @@ def writing(folder: Path) -> list[Path]:
     return [*folder.rglob(".*.new"), *folder.rglob(".*.old")]
 
 
-def killed(
-    process: Command | subprocess.Popen[bytes], folder: Path, until_s: float, at_write: bool
-) -> bool:
+def killed(process: Fork, folder: Path, until_s: float, at_write: bool) -> bool:
     """Kill a process at a random time or at a write; True when it was writing. False if it had ended."""
     begin = time.monotonic()
     some, end = begin + random.uniform(0.1, 1.1) * until_s, begin + 3 * until_s
@@ -74,10 +71,10 @@ def swept(folder: Path, write: Callable[[], object]) -> int:
     return len(writing(folder))
 
 
-class Command:
-    """The command line in a fork, which has loaded all modules: each start anew would take seconds."""
+class Fork:
+    """A function in a fork, which has loaded all modules: each start anew would take seconds."""
 
-    def __init__(self, *arguments: object) -> None:
+    def __init__(self, run: Callable[[], object]) -> None:
         self.returncode: int | None = None
         self._pid = os.fork()
         if self._pid == 0:
@@ -85,7 +82,7 @@ class Command:
                 os.dup2(silent.fileno(), 1)
                 os.dup2(silent.fileno(), 2)
             try:
-                app([*map(str, arguments)])
+                run()
             except SystemExit as end:
                 os._exit(int(end.code or 0))
             finally:
@@ -111,9 +108,14 @@ class Command:
         return self.returncode
 
 
+def command(*arguments: object) -> Fork:
+    """Begin a command line."""
+    return Fork(lambda: app([*map(str, arguments)]))
+
+
 def finish(*arguments: object) -> None:
     """Run the command line to its end, which must be good."""
-    code = Command(*arguments).wait()
+    code = command(*arguments).wait()
     if code:
         raise RuntimeError(f"jointid {arguments[0]} ended with code {code}")
 
@@ -130,7 +132,7 @@ def batch(count: int, folder: Path) -> Counter[str]:
     truth = {row.study: (row.K, row.D) for row in read_fleet(out)}
     out.unlink()
     while found["kills"] < count:
-        process = Command("batch", *paths, "--out", out, "--workers", 1)
+        process = command("batch", *paths, "--out", out, "--workers", 1)
         found["during a write"] += killed(process, folder, lasting, found["kills"] % 2 == 1)
         found["kills"] += process.returncode != 0
         journal = journal_path(out)
@@ -164,7 +166,7 @@ def convert(count: int, folder: Path) -> Counter[str]:
         lasting = time.monotonic() - begin
         truth = study_digest(load_study(target))
         while found["kills"] < half * count / 2:
-            process = Command(*given)
+            process = command(*given)
             found["during a write"] += killed(process, folder, lasting, found["kills"] % 2 == 1)
             found["kills"] += process.returncode != 0
             found["acknowledged"] += process.returncode == 0
@@ -198,9 +200,22 @@ def write_log(folder: Path) -> Path:
 
 def server(count: int, folder: Path) -> Counter[str]:
     """Kill servers while a visitor opens one study after the other."""
-    from browsing import Server
+    import browsing
     from fleet_studies import small_study
     from sessions import Session
+
+    from jointid.ui.server import serving
+
+    for module in serving.PRELOADED:
+        import_module(module)
+    serving.prepare = lambda: None  # the first screen costs more than all writes of a visitor
+
+    class Server(browsing.Server):
+        """The app in a fork."""
+
+        def begin(self) -> Fork:
+            os.environ["JOINTID_DATA_DIR"] = str(self.data)
+            return Fork(lambda: serving.serve(str(self.folder / "app.py"), self.port))
 
     store, place, found = Store(folder), new_workspace(), Counter[str]()
     kept: dict[str, str] = {}
@@ -210,11 +225,11 @@ def server(count: int, folder: Path) -> Counter[str]:
         """Open studies until the server dies; one on the page is acknowledged."""
         with suppress(Exception):
             session = Session(victim.address)
-            session.run("", f"w={place}")
+            session.run("Glossary", f"w={place}")  # quick, with the sidebar of all pages
             for k in range(first, first + 1000):
                 study = small_study(k)
                 session.upload("A study folder", f"{k}.zip", pack_study(study))
-                session.run("")
+                session.run("Glossary")
                 acknowledged = {e.id: e.digest for e in store.entries(place) if e.name == f"{k}.zip"}
                 kept.update(acknowledged)
 

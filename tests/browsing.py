@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import os
+import random
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -13,8 +13,9 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from playwright.sync_api import (
@@ -46,22 +47,33 @@ expect.set_options(timeout=PATIENCE_MS)  # 5 s is too short where the cores have
 PROBE = re.compile(r"http://127\.0\.0\.1:\d+/\w+/_stcore/(health|host-config)")
 
 
+def free_port() -> int:
+    """A free port that no client is given, so that it stays free until the server is started again."""
+    for port in random.sample(range(20_000, 32_000), 100):
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
+    raise AssertionError("No port is free.")
+
+
 class Server:
     """The app in a folder of its own; it can be killed and started again at the same address."""
 
     def __init__(self, folder: Path, data: Path) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = probe.getsockname()[1]
+        self.port = free_port()
         self.folder, self.data = folder, data
         self.address = f"http://127.0.0.1:{self.port}"
         self.start()
 
-    def start(self) -> None:
+    def begin(self) -> Any:
+        """Begin a process, which can be killed and awaited."""
         command = [sys.executable, "-m", "jointid.ui.server", "app.py", str(self.port)]
         environment = os.environ | {"JOINTID_DATA_DIR": str(self.data)}
         silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        self.process = subprocess.Popen(command, cwd=self.folder, env=environment, **silent)
+        return subprocess.Popen(command, cwd=self.folder, env=environment, **silent)
+
+    def start(self) -> None:
+        self.process = self.begin()
         for _ in range(20 * PATIENCE_MS // 1000):
             try:
                 with urllib.request.urlopen(f"{self.address}/_stcore/health", timeout=5):
@@ -73,8 +85,8 @@ class Server:
 
     def kill(self) -> None:
         """End it at once, as a power cut would."""
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait(timeout=20)
+        self.process.kill()
+        self.process.wait()
 
 
 _open = ExitStack()

@@ -27,6 +27,7 @@ from jointid.importing import (
     mapping_to_json,
     read_log,
 )
+from jointid.importing.columns.column_words import described
 from jointid.importing.columns.log_table import numbers
 from jointid.importing.columns.units import split_unit
 
@@ -387,6 +388,26 @@ def test_a_clock_inside_a_matrix_and_velocities_take_no_role(layout: str, clock:
         assert torque.values == pytest.approx(tau, rel=1e-7)
 
 
+@pytest.mark.parametrize("layout", ["q q i i tau tau", "q tau i"])
+def test_currents_beside_torques_leave_the_roles_of_a_matrix_open(layout: str) -> None:
+    """Which block holds the torque cannot be seen: nothing is proposed."""
+    q0, q1, _, _, t0, t1 = motion()
+    rng = np.random.default_rng(4)
+    currents = [t + 1e-3 * rng.standard_normal(t.size) for t in (t0, t1)]
+    signals = [q0, q1, *currents, t0, t1] if "q q" in layout else [q0, q1, t0, t1, currents[0]]
+    (table,) = read_log(make.matrix([T, *signals]), "log.txt")
+    guess = guess_mapping(table).mapping
+    assert guess.open_roles == ("position of joint 1", "torque of joint 1")
+
+
+@pytest.mark.parametrize("name", ["current_pos_x", "torque_z", "tool.position.y", "pos x"])
+def test_a_point_or_a_wrench_in_space_is_no_joint(name: str) -> None:
+    guess = guess_mapping(table_named("t", name, "joint_1", "v2")).mapping
+    assert name not in guess.columns
+    axis = described(LogColumn("X_ActPos", T))
+    assert axis.score["position"] > 0
+
+
 # --- several clocks
 
 
@@ -468,10 +489,10 @@ def test_convert_writes_an_open_guess_and_asks_for_its_columns(tmp_path: Path) -
     )
 
 
-def test_positions_of_odrive_are_turns_to_be_confirmed() -> None:
+@pytest.mark.parametrize("name", [b"axis0.pos_vel_mapper.pos_rel", b"ODrive 0 Position"])
+def test_positions_of_odrive_are_turns_to_be_confirmed(name: bytes) -> None:
     (table,) = read_log(
-        b"t,axis0.pos_vel_mapper.pos_rel,torque\n"
-        + b"".join(b"%d,0.%d,%d\n" % (k, k % 7, k % 5) for k in range(60)),
+        b"t,%s,torque\n" % name + b"".join(b"%d,0.%d,%d\n" % (k, k % 7, k % 5) for k in range(60)),
         "log.csv",
     )
     guess = guess_mapping(table)

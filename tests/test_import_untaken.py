@@ -91,6 +91,33 @@ def test_noise_does_not_hide_a_sweep(seed: int) -> None:
     assert find_segments(MappedLog(time, theta[:, None], tau[:, None])) == ()
 
 
+def noisy(hz: np.ndarray, level: float, seed: int) -> MappedLog:
+    """A wave of these frequencies at 250 Hz, with the noise of a reference; 0 is a rest."""
+    noise = np.random.default_rng(seed).standard_normal(hz.size)
+    noise = level * np.convolve(noise, np.full(12, 12**-0.5), mode="same")
+    wave = np.exp(2j * np.pi * np.cumsum(hz) / 250) * (hz > 0)
+    parts = ((part + noise)[:, None] for part in (wave.imag, wave.real))
+    return MappedLog(np.arange(hz.size) / 250, *parts)
+
+
+@pytest.mark.parametrize("seed", [0, 4, 6])
+def test_pieces_of_a_sweep_prove_together_what_noise_hides_in_each(seed: int) -> None:
+    """The frequencies of the neighbours tell how far the phase of a piece bends."""
+    log = noisy(2 + 0.25 * np.arange(10_000) / 250, 0.2, seed)
+    begins = np.arange(3.0, 38, 3.5)
+    pieces = [Segment(t, t + 6 / f, f) for t, f in zip(begins, 2.25 + 0.25 * begins, strict=True)]
+    assert without_sweeps(log, pieces)[0] == []
+
+
+@pytest.mark.parametrize("rest", [0, 200])
+@pytest.mark.parametrize("seed", [17, 31, 50])
+def test_noise_makes_no_sweep_of_steady_sines(seed: int, rest: int) -> None:
+    steps = (3.0, 4.2, 2.5, 6.0, 3.6, 5.0)
+    hz = np.concatenate([np.repeat([f, 0.0], [1000 - rest, rest]) for f in steps])
+    runs = [Segment(4 * k + 0.3, 4 * k + 0.3 + 6 / f, f) for k, f in enumerate(steps)]
+    assert without_sweeps(noisy(hz, 0.06, seed), runs)[0] == runs
+
+
 def test_sines_beside_a_sweep_are_kept() -> None:
     log, spans = log_of([Run(5.0, 20, BOTH, rest_s=15.0), Run(8.0, 30, BOTH)])
     t = log.time_s - spans[0][1] - 1.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -309,7 +309,7 @@ def test_linear_methods_fit_no_friction() -> None:
         identify_elasticity(phasors, PARALLELOGRAM, method="weighted", friction=True)
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 2e-5])
+@pytest.mark.parametrize("delay_s", [0.0, 2e-5, -2e-5])
 def test_what_a_lag_would_gain_is_foretold(delay_s: float) -> None:
     """The score test agrees with the fit: nothing to gain without a lag, much with a small one."""
     phasors = extract_phasors(prescribed_motion(lambda v: 0 * v, delay_s=delay_s), harmonics=3)
@@ -318,9 +318,40 @@ def test_what_a_lag_would_gain_is_foretold(delay_s: float) -> None:
     without = maximum_likelihood(phasors, PARALLELOGRAM, weighted(equations).p, **known)
     lagging = maximum_likelihood(phasors, PARALLELOGRAM, without.p, delay=True, **known)
     prior = InertiaPrior.of(PARALLELOGRAM, *phasors.q.shape)
-    gain = scores(phasors, prior, without, None, equations.noise, ["delay"])["delay"].gain
+    parts = ["delay", *(name for name, effect in EFFECTS.items() if effect.positive)]
+    found = scores(phasors, prior, without, None, equations.noise, parts)
+    gain, value = found["delay"].gain, found["delay"].value
     assert gain == pytest.approx(without.cost - lagging.cost, rel=0.05, abs=0.05)
-    assert (gain > 100) == (delay_s > 0)
+    assert (gain > 100) == (delay_s != 0)
+    assert value == pytest.approx(lagging.named.delay, rel=1e-3)
+    stiffer = np.concatenate([lagging.named.K - without.named.K, lagging.named.D - without.named.D])
+    assert found["delay"].slope @ value == pytest.approx(stiffer, rel=0.02)
+    check_scores(found)
+
+
+def check_scores(found: dict[str, Score], positive: Sequence[str] = ()) -> None:
+    """Gain, change and information belong to one parabola, whose possible part has allowed signs."""
+    for name, score in found.items():
+        signed = name in positive or (name in EFFECTS and EFFECTS[name].positive)
+        kept = score.value > 0 if signed else np.ones(score.count, bool)
+        bent = score.information[np.ix_(kept, kept)]
+        some = np.linalg.solve(bent, (score.information @ score.value)[kept])
+        assert score.gain == pytest.approx(0.5 * score.value @ score.information @ score.value)
+        assert score.possible[0] == pytest.approx(0.5 * some @ bent @ some)
+        assert score.possible[1] == pytest.approx(score.slope[:, kept] @ some)
+
+
+def test_the_square_of_a_filter_of_the_position_is_positive() -> None:
+    phasors = extract_phasors(prescribed_motion(lambda v: 0 * v, delay_s=0.002, seed=3), harmonics=3)
+    equations = spring_equations(phasors, PARALLELOGRAM)
+    without = maximum_likelihood(
+        phasors, PARALLELOGRAM, weighted(equations).p, delay=True, noise=equations.noise
+    )
+    prior = InertiaPrior.of(PARALLELOGRAM, *phasors.q.shape)
+    parts = ["position_filter", "torque_filter"]
+    found = scores(phasors, prior, without, None, equations.noise, parts)
+    assert all(np.all(score.value < 0) for score in found.values())
+    check_scores(found, positive=parts[:1])
 
 
 @pytest.mark.parametrize("filter_s", [0.0, 4e-4])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from examples import examples
@@ -11,6 +13,7 @@ from plants import BAND_HZ, PAPER, SERIAL, campaign, motion, steady_records
 
 from jointid import JointIdError, SineRecord, extract_phasors
 from jointid.phasors.extract import Phasors, no_phasors
+from jointid.phasors.periods import waves
 
 
 def sine(
@@ -293,3 +296,16 @@ def test_phasors_of_no_record_have_the_joints_and_no_rows() -> None:
     both = Phasors.joined([no_phasors(1), some])
     for name, value in vars(some).items():
         np.testing.assert_array_equal(getattr(both, name), value)
+
+
+def test_sines_are_excited_at_their_fundamental_and_motions_in_every_bin() -> None:
+    harmonics = np.zeros((3, 2, 2), complex)
+    harmonics[1] = harmonics[2, 1] = 1
+    known = SimpleNamespace(
+        harmonics=harmonics, motion=np.array([False, True, True]), omega=np.array([2.0, 3.0, 5.0])
+    )
+    assert Phasors.excited.fget(known).tolist() == [2, 3, 6, 10]  # type: ignore[attr-defined]
+
+
+def test_waves_begin_with_the_fundamental() -> None:
+    np.testing.assert_allclose(waves(2, 4), [[1, 1j, -1, -1j], [1, -1, 1, -1]], atol=1e-15)

@@ -7,7 +7,7 @@ from functools import cache
 from itertools import pairwise
 
 from jointid.importing.columns.log_table import LogColumn
-from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
+from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, SAMPLES, TIME_UNITS
 
 _LINES = {  # English, German, French, Italian, Spanish and others; without accents
     "time": "time t zeit zeitstempel timestamp stamp clock temps tempo tiempo tijd uhrzeit "
@@ -55,6 +55,10 @@ _COSTS = (("velocity", 4.0), ("command", 1.5), ("no", 4.0), ("other", 1.0), ("sa
 """Evidence against a position and a torque."""
 _NOT_MEASURED = WORDS["command"] - {"d", "ff"} | {"error", "err", "deviation", "fehler"}
 """Words of a whole path: "state/desired/positions" is no motion."""
+_COMPONENT = re.compile(
+    rf"\b(?:{'|'.join(sorted((WORDS['position'] | WORDS['torque']) - _SOFT - WORDS['joint']))}) [xyz]$"
+)
+"""Coordinates after a quantity: "pos_x", "torque_z"; axes of a machine stand before it."""
 _COUNTED = WORDS["joint"] | WORDS["motor"] | {"axes", "servo", "a", "q"} - {"arm", "load", "output"}
 """Words before the number of a joint."""
 
@@ -148,6 +152,8 @@ def described(column: LogColumn) -> NamedColumn:
             points -= 2.5 * bool(stated & WORDS["command"])  # a torque's command is nearly the torque
             points += 0.25 * bool("motor" in words)
         score[role] = points
+    if _COMPONENT.search(" ".join(words)) and column.unit not in ANGLE_UNITS:
+        score = dict.fromkeys(score, -4.0)  # of a point or a wrench in space
     if stated & WORDS["torque"] - _SOFT:
         score["position"] -= 4.0  # "q7_tau" is the torque of a joint
     elif score["position"] == score["torque"]:

@@ -31,6 +31,7 @@ _SETTLED_SIGMAS = 2.0  # standard errors: to cut a period too many costs little
 _MEDIAN_OVER_RMS = 0.83  # of the magnitude of a complex normal number
 _SPLIT_GAIN = 10.0  # ratio of squared misfits, one sine over two, that proves a change of frequency
 _SPLIT_PHASE_RAD = 0.3  # least phase difference of the two over the shorter one
+_OVERLAP = np.sqrt(2.0)  # by which half overlap of the frames makes the errors of a bend larger
 _AT_ENDS = np.array([1.0, 0.4])  # x² and x³ at the ends of a run, less the line 0.6 x
 _GROWTH = 10  # part of a run by which it grows before its mean phasors are fitted again: one tenth
 
@@ -171,7 +172,7 @@ def phase_bends(z: Complexes) -> tuple[Floats, Floats, float]:
         rest = phase - basis @ bend
         found.append((bend[-1], np.sqrt(spread[-1, -1] * (rest @ rest) / (len(z) - degree - 1))))
     bends, errors = np.transpose(found) * _AT_ENDS
-    return bends, errors, growth
+    return bends, _OVERLAP * errors, growth
 
 
 def settled_part(

@@ -14,7 +14,13 @@ from jointid.wording import listed, significant
 
 _MIN_BEND_RAD = 0.015  # of the phase of a run, above which its frequency drifts: 0.4 % in 5 periods
 _BEND_SIGMAS = 5.0  # standard errors of the bend
-_MIN_STEADY = 0.2  # of a span of motion with a sweep, below which its steady runs are chance
+_EVIDENCE = 6.0  # twice the log-likelihood ratio of a sweep over steady sines
+_FOUND_BEND = 0.5  # of the bend of a sweep that pieces have: the search prefers those that bend less
+_RATE_ERROR = 0.3  # relative error of the bend that the neighbours predict
+_MOST_OF_ONE = 9.0  # evidence of one run
+_LONE_SIGMAS = 3.0  # standard errors of the bend of a lone run amid other motion
+_PAST_TRANSIENT = 3.0  # periods
+_MIN_POWER = 0.25  # of a run, below which a period rests
 _MAX_GROWTH = 0.05  # of the amplitude of a run from its middle to its end, above which it is a ramp
 _SWEEP_GAP = 1.5  # times the longer piece: longest pause within a sweep
 _BLOCK_S = 0.1  # length of the blocks whose motion is compared
@@ -26,6 +32,9 @@ _MARGIN = 0.5  # of a run to each side, which transients take
 _COARSE_STEPS = 4  # positions of an encoder that are too few for a sine
 _MAX_NAMED = 3  # spans that a note names
 
+_Trend = tuple[Floats, Floats, float]
+"""Bends of the phase of a run, their standard errors, rad, and the growth of its amplitude."""
+
 _REMEDY = "or mark it by its start and stop."
 
 
@@ -35,26 +44,15 @@ def without_sweeps(
     """Remove pieces of sweeps: return the other runs, start and stop (s) of each sweep, and notes.
 
     In a piece of a sweep the frequency drifts or turns back, which bends the phase; in a staircase of
-    sines it is constant. Noise may hide the drift of a piece between others. Ramps beside a longer run
-    are removed, too: they bias the frequency. Segments are in order of time.
+    sines it is constant. Noise may hide the bend of a piece: then those of its neighbours count, too.
+    Ramps beside a longer run are removed: they bias the frequency. Segments are in order of time.
     """
-    bends = [_trends(log, s) for s in segments]
-    edges = [s for k, s in enumerate(segments) if _is_edge(k, segments, bends[k][2])]
-    limits = [np.maximum(_MIN_BEND_RAD, _BEND_SIGMAS * error) for _, error, _ in bends]
-    drifts = [bool(np.any(np.abs(b) > most)) for (b, *_), most in zip(bends, limits, strict=True)]
-    spans = _merged(compress(segments, drifts))
-    for k, segment in enumerate(segments):
-        reach = _SWEEP_GAP * (segment.stop_s - segment.start_s)
-        near = any(a - reach < segment.stop_s and segment.start_s < b + reach for a, b in spans)
-        drifts[k] |= near and bool(abs(bends[k][0][0]) + limits[k][0] > 2 * _MIN_BEND_RAD)
-    if any(drifts) and not all(drifts):
-        for begin, end in moving_spans(log) or [(float(log.time_s[0]), float(log.time_s[-1]))]:
-            here = [k for k, s in enumerate(segments) if s.start_s < end and s.stop_s > begin]
-            steady = sum(segments[k].stop_s - segments[k].start_s for k in here if not drifts[k])
-            if any(drifts[k] for k in here) and steady < _MIN_STEADY * (end - begin):
-                for k in here:
-                    drifts[k] = True
-    pieces = list(compress(segments, drifts))
+    trends = [_trends(log, s) for s in segments]
+    edges = [s for k, s in enumerate(segments) if _is_edge(k, segments, trends[k][2])]
+    pieces: list[Segment] = []
+    for chain in _chains(log, segments):
+        runs = [segments[k] for k in chain]
+        pieces += compress(runs, _drifts(log, runs, [trends[k] for k in chain]))
     spans = _merged(pieces)
     notes = []
     for begin, end in spans:
@@ -66,6 +64,57 @@ def without_sweeps(
             "Record single frequencies or a multisine, " + _REMEDY
         )
     return [s for s in segments if s not in pieces and s not in edges], spans, notes
+
+
+def _chains(log: MappedLog, segments: Sequence[Segment]) -> list[list[int]]:
+    """Indices of runs between which the motion goes on without a rest."""
+    chains: list[list[int]] = []
+    for k, segment in enumerate(segments):
+        if k and _moves(log, segment, segments[k - 1].stop_s, segment.start_s):
+            chains[-1].append(k)
+        else:
+            chains.append([k])
+    return chains
+
+
+def _moves(log: MappedLog, run: Segment, begin: float, end: float) -> bool:
+    """Whether the motion is nearly as strong in every period of a span as in a run beside it."""
+    inside, span = (log.theta_rad[log.rows(*ends)] for ends in ((run.start_s, run.stop_s), (begin, end)))
+    # Torques show the noise of a reference more than positions do.
+    power = ((span - inside.mean(axis=0)) ** 2).sum(axis=1) / inside.var(axis=0).sum()
+    width = max(1, round(1 / run.frequency_hz / log.interval_s))
+    if power.size < width:
+        return True
+    return bool(np.convolve(power, np.full(width, 1 / width), mode="valid").min() > _MIN_POWER)
+
+
+def _drifts(log: MappedLog, runs: Sequence[Segment], trends: Sequence[_Trend]) -> np.ndarray:
+    """Whether the frequency drifts in each run of a chain.
+
+    In a sweep the frequencies of the runs before and after predict how far the phase of a run bends; in
+    a staircase it does not bend. The likelihood ratio of the two is that of all runs of the chain.
+    """
+    bend, error = np.array([trend[:2] for trend in trends]).transpose(1, 0, 2)
+    sure = np.any(np.abs(bend) > np.maximum(_MIN_BEND_RAD, _BEND_SIGMAS * error), axis=1)
+    bend, error = bend[:, 0], error[:, 0]
+    if len(runs) == 1:
+        lone = np.abs(bend) > np.maximum(_MIN_BEND_RAD, _LONE_SIGMAS * error)
+        return np.asarray(sure | (lone & _amid_motion(log, runs[0])))
+    middle = np.array([(s.start_s + s.stop_s) / 2 for s in runs])
+    hz = np.array([s.frequency_hz for s in runs])
+    length = np.array([s.stop_s - s.start_s for s in runs]) - 1 / hz
+    predicted = _FOUND_BEND * np.pi / 4 * np.gradient(hz, middle) * length**2
+    variance = error**2 + (_RATE_ERROR * predicted) ** 2 + _MIN_BEND_RAD**2
+    evidence = np.clip(predicted * (2 * bend - predicted) / variance, -_MOST_OF_ONE, _MOST_OF_ONE)
+    return np.asarray(sure | ((evidence.sum() > _EVIDENCE) & (evidence > -_MOST_OF_ONE)))
+
+
+def _amid_motion(log: MappedLog, run: Segment) -> bool:
+    """Whether the motion is as strong some periods before and after a run, past all transients."""
+    near, far = _PAST_TRANSIENT / run.frequency_hz, (_PAST_TRANSIENT + 1) / run.frequency_hz
+    first, last = float(log.time_s[0]), float(log.time_s[-1])
+    spans = (run.start_s - far, run.start_s - near), (run.stop_s + near, run.stop_s + far)
+    return all(first <= a and b <= last and _moves(log, run, a, b) for a, b in spans)
 
 
 def _edge_hz(log: MappedLog, piece: Segment, side: int) -> float:
@@ -85,8 +134,7 @@ def _is_edge(number: int, segments: Sequence[Segment], growth: float) -> bool:
     )
 
 
-def _trends(log: MappedLog, segment: Segment) -> tuple[Floats, Floats, float]:
-    """Bends of a run's phase, their standard errors, rad, and the growth of its amplitude."""
+def _trends(log: MappedLog, segment: Segment) -> _Trend:
     part = log.rows(segment.start_s, segment.stop_s)
     signals = np.column_stack([log.theta_rad[part], log.tau_Nm[part]])
     interval = (segment.stop_s - segment.start_s) / (len(signals) - 1)

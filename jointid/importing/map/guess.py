@@ -43,8 +43,8 @@ _Pair = tuple[LogColumn, LogColumn]
 """Position and torque."""
 _Said = tuple[str, bool, str]
 """A guess, whether the file states it, and why."""
-_ODRIVE = re.compile(r"\bpos_(?:rel|abs|estimate)\b")
-"""Names of positions in ODrive's object tree: "pos_vel_mapper.pos_rel"."""
+_ODRIVE = re.compile(r"(?i)\bpos_(?:rel|abs|estimate)\b|odrive")
+"""Names of positions in ODrive's object tree: "pos_vel_mapper.pos_rel"; or its own."""
 _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."

@@ -28,20 +28,21 @@ def pairs_by_shape(
 
     A position is a torque integrated twice, hence the smoother signal. Usual orders are all positions,
     then all torques, or joint by joint; either quantity may be first. Clocks, and columns that are the
-    derivative of another, are left out. An odd number of columns gives one joint; columns of another
-    kind give none.
+    derivative of another, are left out. Three columns give one joint; other odd numbers, columns of
+    another kind, and several joints with a torque as smooth as a position give none.
     """
     columns = [
         c for c in columns if np.nanmax(c.values) > np.nanmin(c.values) and not is_clock_like(c.values)
     ]
     columns = _without_velocities(table, time, columns)
-    n, odd = divmod(len(columns), 2)
+    n = len(columns) // 2
     if not 0 < n <= MAX_JOINTS or any(c.unit or not _NO_NAME.fullmatch(c.name) for c in columns):
         return []
     rough = np.log([_roughness(c.values) for c in columns])
-    if odd:  # one joint, of the smoothest column and the roughest
-        order = np.argsort(rough, kind="stable")
-        columns, rough, n = [columns[k] for k in order[[0, -1]]], rough[order[[0, -1]]], 1
+    if len(columns) == 3:  # one joint, of the smoothest column and the roughest
+        columns, rough = [columns[k] for k in np.argsort(rough)[[0, 2]]], np.sort(rough)[[0, 2]]
+    elif len(columns) % 2:
+        return []
     blocks = [(k, n + k) for k in range(n)]
     interleaved = [(2 * k, 2 * k + 1) for k in range(n)]
     layouts = [blocks, [(t, q) for q, t in blocks], interleaved, [(t, q) for q, t in interleaved]]
@@ -49,6 +50,9 @@ def pairs_by_shape(
     best = int(np.argmax(gains))
     if gains[best] < gains[0] + _CLEAR:
         best = 0  # the usual order
+    at_q, at_t = np.array(layouts[best]).T
+    if n > 1 and rough[at_q].max() > rough[at_t].min():
+        return []  # further quantities, such as currents, are among them
     for number, (q, t) in enumerate(layouts[best], start=1):
         for role, k, how in (("position", q, "smoother"), ("torque", t, "rougher")):
             why = f"it is the {how} one" if gains[best] >= _CLEAR else "of its place"

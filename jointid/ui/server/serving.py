@@ -28,7 +28,7 @@ LEAST_BYTES = 20_000
 """Least traffic of a client in ``PATIENCE_S``: more than the longest head of a request."""
 _MOST_CONNECTIONS = 500
 """Fifty tabs with seven connections each; with their sessions below the usual 1024 descriptors."""
-_PRELOADED = (
+PRELOADED = (
     "pandas",
     "streamlit.emojis",
     "jointid.figures.response",
@@ -90,13 +90,13 @@ class PatientConnection(H11Protocol):
 @asynccontextmanager
 async def _lifespan(_app: object) -> AsyncIterator[dict[str, Any]]:
     closing = asyncio.create_task(_close_sessions())
-    preparing = asyncio.create_task(asyncio.to_thread(_prepare))
+    preparing = asyncio.create_task(asyncio.to_thread(prepare))
     yield {}
     closing.cancel()
     preparing.cancel()
 
 
-def _prepare() -> None:
+def prepare() -> None:
     """Get the first screen ready while the first browser still loads its own code."""
     for name in _FIRST_SCREEN:
         import_module(name)
@@ -129,7 +129,7 @@ def show_internal_error(error: Exception) -> bool:
 
 def serve(script: str, port: int) -> None:
     """Serve the app until a signal ends it; ``.streamlit/config.toml`` beside it holds the address."""
-    for name in _PRELOADED:
+    for name in PRELOADED:
         import_module(name)
     app = st.App(script, lifespan=_lifespan, on_script_error=show_internal_error)
     config.set_option("server.port", port)
