@@ -9,14 +9,16 @@ import asyncio
 import gc
 import os
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from importlib import import_module
+from pathlib import Path
 from time import monotonic
 from typing import Any
 
 import streamlit as st
 import uvicorn
+from starlette.middleware import Middleware
 from streamlit import config, runtime
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -36,6 +38,8 @@ _PRELOADED = (
     "jointid.uncertainty.validation",
 )
 """Imported before the address is open, so that the first page need not: half of its time."""
+_FIRST_CHUNKS = ("PlotlyChart", "BidiComponent", "Selectbox", "Html", "PageLink", "Metric")
+"""Parts of streamlit's client that the first screen needs; it would ask for each as it comes to it."""
 _FIRST_SCREEN = ("jointid.ui.cut.panels", "jointid.ui.study.elasticity_figures")
 """They register components with the running server, hence cannot be imported before."""
 KEPT_S = 3 * PATIENCE_S
@@ -87,6 +91,28 @@ class PatientConnection(H11Protocol):
             self.transport.abort()
 
 
+class Preloading:
+    """Names the parts that the first screen needs in the head of every page, to be loaded at once."""
+
+    def __init__(self, app: Any) -> None:
+        folder = Path(st.__file__).parent / "static" / "static" / "js"
+        files = sorted(file.name for name in _FIRST_CHUNKS for file in folder.glob(f"{name}.*.js"))
+        links = (f"</static/js/{name}>; rel=modulepreload; crossorigin" for name in files)
+        self._app, self._header = app, (b"link", ", ".join(links).encode())
+
+    async def __call__(self, scope: Any, receive: Any, send: Callable[[Any], Awaitable[None]]) -> None:
+        """Answer a request."""
+
+        async def sent(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                kinds = [value for name, value in message["headers"] if name == b"content-type"]
+                if any(kind.startswith(b"text/html") for kind in kinds):
+                    message["headers"] = [*message["headers"], self._header]
+            await send(message)
+
+        await self._app(scope, receive, sent)
+
+
 @asynccontextmanager
 async def _lifespan(_app: object) -> AsyncIterator[dict[str, Any]]:
     closing = asyncio.create_task(_close_sessions())
@@ -131,7 +157,8 @@ def serve(script: str, port: int) -> None:
     """Serve the app until a signal ends it; ``.streamlit/config.toml`` beside it holds the address."""
     for name in _PRELOADED:
         import_module(name)
-    app = st.App(script, lifespan=_lifespan, on_script_error=show_internal_error)
+    heads = [Middleware(Preloading)]
+    app = st.App(script, lifespan=_lifespan, middleware=heads, on_script_error=show_internal_error)
     config.set_option("server.port", port)
     address = config.get_option("server.address") or "127.0.0.1"
     # Streamlit lowers the level of uvicorn's loggers.
