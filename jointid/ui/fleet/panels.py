@@ -74,8 +74,7 @@ Drifts = Mapping[str, list[Drift]]
 
 def show_summary(spreads: Sequence[Spread], drifts: Drifts) -> None:
     """Stiffness of the fleet, its outliers and its clearest drift, in a sentence."""
-    stiffness = spreads[0]
-    if not stiffness.value.size:
+    if not (stiffness := spreads[0]).value.size:
         return
     outliers = [f"{counted(int(s.outliers.sum()), 'outlier')} of {s.name}" for s in spreads]
     parts = [f"{stiffness.name}: {_in_words(stiffness)}", enumerated(outliers)]
@@ -105,9 +104,8 @@ def show_robots(spreads: Sequence[Spread], drifts: Drifts) -> None:
         columns[f"Outliers of {spread.name}"] = [str((mask & spread.outliers).sum()) for mask in own]
     table(columns, height=300)
     st.caption(
-        "Median of each robot's studies. A year: median of the slopes between all pairs of dated "
-        "studies (Theil and Sen), in % of the trend at the median date, ± one standard error from the "
-        "scatter around the line. Of many robots, some seem to drift by chance: a drift below "
+        "Median of each robot's studies. A year: median slope between pairs of dated studies (Theil and "
+        "Sen), ± one standard error. Some robots seem to drift by chance: a drift below "
         f"{_CLEAR:g} standard errors is not significant."
     )
 
@@ -233,8 +231,7 @@ def _drift_in_words(drift: Drift) -> str:
 
 
 def _is_clear(drift: Drift) -> bool:
-    change, error = drift.per_year
-    return bool(abs(change) >= _CLEAR * error)
+    return abs(drift.per_year[0]) >= _CLEAR * drift.per_year[1]
 
 
 def _per_year(drift: Drift) -> str:

@@ -18,7 +18,6 @@ from typing import Any
 
 import streamlit as st
 import uvicorn
-from starlette.middleware import Middleware
 from streamlit import config, runtime
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -157,14 +156,13 @@ def serve(script: str, port: int) -> None:
     """Serve the app until a signal ends it; ``.streamlit/config.toml`` beside it holds the address."""
     for name in _PRELOADED:
         import_module(name)
-    heads = [Middleware(Preloading)]
-    app = st.App(script, lifespan=_lifespan, middleware=heads, on_script_error=show_internal_error)
+    app = st.App(script, lifespan=_lifespan, on_script_error=show_internal_error)
     config.set_option("server.port", port)
     address = config.get_option("server.address") or "127.0.0.1"
     # Streamlit lowers the level of uvicorn's loggers.
     sys.stderr.write(f"The app is at http://{address}:{port} until Ctrl-C.\n")
     uvicorn.run(
-        app,
+        Preloading(app),
         host=address,
         port=port,
         http=PatientConnection,
