@@ -29,7 +29,7 @@ PAGES = (
     "Elasticity",
     "Cut",
     "Plan",
-    "Report",
+    "Report and export",
     "Study",
 )
 COLUMNS = {"what": "", "median": "ms", "longest": "ms", "count": ".0f"}

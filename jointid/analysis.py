@@ -26,6 +26,7 @@ from jointid.robot_models.model import RobotModel
 from jointid.small_matrices import one_thread
 from jointid.study import Study
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
+from jointid.uncertainty.answer_tables import largest_part
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.verdict.findings import Evidence, Finding, findings
 from jointid.verdict.motion_findings import motion_findings
@@ -128,15 +129,16 @@ class Analysis:
         return f"Usable with care: {self.state_reason}." if self.state == WITH_CARE else ""
 
     def limit_of_records(self, worst: Floats) -> str:
-        """Say that more records of the same kind do not help; empty otherwise.
+        """Say that more records of the same kind do not help, and what does; empty otherwise.
 
         ``worst`` is the predicted worst error before the first and after each planned record.
         """
-        if any(finding.code == "model limits" for finding in self.findings):
-            return f"{MODEL_LIMITS}: more records of the same kind do not help. First remove the cause."
-        if worst[-1] > _HARDLY_SMALLER * worst[0]:
-            return "These records hardly reduce the worst error: more of the same kind do not help."
-        return ""
+        for finding in self.findings:
+            if finding.code == "model limits":
+                return f"{MODEL_LIMITS}: more records of the same kind do not help. {finding.remedy}"
+        if worst[-1] <= _HARDLY_SMALLER * worst[0]:
+            return ""
+        return f"These records hardly reduce the worst error. {largest_part(self.fit)}"
 
     @property
     def priors(self) -> tuple[PriorRow, ...]:

@@ -26,9 +26,12 @@ panels.show_headline(rows)
 if any(row.is_good for row in rows):
     joint, within_robot = panels.choose(rows)
     spreads = [fleet_spread(rows, quantity, joint, within_robot=within_robot) for quantity in "KD"]
+    drifts = panels.drifts_of(spreads, joint)
+    panels.show_summary(spreads, drifts)
     panels.show_spread(spreads, dark=is_dark())
+    panels.show_robots(spreads, drifts)
     panels.show_outstanding(spreads, within_robot=within_robot)
-    panels.show_drift(spreads, joint, dark=is_dark())
+    panels.show_drift(spreads, drifts, dark=is_dark())
 panels.show_failed(rows)
 panels.show_studies(fleet, rows)
 download(

@@ -4,7 +4,8 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.analysis import NOT_USABLE
-from jointid.cut.robot import NOMINAL_NAMES, cut_robot
+from jointid.cut.path_deflection import has_own_path
+from jointid.cut.robot import NOMINAL_NAMES, cut_robot, demonstration
 from jointid.ui.cut import cached_cuts, panels
 from jointid.ui.cut.details import show_time_series, show_tolerance, show_tool_stiffness
 from jointid.ui.cut.pictures import show_animation, show_figure_7
@@ -17,7 +18,13 @@ from jointid.ui.shared.workspace import link_to
 
 page = open_page("Cut")
 analysis = page.analysis()
-panels.show_own_path(page, analysis)
+if has_own_path(analysis):
+    panels.show_own_path(page, analysis)
+    st.header("Tool stiffness", anchor=False)
+    show_tool_stiffness(page, analysis, demonstration())
+    about = "Demonstration: the paper's cut by an arm of two joints, not by this robot"
+    if not st.toggle(about, key="cut_demonstration", bind="query-params"):
+        st.stop()
 stage = st.container()  # the drawing, above the controls
 try:
     robot = cut_robot(analysis)
@@ -32,7 +39,7 @@ name = NOMINAL_NAMES[settings.assumption]
 with stage:
     st.header(panels.headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)
-    panels.show_gears(page, settings, outcome.robot)
+    panels.show_gears(page, settings, outcome)
 panels.show_meaning(outcome, settings)
 
 show_tabs(

@@ -6,6 +6,7 @@ import re
 import time
 from contextlib import ExitStack
 from typing import Any
+from urllib.parse import parse_qsl, urlencode
 from urllib.request import Request, urlopen
 
 from streamlit.proto.BackMsg_pb2 import BackMsg
@@ -87,6 +88,11 @@ class Session:
         """Choose in a select box of the page last run; the next run says so."""
         box = self.shows("selectbox", label)
         self.widgets[box.id] = WidgetState(id=box.id, string_value=value)
+        if box.query_param_key:  # the client keeps it in the address, the default by its absence
+            address = dict(parse_qsl(self.query)) | {box.query_param_key: value}
+            if value == box.options[box.default]:
+                del address[box.query_param_key]
+            self.query = urlencode(address)
 
     def slide(self, label: str, value: float) -> None:
         """Move a slider of the page last run; the next run says so."""

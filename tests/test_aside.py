@@ -216,6 +216,25 @@ def test_the_second_session_has_processes_begin(
         assert first.result(PATIENCE_S) == "long"
 
 
+def test_with_processes_one_computation_at_a_time_runs_here(
+    pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a queue, one would otherwise run here after the other, and slow the pages of all."""
+    for name in ("_LONGEST_TURN_S", "_PATIENCE_S"):
+        monkeypatch.setattr(results, name, 0.01)
+    long, began, end = held
+    with ThreadPoolExecutor(2) as threads:
+        first = threads.submit(run_in_background, long)
+        assert began.wait(PATIENCE_S)
+        worker = answers(pool)
+        busy = threads.submit(pool.call, sleep, 0.4)
+        until(lambda: pool._idle.empty())
+        assert run_in_background(os.getpid) == worker, "it waits for the process"
+        busy.result(PATIENCE_S)
+        end.set()
+        assert first.result(PATIENCE_S) == "long"
+
+
 def test_the_turn_is_free_again_after_an_error(pool: Pool) -> None:
     def fails() -> None:
         raise ValueError("no")

@@ -439,6 +439,15 @@ def log_text(study: Study) -> str:
     return "\n".join(lines)
 
 
+def test_a_missing_file_of_inertias_is_shown_as_it_should_be(here: Path) -> None:
+    with pytest.raises(JointIdError, match=r"robot\.toml: nothing is there") as error:
+        robot_from(here / "robot.toml")
+    (here / "robot.toml").write_text(str(error.value).partition("\n\n")[2], "utf-8")
+    robot = robot_from(here / "robot.toml")
+    assert robot.inertia.n == 2
+    assert robot.inertia_std == np.inf
+
+
 def test_a_log_is_converted_by_its_mapping(studies: dict[int, Study], here: Path) -> None:
     pytest.importorskip("jointid.importing")
     known = studies[1]

@@ -96,7 +96,7 @@ def test_a_softer_robot_differs_significantly_in_either_order(
     assert list(table.columns[:3]) == ["Quantity", "Difference", "Significant"]
     assert table.loc[table.Quantity == "K1 (N·m/rad)", "Significant"].item() == "yes, over 100 σ"
     states = [caption.value for caption in at.caption if caption.value.startswith("First: ")]
-    assert re.fullmatch(r"First: soft\.zip, usable.*\. Second: paper, usable.*\.", states[0])
+    assert re.fullmatch(r"First: soft\.zip, auto, usable.*\. Second: paper, auto, usable.*\.", states[0])
     at = next(button for button in at.button if button.label == "Swap").click().run()
     assert not at.exception, at.exception[0].stack_trace
     said = at.header[0].value.replace("\N{NO-BREAK SPACE}", " ")

@@ -32,6 +32,7 @@ from jointid.ui.cut import cached_cuts as cut_cached
 from jointid.ui.cut.pictures import animation_data, cut_drawing, tracks
 from jointid.ui.cut.settings import CutSettings, usual
 from jointid.ui.shared.page import Page
+from jointid.ui.shared.results import ResultCache
 from jointid.ui.shared.sidebar import DEFAULT_METHOD
 
 PAGE = "pages/5_Cut.py"
@@ -103,8 +104,12 @@ class TestPage:
             "jointid.ui.cut.cached_cuts.cut_robot",
             lambda *given: dataclasses.replace(cut_robot(*given), gears=gears),
         )
+        own = ResultCache()  # other tests keep the cuts of the same study with linear gears
+        monkeypatch.setattr("jointid.ui.shared.page.result_cache", lambda: own)
         at = shown(app.switch_page(PAGE).run())
         errors = {each.label: float(each.value.split()[-2]) for each in at.metric}
+        _, after = headline(at)
+        assert after == errors["Servo assumes K and D"]
         assert errors["Servo assumes K and D"] > 2 * errors["Servo assumes the curve"]
         assert "joint 1: backlash; joint 2: linear" in words(at)
         assert not at.exception
@@ -224,7 +229,7 @@ class TestPage:
         rough = headline(at)[1]
         assert rough > ideal + 0.1
         assert "The servo does not compensate it" in words(at)
-        assert "comes from friction, delay and encoder, not from the springs" in words(at)
+        assert "comes from friction, delay and encoder, not from errors of K and D" in words(at)
         assert "probability of 95 %" not in words(at)
         at = shown(at.checkbox(key="cut_compensated").check().run())
         assert headline(at)[1] < 0.2 * rough

@@ -247,7 +247,10 @@ def test_a_table_shows_spread_drift_and_what_stands_out(app: AppTest) -> None:
     assert "1 failed" in said
     assert re.search(r"\*\*Stiffness K1\*\*: median ± robust spread (39|40)\.", said)
     assert len(at.get("plotly_chart")) == 4
-    out, _, every = (frame.value for frame in at.dataframe)
+    robots, out, every = (frame.value for frame in at.dataframe)
+    assert sorted(robots["Robot"]) == sorted({row.robot for row in fleet() if row.is_good})
+    assert robots.loc[robots["Robot"] == "odd", "Outliers of K1"].item() == "1"
+    assert re.match(r"K1: median ±\srobust spread (39|40)\..*; 1.outlier of K1 and ", at.header[0].value)
     lost = at.table[0].value  # whose lines are not cut off
     assert out["Robot"].tolist() == ["odd"]
     assert out["Value"].tolist() == ["K1 = 60.00 ± 0.10"]

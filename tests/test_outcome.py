@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from plants import ONE, PAPER, PARALLELOGRAM, SERIAL, THREE, THREE_SPRINGS
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm, Study, analyse, rectangle
-from jointid.cut.outcome import cut_outcome, gear_cuts, gears_text, millimetres, study_outcome
+from jointid.cut.outcome import cut_outcome, cut_with_laws, gears_text, millimetres, study_outcome
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.servo import Servo
 from jointid.gears.gear import Gear
@@ -55,14 +55,13 @@ def scaled(ratio: float) -> Elasticity:
     return Elasticity(ratio * PAPER.K, PAPER.D)
 
 
-def test_the_text_of_nonlinear_gears_has_both_servos() -> None:
+def test_both_cuts_have_the_nonlinear_gears_and_a_servo_may_know_them() -> None:
     hard = replace(robot(), gears=(Gear(cubic=9000.0), Gear()))
     outcome = cut_outcome(hard, PATH, PAPER, samples=2)
-    unknown, known = gear_cuts(hard, outcome.toolpath)
-    text = gears_text(outcome)
-    assert f"{millimetres(unknown.max_contour_error_m)} if the servo assumes K and D" in text
-    assert f"{millimetres(known.max_contour_error_m)} if it assumes the laws" in text
-    assert unknown.max_contour_error_m > 5 * known.max_contour_error_m
+    known = cut_with_laws(hard, outcome.toolpath).max_contour_error_m
+    assert f"assumes these laws as well, the path error is {millimetres(known)}." in gears_text(outcome)
+    assert outcome.after_m > 5 * known
+    assert not outcome.depends_on_elasticity
 
 
 class TestTheArm:

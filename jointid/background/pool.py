@@ -44,6 +44,11 @@ class Pool:
         self._lock = threading.Lock()
         self._idle: queue.SimpleQueue[Child] = queue.SimpleQueue()
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether a process runs, busy or not."""
+        return self._ready > 0
+
     def start(self) -> None:
         """Start one more process in the background, up to the limit and one at a time."""
         with self._lock:

@@ -90,9 +90,9 @@ def cut(
         for zone, o in zip(zones, outcomes, strict=True)
     ]
     if robot.gears:
-        columns += ["identified gear laws, servo assumes K, D", "servo assumes the curve"]
+        columns.append("servo assumes the gear laws")
         for row, cut in zip(cells, document["cuts"], strict=True):
-            row += [millimetres(1e-3 * cut[name]) for name in ("gears_linear_mm", "gears_known_mm")]
+            row.append(millimetres(1e-3 * cut["gears_known_mm"]))
     print_table(columns, cells, right=tuple(range(len(columns))))
     for problem in dict.fromkeys(o.problem for o in outcomes if o.problem):
         print(f"\nThe path error after identification is not known: {problem}")
@@ -123,7 +123,7 @@ def cut_results(
     robot: Any, assumption: str, zones_mm: Sequence[float], progress: Callable[[float], None]
 ) -> tuple[dict[str, Any], list[Any]]:
     """Simulate the paper's rectangle with several corner zones: path errors in mm, and the outcomes."""
-    from jointid.cut.outcome import cut_outcome, gear_cuts
+    from jointid.cut.outcome import cut_outcome, cut_with_laws
     from jointid.cut.rectangle import rectangle
     from jointid.cut.robot import CUTTING_POINT_M, assumed_elasticity
 
@@ -144,10 +144,8 @@ def cut_results(
             }
         )
         if robot.gears:
-            names = "gears_linear_mm", "gears_known_mm"
-            runs = gear_cuts(robot, path, friction=robot.friction)
-            errors = [1e3 * run.max_contour_error_m for run in runs]
-            rows[-1] |= dict(zip(names, errors, strict=True))
+            known = cut_with_laws(robot, path, friction=robot.friction)
+            rows[-1]["gears_known_mm"] = 1e3 * known.max_contour_error_m
         progress((k + 1) / len(zones_mm))
     document = {
         "rule": robot.rule,

@@ -16,6 +16,14 @@ from jointid.parsing.checked_toml import MAX_TOML_BYTES
 from jointid.study import Study
 from jointid.wording import listed, nearest
 
+MINIMAL_ROBOT = """\
+[inertia]                                          # seen from the motors, kg·m²
+M  = [0.0025, 0.0010]                              # rotors, one per joint
+M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]          # arm
+std = inf                                          # start values only: the fit determines M and M2
+"""
+"""File of inertias for two joints."""
+
 if TYPE_CHECKING:
     from jointid.importing.robot_inertia import KnownRobot
 
@@ -47,6 +55,11 @@ def robot_from(path: Path) -> KnownRobot:
     from jointid.importing.robot_inertia import KnownRobot, robot_from_toml
 
     if path.suffix.lower() == ".toml":
+        if not path.exists():
+            raise JointIdError(
+                f"{path}: nothing is there. Write the inertias into this file, for two joints for "
+                f"instance:\n\n{MINIMAL_ROBOT}"
+            )
         beside = path.parent
         return robot_from_toml(read_toml(path), path.name, lambda name: (beside / name).read_bytes())
     study = load_named(path)

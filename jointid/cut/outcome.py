@@ -2,10 +2,11 @@
 
 Before: the simulated robot has the identified K and D, and its servo assumes the nominal ones. After:
 its servo assumes the identified values, and the robot's K and D are drawn from their covariance. Both
-simulations include the identified friction and the same default controller. ``robot.py`` defines the
-arm and its stiffness.
+simulations include the identified friction and gear laws, and the same default controller. ``robot.py``
+defines the arm and its stiffness.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -98,9 +99,10 @@ class Outcome:
         """Whether the path error after the identification depends on the uncertainty of K and D.
 
         False if the robots drawn have practically equal errors, which then come from friction and the
-        controller. True without a distribution.
+        controller, or from gear laws that the servo does not know. True without a distribution.
         """
-        return not self.spread_m < _ALIKE * self.after_m
+        alike = bool(self.robot.gears) or self.spread_m < _ALIKE * self.after_m
+        return self.distribution is None or not alike
 
 
 def cut_outcome(
@@ -119,7 +121,7 @@ def cut_outcome(
     from the fit's covariance. Raises JointIdError when the path leaves the workspace, or the loop is
     unstable.
     """
-    before = track(robot.arm, toolpath, robot.elasticity, assumed, servo=servo, friction=friction)
+    before = cut_by(robot, toolpath, servo, friction)(robot.elasticity, assumed)
     prediction = predicted_cut(robot, toolpath, servo=servo, friction=friction, samples=samples)
     return Outcome(robot, toolpath, assumed, before, *prediction)
 
@@ -155,33 +157,38 @@ def predicted_cut(
         beyond = np.where(largest >= distribution.p95_m, largest, np.inf)
         at = int(np.argmin(beyond))
         p95 = Elasticity(K=distribution.K[at], D=distribution.D[at])
-    after = track(robot.arm, toolpath, p95, identified, servo=servo, friction=friction)
+    after = cut_by(robot, toolpath, servo, friction)(p95, identified)
     return Prediction(after, p95, distribution, problem)
 
 
-def gear_cuts(
+def cut_with_laws(
     robot: CutRobot,
     toolpath: Toolpath,
     *,
     servo: Servo = TYPICAL_SERVO,
     friction: MotorFrictionLike | None = None,
-) -> tuple[TrackingRun, TrackingRun]:
-    """Cuts of a robot with nonlinear gears: the servo assumes linear K and D, or the laws as well.
+) -> TrackingRun:
+    """Cut of a robot with nonlinear gears whose servo assumes their identified laws.
 
     Parameters and errors as in :func:`cut_outcome`.
     """
-    known = robot.elasticity
-    cut = partial(track, robot.arm, toolpath, known, known, gears=robot.gears, friction=friction)
-    return cut(servo=servo), cut(servo=servo, assumed_gears=robot.gears)
+    cut = cut_by(robot, toolpath, servo, friction)
+    return cut(robot.elasticity, robot.elasticity, assumed_gears=robot.laws)
+
+
+def cut_by(
+    robot: CutRobot, toolpath: Toolpath, servo: Servo, friction: MotorFrictionLike | None
+) -> Callable[..., TrackingRun]:
+    """Cuts of a robot with its gears, by its K and D and those that the servo assumes."""
+    return partial(track, robot.arm, toolpath, servo=servo, friction=friction, gears=robot.laws)
 
 
 def gears_text(outcome: Outcome) -> str:
-    """Path error with the identified laws of nonlinear gears, which the others leave out."""
-    runs = gear_cuts(outcome.robot, outcome.toolpath, friction=outcome.robot.friction)
-    linear, known = (millimetres(run.max_contour_error_m) for run in runs)
+    """Path error if the servo assumes the identified laws of nonlinear gears."""
+    run = cut_with_laws(outcome.robot, outcome.toolpath, friction=outcome.robot.friction)
     return (
-        "These path errors are those of linear gears. With the identified gear laws, the path error is "
-        f"{linear} if the servo assumes K and D, and {known} if it assumes the laws."
+        "The simulated robots have the identified gear laws. If the servo assumes these laws as well, "
+        f"the path error is {millimetres(run.max_contour_error_m)}."
     )
 
 
@@ -229,14 +236,15 @@ def remaining_error_text(
     if left.startswith("under"):
         return f"The remaining error, {left}, is below the resolution of the simulation."
     causes = {
+        "the nonlinearity of the gears": bool(outcome.robot.gears),
         "friction": friction is not None and servo.friction_compensation is None,
         "delay": servo.delay_samples > 0,
         "encoder": servo.encoder_bits is not None,
     }
     named = enumerated([name for name, acts in causes.items() if acts] or ["the controller's rate"])
     text = (
-        f"The remaining error, {left}, comes from {named}, not from the springs: within the error bars "
-        f"of K and D it changes by {millimetres(outcome.spread_m)} (95th percentile shown)."
+        f"The remaining error, {left}, comes from {named}, not from errors of K and D: within their "
+        f"error bars it changes by {millimetres(outcome.spread_m)} (95th percentile shown)."
     )
     if outcome.before_m < outcome.after_m:
         text += (

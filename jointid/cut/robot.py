@@ -15,7 +15,7 @@ therefore always uses the example arm. Its K and D follow from the study by one 
   within 1 % and 5 %.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -103,6 +103,11 @@ class CutRobot:
     """Factor of each joint on the study's values."""
     gears: tuple[Gear, ...] = ()
     """Identified laws of the gears, where one is not linear."""
+
+    @property
+    def laws(self) -> tuple[Gear, ...] | None:
+        """Laws of the gears with any K, as ``track`` takes them; None of linear gears."""
+        return tuple(replace(gear, K=0.0) for gear in self.gears) or None
 
     @property
     def meaning(self) -> str:

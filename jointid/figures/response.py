@@ -21,11 +21,11 @@ from jointid.figures.response_curves import (
     phases_deg,
     single_record_curves,
 )
-from jointid.figures.style import Axis, Sketch, frequency_axis, linear_axis, log_axis, plain_text
+from jointid.figures.style import MARGIN, Axis, Sketch, frequency_axis, linear_axis, log_axis, plain_text
 
 _UNIT = "1/(kg·m²)"
-_TWO_LINES = {"l": 8, "r": 12, "t": 60, "b": 8}
-"""Margin with room for a legend of two lines."""
+_TWO_LINES = MARGIN | {"t": 70}
+"""Margins with room for a legend of two lines."""
 View = Literal["Magnitude and phase", "In dB", "Nyquist"]
 VIEWS: tuple[View, ...] = get_args(View)
 """Ways to draw a frequency response; 0 dB is 1/(kg·m²)."""
@@ -96,7 +96,8 @@ def _magnitudes(
     low, high = zip(*limits, strict=True)
     title = f"|{element_name(joint, joint)}| ({_UNIT})"
     size = log_axis(title, range=_log_range((min(low), max(high))))
-    return sketch.figure(frequency_axis(measured_frequencies(curves)), size, height=height)
+    x = frequency_axis(measured_frequencies(curves))
+    return sketch.figure(x, size, height=height, margin=_TWO_LINES)
 
 
 def _drawn(

@@ -27,7 +27,10 @@ _LOOK: Axis = {
     "ticks": "outside",
     "ticklen": 4,
     "tickcolor": "rgba(0,0,0,0)",
+    "ticklabeloverflow": "allow",  # else every label is measured once more
 }
+MARGIN = {"l": 68, "r": 16, "b": 60}
+"""Enough for the usual labels: where the labels need more, plotly draws the figure a second time."""
 _FULL_HEIGHT: Shape = {"yref": "paper", "y0": 0, "y1": 1}
 
 JOINT_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star")
@@ -133,7 +136,7 @@ class Sketch:
         ink = "#FAFAFA" if self._dark else "#31333F"
         base = {
             "height": height,
-            "margin": {"l": 8, "r": 12, "t": 8, "b": 8},
+            "margin": MARGIN | {"t": 50 if len(self.traces) > 1 else 8},
             "font": {"color": ink, "size": 13, "family": '"Source Sans", sans-serif'},
             "paper_bgcolor": "rgba(0,0,0,0)",
             "plot_bgcolor": "rgba(0,0,0,0)",

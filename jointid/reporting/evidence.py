@@ -11,12 +11,13 @@ from jointid.cut.outcome import (
     ZONES_M,
     Outcome,
     at_most,
+    cut_by,
     remaining_error_text,
     study_outcome,
 )
 from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M
-from jointid.cut.tracking import TrackingRun, track
+from jointid.cut.tracking import TrackingRun
 from jointid.errors import JointIdError
 from jointid.figures.response_curves import element_name, removed_effects
 from jointid.reporting.blocks import Block, Figure, Paragraph
@@ -160,8 +161,5 @@ def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
     robot, path = outcome.robot, rectangle(zone_m=zone_m, centre_m=CUTTING_POINT_M)
     if np.array_equal(path.knot_m, outcome.toolpath.knot_m):
         return outcome.before, outcome.after
-    before, after = (
-        track(robot.arm, path, true, assumed, servo=TYPICAL_SERVO, friction=robot.friction)
-        for true, assumed in ((robot.elasticity, outcome.assumed), (outcome.p95, robot.elasticity))
-    )
-    return before, after
+    cut = cut_by(robot, path, TYPICAL_SERVO, robot.friction)
+    return cut(robot.elasticity, outcome.assumed), cut(outcome.p95, robot.elasticity)

@@ -5,6 +5,7 @@ import numpy as np
 from jointid.answer import AT_MOTOR, StiffnessUnit, elasticity_quantities
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.wording import UNDETERMINED, significant
 
 _PARTS = {
@@ -14,6 +15,13 @@ _PARTS = {
     "choice": "choice of model",
 }
 """Name of each part; the fit holds it as ``noise_error`` and so on."""
+_REMEDIES = {
+    "noise": "use longer records or a larger motion",
+    "prior": "state them more exactly, or add records with a known payload",
+    "unseen": "move the joints faster, so that friction matters less",
+    "choice": "add records of other amplitudes and frequencies, which decide between the models",
+}
+"""What reduces each part."""
 PARTS_MEANING = (
     "Friction harmonics: allowance for the shape of friction beyond the fitted harmonics. Choice of "
     "model: difference from models that fit about as well."
@@ -27,6 +35,15 @@ def error_parts(fit: ElasticityFit) -> dict[str, Floats]:
     Parts that do not apply are zero.
     """
     return {key: np.zeros(2 * fit.n) + getattr(fit, f"{key}_error") for key in _PARTS}
+
+
+def largest_part(fit: ElasticityFit) -> str:
+    """Say which part makes the largest relative error, and what reduces that part."""
+    parts, size = error_parts(fit), np.maximum(np.abs(fit.estimate), np.finfo(float).tiny)
+    worst = int(np.argmax(fit.standard_error / size))
+    main = max(parts, key=lambda key: float(parts[key][worst]))
+    name = elasticity_labels(fit.n)[worst]
+    return f"Most of it, for {name}, comes from {_PARTS[main]}: {_REMEDIES[main]}."
 
 
 def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> dict[str, list[str]]:

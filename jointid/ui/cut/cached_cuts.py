@@ -3,13 +3,14 @@
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
-from jointid.cut.outcome import ZONES_M, Outcome, Prediction, gear_cuts, predicted_cut
+from jointid.cut.outcome import ZONES_M, Outcome, Prediction, cut_with_laws, predicted_cut
 from jointid.cut.path_errors import errors_of_mismatch
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tracking import TrackingRun, track
@@ -60,16 +61,17 @@ def pairs(
 def _before(
     page: Page, settings: CutSettings, robot: CutRobot, assumed: Elasticity | None
 ) -> Future[TrackingRun]:
-    return _begin(page, "before", settings, track, robot.arm, robot.elasticity, assumed)
+    cut = partial(track, gears=robot.laws)
+    return _begin(page, "before", settings, cut, robot.arm, robot.elasticity, assumed)
 
 
 def _after(page: Page, settings: CutSettings, robot: CutRobot) -> Future[Prediction]:
     return _begin(page, "prediction", settings.after, predicted_cut, robot)
 
 
-def gears(page: Page, settings: CutSettings, robot: CutRobot) -> tuple[TrackingRun, TrackingRun]:
-    """Cuts of a robot with nonlinear gears, by servos that know K and D, and their laws."""
-    found = _begin(page, "gears", settings, gear_cuts, robot)
+def with_laws(page: Page, settings: CutSettings, robot: CutRobot) -> TrackingRun:
+    """Cut of a robot with nonlinear gears whose servo assumes their laws."""
+    found = _begin(page, "laws", settings, cut_with_laws, robot)
     awaited("Cutting", found)
     return found.result()
 

@@ -13,7 +13,7 @@ from jointid.cut.tool_stiffness import ToolStiffness, planar_tool_stiffness, too
 from jointid.figures.cut import cut_over_time, deflection_ellipse
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
-from jointid.ui.shared.charts import NO_POSE, choose_segment, side_by_side, table
+from jointid.ui.shared.charts import NO_POSE, choose_segment, side_by_side
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.wording import minus, significant, three_digits, with_error
@@ -106,7 +106,7 @@ def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where
     errors = 1e3 * force * of.standard_error(covariance)
     texts = [with_error(*pair) for pair in zip(millimetres.tolist(), errors.tolist(), strict=True)]
     st.write(f"**{force:.0f} N move the tool by up to {texts[0]} mm** ({where}).")
-    table(
+    show_text_table(
         {
             "Direction": [", ".join(minus(f"{part:+.2f}") for part in row) for row in directions],
             "Deflection (mm)": texts,

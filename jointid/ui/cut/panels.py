@@ -35,12 +35,10 @@ from jointid.wording import counted, three_digits, unbroken
 
 
 def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> None:
-    """Show how far a robot with a model of its own bends along the path; nothing without.
+    """Show how far a robot with a model of its own bends along the path.
 
     ``summary`` shows the largest corner zone only, for the first screen.
     """
-    if not has_own_path(analysis):
-        return
     doing = "Following the path with the robot model"
     try:
         found = page.computed("own path", doing, own_path_deflections, analysis, ZONES_M)
@@ -71,9 +69,8 @@ def headline(outcome: Outcome) -> str:
     if outcome.robot.rule == "demonstration":
         return "A demonstration, not this study"
     whose = " of the example arm" if outcome.robot.rule == "relative" else ""
-    gears = ", with linear gears" if outcome.robot.gears else ""
     errors = f"{millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
-    return unbroken(f"Path error{whose} {errors} ({outcome.which}){gears}")
+    return unbroken(f"Path error{whose} {errors} ({outcome.which})")
 
 
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
@@ -181,12 +178,13 @@ def show_assumptions() -> None:
     )
 
 
-def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
-    """Show the same cut with the identified nonlinear gears, by a servo without and with their laws."""
+def show_gears(page: Page, settings: CutSettings, outcome: Outcome) -> None:
+    """Show the cut with the identified nonlinear gears by a servo that assumes K and D, or the laws."""
+    robot = outcome.robot
     if not robot.gears:
         return
     st.header("With the identified gear laws", anchor=False)
-    runs = cached_cuts.gears(page, settings.after, robot)
+    runs = outcome.after, cached_cuts.with_laws(page, settings.after, robot)
     laws = "; ".join(f"joint {j}: {' and '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
     ink = colours(page.dark)
     servos = ("Servo assumes K and D", ink.nominal), ("Servo assumes the curve", ink.identified)
@@ -198,8 +196,8 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
             st.html(picture([(run, colour)], what, around, "max-width:7rem"))
             st.metric(servo, error)
     st.caption(
-        f"Largest path error of a robot with the identified gears ({laws}). The other cuts on this page "
-        "have linear gears. Beyond the torques of the records the laws are extrapolated."
+        f"Largest path error of a robot with the identified gears ({laws}), as in all cuts of this page "
+        "except in the tab Accuracy of K. Beyond the torques of the records the laws are extrapolated."
     )
 
 
@@ -212,8 +210,9 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             show_note(f"The path error is not known. {error}")
         return
     if outcome is None:
-        show_own_path(page, analysis, summary=True)
-        if not has_own_path(analysis):
+        if has_own_path(analysis):
+            show_own_path(page, analysis, summary=True)
+        else:
             link_to(CUT, "Path error on an example arm")
         return
     ink = colours(page.dark)
@@ -233,6 +232,8 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 f"{key_line(ink.identified)}identified values, {escape(after)}: {outcome.which}"
             )
             arm, of = "a simulated arm with these inertias", outcome.robot
+            parts = {"friction": of.friction, "gear laws": of.gears}
+            included = " and ".join(name for name, part in parts.items() if part)
             if of.rule == "relative":
                 arm = (
                     "the example arm, because this robot's geometry is not known. Its springs are "
@@ -242,8 +243,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             st.caption(
                 "A rectangle of 28 × 45 mm with corner zones of 10 mm at 300 mm/s, cut by "
                 f"{arm}. {accuracy_text(outcome, TYPICAL_SERVO, of.friction)}"
-                + " Both simulations include the identified friction." * bool(of.friction)
-                + " They leave out the nonlinearity of the gears, which the page Cut includes."
-                * bool(of.gears)
+                + f" Both simulations include the identified {included}."
+                * bool(included)
             )
             link_to(CUT, "Watch the cut")

@@ -1,6 +1,6 @@
 """Panels of the fleet page: headline, spread, outliers, drift of each robot, single studies."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import streamlit as st
@@ -25,8 +25,10 @@ from jointid.ui.shared.charts import choose_segment, plot, side_by_side, table
 from jointid.ui.shared.messages import markdown_escape, show_error, show_note, show_text_table
 from jointid.ui.shared.method_steps import IMPORT, OVERVIEW
 from jointid.ui.shared.workspace import go_to, keep, link_to, recent
-from jointid.wording import counted, listed, minus, significant, with_error
+from jointid.wording import counted, enumerated, listed, minus, significant, unbroken, with_error
 
+_CLEAR = 3.0
+"""Standard errors beyond which a trend is said to be a drift."""
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
 _MOST_REASONS, _MOST_NAMES = 20, 5
 """Reasons of failed studies that are listed, and studies named with each."""
@@ -64,6 +66,48 @@ def choose(rows: Sequence[Row]) -> tuple[int, bool]:
             hint="Where robots differ by design, compare each with its own studies.",
         )
     return min(joint, joints), against == choices[1]
+
+
+Drifts = Mapping[str, list[Drift]]
+"""Drift of K and D by robot, the clearest of K first."""
+
+
+def show_summary(spreads: Sequence[Spread], drifts: Drifts) -> None:
+    """Stiffness of the fleet, its outliers and its clearest drift, in a sentence."""
+    if not (stiffness := spreads[0]).value.size:
+        return
+    outliers = [f"{counted(int(s.outliers.sum()), 'outlier')} of {s.name}" for s in spreads]
+    parts = [f"{stiffness.name}: {_in_words(stiffness)}", enumerated(outliers)]
+    name, (clearest, *_) = next(iter(drifts.items()))
+    if _is_clear(clearest):
+        parts.append(
+            f"{clearest.name} of {markdown_escape(_robot_name(name))} {_drift_in_words(clearest)}"
+        )
+    st.header(unbroken("; ".join(parts)), anchor=False)
+
+
+def show_robots(spreads: Sequence[Spread], drifts: Drifts) -> None:
+    """Every robot in a row: its values, their drift, and its outliers."""
+    if not any(drifts):
+        return
+    st.header("Every robot", anchor=False)
+    columns: dict[str, list[str]] = {"Robot": [_robot_name(name) for name in drifts]}
+    for k, spread in enumerate(spreads):
+        own = [np.array([row.robot == name for row in spread.rows]) for name in drifts]
+        if not k:
+            columns["Studies"] = [str(mask.sum()) for mask in own]
+        unit = PARAMETERS[spread.name[0]].unit
+        columns[f"{spread.name} ({unit})"] = [
+            significant(float(np.median(spread.value[mask])), 4) if mask.any() else "" for mask in own
+        ]
+        columns[f"{spread.name} a year (%)"] = [_per_year(of_robot[k]) for of_robot in drifts.values()]
+        columns[f"Outliers of {spread.name}"] = [str((mask & spread.outliers).sum()) for mask in own]
+    table(columns, height=300)
+    st.caption(
+        "Median of each robot's studies. A year: median slope between pairs of dated studies (Theil and "
+        "Sen), ± one standard error. Some robots seem to drift by chance: a drift below "
+        f"{_CLEAR:g} standard errors is not significant."
+    )
 
 
 def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
@@ -129,11 +173,7 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
     table(columns, height=300)
 
 
-_CLEAR = 3.0
-"""Standard errors beyond which a trend is said to be a drift."""
-
-
-def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
+def show_drift(spreads: Sequence[Spread], drifts: Drifts, *, dark: bool) -> None:
     """Values over the dates that studies state, one robot at a time with its trend."""
     dated = [row for row in spreads[0].rows if row.date]
     st.header("Drift over time", anchor=False)
@@ -144,8 +184,7 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
         )
         link_to(IMPORT)
         return
-    drifts = _drifts(spreads, joint)
-    robots = list(drifts)
+    robots = [name for name, of_robot in drifts.items() if of_robot[0].value.size]
     robot = st.selectbox(
         "Robot",
         robots,
@@ -164,24 +203,11 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
                 f"{spread.name} over time, all robots and the chosen one",
                 key=f"fleet_drift_{spread.name[0]}",
             )
-    with st.expander("The drift of every robot"):
-        columns = {
-            "Robot": [_robot_name(name) for name in robots],
-            "Studies with a date": [str(drifts[name][0].value.size) for name in robots],
-        }
-        for k, spread in enumerate(spreads):
-            columns[f"{spread.name} a year (%)"] = [_per_year(drifts[name][k]) for name in robots]
-        table(columns, height=300)
-        st.caption(
-            "Median of the slopes between all pairs of studies (Theil and Sen), in % of the trend at the"
-            " median date, ± one standard error from the scatter around the line. Of many robots, some "
-            f"seem to drift by chance: a drift below {_CLEAR:g} standard errors is not significant."
-        )
 
 
-def _drifts(spreads: Sequence[Spread], joint: int) -> dict[str, list[Drift]]:
-    """Drift of K and D by robot, the clearest of K first."""
-    robots = {row.robot for row in spreads[0].rows if row.date}
+def drifts_of(spreads: Sequence[Spread], joint: int) -> Drifts:
+    """Drift of K and D by robot, of a joint from 1; of robots without dates it has no values."""
+    robots = {row.robot for row in spreads[0].rows}
     found = {
         robot: [robot_drift(spread.rows, spread.name[0], joint, robot) for spread in spreads]
         for robot in robots
@@ -198,10 +224,14 @@ def _drift_in_words(drift: Drift) -> str:
     change, error = (100 * value for value in drift.per_year)
     if not np.isfinite(change):
         return f": at least {MIN_VALUES} dates are needed for a trend"
-    if abs(change) < _CLEAR * error:
+    if not _is_clear(drift):
         return f"has no drift beyond its scatter, ± {significant(error, 2)} % a year"
     by = f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % a year"
     return f"{by}, relative to the trend at the median date"
+
+
+def _is_clear(drift: Drift) -> bool:
+    return abs(drift.per_year[0]) >= _CLEAR * drift.per_year[1]
 
 
 def _per_year(drift: Drift) -> str:

@@ -27,9 +27,13 @@ def glossary() -> str:
 
 def introduce(text: str) -> None:
     """Write a text; its hint explains the terms of the glossary that occur in it."""
+    st.markdown(text, help=_hint(text))
+
+
+@cache
+def _hint(text: str) -> str | None:
     entries = [entry[0] for entry in _ENTRY.finditer(glossary()) if _occurs(entry[1], text)]
-    more = "More terms: page Glossary."
-    st.markdown(text, help="\n\n".join([*entries, more]) if entries else None)
+    return "\n\n".join([*entries, "More terms: page Glossary."]) if entries else None
 
 
 def _occurs(term: str, text: str) -> bool:

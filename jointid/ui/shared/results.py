@@ -3,9 +3,9 @@
 import os
 import sys
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from threading import Lock, Semaphore
 from time import monotonic
@@ -88,23 +88,28 @@ def _computed(
     try:
         progress: Any = named.pop("progress", None)
         function: Callable[..., Found] = partial(compute, **named) if named else compute
-        with suppress(NoWorkerError):
-            found: Found = _pool().call(function, *given, progress=progress, patience_s=_PATIENCE_S)
-            return found
-        return _computed_here(session, partial(function, *given), progress)
+        while True:
+            with suppress(NoWorkerError):
+                found: Found = _pool().call(function, *given, progress=progress, patience_s=_PATIENCE_S)
+                return found
+            # In this process, one at a time: of fifty people in the queue, each would slow all pages.
+            with _turn_here(session) as has_turn:
+                if has_turn or not _pool().is_ready:
+                    return function(*given, **({} if progress is None else {"progress": progress}))
     finally:
         _asked.discard(mine)
 
 
-def _computed_here(session: str, compute: Callable[..., Found], progress: Any) -> Found:
-    """Compute in this process; the second session starts the workers."""
+@contextmanager
+def _turn_here(session: str) -> Iterator[bool]:
+    """Wait a while for a turn in this process; the second session starts the workers."""
     global _at_work
     if session != _at_work != "":
         _pool().start()
     _at_work = session
     mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # bounded: a turn may be long
     try:
-        return compute() if progress is None else compute(progress=progress)
+        yield mine
     finally:
         if mine:
             _turn.release()

@@ -9,10 +9,12 @@ function mark() {
     if ((wide || high) && /auto|scroll/.test(getComputedStyle(region).overflow)) region.tabIndex = 0;
     else region.removeAttribute("tabindex");
   }
-  // On a phone, the few rows of a wide table are stacked, with the headings before their cells.
+  // On a phone, the rows of a table that would be cut off are stacked, headings before their cells.
   for (const table of document.querySelectorAll("[data-testid=stTable] table")) {
     const headings = [...table.querySelectorAll("th")].map((each) => each.textContent);
-    table.classList.toggle("stacked", innerWidth <= 640 && headings.length > 4 && table.rows.length <= 7);
+    table.classList.remove("stacked");
+    const cut = table.scrollWidth > table.parentElement.clientWidth + 1;
+    table.classList.toggle("stacked", innerWidth <= 640 && cut);
     table.querySelectorAll("td").forEach((cell) => { cell.dataset.heading = headings[cell.cellIndex]; });
   }
   // An upload area has a name and takes the focus: it is no mere decoration.

@@ -27,8 +27,9 @@ def choose_other(page: Page) -> Page:
     """Ask for the second study and its estimator; end the page where it cannot be opened."""
     addresses = {name: address for address, name in names_by_address().items()}
     partner = _partner(page)
+    show_note(f"First study, chosen in the sidebar: {page.key}, estimator {page.method}.")
     left, right, beside = st.columns([5, 5, 2], vertical_alignment="bottom")
-    key = choose_from(left, "compare_study", "Compare with", list(addresses), first=partner)
+    key = choose_from(left, "compare_study", "Second study", list(addresses), first=partner)
     # Without a partner, the paper's estimator is compared.
     alone = partner == page.key and page.method != "least-squares"
     paper = "least-squares" if alone else None
@@ -78,7 +79,10 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         st.header(unbroken(", but ".join(said)), anchor=False)
     for whose, each in unusable:
         show_error(f"{whose.key}: {each.headline}")
-    show_note(f"First: {page.key}, {first.state}. Second: {other.key}, {second.state}.")
+    show_note(
+        f"First: {page.key}, {page.method}, {first.state}. "
+        f"Second: {other.key}, {other.method}, {second.state}."
+    )
     columns = {
         "": [f"{row.first.name} ({row.first.unit})" for row in rows],
         "Difference": ["–" if unusable else signed_percent(100 * row.relative) for row in rows],
@@ -103,11 +107,12 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
     if not (first.transfer_matrices and second.transfer_matrices):
         show_info(first.transfer_problem or second.transfer_problem)
         return
+    names = (page.method, other.method) if page.digest == other.digest else (page.key, other.key)
     st.header("Both models", anchor=False)
     page.show_per_joint(
         f"compare {page.key} {other.key} {other.digest} {other.method}",
-        partial(compared_responses, (first, second), (page.key, other.key)),
-        "Magnitude of H{0}{0} of both studies",
+        partial(compared_responses, (first, second), names),
+        "Magnitude of H{0}{0}, compared",
     )
 
 
@@ -115,12 +120,13 @@ def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
     stiffness = rows[: len(rows) // 2]
     if page.digest == other.digest:
         largest = max(abs(row.relative) for row in stiffness)
-        return f"The stiffnesses differ by at most {significant(100 * largest, 2)} %"
+        between = f"between {page.method} and {other.method}"
+        return f"The stiffnesses differ by at most {significant(100 * largest, 2)} % {between}"
+    names = [markdown_escape(name) for name in (other.key, page.key)]
     clear = [row for row in stiffness if abs(row.sigmas) > _CLEAR]
     if not clear:
-        return "No stiffness differs significantly"
+        return f"No stiffness of {names[0]} differs significantly from {names[1]}"
     changes = enumerated([f"joint {row.first.name[1:]} is {_change(row)}" for row in clear])
-    names = [markdown_escape(name) for name in (other.key, page.key)]
     stated = all(each.study.torque_std is not None for each in (page, other))
     condition = "" if stated else ", if the torque scales are exact"
     return f"{', compared with '.join(names)}: {changes} (significant){condition}"

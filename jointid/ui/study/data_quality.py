@@ -19,7 +19,7 @@ from jointid.figures import VIEWS, element_response, single_record
 from jointid.phasors.distortion import distortion
 from jointid.records import JointRecord
 from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, table
-from jointid.ui.shared.messages import show_error, show_info
+from jointid.ui.shared.messages import show_error, show_info, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
 from jointid.wording import minus, significant, with_error
@@ -37,7 +37,7 @@ def show_quality(page: Page) -> None:
     """Show the quality of every record, and explain its figures."""
     st.header("Quality of every record", anchor=False)
     if page.study.motion_records:
-        table(motion_table(page.study.motion_records))
+        show_text_table(motion_table(page.study.motion_records))
     if not page.study.sine_records:
         return
     try:
@@ -88,7 +88,7 @@ def show_distortion(record: JointRecord) -> None:
     names = [f"θ{j + 1}" for j in range(n)] + [f"τ{j + 1}" for j in range(n)]
     st.markdown("**Distortion against noise**")
     levels = (("Even lines (%)", found.even), ("Odd lines (%)", found.odd), ("Noise (%)", found.noise))
-    table({"": names} | {name: [_figure(100 * x) for x in level] for name, level in levels})
+    show_text_table({"": names} | {name: [_figure(100 * x) for x in level] for name, level in levels})
     st.caption(
         f"A multisine on odd lines, period {found.period_s:.4g} s. Amplitude of lines without "
         "excitation over that of excited ones. Odd lines above the noise show friction, a hardening "

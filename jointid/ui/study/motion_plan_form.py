@@ -130,7 +130,8 @@ def show_set_points(
     st.caption(
         f"{played.experiment.duration_s:.0f} s. Positions to accelerations at the joint, torque at the "
         "motor. Peaks of the set points, and of motors and arm under simulated control and under exact "
-        "following, whichever is larger. Not run on hardware."
+        "following, whichever is larger. A torque may exceed the plan's amplitudes: ramps, friction, "
+        "load at rest and, in a multisine, sines that peak together add to them. Not run on hardware."
     )
     require_within_limits(points.rows, points.scale)
     chosen = FORMATS[file_format]

@@ -41,10 +41,11 @@ def offer_changes(page: Page, analysis: Analysis, finding: Finding) -> None:
     if not finding.changes:
         return
     texts = [label(page.study, change) for change in finding.changes]
+    kind = "Fix it" if _is_fault(finding) else "Optional"
     with st.container(horizontal=True):
         for text in texts:
             chosen = (page.digest, text)
-            st.button(f"Fix it: {text}", key=f"fix {text}", on_click=_look_at, args=(chosen,))
+            st.button(f"{kind}: {text}", key=f"fix {text}", on_click=_look_at, args=(chosen,))
     for text, change in zip(texts, finding.changes, strict=True):
         if st.session_state.get(_PREVIEWED) == (page.digest, text):
             _preview(page, analysis, change)
@@ -248,14 +249,20 @@ def show_findings(page: Page, analysis: Analysis) -> None:
                 _finding(page, analysis, finding)
 
 
+def _is_fault(finding: Finding) -> bool:
+    """Whether the answer is better with the change; a note states what the fit includes anyway."""
+    return finding.level in ("problem", "warning")
+
+
 def _finding(page: Page, analysis: Analysis, finding: Finding, lead: str = "") -> None:
     box = _BOXES[finding.level]
     advice = f"*{markdown_escape(finding.remedy)}*  \n" if finding.remedy else ""
     lead = f"{lead}\n\n" if lead else f"**{markdown_escape(finding.title)}.** "
-    after = "" if finding.changes else f"  \n{advice}"
+    as_last = bool(finding.changes) and _is_fault(finding)
+    after = "" if as_last else f"  \n{advice}"
     box(unbroken(f"{lead}{markdown_escape(finding.detail)}{after}"))
     offer_changes(page, analysis, finding)
-    if finding.changes and advice:
+    if as_last and advice:
         st.expander("If this is not the cause").markdown(advice)
     if finding.action and page.key not in workspace.sample_paths():
         step, part = ACTIONS[finding.action]

@@ -155,8 +155,8 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     Raises JointIdError when a cell is empty, or the plan is no experiment.
     """
     st.write(
-        "Change the records, add some, or delete some: frequency f, length t, amplitude τ and phase φ "
-        "of each motor's torque. The table shows the expected accuracy."
+        "Change the records, add some, or delete some: frequency f (Hz), length t (s), amplitude τ "
+        "(N·m) and phase φ (°) of each motor's torque. The table below shows the expected accuracy."
     )
     plan = _own_plan(_edit_plan(found, page.digest), page, analysis, pose)
     errors = page.computed(
@@ -187,8 +187,8 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
     for j in range(turned.shape[1]):
         start[f"Torque {j + 1} (N·m)"] = [float(f"{x:.3g}") for x in np.abs(turned[:, j])]
         start[f"Phase {j + 1} (°)"] = [float(round(x)) for x in phase_deg(turned[:, j])]
-    of_joints = ((f"τ{j + 1} (N·m)", f"φ{j + 1} (°)") for j in range(turned.shape[1]))
-    short = ["f (Hz)", "t (s)", *chain.from_iterable(of_joints)]
+    of_joints = ((f"τ{j + 1}", f"φ{j + 1}") for j in range(turned.shape[1]))
+    short = ["f", "t", *chain.from_iterable(of_joints)]
     number = st.column_config.NumberColumn
     edited = st.data_editor(
         start,
@@ -197,7 +197,7 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
         key=f"own_plan_{digest[:12]}",
         # Narrow, so that a phone shows the columns of two joints; on a wide page they grow.
         column_config={
-            name: number(label, width=62, help=name, format="%g", required=True)
+            name: number(label, width=50, help=name, format="%g", required=True)
             for name, label in zip(start, short, strict=True)
         },
         alt="Your own plan",
