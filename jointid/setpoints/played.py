@@ -125,8 +125,8 @@ def _arm(
     A, now, change = advance[:, : 2 * n], advance[:, 2 * n : 3 * n], advance[:, 3 * n :]
     drive = motors.acceleration[:-1] @ now.T + np.diff(motors.acceleration, axis=0) @ change.T
     x = np.zeros((len(drive) + 1, 2 * n))
-    for k, forced in enumerate(drive):
-        x[k + 1] = A @ x[k] + forced
+    for before, after, forced in zip(x, x[1:], drive, strict=False):
+        np.add(np.dot(A, before, out=after), forced, out=after)
     spring = x @ springs.T
     acceleration = np.asarray(np.linalg.solve(inertia.M2, spring.T).T, np.float64)
     return Motion(motors.position - x[:, :n], motors.velocity - x[:, n:], acceleration), spring
