@@ -49,7 +49,7 @@ KINDS = {
     "cases": {
         name: case
         for name, case in THIRTEEN.items()
-        if name not in tries(("1", "2", "3", "6", "7", "8", "9", "11", "13"), long=())
+        if name not in tries(("1", "2", "3", "4", "6", "7", "8", "9", "11", "13"), long=())
     },
     "perfect": PERFECT,
     "others": {name: case for name, case in OTHERS.items() if name in SHORT},
