@@ -54,15 +54,15 @@ def constant_torque(A: Floats, B: Floats, duration: float, older: bool, count: i
 
 
 def slide(Z: Floats, step: Step, coulomb: Floats) -> bool:
-    """Advance Z = [x; torque] over all steps if every motor keeps sliding, so that friction is constant.
+    """Advance Z = [x; torque] over all steps if no motor stops in them: friction is then constant.
 
-    Otherwise, x stays and the torque is spoilt. Z has shape (5n, R), ``coulomb`` (n, R), N·m.
+    Otherwise, x stays and the torque is spoilt.
     """
     n = len(coulomb)
     sign = np.sign(Z[2 * n : 3 * n])
     Z[4 * n :] -= sign * coulomb
-    after = (step.velocities @ Z).reshape(step.count, *sign.shape)
-    slides = bool((after * sign).min() > 0)
+    velocities = (step.velocities @ Z).reshape(step.count, *sign.shape)
+    slides = bool((velocities * sign).min() > 0)
     if slides:
         Z[: 4 * n] = step.all_EG @ Z
     return slides
@@ -74,7 +74,7 @@ def step_with_friction(Z: Floats, step: Step, coulomb: Floats) -> None:
     The friction torque of the step is its time average: its full value against the motion of a sliding
     motor; the holding torque of a sticking one, up to the full value; for a motor that reverses, the
     full value in one direction up to the instant of rest and in the other after it. Z has shape (5n, R),
-    or (6n, R) with gears; ``coulomb`` is F_c, shape (n, 1) or (n, R), N·m.
+    or (6n, R) with gears; ``coulomb`` is F_c, shape (n, 1), N·m.
     """
     n = len(coulomb)
     EG, resistance = step.EG, step.resistance

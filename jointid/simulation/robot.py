@@ -102,56 +102,48 @@ class Robot:
             y_before = np.zeros(shape[1:])
             torques = deque([y_before] * (self.delay + 1), maxlen=self.delay + 2)
         motor, arm, motor_rate, arm_rate, acting, *of_gears = Z.reshape(-1, *shape[1:])  # views
-        loop, part = np.zeros_like(y_before), np.empty_like(y_before)
+        loop = np.zeros_like(y_before)
         sources = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
         position_source, torque_source = sources
         position_noise = per_joint("position_noise_rad", measurement.position_noise_rad, n)
         torque_noise = per_joint("torque_noise_Nm", measurement.torque_noise_Nm, n)
         torque_gain = per_joint("torque_gain", measurement.torque_gain, n)[:, None]
         count = 2 * np.pi / measurement.encoder_counts if measurement.encoder_counts else 0.0
-        # Nearly all time goes into calls on small arrays: of whole shapes and in place, they are shortest.
-        gains = (self.kp + self.kv / self.T, self.kv / self.T)
-        proportional, difference = (np.broadcast_to(g[:, None], shape[1:]).copy() for g in gains)
-        coulomb = np.broadcast_to(self.coulomb, shape[1:]).copy()
+        proportional, difference = (self.kp + self.kv / self.T)[:, None], (self.kv / self.T)[:, None]
         has_friction = bool(np.any(self.coulomb > 0))
         bounds = np.unique(np.linspace(0, shape[0], _CHUNKS + 1).astype(int))
         for first, last in pairwise(bounds.tolist()):
             feed = self._feed(reference, np.arange(first, last) - before)
             disturbed = _noise(position_source, position_noise, feed.shape)
-            rows = theta[first:last], tau[first:last], feed, disturbed
-            for y, torque, fed, shift in zip(*rows, strict=True):
-                np.add(motor, shift, out=y)
+            for k in range(last - first):
+                y = motor + disturbed[k]
                 if count:
-                    np.divide(y, count, out=y)
-                    np.rint(y, out=y)
-                    np.multiply(y, count, out=y)
-                np.subtract(fed, np.multiply(proportional, y, out=part), out=torque)
-                np.add(torque, np.multiply(difference, y_before, out=part), out=torque)
+                    y = np.rint(y / count) * count
+                torque = feed[k] - proportional * y + difference * y_before
+                theta[first + k], tau[first + k] = y, torque
                 y_before = y
                 torques.append(torque)
                 for step in self.steps:
-                    applied = torques[0 if step.older else 1]
-                    acting[:] = applied
-                    if has_friction and self.gears is None and slide(Z, step, coulomb):
+                    acting[:] = torque = torques[0 if step.older else 1]
+                    if has_friction and self.gears is None and slide(Z, step, self.coulomb):
                         continue
                     for _ in range(step.count):
-                        acting[:] = applied
+                        acting[:] = torque
                         if self.gears is not None:
                             delta = motor - arm
                             moved = 0.5 * step.duration_s * (motor_rate - arm_rate)
                             middle = self.gears.loop(loop, moved)
                             of_gears[0][:] = self.gears.beyond_linear(delta + moved, middle)
                         if has_friction:
-                            step_with_friction(Z, step, coulomb)
+                            step_with_friction(Z, step, self.coulomb)
                         else:
-                            Z[: 4 * n] = np.dot(step.EG, Z)
+                            Z[: 4 * n] = step.EG @ Z
                         if self.gears is not None:
                             loop = self.gears.loop(loop, motor - arm - delta)
+            tau[first:last] *= torque_gain
+            tau[first:last] += _noise(torque_source, torque_noise, feed.shape)
             if progress is not None:
                 progress(float(last / shape[0]))
-        for first, last in pairwise(bounds.tolist()):  # in parts, which bounds the memory of the noise
-            tau[first:last] *= torque_gain
-            tau[first:last] += _noise(torque_source, torque_noise, tau[first:last].shape)
         return theta, tau
 
     def _feed(self, reference: Reference | SampledReference, k: np.ndarray) -> Floats:
@@ -170,8 +162,8 @@ class Robot:
         n, delay = self.n, self.delay
         size = 5 * n + (delay + 1) * n
         plant = np.eye(4 * n, size + n)  # x after the sample from s and the new torque
-        for step in (step for step in self.steps for _ in range(step.count)):
-            E, G, older = step.EG[:, : 4 * n], step.EG[:, 4 * n : 5 * n], step.older
+        for step in self.steps:
+            E, G, older = step.all_EG[:, : 4 * n], step.all_EG[:, 4 * n : 5 * n], step.older
             plant = E @ plant
             # Torque columns run from the newest of s to the oldest; the new one follows s.
             age = delay + older
