@@ -182,6 +182,16 @@ def test_an_error_names_options_and_not_parameters(study: Path) -> None:
         ["export", "", "-o", "r.json"],
         ["convert", "", "--guess", "m.json"],
         ["batch", "", "-o", "r.parquet"],
+        ["batch", "x.zip"],
+        *(
+            ["batch", "x.zip", "-o", "r.parquet", *wrong]
+            for wrong in (
+                ["--method", "magic"],
+                ["--workers", "0"],
+                ["--memory", "0"],
+                ["--workers", "1", "--scheduler", "tcp://x:1"],
+            )
+        ),
     ],
 )
 def test_a_wrong_command_is_code_2(here: Path, arguments: list[str]) -> None:

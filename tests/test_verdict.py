@@ -527,7 +527,7 @@ def test_lag_of_a_hold_is_recognised() -> None:
 
 
 def test_joint_that_stands_is_named() -> None:
-    records = rubbing((0.4, 0.08), "one-at-a-time", every=1)
+    records = rubbing((0.4, 0.08), "one-at-a-time", 2.5e-4, every=1)
     case = evidence(records, PARALLELOGRAM, friction=True)
     (standing,) = stationary_joint(case)
     assert standing.title.startswith("Joint 1 does not move")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -93,19 +92,15 @@ def play(
     peaks = [Peaks.of("torque", "simulated control", time, tau)]
     for way, motors in (("exact following", exact), ("simulated control", controlled)):
         arm, spring = _arm(motors, inertia, elasticity, 1 / rate)
-        peaks += _motion_peaks(way, time, motors, arm)
+        # Friction makes the motors' accelerations jump: those are the arm's.
+        for part, motion, count in (("motor", motors, 2), ("arm", arm, 3)):
+            for quantity, values in list(motion._asdict().items())[:count]:
+                peaks.append(Peaks.of(quantity, f"{part}, {way}", time, values))
         if motors is exact:
             loss_Nm = coulomb * np.sign(exact.velocity) + viscous * exact.velocity
             torque = inertia.M * exact.acceleration + spring + loss_Nm
             peaks.append(Peaks.of("torque", way, time, torque))
     return PlayedExperiment(experiment, elasticity, coulomb, time, theta, tau, tuple(peaks))
-
-
-def _motion_peaks(way: str, time: Floats, motors: Motion, arm: Motion) -> Iterator[Peaks]:
-    """Peaks of the motions. Friction makes the motors' accelerations jump: those are the arm's."""
-    for part, motion, count in (("motor", motors, 2), ("arm", arm, 3)):
-        for quantity, values in list(motion._asdict().items())[:count]:
-            yield Peaks.of(quantity, f"{part}, {way}", time, values)
 
 
 def _arm(

@@ -103,8 +103,8 @@ class Robot:
             torques = deque([y_before] * (self.delay + 1), maxlen=self.delay + 2)
         motor, arm, motor_rate, arm_rate, acting, *of_gears = Z.reshape(-1, *shape[1:])  # views
         loop = np.zeros_like(y_before)
-        sources = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-        position_source, torque_source = sources
+        seeds = np.random.SeedSequence(seed).spawn(2)
+        position_source, torque_source = map(np.random.default_rng, seeds)
         position_noise = per_joint("position_noise_rad", measurement.position_noise_rad, n)
         torque_noise = per_joint("torque_noise_Nm", measurement.torque_noise_Nm, n)
         torque_gain = per_joint("torque_gain", measurement.torque_gain, n)[:, None]
