@@ -1,4 +1,4 @@
-"""How many random cases tests try: with ``--long`` all, else a tenth."""
+"""How many random cases tests try: with ``--long`` all, else a seventh."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from hypothesis import settings
 
 T = TypeVar("T")
-ALL, NORMAL = 100, 10
+ALL, NORMAL = 100, 15
 """Examples of a test that names no number."""
 FEWEST = 10
 

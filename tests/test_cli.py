@@ -305,7 +305,7 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
 
 
 def test_motions_of_simulated_gears_have_their_laws(here: Path) -> None:
-    made = ["simulate", "s.zip", "--motion", "sweep", "--duration-s", "5", "--records", "1"]
+    made = ["simulate", "s.zip", "--motion", "sweep", "--duration-s", "4", "--records", "1"]
     ok(*made, "--gear", "1: cubic=9000")
     (record,) = load_study(here / "s.zip").records
     assert isinstance(record, MotionRecord)

@@ -393,11 +393,11 @@ def test_maximum_likelihood_finds_the_truth_without_noise(n: int) -> None:
 
 @pytest.fixture(scope="module")
 def drawn() -> dict[str, list[ElasticityFit]]:
-    """Fits of 300 realisations, 120 in a normal run, of the noise by each method."""
+    """Fits of 300 realisations, 80 in a normal run, of the noise by each method."""
     base = example()
     noise = mild_noise(base)
     found: dict[str, list[ElasticityFit]] = {method: [] for method in LINEAR}
-    for error in circular(np.random.default_rng(8), noise, tries(120, long=300)):
+    for error in circular(np.random.default_rng(8), noise, tries(80, long=300)):
         data = noisy(base, noise, error)
         for method, of_method in found.items():
             of_method.append(identify_elasticity(data, SERIAL, method=method))

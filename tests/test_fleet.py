@@ -40,7 +40,7 @@ from jointid.fleet.run import journal_path
 from jointid.fleet.studies import content_digest, packed, path_text
 from jointid.fleet.worker import answer, study_row
 
-COUNT = 7
+COUNT = 6
 posix = pytest.mark.skipif(os.name != "posix", reason="signals")
 
 
