@@ -37,6 +37,7 @@ from jointid import (
     spring_equations,
 )
 from jointid.estimation.estimators.joint_equations import SpringEquations
+from jointid.estimation.estimators.noise import Noise, moderated_noise
 
 LINEAR = ["least-squares", "explicit", "weighted"]
 
@@ -330,6 +331,20 @@ def test_single_record_errors_are_as_stated() -> None:
         found = np.array([answer(fit) for fit in of_method])
         ratio = found.var(axis=0) / np.mean([np.diag(fit.covariance) for fit in of_method], axis=0)
         assert np.all((ratio > 0.78) & (ratio < 1.28)), (method, ratio)
+
+
+def test_few_degrees_of_freedom_bias_an_inverse_and_records_alike_share_theirs() -> None:
+    """Of 2 x 2 matrices of 9 draws, and of the noise of 14 records that have 7 draws each."""
+    white = np.eye(2, dtype=complex)[None]
+    rng = np.random.default_rng(3)
+    drawn = np.concatenate([estimated(rng, white, 9) for _ in range(2000)])
+    noise = Noise(np.eye(4, dtype=complex)[None, None], np.full(1, 9.0))
+    assert np.linalg.inv(drawn).mean(axis=0)[0, 0].real == pytest.approx(noise.inverse_bias[0], rel=0.03)
+    base = example()
+    stated = estimated(rng, mild_noise(base), 7)
+    known = np.repeat(SERIAL.M[None], 14, axis=0), np.repeat(np.linalg.inv(SERIAL.M2)[None], 14, axis=0)
+    shared = moderated_noise(noisy(base, stated, 0 * base.z, 7), *known, PAPER.K, PAPER.D)
+    assert shared.degrees_of_freedom.min() > 14
 
 
 def test_maximum_likelihood_is_unbiased_where_weighting_is_not() -> None:
