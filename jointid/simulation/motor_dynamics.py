@@ -16,7 +16,7 @@ class Step(NamedTuple):
     resistance: Floats  # (n, 1), torque that changes a motor's velocity by 1 rad/s over the step
     older: bool  # under the torque of one sample earlier, because of the delay
     duration_s: float
-    count: int
+    steps: int
     all_EG: Floats  # over all steps: x in the end
     velocities: Floats  # over all steps: the motors' velocities after each, (count n, 5n)
 
@@ -61,7 +61,7 @@ def slide(Z: Floats, step: Step, coulomb: Floats) -> bool:
     n = len(coulomb)
     sign = np.sign(Z[2 * n : 3 * n])
     Z[4 * n :] -= sign * coulomb
-    velocities = (step.velocities @ Z).reshape(step.count, *sign.shape)
+    velocities = (step.velocities @ Z).reshape(step.steps, *sign.shape)
     slides = bool((velocities * sign).min() > 0)
     if slides:
         Z[: 4 * n] = step.all_EG @ Z

@@ -127,7 +127,7 @@ class Robot:
                     acting[:] = torque = torques[0 if step.older else 1]
                     if has_friction and self.gears is None and slide(Z, step, self.coulomb):
                         continue
-                    for _ in range(step.count):
+                    for _ in range(step.steps):
                         acting[:] = torque
                         if self.gears is not None:
                             delta = motor - arm
