@@ -61,7 +61,7 @@ def once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @cache
 def record() -> MotionRecord:
-    return motion_record(TRUTH, 1, seconds=tries(14.0, long=20.0))
+    return motion_record(TRUTH, 1, seconds=tries(12.0, long=20.0))
 
 
 @cache

@@ -182,6 +182,16 @@ def test_an_error_names_options_and_not_parameters(study: Path) -> None:
         ["export", "", "-o", "r.json"],
         ["convert", "", "--guess", "m.json"],
         ["batch", "", "-o", "r.parquet"],
+        ["batch", "x.zip"],
+        *(
+            ["batch", "x.zip", "-o", "r.parquet", *wrong]
+            for wrong in (
+                ["--method", "magic"],
+                ["--workers", "0"],
+                ["--memory", "0"],
+                ["--workers", "1", "--scheduler", "tcp://x:1"],
+            )
+        ),
     ],
 )
 def test_a_wrong_command_is_code_2(here: Path, arguments: list[str]) -> None:
@@ -274,7 +284,7 @@ def test_a_simulated_study_gives_its_parameters_back(here: Path) -> None:
 
 
 def test_simulated_gears_have_their_laws(here: Path) -> None:
-    made = ["simulate", "s.zip", "--count", "8", "--periods", "6", "--gear", "1: cubic=9000"]
+    made = ["simulate", "s.zip", "--count", "6", "--periods", "5", "--gear", "1: cubic=9000"]
     ok(*made, "--gear", "2:backlash=0.004")
     kinds = ("json", "gears.csv", "gears.txt", "torsion.csv", "st", "c", "m", "py")
     ok("export", "s.zip", *(part for kind in kinds for part in ("-o", f"s.{kind}")))
@@ -295,7 +305,7 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
 
 
 def test_motions_of_simulated_gears_have_their_laws(here: Path) -> None:
-    made = ["simulate", "s.zip", "--motion", "sweep", "--duration-s", "5", "--records", "1"]
+    made = ["simulate", "s.zip", "--motion", "sweep", "--duration-s", "4", "--records", "1"]
     ok(*made, "--gear", "1: cubic=9000")
     (record,) = load_study(here / "s.zip").records
     assert isinstance(record, MotionRecord)

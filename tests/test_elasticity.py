@@ -37,6 +37,7 @@ from jointid import (
     spring_equations,
 )
 from jointid.estimation.estimators.joint_equations import SpringEquations
+from jointid.estimation.estimators.noise import Noise, moderated_noise
 
 LINEAR = ["least-squares", "explicit", "weighted"]
 
@@ -332,6 +333,20 @@ def test_single_record_errors_are_as_stated() -> None:
         assert np.all((ratio > 0.78) & (ratio < 1.28)), (method, ratio)
 
 
+def test_few_degrees_of_freedom_bias_an_inverse_and_records_alike_share_theirs() -> None:
+    """Of 2 x 2 matrices of 9 draws, and of the noise of 14 records that have 7 draws each."""
+    white = np.eye(2, dtype=complex)[None]
+    rng = np.random.default_rng(3)
+    drawn = np.concatenate([estimated(rng, white, 9) for _ in range(2000)])
+    noise = Noise(np.eye(4, dtype=complex)[None, None], np.full(1, 9.0))
+    assert np.linalg.inv(drawn).mean(axis=0)[0, 0].real == pytest.approx(noise.inverse_bias[0], rel=0.03)
+    base = example()
+    stated = estimated(rng, mild_noise(base), 7)
+    known = np.repeat(SERIAL.M[None], 14, axis=0), np.repeat(np.linalg.inv(SERIAL.M2)[None], 14, axis=0)
+    shared = moderated_noise(noisy(base, stated, 0 * base.z, 7), *known, PAPER.K, PAPER.D)
+    assert shared.degrees_of_freedom.min() > 14
+
+
 def test_maximum_likelihood_is_unbiased_where_weighting_is_not() -> None:
     """Noise in the deflection pulls a linear fit off; errors in variables know of it."""
     base = example()
@@ -393,11 +408,11 @@ def test_maximum_likelihood_finds_the_truth_without_noise(n: int) -> None:
 
 @pytest.fixture(scope="module")
 def drawn() -> dict[str, list[ElasticityFit]]:
-    """Fits of 300 realisations, 120 in a normal run, of the noise by each method."""
+    """Fits of 300 realisations, 80 in a normal run, of the noise by each method."""
     base = example()
     noise = mild_noise(base)
     found: dict[str, list[ElasticityFit]] = {method: [] for method in LINEAR}
-    for error in circular(np.random.default_rng(8), noise, tries(120, long=300)):
+    for error in circular(np.random.default_rng(8), noise, tries(80, long=300)):
         data = noisy(base, noise, error)
         for method, of_method in found.items():
             of_method.append(identify_elasticity(data, SERIAL, method=method))

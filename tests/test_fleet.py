@@ -40,7 +40,7 @@ from jointid.fleet.run import journal_path
 from jointid.fleet.studies import content_digest, packed, path_text
 from jointid.fleet.worker import answer, study_row
 
-COUNT = 7
+COUNT = 6
 posix = pytest.mark.skipif(os.name != "posix", reason="signals")
 
 
@@ -667,27 +667,6 @@ def test_a_process_that_cannot_begin_says_why(
 
 
 # --- the command
-
-
-def test_the_command_refuses_what_makes_no_sense(paths: list[Path], tmp_path: Path) -> None:
-    from typer.testing import CliRunner
-
-    from jointid.cli import app
-
-    def code(*arguments: object) -> tuple[int, str]:
-        result = CliRunner().invoke(app, ["batch", *(str(a) for a in arguments)])
-        return result.exit_code, result.stderr
-
-    out = tmp_path / "r.parquet"
-    assert code(paths[0])[0] == 2
-    assert code(paths[0], "-o", out, "--method", "magic")[0] == 2
-    assert code(paths[0], "-o", out, "--workers", 0)[0] == 2
-    assert code(paths[0], "-o", out, "--memory", 0)[0] == 2
-    assert code(paths[0], "-o", out, "--workers", 1, "--scheduler", "tcp://x:1")[0] == 2
-    exit_code, said = code(tmp_path, "-o", out)
-    assert exit_code == 1
-    assert "holds no study" in said
-    assert code(paths[0], "-o", out, "--timeout", -1)[0] == 1
 
 
 @pytest.mark.parametrize("address", ["x", pytest.param("tls://127.0.0.1:9", marks=pytest.mark.long)])

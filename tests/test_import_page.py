@@ -232,11 +232,6 @@ class TestMapping:
         assert widget(at, "text_input", "Gear ratios").value == "-50"
         assert widget(at, "selectbox", "Torque between").value == "held until the next sample"
 
-    def test_a_scope_of_simulink_shows_its_columns(self, page: AppTest) -> None:
-        at = drop(page, ("scope.mat", mat_scope()))
-        assert "signal 1" in widget(at, "selectbox", "Position of joint 1").options
-        assert figures(at) >= 1
-
     def test_a_torque_that_is_missing_is_said_and_proposed_where_it_can_be(self, page: AppTest) -> None:
         lines = cell_log().decode("latin-1").split("\r\n")
         lines = [line.rpartition(";")[0] if line.count(";") == 4 else line for line in lines]
@@ -385,6 +380,8 @@ class TestStudy:
     def test_unclear_columns_are_open_until_they_are_confirmed(self, page: AppTest) -> None:
         at = drop(page, ("scope.mat", mat_scope()))
         assert opened(at) == ["2 Columns"]
+        assert "signal 1" in widget(at, "selectbox", "Position of joint 1").options
+        assert figures(at) >= 1
         for end in ("position", "torque"):
             if widget(at, "selectbox", f"{end.capitalize()} of joint 1").value is None:
                 widget(at, "selectbox", f"{end.capitalize()} of joint 1").set_value("signal 1")

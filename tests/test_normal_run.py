@@ -9,16 +9,12 @@ import pytest
 from normal_run import COLLECTED, VARIANTS
 
 
-def test_every_entry_names_a_test() -> None:
-    for file, tests in VARIANTS.items():
-        text = (Path(__file__).parent / file).read_text("utf-8")
-        assert not [test for test in tests if f"def {test}(" not in text], file
-
-
-def test_every_pattern_names_a_variant(request: pytest.FixtureRequest) -> None:
-    """Of the tests that were read here."""
-    for file, tests in VARIANTS.items():
-        for test, patterns in tests.items():
-            of_test = [v for f, name, v in request.config.stash[COLLECTED] if (f, name) == (file, test)]
-            unused = [p for p in patterns if not any(fnmatchcase(v, p) for v in of_test)]
-            assert not (of_test and unused), f"{file}::{test}: {unused}"
+def test_every_entry_names_a_test_and_its_patterns_variants(request: pytest.FixtureRequest) -> None:
+    """Patterns, of the tests that were read here."""
+    for entry, patterns in VARIANTS.items():
+        file, _, test = (f"test_{part}" for part in entry.partition("::"))
+        path = Path(__file__).with_name(f"{file}.py")
+        assert f"def {test}(" in path.read_text("utf-8"), entry
+        of_test = [v for f, t, v in request.config.stash[COLLECTED] if (f, t) == (path.name, test)]
+        unused = [p for p in patterns if not any(fnmatchcase(v, p) for v in of_test)]
+        assert not (of_test and unused), f"{entry}: {unused}"

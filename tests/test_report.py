@@ -360,8 +360,8 @@ def test_points_freed_of_friction_are_full_and_lie_on_the_line() -> None:
     records = simulate_records(
         PARALLELOGRAM,
         PAPER,
-        [4.0, 9.0, 14.0, 19.0, 24.0, 29.0],
-        excitation=Excitation(periods=12.0, velocity_rad_s=8.0),
+        [4.0, 9.0, 19.0, 29.0],
+        excitation=Excitation(periods=8.0, velocity_rad_s=8.0),
         controller=Controller(sample_rate_hz=2000.0),
         friction=MotorFriction(coulomb=[0.3, 0.06], step_s=5e-4),
         measurement=Measurement(torque_noise_Nm=0.005),

@@ -19,9 +19,10 @@ from browsing import Server
 from sessions import Session
 
 PATIENCE_S = 1.0
-pytestmark = pytest.mark.skipif(
-    not Path("/proc/self/fd").exists(), reason="descriptors are read in /proc"
-)
+pytestmark = [
+    pytest.mark.long,  # they wait; the browser's tests use servers as well
+    pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="descriptors are read in /proc"),
+]
 
 
 @pytest.fixture(scope="module")

@@ -480,7 +480,7 @@ def test_the_command_writes_a_checked_file(
     limits, output = tmp_path / "limits.toml", tmp_path / "cell.script"
     limits.write_text(TOML, "utf-8")
     command = ["setpoints", str(sample_folder / "paper.zip"), "--limits", str(limits), "-o", str(output)]
-    command += ["--format", "ur", "--count", "2"]
+    command += ["--format", "ur", "--count", "1"]
     run = CliRunner().invoke(app, [*command, "--scale", "500"])
     assert run.exit_code == 1
     assert run.stdout == ""

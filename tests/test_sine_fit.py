@@ -221,6 +221,7 @@ def test_deviations_sum_to_nothing() -> None:
         )[0]
         total = np.abs(fit.deviations.sum(axis=0))
         assert np.all(total < 0.5 * np.abs(fit.deviations).sum(axis=0))
+        assert fit.degrees_of_freedom == len(fit.deviations) - 1
 
 
 def test_noise_free_record_has_next_to_no_noise() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -93,19 +92,15 @@ def play(
     peaks = [Peaks.of("torque", "simulated control", time, tau)]
     for way, motors in (("exact following", exact), ("simulated control", controlled)):
         arm, spring = _arm(motors, inertia, elasticity, 1 / rate)
-        peaks += _motion_peaks(way, time, motors, arm)
+        # Friction makes the motors' accelerations jump: those are the arm's.
+        for part, motion, count in (("motor", motors, 2), ("arm", arm, 3)):
+            for quantity, values in list(motion._asdict().items())[:count]:
+                peaks.append(Peaks.of(quantity, f"{part}, {way}", time, values))
         if motors is exact:
             loss_Nm = coulomb * np.sign(exact.velocity) + viscous * exact.velocity
             torque = inertia.M * exact.acceleration + spring + loss_Nm
             peaks.append(Peaks.of("torque", way, time, torque))
     return PlayedExperiment(experiment, elasticity, coulomb, time, theta, tau, tuple(peaks))
-
-
-def _motion_peaks(way: str, time: Floats, motors: Motion, arm: Motion) -> Iterator[Peaks]:
-    """Peaks of the motions. Friction makes the motors' accelerations jump: those are the arm's."""
-    for part, motion, count in (("motor", motors, 2), ("arm", arm, 3)):
-        for quantity, values in list(motion._asdict().items())[:count]:
-            yield Peaks.of(quantity, f"{part}, {way}", time, values)
 
 
 def _arm(
@@ -125,8 +120,8 @@ def _arm(
     A, now, change = advance[:, : 2 * n], advance[:, 2 * n : 3 * n], advance[:, 3 * n :]
     drive = motors.acceleration[:-1] @ now.T + np.diff(motors.acceleration, axis=0) @ change.T
     x = np.zeros((len(drive) + 1, 2 * n))
-    for k, forced in enumerate(drive):
-        x[k + 1] = A @ x[k] + forced
+    for before, after, forced in zip(x, x[1:], drive, strict=False):
+        np.add(np.dot(A, before, out=after), forced, out=after)
     spring = x @ springs.T
     acceleration = np.asarray(np.linalg.solve(inertia.M2, spring.T).T, np.float64)
     return Motion(motors.position - x[:, :n], motors.velocity - x[:, n:], acceleration), spring

@@ -10,12 +10,15 @@ from jointid.joints import Elasticity, Inertia
 
 
 class Step(NamedTuple):
-    """Time step under a constant motor torque: x ← [E G] [x; torque], x = θm, θa, θ̇m, θ̇a."""
+    """Time steps under a constant motor torque, each x ← [E G] [x; torque], x = θm, θa, θ̇m, θ̇a."""
 
     EG: Floats  # (4n, 5n), with gears (4n, 6n): their torques beyond K δ follow those of the motors
     resistance: Floats  # (n, 1), torque that changes a motor's velocity by 1 rad/s over the step
     older: bool  # under the torque of one sample earlier, because of the delay
     duration_s: float
+    steps: int
+    all_EG: Floats  # over all steps: x in the end
+    velocities: Floats  # over all steps: the motors' velocities after each, (count n, 5n)
 
 
 def gear_input(inertia: Inertia) -> Floats:
@@ -36,14 +39,33 @@ def plant(inertia: Inertia, elasticity: Elasticity, viscous: Floats) -> tuple[Fl
     return np.vstack([kinematics, np.linalg.solve(mass, forces)]), B
 
 
-def constant_torque(A: Floats, B: Floats, duration: float, older: bool) -> Step:
-    """Exact step under a constant torque, by one matrix exponential."""
+def constant_torque(A: Floats, B: Floats, duration: float, older: bool, count: int = 1) -> Step:
+    """Exact steps under a constant torque, by one matrix exponential."""
     states, inputs = B.shape
     n = states // 4
     extended = np.zeros((states + inputs, states + inputs))
     extended[:states] = np.hstack([A, B])
-    EG = np.ascontiguousarray(expm(extended * duration)[:states])
-    return Step(EG, 1 / np.diagonal(EG[2 * n : 3 * n, 4 * n :])[:, None], older, duration)
+    step = expm(extended * duration)
+    powers = [np.linalg.matrix_power(step, k) for k in range(1, count + 1)]
+    EG, all_EG = (np.ascontiguousarray(power[:states]) for power in (step, powers[-1]))
+    velocities = np.vstack([power[2 * n : 3 * n] for power in powers])
+    resistance = 1 / np.diagonal(EG[2 * n : 3 * n, 4 * n :])[:, None]
+    return Step(EG, resistance, older, duration, count, all_EG, velocities)
+
+
+def slide(Z: Floats, step: Step, coulomb: Floats) -> bool:
+    """Advance Z = [x; torque] over all steps if no motor stops in them: friction is then constant.
+
+    Otherwise, x stays and the torque is spoilt.
+    """
+    n = len(coulomb)
+    sign = np.sign(Z[2 * n : 3 * n])
+    Z[4 * n :] -= sign * coulomb
+    velocities = (step.velocities @ Z).reshape(step.steps, *sign.shape)
+    slides = bool((velocities * sign).min() > 0)
+    if slides:
+        Z[: 4 * n] = step.all_EG @ Z
+    return slides
 
 
 def step_with_friction(Z: Floats, step: Step, coulomb: Floats) -> None:

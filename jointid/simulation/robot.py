@@ -21,6 +21,7 @@ from jointid.simulation.motor_dynamics import (
     constant_torque,
     gear_input,
     plant,
+    slide,
     step_with_friction,
 )
 
@@ -73,7 +74,7 @@ class Robot:
         for part, older in [(share, True), (1 - share, False)]:
             if part > 1e-9:
                 count = int(np.ceil(part * self.T / longest - 1e-9))
-                self.steps += [constant_torque(self.A, inputs, part * self.T / count, older)] * count
+                self.steps.append(constant_torque(self.A, inputs, part * self.T / count, older, count))
         self.closed, self.drive = self._closed_loop()
         self._require_stable()
 
@@ -102,8 +103,8 @@ class Robot:
             torques = deque([y_before] * (self.delay + 1), maxlen=self.delay + 2)
         motor, arm, motor_rate, arm_rate, acting, *of_gears = Z.reshape(-1, *shape[1:])  # views
         loop = np.zeros_like(y_before)
-        sources = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-        position_source, torque_source = sources
+        seeds = np.random.SeedSequence(seed).spawn(2)
+        position_source, torque_source = map(np.random.default_rng, seeds)
         position_noise = per_joint("position_noise_rad", measurement.position_noise_rad, n)
         torque_noise = per_joint("torque_noise_Nm", measurement.torque_noise_Nm, n)
         torque_gain = per_joint("torque_gain", measurement.torque_gain, n)[:, None]
@@ -123,18 +124,22 @@ class Robot:
                 y_before = y
                 torques.append(torque)
                 for step in self.steps:
-                    acting[:] = torques[0 if step.older else 1]
-                    if self.gears is not None:
-                        delta = motor - arm
-                        moved = 0.5 * step.duration_s * (motor_rate - arm_rate)
-                        middle = self.gears.loop(loop, moved)
-                        of_gears[0][:] = self.gears.beyond_linear(delta + moved, middle)
-                    if has_friction:
-                        step_with_friction(Z, step, self.coulomb)
-                    else:
-                        Z[: 4 * n] = step.EG @ Z
-                    if self.gears is not None:
-                        loop = self.gears.loop(loop, motor - arm - delta)
+                    acting[:] = torque = torques[0 if step.older else 1]
+                    if has_friction and self.gears is None and slide(Z, step, self.coulomb):
+                        continue
+                    for _ in range(step.steps):
+                        acting[:] = torque
+                        if self.gears is not None:
+                            delta = motor - arm
+                            moved = 0.5 * step.duration_s * (motor_rate - arm_rate)
+                            middle = self.gears.loop(loop, moved)
+                            of_gears[0][:] = self.gears.beyond_linear(delta + moved, middle)
+                        if has_friction:
+                            step_with_friction(Z, step, self.coulomb)
+                        else:
+                            Z[: 4 * n] = step.EG @ Z
+                        if self.gears is not None:
+                            loop = self.gears.loop(loop, motor - arm - delta)
             tau[first:last] *= torque_gain
             tau[first:last] += _noise(torque_source, torque_noise, feed.shape)
             if progress is not None:
@@ -158,7 +163,7 @@ class Robot:
         size = 5 * n + (delay + 1) * n
         plant = np.eye(4 * n, size + n)  # x after the sample from s and the new torque
         for step in self.steps:
-            E, G, older = step.EG[:, : 4 * n], step.EG[:, 4 * n : 5 * n], step.older
+            E, G, older = step.all_EG[:, : 4 * n], step.all_EG[:, 4 * n : 5 * n], step.older
             plant = E @ plant
             # Torque columns run from the newest of s to the oldest; the new one follows s.
             age = delay + older
