@@ -40,6 +40,8 @@ the noise."""
 _SAME, _SAME_OF_MANY = 0.1, 0.3
 """Relative change of the variances from which the models are compared again, and with many equations,
 whose noise is found with the same model before."""
+_SAME_TURN = 0.01
+"""Relative change of the velocity at which motors turn back that leaves the reversals where they are."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
 """Least share of a joint's equations in a segment that free friction leaves, and that from which the
 segment shows the noise; without such segments those with the largest share do."""
@@ -143,9 +145,16 @@ def _identified(
         raise choice.estimate
     estimate = choice.estimate
     if len(phasors.omega) < len(whole[0].omega):
-        phasors, prior = _with_noise(phasors, prior, choice.model, estimate, of=whole), whole[1]
+        torques = {
+            segment.record: np.diag(covariance[0]).real[phasors.n :] * segment.samples / 4
+            for segment, covariance in zip(again.segments, again.harmonic_covariance, strict=True)
+            if segment is not None
+        }
+        braked = next(segment.unknown_Nm for segment in again.segments if segment is not None)
+        phasors, prior = _with_torque_noise(*whole, torques, braked), whole[1]
         phasors = _with_noise(phasors, prior, choice.model, estimate)  # of every record
-        estimate = fit_model(phasors, prior, estimate.named, _noise(phasors, prior), choice.model)
+        given_noise = _noise(phasors, prior)
+        estimate = fit_model(phasors, prior, estimate.named, given_noise, choice.model, is_near=True)
     noise = _noise(phasors, prior)
     fitted = evaluated(phasors, prior, choice.model, estimate, noise, estimate.scale)
     lines, inertias = _lines(estimate, phasors, noise)
@@ -215,13 +224,9 @@ def _few(phasors: Phasors, prior: InertiaPrior) -> np.ndarray:
 
 
 def _with_noise(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    model: Model,
-    estimate: LikelihoodEstimate | JointIdError,
-    of: tuple[Phasors, InertiaPrior] | None = None,
+    phasors: Phasors, prior: InertiaPrior, model: Model, estimate: LikelihoodEstimate | JointIdError
 ) -> Phasors:
-    """Phasors, or others, ``of``, with the noise of motions that a fitted model leaves in them."""
+    """Phasors with the noise of motions that a fitted model leaves in them."""
     if not phasors.motion.any() or isinstance(estimate, JointIdError):
         return phasors
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
@@ -235,9 +240,18 @@ def _with_noise(
     by_noise = 1 - np.divide(spread, whole, out=np.zeros(left.shape), where=spread > 0)
     left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
     torques = sensor_noise(phasors, left, residual.at.E)
-    usual: Floats = np.mean([*torques.values()], axis=0)
     braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
-    phasors, prior = of or (phasors, prior)
+    return _with_torque_noise(phasors, prior, torques, braked)
+
+
+def _with_torque_noise(
+    phasors: Phasors, prior: InertiaPrior, torques: dict[int, Floats], braked: Floats | float
+) -> Phasors:
+    """Phasors with the noise of the torques of each motion record, the usual one of those not given.
+
+    ``torques`` are variances (n,), ``braked`` the Coulomb friction of the motors, (n,).
+    """
+    usual: Floats = np.mean([*torques.values()], axis=0)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
@@ -247,6 +261,8 @@ def _with_noise(
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
+            if np.allclose(late, segment.turn_rad_s, rtol=_SAME_TURN, atol=0):
+                late = segment.turn_rad_s  # its friction waveforms are known
             segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=braked)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
@@ -313,7 +329,7 @@ def _require_motion(phasors: Phasors) -> None:
     power = np.abs(phasors.harmonics[..., :n]) ** 2
     clear = np.divide(power, variance, out=np.zeros_like(power), where=variance > 0)
     clear = clear.sum(axis=1) / np.maximum(known.sum(axis=1), 1)[:, None]
-    held = friction_waveforms(phasors, 0.0).stationary.all(axis=0)
+    held = friction_waveforms(phasors, None).stationary.all(axis=0)
     for j in np.flatnonzero(held | (clear.max(axis=0) < _MOVES)).tolist():
         raise JointIdError(
             f"Joint {j + 1} is not excited: theta_m{j + 1}_rad does not move above its noise within the "
