@@ -95,15 +95,8 @@ def joint_terms(
 ) -> Terms:
     """Columns of joint j over all N samples, each in the band of the record.
 
-    Parameters
-    ----------
-    j : int
-    motion : BandLimited
-    torque, payload : ndarray, shapes (N, n) and (N, n, 4)
-        As of ``joint_torque``, N·m.
-    motor : ndarray, shape (N,)
-        Motor angle, rad.
-    ripple : Ripple
+    ``torque``, (N, n), and ``payload``, (N, n, 4), N·m, are those of ``joint_torque``, ``motor`` (N,) is
+    the motor's angle, rad.
     """
     lowpass, raw = motion.lowpass, motion.raw[:, j]
     friction = lowpass(dahl_from_rest(raw[None], np.array([[1 / _PRESLIDING_RAD]]))[0])[:, None]
