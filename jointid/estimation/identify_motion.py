@@ -40,8 +40,6 @@ the noise."""
 _SAME, _SAME_OF_MANY = 0.1, 0.3
 """Relative change of the variances from which the models are compared again, and with many equations,
 whose noise is found with the same model before."""
-_SAME_TURN = 0.01
-"""Relative change of the velocity at which motors turn back that leaves the reversals where they are."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
 """Least share of a joint's equations in a segment that free friction leaves, and that from which the
 segment shows the noise; without such segments those with the largest share do."""
@@ -261,8 +259,6 @@ def _with_torque_noise(
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
-            if np.allclose(late, segment.turn_rad_s, rtol=_SAME_TURN, atol=0):
-                late = segment.turn_rad_s  # its friction waveforms are known
             segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=braked)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
