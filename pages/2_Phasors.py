@@ -11,6 +11,8 @@ from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import phasor_table
 
+_FEW = 2
+"""Joints whose phasors are drawn alike."""
 page = open_page(
     "Phasors",
     "A sine of known frequency is fully described by its amplitude and phase: one complex number, the "
@@ -33,22 +35,22 @@ chosen = st.selectbox(
     key="record",
     bind="query-params",
 )
+joint = choose_segment("Joint", range(phasors.n), "phasor_joint", format_func=lambda j: f"Joint {j + 1}")
+# the records of many joints would hide each other
+drawn = joint if phasors.n > _FEW else None
 signals = (("Motor angle (rad)", "angles", False), ("Motor torque (N·m)", "torques", True))
 for place, (heading, what, torque) in zip(st.columns(2), signals, strict=True):
     with place:
         st.markdown(f"**{heading}**")
         page.show(
-            f"{what} {chosen}",
-            partial(phasor_plane, phasors, torque=torque, chosen=chosen),
+            f"{what} {chosen} {drawn}",
+            partial(phasor_plane, phasors, torque=torque, chosen=chosen, joint=drawn),
             f"Phasors of the motor {what} in the complex plane",
         )
 st.caption(
     "Distance from the centre is the amplitude, on a logarithmic scale when it varies widely; direction "
     "is the phase against sin ωt on the record's clock. Two records of one frequency must differ to "
     "add information."
-)
-joint = choose_segment(
-    "Table of", range(phasors.n), "phasor_joint", format_func=lambda j: f"Joint {j + 1}"
 )
 table(phasor_table(phasors, joint))
 records = page.study.sine_records

@@ -29,7 +29,8 @@ from jointid.analysis import analyse_arm_side
 from jointid.arm_side.band_limited import GaussianFilter, band_limited
 from jointid.arm_side.mixed_model import Estimate
 from jointid.arm_side.moves import clear_moves
-from jointid.arm_side.terms import joint_torque
+from jointid.arm_side.position_map import position_map
+from jointid.arm_side.terms import Ripple, joint_torque
 from jointid.cli import app
 from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
@@ -192,6 +193,18 @@ def test_the_torque_of_a_jumping_motor_is_the_filtered_torque_of_the_links() -> 
     torque, *_ = joint_torque(m, KNOWN, m.elastic())
     left = (torque - m.lowpass(exact))[m.inner]
     assert np.all(left.std(axis=0) < 7e-4 * exact.std(axis=0))
+
+
+def test_waves_of_the_transmission_error_end_with_the_range_of_the_fit() -> None:
+    """Their series says nothing beyond it, and would add up to tens of seconds of arc."""
+    q = np.linspace(-0.3, 0.5, 9)
+    ripple = Ripple.over(q, np.array([700.0]))
+    at = ripple(np.array([-0.4, -0.3, 0.5, 0.52]))
+    np.testing.assert_array_equal(at[[0, 3]], at[[1, 2]])
+    of_map = position_map(q, 1e-5 * q, 0 * q, ripple.orders)
+    slow = of_map(np.repeat([0.5, 0.6, 2.0], 100), GaussianFilter(0.004, 6.0))
+    np.testing.assert_allclose(slow, slow[0], rtol=1e-9)
+    assert slow[0] > 1e-6
 
 
 def test_a_sum_that_is_not_negative_has_the_moments_of_the_cut_distribution() -> None:

@@ -234,6 +234,13 @@ def test_the_fit_does_not_hide_the_samples(studies: dict[int, Study], periods: f
     assert logged.opacity < 1
 
 
+def test_one_of_many_joints_is_in_the_foreground(analyses: dict[int, Analysis]) -> None:
+    figure = phasor_plane(analyses[3].phasors, chosen=0, joint=1)
+    assert trace(figure, "joint 2").marker.color == LIGHT.measured
+    assert trace(figure, "joint 1").marker.color == LIGHT.quiet
+    assert [t.name for t in figure.data].count("chosen record") == 1
+
+
 def test_phasors_are_told_with_their_error_in_readable_digits(analyses: dict[int, Analysis]) -> None:
     phasors = analyses[2].phasors
     for t in phasor_plane(phasors).data:

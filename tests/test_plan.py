@@ -18,6 +18,7 @@ from jointid import (
     identify_elasticity,
 )
 from jointid.figures.uncertainty import worst_error
+from jointid.ui.study.plan_form import suggested_table
 from jointid.uncertainty.plan import (
     PlannedRecords,
     planned_records,
@@ -215,6 +216,9 @@ def test_suggestion_cuts_the_worst_error(n: int) -> None:
     assert np.all(np.diff(suggestion.worst) < 0)
     assert np.all(np.diff(suggestion.relative_error, axis=0) <= 0)
     records = suggestion.records
+    table = suggested_table(suggestion)
+    assert len(table) == 5  # a phone shows as many columns, of six joints, too
+    assert [cell.count(", ") for cell in table["Velocities (rad/s)"]] == 3 * [n - 1]
     again = predict_standard_errors(records, phasors, inertia, fit)
     assert np.allclose(again.together / np.abs(fit.estimate), suggestion.relative_error[-1])
     # Better than the same number of records taken at random from what was done before.

@@ -185,7 +185,20 @@ def _identified(
         weight[j] > _WEIGHTLESS * swing[j] or clear_moves([m.dq[:, j] for m in motions]) >= _FEWEST_MOVES
         for j in range(robot.n)
     ]
-    return _summary(joints, given, robot, band_hz, mean, root, shown)
+    sensors = np.any([np.isfinite(m.deflection).all(axis=0) for m in motions], axis=0)
+    reasons = tuple(_reason(joint, bool(sensors[j]), bool(shown[j])) for j, joint in enumerate(joints))
+    K, error, skew, skew_error, residual = np.full((5, robot.n), np.nan)
+    for j, joint in enumerate(joints):
+        if joint is None:
+            continue
+        skew[j], skew_error[j], residual[j] = joint.skew_s, joint.skew_std_s, joint.residual_rad
+        if not reasons[j]:
+            K[j] = 1 / joint.compliance
+            error[j] = K[j] * joint.compliance_std / joint.compliance
+    return ArmSideFit(
+        frozen(K), frozen(error), frozen(skew), frozen(skew_error), reasons, frozen(residual),
+        robot, band_hz, tuple(joints), mean, root,
+    )  # fmt: skip
 
 
 def _skews(joints: list[JointDeflection | None], own: Floats) -> tuple[Floats, Floats]:
@@ -317,34 +330,3 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool) -> str:
             "friction. Move it there and back several times, at different speeds."
         )
     return ""
-
-
-def _summary(
-    joints: list[JointDeflection | None],
-    given: list[MotionRecord],
-    robot: RobotModel,
-    band_hz: float | None,
-    mean: Floats,
-    root: Floats,
-    shown: list[bool],
-) -> ArmSideFit:
-    n = robot.n
-    sensors = np.array(
-        [
-            any(r.arm_rad is not None and np.isfinite(r.arm_rad[:, j]).all() for r in given)
-            for j in range(n)
-        ]
-    )
-    reasons = tuple(_reason(joint, bool(sensors[j]), shown[j]) for j, joint in enumerate(joints))
-    K, error, skew, skew_error, residual = np.full((5, n), np.nan)
-    for j, joint in enumerate(joints):
-        if joint is None:
-            continue
-        skew[j], skew_error[j], residual[j] = joint.skew_s, joint.skew_std_s, joint.residual_rad
-        if not reasons[j]:
-            K[j] = 1 / joint.compliance
-            error[j] = K[j] * joint.compliance_std / joint.compliance
-    return ArmSideFit(
-        frozen(K), frozen(error), frozen(skew), frozen(skew_error), reasons, frozen(residual),
-        robot, band_hz, tuple(joints), mean, root,
-    )  # fmt: skip

@@ -25,16 +25,13 @@ class PositionMap:
     """Waves over the joint angle: a map in the band, and tooth orders at any frequency."""
 
     basis: Ripple
-    range_rad: tuple[float, float]
     waves: Floats
     order_waves: Floats
 
     def __call__(self, q: Floats, lowpass: GaussianFilter) -> Floats:
-        """Error at joint angles (N,), rad; the map is 0 outside the range of the fit."""
-        inside = (q >= self.range_rad[0]) & (q <= self.range_rad[1])
-        slow = waves(q - self.basis.start_rad, self.basis.wavenumbers) @ self.waves
+        """Error at joint angles (N,), rad."""
         fast = waves(q, self.basis.orders) @ self.order_waves
-        return np.asarray(inside * slow + fast - lowpass(fast))
+        return np.asarray(self.basis(q) @ self.waves + fast - lowpass(fast))
 
 
 def position_map(q: Floats, slow: Floats, fast: Floats, orders: Floats) -> PositionMap:
@@ -44,12 +41,12 @@ def position_map(q: Floats, slow: Floats, fast: Floats, orders: Floats) -> Posit
     above it (``fast``), rad, each shape (N,), with the ``orders`` (m,) of ``tooth_orders``.
     """
     low, high = float(q.min()), float(q.max())
-    basis = Ripple(low, 1.1 * (high - low) + 1e-9, 1, _MOST_WAVES, orders)
+    basis = Ripple((low, high), 1.1 * (high - low) + 1e-9, 1, _MOST_WAVES, orders)
     # the residual of neighbouring samples is alike: one in ten counts
-    data = Regression(slow, waves(q - low, basis.wavenumbers))
+    data = Regression(slow, basis(q))
     noise = np.sqrt(10.0) * max(float(slow.std()), 1e-7)
     fitted = data.estimate(noise, np.full(2 * _MOST_WAVES, _WAVE_RAD))
-    return PositionMap(basis, (low, high), fitted.beta, _sizes(q, fast, orders))
+    return PositionMap(basis, fitted.beta, _sizes(q, fast, orders))
 
 
 def tooth_orders(q: Floats, y: Floats) -> Floats:

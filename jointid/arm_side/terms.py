@@ -30,7 +30,7 @@ _WIDER = 4.0
 class Ripple:
     """Fourier basis over the range of a joint for a transmission error of unknown shape."""
 
-    start_rad: float
+    range_rad: tuple[float, float]
     period_rad: float
     first: int
     count: int
@@ -43,12 +43,19 @@ class Ripple:
         period = 1.5 * float(np.ptp(q)) + 1e-9
         first = int(np.ceil(period / _COARSEST_RAD))
         count = int(min(_MOST_RIPPLES, np.ceil(period / _FINEST_RAD)))
-        return cls(float(q.min()), period, first, count, orders)
+        return cls((float(q.min()), float(q.max())), period, first, count, orders)
 
     @property
     def wavenumbers(self) -> Floats:
         """Radians per radian of the joint, shape (count,)."""
         return np.asarray(2 * np.pi * np.arange(self.first, self.count + 1) / self.period_rad, float)
+
+    def __call__(self, q: Floats) -> Floats:
+        """Waves at joint angles (N,), (N, 2 count); beyond the range those at its end.
+
+        A series says nothing beyond: its waves would add up to tens of seconds of arc a degree away.
+        """
+        return waves(np.clip(q, *self.range_rad) - self.range_rad[0], self.wavenumbers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,15 +95,8 @@ def joint_terms(
 ) -> Terms:
     """Columns of joint j over all N samples, each in the band of the record.
 
-    Parameters
-    ----------
-    j : int
-    motion : BandLimited
-    torque, payload : ndarray, shapes (N, n) and (N, n, 4)
-        As of ``joint_torque``, N·m.
-    motor : ndarray, shape (N,)
-        Motor angle, rad.
-    ripple : Ripple
+    ``torque``, (N, n), and ``payload``, (N, n, 4), N·m, are those of ``joint_torque``, ``motor`` (N,) is
+    the motor's angle, rad.
     """
     lowpass, raw = motion.lowpass, motion.raw[:, j]
     friction = lowpass(dahl_from_rest(raw[None], np.array([[1 / _PRESLIDING_RAD]]))[0])[:, None]
@@ -105,9 +105,9 @@ def joint_terms(
         "skew": motion.dq[:, j, None],
         "payload": payload[:, j],
         "damping": lowpass(torque[:, j, None], 1),
-        "slow": lowpass(waves(raw - ripple.start_rad, np.array(SLOW_HARMONICS, float))),
+        "slow": lowpass(waves(raw - ripple.range_rad[0], np.array(SLOW_HARMONICS, float))),
         "motor": lowpass(waves(motor, np.array(MOTOR_HARMONICS, float))),
-        "ripple": lowpass(waves(raw - ripple.start_rad, ripple.wavenumbers)),
+        "ripple": lowpass(ripple(raw)),
         "teeth": lowpass(waves(raw, ripple.orders)),
         "friction": friction,
         "loaded": friction * np.abs(torque[:, j, None]),

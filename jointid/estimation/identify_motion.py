@@ -143,9 +143,16 @@ def _identified(
         raise choice.estimate
     estimate = choice.estimate
     if len(phasors.omega) < len(whole[0].omega):
-        phasors, prior = _with_noise(phasors, prior, choice.model, estimate, of=whole), whole[1]
+        torques = {
+            segment.record: np.diag(covariance[0]).real[phasors.n :] * segment.samples / 4
+            for segment, covariance in zip(again.segments, again.harmonic_covariance, strict=True)
+            if segment is not None
+        }
+        braked = next(segment.unknown_Nm for segment in again.segments if segment is not None)
+        phasors, prior = _with_torque_noise(*whole, torques, braked), whole[1]
         phasors = _with_noise(phasors, prior, choice.model, estimate)  # of every record
-        estimate = fit_model(phasors, prior, estimate.named, _noise(phasors, prior), choice.model)
+        given_noise = _noise(phasors, prior)
+        estimate = fit_model(phasors, prior, estimate.named, given_noise, choice.model, is_near=True)
     noise = _noise(phasors, prior)
     fitted = evaluated(phasors, prior, choice.model, estimate, noise, estimate.scale)
     lines, inertias = _lines(estimate, phasors, noise)
@@ -215,13 +222,9 @@ def _few(phasors: Phasors, prior: InertiaPrior) -> np.ndarray:
 
 
 def _with_noise(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    model: Model,
-    estimate: LikelihoodEstimate | JointIdError,
-    of: tuple[Phasors, InertiaPrior] | None = None,
+    phasors: Phasors, prior: InertiaPrior, model: Model, estimate: LikelihoodEstimate | JointIdError
 ) -> Phasors:
-    """Phasors, or others, ``of``, with the noise of motions that a fitted model leaves in them."""
+    """Phasors with the noise of motions that a fitted model leaves in them."""
     if not phasors.motion.any() or isinstance(estimate, JointIdError):
         return phasors
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
@@ -235,9 +238,18 @@ def _with_noise(
     by_noise = 1 - np.divide(spread, whole, out=np.zeros(left.shape), where=spread > 0)
     left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
     torques = sensor_noise(phasors, left, residual.at.E)
-    usual: Floats = np.mean([*torques.values()], axis=0)
     braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
-    phasors, prior = of or (phasors, prior)
+    return _with_torque_noise(phasors, prior, torques, braked)
+
+
+def _with_torque_noise(
+    phasors: Phasors, prior: InertiaPrior, torques: dict[int, Floats], braked: Floats | float
+) -> Phasors:
+    """Phasors with the noise of the torques of each motion record, the usual one of those not given.
+
+    ``torques`` are variances (n,), ``braked`` the Coulomb friction of the motors, (n,).
+    """
+    usual: Floats = np.mean([*torques.values()], axis=0)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
@@ -313,7 +325,7 @@ def _require_motion(phasors: Phasors) -> None:
     power = np.abs(phasors.harmonics[..., :n]) ** 2
     clear = np.divide(power, variance, out=np.zeros_like(power), where=variance > 0)
     clear = clear.sum(axis=1) / np.maximum(known.sum(axis=1), 1)[:, None]
-    held = friction_waveforms(phasors, 0.0).stationary.all(axis=0)
+    held = friction_waveforms(phasors, None).stationary.all(axis=0)
     for j in np.flatnonzero(held | (clear.max(axis=0) < _MOVES)).tolist():
         raise JointIdError(
             f"Joint {j + 1} is not excited: theta_m{j + 1}_rad does not move above its noise within the "

@@ -53,8 +53,10 @@ def fit_model(
     noise: Noise,
     model: Model,
     waveforms: FrictionWaveforms | None = None,
+    *,
+    is_near: bool = False,
 ) -> LikelihoodEstimate:
-    """Fit one model; its friction waveforms may be given.
+    """Fit one model; its friction waveforms may be given, the start be the estimate from few records.
 
     Raises JointIdError when the model does not fit, or its parameters have left the range of numbers.
     """
@@ -69,6 +71,7 @@ def fit_model(
             delay=model.delay,
             effects=model.effects,
             noise=noise,
+            is_near=is_near,
         )
 
     try:

@@ -262,7 +262,7 @@ class _Fundamentals:
 def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) -> Parameters | None:
     """Return K, D and the friction of all joints; None where the least-squares estimate is as good."""
     n = phasors.n
-    waveforms = friction_waveforms(phasors, 0.0)
+    waveforms = friction_waveforms(phasors, None)
     viscous = 1j * phasors.omega[:, None] * phasors.q
     data = _Fundamentals(
         phasors,

@@ -9,10 +9,19 @@ from jointid.wording import minus, significant, with_error
 
 
 def phasor_plane(
-    phasors: Phasors, *, torque: bool = False, chosen: int | None = None, dark: bool = False
+    phasors: Phasors,
+    *,
+    torque: bool = False,
+    chosen: int | None = None,
+    joint: int | None = None,
+    dark: bool = False,
 ) -> go.Figure:
-    """Polar plot of the angles' or the torques' phasors of all records; the chosen record as arrows."""
+    """Polar plot of the angles' or the torques' phasors of all records; the chosen record as arrows.
+
+    With a ``joint``, the others are in the background, without arrows.
+    """
     sketch = Sketch(dark)
+    ink, shown = sketch.ink, range(phasors.n) if joint is None else [joint]
     values = phasors.tau if torque else phasors.q
     quantity, unit = ("Torque", "N·m") if torque else ("Angle", "rad")
     part = slice(phasors.n, None) if torque else slice(phasors.n)
@@ -22,7 +31,7 @@ def phasor_plane(
     low, high = (float(positive.min()), float(positive.max())) if positive.size else (0.1, 1.0)
     logarithmic = high > 30 * low
     low = max(low, 1e-4 * high)  # a joint at rest lies at the centre
-    for j in range(phasors.n):
+    for j in sorted(range(phasors.n), key=lambda j: j in shown):
         symbol = joint_symbol(j) + ("-open" if j % 2 else "")
         f = phasors.omega / (2 * np.pi)
         angles = np.degrees(np.angle(values[:, j]))
@@ -37,7 +46,10 @@ def phasor_plane(
                 "r": np.maximum(size[:, j], low / 2) if logarithmic else size[:, j],
                 "theta": angles,
                 "name": f"joint {j + 1}",
-                "marker": {"color": sketch.ink.measured, "size": 7, "symbol": symbol},
+                "legendrank": j,
+                "marker": {"color": ink.measured, "size": 7, "symbol": symbol}
+                if j in shown
+                else {"color": ink.quiet, "size": 4, "opacity": 0.6, "symbol": symbol},
                 "customdata": about,
                 "text": [plain_text(label) for label in phasors.labels],
                 "hovertemplate": "%{text}<br>%{customdata[0]:.4g} Hz<br>"
@@ -46,8 +58,8 @@ def phasor_plane(
             }
         )
     if chosen is not None:
-        origin, colour = low / 2 if logarithmic else 0.0, sketch.ink.identified
-        for j in range(phasors.n):
+        origin, colour = low / 2 if logarithmic else 0.0, ink.identified
+        for j in shown:
             angle = float(np.degrees(np.angle(values[chosen, j])))
             sketch.traces.append(
                 {
@@ -57,8 +69,9 @@ def phasor_plane(
                     "theta": [angle, angle],
                     "name": "chosen record",
                     "legendgroup": "chosen",
-                    "showlegend": j == 0,
-                    "line": {"color": colour, "width": 2.5, "dash": "dot" if j else "solid"},
+                    "legendrank": phasors.n,
+                    "showlegend": j == shown[0],
+                    "line": {"color": colour, "width": 2.5, "dash": "solid" if j == shown[0] else "dot"},
                     "marker": {"size": [0, 10], "color": colour},
                     "hoverinfo": "skip",
                 }
@@ -69,9 +82,9 @@ def phasor_plane(
     radial = {"gridcolor": GRID, "linecolor": GRID, "angle": between[free], "nticks": 4}
     radial["tickangle"] = radial["angle"]  # it is counted from the axis: the text is level
     if logarithmic:
-        shown = [float(np.log10(low / 2)), float(np.log10(high * 1.3))]
-        decades = [10.0**k for k in range(int(np.ceil(shown[0])), int(np.floor(shown[1])) + 1)]
-        radial |= {"type": "log", "range": shown, "tickvals": decades}
+        first, last = float(np.log10(low / 2)), float(np.log10(high * 1.3))
+        decades = [10.0**k for k in range(int(np.ceil(first)), int(np.floor(last)) + 1)]
+        radial |= {"type": "log", "range": [first, last], "tickvals": decades}
         radial["ticktext"] = [significant(decade, 1) for decade in decades]
     else:
         # The rim is the grid's last circle, not a second one beside it.

@@ -31,8 +31,9 @@ def proposed_band(parts: Sequence[UniformPart], variance: Floats) -> tuple[float
     n = variance.size // 2
     octave, torque = np.zeros((2, n, grid.size))
     for part in parts:
-        f, motion = _power(np.gradient(part.theta, T, axis=1), T)
-        _, drive = _power(part.tau, T)
+        f, power = part.power
+        lines = max(3, round(0.5 * part.theta.shape[1] * T))
+        motion, drive = uniform_filter1d(power, lines, axis=2, mode="nearest")
         for j in range(n):
             octave[j] += np.interp(grid, f, motion[j]) * grid / len(parts)
             torque[j] += np.interp(grid, f, drive[j]) / len(parts)
@@ -43,17 +44,3 @@ def proposed_band(parts: Sequence[UniformPart], variance: Floats) -> tuple[float
     if not used.size:
         return float(grid[0]), float(grid[-1])
     return float(grid[used[0]]), float(grid[used[-1]])
-
-
-def _power(signal: Floats, T: float) -> tuple[Floats, Floats]:
-    """Power of each sample's noise with the same density, by frequency, smoothed."""
-    samples = signal.shape[1]
-    window = np.hanning(samples)
-    window /= np.sqrt((window**2).sum())
-    line = np.linspace(0, 1, samples)
-    level = signal - signal[:, :1] - (signal[:, -1:] - signal[:, :1]) * line
-    level = level - level.mean(axis=1, keepdims=True)
-    power = np.abs(np.fft.rfft(level * window, axis=1)) ** 2
-    f = np.fft.rfftfreq(samples, T)
-    lines = max(3, round(0.5 * samples * T))
-    return np.asarray(f, float), uniform_filter1d(power, lines, axis=1, mode="nearest")

@@ -49,8 +49,8 @@ class FreeFriction:
         n, most = sizes.shape[1], counts.max(initial=0)
         left = max((2 * np.count_nonzero(own.known) - own.count for own in records), default=0)
         if any(each.shape[1] for own in records for each in own.bounded) and left <= max(_MOST, most):
-            bases = (own.basis.sized(size) for own, size in zip(records, sizes, strict=True))
-            return cls(bases=tuple(bases), shapes=int(counts.sum()))
+            bases = tuple(own.basis.sized(size) for own, size in zip(records, sizes, strict=True))
+            return cls(bases=bases, shapes=int(sum(basis.freed.sum() for basis in bases)))
         doublings = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
         groups = []
         for doubling in np.unique(doublings[counts > 0]).tolist():

@@ -76,7 +76,7 @@ class FrictionWaveforms:
 
 def friction_waveforms(
     phasors: Phasors,
-    window: float,
+    window: float | None,
     *,
     curve: bool = False,
     position_filter: Floats | None = None,
@@ -84,7 +84,7 @@ def friction_waveforms(
     """Fourier coefficients of sign θ̇ and of the free friction around every reversal.
 
     The more harmonics, the sharper the reversals. A reversal is where |θ̇| is below the share ``window``
-    of the record's largest, or within the noise of θ̇; 0 uses sign θ̇ everywhere. ``curve`` is whether
+    of the record's largest, or within the noise of θ̇; None uses sign θ̇ everywhere. ``curve`` is whether
     friction varies nonlinearly with speed (Stribeck curve, gradual sign change), ``position_filter``,
     shape (n,), the time constants of first-order filters of the logged positions, s: the motors of sines
     reverse where the positions before the filters do.
@@ -108,13 +108,13 @@ def friction_waveforms(
     noise = np.sqrt(power[0] + np.maximum(power[1], 0.0))
     largest = np.abs(velocity).max(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(largest > 0, np.maximum(window, _NOISE_MARGIN * noise / largest), 1.0)
+        share = np.where(largest > 0, np.maximum(window or 0.0, _NOISE_MARGIN * noise / largest), 1.0)
     stationary = share > _STATIONARY
 
     signs = np.where(stationary[..., None], 0.0, np.sign(velocity))
     known, none = np.any(phasors.harmonics != 0, axis=2), [np.zeros((H, 0), complex)] * n
     free: list[Sequence[Complexes]] = [none] * len(rate)
-    if window > 0:
+    if window:
         threshold = np.where(stationary, np.inf, share * largest)
         free = _freed(velocity, signs, threshold, known.sum(axis=1), H)
     reverses = (signs.min(axis=2) < 0) & (signs.max(axis=2) > 0)
@@ -140,7 +140,7 @@ def _unfiltered(phasors: Phasors, position_filter: Floats) -> Phasors:
     return replace(phasors, harmonics=gain * z, harmonic_covariance=covariance)
 
 
-def _of_segments(phasors: Phasors, window: float, curve: bool) -> FrictionWaveforms:
+def _of_segments(phasors: Phasors, window: float | None, curve: bool) -> FrictionWaveforms:
     """Waveforms of sines and of segments of motion records."""
     (r, H, _), n = phasors.harmonics.shape, phasors.n
     segments = {k: each for k, each in enumerate(phasors.segments) if each is not None}

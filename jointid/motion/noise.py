@@ -97,19 +97,12 @@ def _repeated_rounding(theta: Floats) -> float:
 
 def _spectra(part: UniformPart, highest_hz: float) -> tuple[tuple[Floats, Floats], Complexes, Complexes]:
     """Gains of both variances (f,), and the two sides of the rotor's balance (n, f) beyond the band."""
-    T, tau = part.interval_s, part.tau
-    torque = 0.5 * (tau[:, 1:-1] + tau[:, :-2]) if part.held else tau[:, 1:-1]
-    bend = np.diff(part.theta, 2, axis=1) / T**2
-    samples = torque.shape[1]
-    window = np.hanning(samples)
-    window /= np.sqrt((window**2).sum())
-    f = np.fft.rfftfreq(samples, T)
+    T, (f, torque, bend) = part.interval_s, part.rotor_spectra
     half = 0.5 / T
     used = (f > min(_BEYOND * highest_hz, _LATEST * half)) & (f < _NYQUIST * half)
     z = np.exp(2j * np.pi * f[used] * T)
     gains = np.abs(1 - z) ** 4 / T**4, np.abs(1 + z) ** 2 / 4 if part.held else np.ones(z.size)
-    spectra = [np.fft.rfft(each * window, axis=1)[:, used] for each in (torque, bend)]
-    return gains, spectra[0], spectra[1]
+    return gains, torque[:, used], bend[:, used]
 
 
 def _means(values: Floats) -> Floats:

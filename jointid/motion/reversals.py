@@ -1,5 +1,6 @@
 """Friction of a segment at its bins: the sign of the velocity, and free friction at its pauses."""
 
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -32,16 +33,16 @@ which a joint counts as stationary: its friction at rest is unknown and its torq
 
 
 def segment_friction(
-    segment: Segment, window: float, widths: Floats
+    segment: Segment, window: float | None, widths: Floats
 ) -> tuple[Complexes, Complexes, Waveforms, np.ndarray]:
     """Transforms of the friction waveforms of a segment.
 
     Friction is unknown around a reversal where |θ̇| is below the share ``window`` of its largest, or
-    within the errors of its noise and smoothing: the motor may stick there. ``widths``, shape (n, c),
-    are decay velocities w of a friction curve, rad/s. Returns the transforms of sign θ̇, shape (H, n),
-    and of sign θ̇ · exp(−|θ̇|/w), shape (H, n, c); polynomials over the stretches with unknown friction,
-    those of the shorter ones bounded; and whether a joint's motion is within its noise, but for short
-    moves, shape (n,).
+    within the errors of its noise and smoothing: the motor may stick there; with None it is known
+    everywhere. ``widths``, shape (n, c), are decay velocities w of a friction curve, rad/s. Returns the
+    transforms of sign θ̇, shape (H, n), and of sign θ̇ · exp(−|θ̇|/w), shape (H, n, c); polynomials over
+    the stretches with unknown friction, those of the shorter ones bounded; and whether a joint's motion
+    is within its noise, but for short moves, shape (n,).
     """
     v = segment.velocity
     blur, largest = _MARGIN * segment.velocity_noise, np.abs(v).max(axis=1)
@@ -49,7 +50,10 @@ def segment_friction(
     stationary |= np.mean(np.abs(v) <= blur[:, None], axis=1) > _STILL
     late: Floats = segment.turn_rad_s * np.ones(len(v))
     slow, signs = (window, late.tobytes()), (widths.tobytes(), late.tobytes())
-    if slow not in segment.known:
+    if window is None:
+        none = [np.zeros((segment.highest, 0), complex)] * len(v)
+        segment.known[slow] = Waveforms(none, none, np.zeros((segment.highest, len(v)), bool))
+    elif slow not in segment.known:
         # Smoothing hides where a motor comes to rest; the stretches hold whole samples anyway.
         by_sampling = 2 / np.pi**2 * segment.interval_s
         least = blur + late * np.maximum(1 - by_sampling / segment.velocity_blur_s, 0.0)
@@ -66,13 +70,9 @@ def _unknown(segment: Segment, thresholds: Floats, blur: Floats) -> Waveforms:
     inside = np.arange(1, H + 1) >= segment.lowest
     moves = np.isfinite(thresholds)
     most = int(2 * _MOST * np.count_nonzero(inside))
-    parts = [
-        _polynomials(_stretches(v[j], thresholds[j], blur[j]), v.shape[1], H, most)
-        if moves[j]
-        else (np.zeros((H, 0), complex),) * 2
-        for j in range(len(v))
-    ]
-    free, bounded = zip(*((a * inside[:, None], b * inside[:, None]) for a, b in parts), strict=True)
+    none = np.zeros((0, 2), int)  # of a motor that rests
+    slow = [_stretches(v[j], thresholds[j], blur[j]) if moves[j] else none for j in range(len(v))]
+    free, bounded = _polynomials(slow, v.shape[1], inside, most)
     return Waveforms(free, bounded, inside[:, None] & moves)
 
 
@@ -130,39 +130,53 @@ def _stretches(v: Floats, threshold: float, blur: float) -> np.ndarray:
     return np.asarray(np.stack([begin, end], axis=1)[rests | (v[begin] * v[end] < 0)])
 
 
-def _polynomials(stretches: np.ndarray, N: int, H: int, most: int) -> tuple[Complexes, Complexes]:
-    """Transforms (H, k) of Legendre's polynomials on stretches (m, 2) of N steps, and of the rest.
+def _polynomials(
+    slow: Sequence[np.ndarray], N: int, inside: np.ndarray, most: int
+) -> Iterator[list[Complexes]]:
+    """Transforms (H, k) of Legendre's polynomials on the stretches (m, 2) of each joint, and the rest.
 
-    Of degree d, that is a spherical Bessel function of the phase over half a stretch, which vanishes
-    where d exceeds the phase: few polynomials hold most that H bins resolve of any waveform. The rest,
-    of shorter stretches and of the next degrees, has the standard deviation of a unit that changes its
-    sign anywhere.
+    Of N steps, at the bins ``inside`` the band, (H,). Of degree d, a transform is a spherical Bessel
+    function of the phase over half a stretch, which vanishes where d exceeds the phase: few polynomials
+    hold most that H bins resolve of any waveform. The rest, of shorter stretches and of the next
+    degrees, has the standard deviation of a unit that changes its sign anywhere.
     """
-    bins = np.arange(1, H + 1)[:, None]
-    length, middle = np.diff(stretches, axis=1)[:, 0], stretches.mean(axis=1)
+    H = inside.size
+    bins, stretches = np.arange(1, H + 1), np.concatenate(slow)
+    begin, end = stretches.T
+    length, joint = end - begin, np.repeat(np.arange(len(slow)), [len(own) for own in slow])
     count = np.ceil(np.pi * length / N * H + _RESOLVED).astype(int)
-    longest = np.argsort(-length)
     is_free = count > _RESTS
-    is_free[longest[np.cumsum(count[longest]) <= most]] = True
-    late = np.exp(-2j * np.pi * bins * middle / N) * (2j / N)
-    free, bounded = [np.zeros((H, 0), complex)], [np.zeros((H, 0), complex)]
+    for j in range(len(slow)):
+        longest = np.flatnonzero(joint == j)[np.argsort(-length[joint == j])]
+        is_free[longest[np.cumsum(count[longest]) <= most]] = True
+    late = np.exp(-1j * np.pi * np.outer(begin + end, bins) / N) * (2j / N * inside)
+    free, bounded = ([(np.zeros((0, H), complex), joint[:0])] for _ in range(2))
     for steps in np.unique(length).tolist():  # stretches of equal length share their functions
         equal = length == steps
-        resolved = count[equal][0]
+        resolved = int(count[equal][0])
         degree = np.arange(resolved + _FURTHER)
-        phase = np.pi * steps / N * bins
-        x, weighted = _quadrature((degree.size + _MORE).bit_length())
-        shapes = 0.5 * steps * np.exp(-1j * phase * x) @ weighted[:, : degree.size]
+        x, even, odd = _quadrature((degree.size + _MORE).bit_length())
+        turn = np.outer(x, np.pi * steps / N * bins)
+        shapes = steps * (even @ np.cos(turn) - 1j * (odd @ np.sin(turn)))[: degree.size]
         std = np.sqrt(np.where(degree, 1 / (2 * degree - 1) + 1 / (2 * degree + 3), 1 / 3))
-        for each in np.flatnonzero(equal).tolist():
-            own, first = late[:, each, None] * shapes, resolved * is_free[each]
-            free.append(own[:, :first])
-            bounded.append(std[first:] * own[:, first:])
-    return np.concatenate(free, axis=1), np.concatenate(bounded, axis=1)
+        for some, first in ((equal & is_free, resolved), (equal & ~is_free, 0)):
+            for found, part in ((free, shapes[:first]), (bounded, (std[:, None] * shapes)[first:])):
+                rows = late[some, None] * part
+                found.append((rows.reshape(-1, H), np.repeat(joint[some], len(part))))
+    for found in (free, bounded):
+        rows, of = (np.concatenate(each) for each in zip(*found, strict=True))
+        yield [rows[of == j].T for j in range(len(slow))]
 
 
 @lru_cache
-def _quadrature(doublings: int) -> tuple[Floats, Floats]:
-    """Points of Gauss's quadrature (p,), and their weights times Legendre's polynomials (p, p / 2)."""
+def _quadrature(doublings: int) -> tuple[Floats, Floats, Floats]:
+    """Positive points of Gauss's quadrature (p,), and weights times Legendre's polynomials (p, p).
+
+    The polynomials of even and those of odd degree, each 0 in place of the others: on the other half,
+    they are the same but for the sign of the odd ones.
+    """
     x, weights = np.polynomial.legendre.leggauss(2 ** (doublings + 1))
-    return x, weights[:, None] * np.polynomial.legendre.legvander(x, x.size // 2 - 1)
+    x, weights = x[x > 0], weights[x > 0]
+    weighted = (weights[:, None] * np.polynomial.legendre.legvander(x, x.size - 1)).T
+    is_odd = np.arange(x.size)[:, None] % 2
+    return x, weighted * (1 - is_odd), weighted * is_odd

@@ -2,11 +2,12 @@
 
 import itertools
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from jointid.arrays import Floats
+from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.records import MotionRecord
 
@@ -32,6 +33,33 @@ class UniformPart:
     tau: Floats
     """Shape (n, N), N·m."""
     held: bool
+
+    @cached_property
+    def rotor_spectra(self) -> tuple[Floats, Complexes, Complexes]:
+        """Frequencies (f,), and spectra of mean torque over two steps and acceleration, each (n, f)."""
+        tau = self.tau
+        torque = 0.5 * (tau[:, 1:-1] + tau[:, :-2]) if self.held else tau[:, 1:-1]
+        bend = np.diff(self.theta, 2, axis=1) / self.interval_s**2
+        f, spectra = windowed_spectrum(np.stack([torque, bend]), self.interval_s)
+        return f, *spectra
+
+    @cached_property
+    def power(self) -> tuple[Floats, Floats]:
+        """Frequencies (f,), and power of velocities and torques without their trend, (2, n, f)."""
+        signals = np.stack([np.gradient(self.theta, self.interval_s, axis=1), self.tau])
+        first, last = signals[..., :1], signals[..., -1:]
+        level = signals - first - (last - first) * np.linspace(0, 1, signals.shape[-1])
+        f, spectra = windowed_spectrum(level - level.mean(axis=-1, keepdims=True), self.interval_s)
+        return f, np.abs(spectra) ** 2
+
+
+def windowed_spectrum(signals: Floats, interval_s: float) -> tuple[Floats, Complexes]:
+    """Frequencies (f,), Hz, and spectra of signals (..., N), (..., f); of white noise, |.|² is σ²."""
+    samples = signals.shape[-1]
+    window = np.hanning(samples)
+    window /= np.sqrt((window**2).sum())
+    f = np.asarray(np.fft.rfftfreq(samples, interval_s), float)
+    return f, np.fft.rfft(signals * window, axis=-1)
 
 
 def uniform_parts(record: MotionRecord, index: int, name: str) -> list[UniformPart]:

@@ -10,7 +10,7 @@ from jointid.setpoints.played import Peaks, PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits
 from jointid.wording import significant
 
-_RESERVE = 0.99
+_RESERVE = 0.95
 """Share of the largest scale that a refusal suggests; friction is not proportional to the motion."""
 
 

@@ -30,7 +30,7 @@ _TOLERANCE = 1e-2
 
 
 def minimised(
-    problem: Problem, p: Floats, scale: Floats, *, damping: float = 1e-3, roughly: bool = False
+    problem: Problem, p: Floats, scale: Floats, *, damping: float, roughly: bool = False
 ) -> tuple[Floats, Floats]:
     """Levenberg-Marquardt; returns the parameters and the normal matrix Σ JᵀJ there.
 

@@ -41,8 +41,8 @@ from jointid.small_matrices import (
     unit_diagonal,
 )
 
-_NEAR = 1e-6
-"""Damping from which the fit with weights by harmonic begins: the optimum without them is near."""
+_FAR, _NEAR = 1e-3, 1e-6
+"""Damping from which a fit begins, and one from the estimate with other weights: its optimum is near."""
 _CHANCE = 1e-3
 """Probability of the misfit of a band by noise from which it is the model's."""
 _HELD = 3.0
@@ -89,6 +89,7 @@ def maximum_likelihood(
     delay: bool = False,
     effects: Sequence[str] = (),
     noise: Noise | None = None,
+    is_near: bool = False,
 ) -> LikelihoodEstimate:
     """Fit K and D, and optionally friction, delay, effects and inertias, to all records and harmonics.
 
@@ -96,7 +97,8 @@ def maximum_likelihood(
     scales are fitted as well. ``start`` holds K and D of a linear estimator, shape (2n,), or the
     parameters of a similar fit. Coulomb and viscous friction are fitted with the waveforms ``friction``,
     a ``delay`` of the torque in addition to that of the records, and ``effects``, keys of
-    ``parameters.EFFECTS``. ``noise`` is that of the phasors, where it is already known.
+    ``parameters.EFFECTS``. ``noise`` is that of the phasors, where it is already known;
+    ``is_near`` is whether ``start`` is the estimate from a part of the records.
 
     ``layout`` of the result names the parameters. The Coulomb friction of a motor that never reverses is
     zero with variance zero. Raises JointIdError when K and D cannot be separated from each other, or no
@@ -116,8 +118,10 @@ def maximum_likelihood(
     if "backlash" in effects and problem.laws is not None and problem.laws.motors is not None:
         held = replace(problem, laws=replace(problem.laws, strength=_HELD, latest=[]))
         if WhitenedResidual.of(held, p, scale).cost > POOR * problem.rows / 2:
-            p, _ = minimised(held, p, scale)  # arms that leave their flanks have many local minima
-    p, normal = minimised(problem, p, scale)
+            p, _ = minimised(
+                held, p, scale, damping=_FAR
+            )  # arms that leave their flanks have many local minima
+    p, normal = minimised(problem, p, scale, damping=_NEAR if is_near else _FAR)
     problem = with_law_noise(problem, p)
     fitted = WhitenedResidual.of(problem, p, scale)
     misfit = first = Misfit.of(fitted, p, normal)

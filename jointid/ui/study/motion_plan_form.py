@@ -274,19 +274,20 @@ def _ask(page: Page, analysis: Analysis, sines: PlanSettings | None) -> MotionSe
 
 
 def plan_table(plans: tuple[PlannedMotion, ...]) -> Table:
-    """One row per motion: duration, peaks and errors."""
-    peaks = [largest_motion(plan.records) for plan in plans]
-    columns: dict[str, list[str]] = {
-        "Motion": [_KINDS[plan.motion.kind] for plan in plans],
-        "Duration": [f"{len(p.records)} × {significant(p.motion.duration_s, 3)} s" for p in plans],
-        "Peak velocity (rad/s)": [three_digits(peak.velocity_rad_s) for peak in peaks],
-        "Peak torque (N·m)": [three_digits(peak.torque_Nm) for peak in peaks],
-        "Worst error alone": [percent(float(plan.alone.max())) for plan in plans],
-        "Worst error together": [percent(float(plan.together.max())) for plan in plans],
+    """One column per motion: duration, peaks and errors."""
+    found: dict[str, list[str]] = {
+        "": ["Duration", "Peak velocity (rad/s)", "Peak torque (N·m)", "Worst error alone"]
+        + [f"{name} together" for name in plans[0].names]
     }
-    for k, name in enumerate(plans[0].names):
-        columns[f"{name} together"] = [percent(float(plan.together[k])) for plan in plans]
-    return columns
+    for plan in plans:
+        peak = largest_motion(plan.records)
+        found[_KINDS[plan.motion.kind]] = [
+            f"{len(plan.records)} × {significant(plan.motion.duration_s, 3)} s",
+            three_digits(peak.velocity_rad_s),
+            three_digits(peak.torque_Nm),
+            *(percent(float(error)) for error in (plan.alone.max(), *plan.together)),
+        ]
+    return found
 
 
 def plan_columns(plan: PlannedMotion) -> Table:

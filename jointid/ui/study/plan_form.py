@@ -23,7 +23,7 @@ from jointid.uncertainty.plan import (
     suggest_records,
 )
 from jointid.uncertainty.planned_records import PlannedRecords, phase_deg, phasor_text, planned_records
-from jointid.wording import percent, significant
+from jointid.wording import percent, significant, three_digits
 
 
 @dataclass(frozen=True)
@@ -114,24 +114,22 @@ def suggestion(page: Page, settings: PlanSettings, analysis: Analysis) -> Sugges
 
 
 def suggested_table(found: Suggestion) -> Table:
-    """One row per record, for reading."""
-    records, n = found.records, found.records.torque_Nm.shape[1]
+    """One row per record, for reading; a cell holds the values of all motors, and a phone wraps it."""
+    records = found.records
     turned, _ = records.relative
-    columns: dict[str, list[object]] = {
-        "Frequency (Hz)": [significant(f, 4) for f in records.frequency_hz.tolist()]
-    }
-    for j in range(n):
-        columns[f"Torque {j + 1} (N·m)"] = [phasor_text(y) for y in turned[:, j].tolist()]
-    for j in range(n):
-        velocity = records.velocity_rad_s[:, j].tolist()
-        columns[f"Velocity {j + 1} (rad/s)"] = [significant(v, 3) for v in velocity]
-    columns["Length (s)"] = [f"{s:g}" for s in records.duration_s.tolist()]
     worst = found.relative_error.argmax(axis=1)[1:]
-    columns["Worst error afterwards"] = [
-        f"{found.names[k]} {'± ' * bool(np.isfinite(e))}{percent(e)}"
-        for k, e in zip(worst, found.worst[1:].tolist(), strict=True)
-    ]
-    return columns
+    return {
+        "Frequency (Hz)": [significant(f, 4) for f in records.frequency_hz.tolist()],
+        "Torques of the motors (N·m)": [
+            ", ".join(phasor_text(y).replace(" ", "\u00a0") for y in row) for row in turned.tolist()
+        ],
+        "Velocities (rad/s)": [three_digits(row) for row in records.velocity_rad_s.tolist()],
+        "Length (s)": [f"{s:g}" for s in records.duration_s.tolist()],
+        "Worst error afterwards": [
+            f"{found.names[k]} {'± ' * bool(np.isfinite(e))}{percent(e)}"
+            for k, e in zip(worst, found.worst[1:].tolist(), strict=True)
+        ],
+    }
 
 
 def suggested_columns(found: Suggestion) -> Table:
@@ -195,9 +193,11 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
         num_rows="dynamic",
         hide_index=True,
         key=f"own_plan_{digest[:12]}",
-        # Narrow, so that a phone shows the columns of two joints; on a wide page they grow.
+        # Narrow, so that a phone shows the columns of two joints; of more, it scrolls beside the first.
         column_config={
-            name: number(label, width=50, help=name, format="%g", required=True)
+            name: number(
+                label, width=50, help=name, format="%g", required=True, pinned=label == short[0]
+            )
             for name, label in zip(start, short, strict=True)
         },
         alt="Your own plan",
