@@ -236,7 +236,8 @@ def _with_noise(
     left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
     torques = sensor_noise(phasors, left, residual.at.E)
     usual: Floats = np.mean([*torques.values()], axis=0)
-    braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
+    p, none = estimate.named, np.zeros(phasors.n)
+    coulomb, viscous, load = (p.effect(name) + none for name in ("coulomb", "viscous", "load"))
     phasors, prior = of or (phasors, prior)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
     for row, segment in enumerate(phasors.segments):
@@ -246,7 +247,9 @@ def _with_noise(
             torque = np.clip(torque, least, np.maximum(most, least))
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
-            late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
+            M = prior.M[prior.rotor[row]]
+            braked = np.maximum(coulomb + load * segment.torque_at_reversals(M, viscous), 0)
+            late = braked / M * segment.velocity_blur_s
             segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=braked)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 

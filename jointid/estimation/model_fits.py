@@ -1,5 +1,6 @@
 """Fit of one candidate model: its friction waveforms, its estimate and its residual."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,12 +12,12 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import one_step
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import Parameters
+from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import with_law_noise
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.motion.end_terms import motor_motion
-from jointid.motion.friction import FrictionWaveforms, friction_waveforms
+from jointid.motion.friction import FrictionWaveforms, friction_waveforms, with_load
 from jointid.phasors.extract import Phasors
 
 _SAME_FILTER = 0.02
@@ -46,6 +47,24 @@ def model_waveforms(
     )
 
 
+def loaded(
+    waveforms: FrictionWaveforms | None,
+    parts: Sequence[str],
+    phasors: Phasors,
+    prior: InertiaPrior,
+    p: Parameters,
+) -> FrictionWaveforms | None:
+    """Friction waveforms with that of friction by load, at the gear torque of some parameters.
+
+    Unchanged where it is none of the parts.
+    """
+    if waveforms is None or "load" not in parts:
+        return waveforms
+    M = (p["M"] if "M" in p.layout else prior.M).mean(axis=0)
+    own = (np.broadcast_to(p.effect(name), M.shape) for name in ("coulomb", "viscous", "load"))
+    return with_load(waveforms, phasors, M, *own)
+
+
 def fit_model(
     phasors: Phasors,
     prior: InertiaPrior,
@@ -59,13 +78,15 @@ def fit_model(
     Raises JointIdError when the model does not fit, or its parameters have left the range of numbers.
     """
     waveforms = waveforms or model_waveforms(phasors, model)
+    if not isinstance(start, Parameters):
+        start = ParameterLayout.of(phasors.n).named(start)
 
-    def fitted(start: Floats | Parameters) -> LikelihoodEstimate:
+    def fitted(start: Parameters) -> LikelihoodEstimate:
         return maximum_likelihood(
             phasors,
             prior,
             start,
-            friction=waveforms,
+            friction=loaded(waveforms, model.effects, phasors, prior, start),
             delay=model.delay,
             effects=model.effects,
             noise=noise,
@@ -76,13 +97,14 @@ def fit_model(
             estimate = fitted(start)
             if not np.isfinite(estimate.cost):  # a gear in motion that runs away from some starts only
                 raise np.linalg.LinAlgError("not finite")
-            if waveforms is None or "position_filter" not in model.effects or phasors.motion.any():
+            if waveforms is None:
                 return estimate
-            found = estimate.named["position_filter"]
-            if np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):
-                return estimate
-            waveforms = model_waveforms(phasors, model, estimate.named)
-            return fitted(estimate.named)
+            same = "load" not in model.effects
+            if "position_filter" in model.effects and not phasors.motion.any():
+                found = estimate.named["position_filter"]
+                if not np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):
+                    waveforms, same = model_waveforms(phasors, model, estimate.named), False
+            return estimate if same else fitted(estimate.named)
     except np.linalg.LinAlgError as error:
         raise JointIdError(
             "The model does not fit: its parameters exceed the numerical range."
@@ -102,6 +124,7 @@ def evaluated(
     Raises JointIdError when the deflection of gears in motions is not found again.
     """
     waveforms = model_waveforms(phasors, model, estimate.named)
+    waveforms = loaded(waveforms, model.effects, phasors, prior, estimate.named)
     problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
     problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
     found = WhitenedResidual.of(problem, estimate.p, scale)
@@ -123,6 +146,7 @@ def stepped(
 ) -> tuple[Floats, float]:
     """Parameters and misfit of a model one step from the estimate of a similar one."""
     waveforms = waveforms or model_waveforms(phasors, model, estimate.named)
+    waveforms = loaded(waveforms, model.effects, phasors, prior, estimate.named)
     layout = fitted_layout(prior, waveforms, model.delay, model.effects)
     problem = make_problem(phasors, prior, layout, estimate.named.K, waveforms, noise)
     p = problem.start(estimate.named)

@@ -33,15 +33,15 @@ which a joint counts as stationary: its friction at rest is unknown and its torq
 
 def segment_friction(
     segment: Segment, window: float, widths: Floats
-) -> tuple[Complexes, Complexes, Waveforms, np.ndarray]:
+) -> tuple[Complexes, Complexes, Floats, Waveforms, np.ndarray]:
     """Transforms of the friction waveforms of a segment.
 
     Friction is unknown around a reversal where |θ̇| is below the share ``window`` of its largest, or
     within the errors of its noise and smoothing: the motor may stick there. ``widths``, shape (n, c),
     are decay velocities w of a friction curve, rad/s. Returns the transforms of sign θ̇, shape (H, n),
-    and of sign θ̇ · exp(−|θ̇|/w), shape (H, n, c); polynomials over the stretches with unknown friction,
-    those of the shorter ones bounded; and whether a joint's motion is within its noise, but for short
-    moves, shape (n,).
+    and of sign θ̇ · exp(−|θ̇|/w), shape (H, n, c); sign θ̇ at the samples, (n, N); polynomials over the
+    stretches with unknown friction, those of the shorter ones bounded; and whether a joint's motion is
+    within its noise, but for short moves, shape (n,).
     """
     v = segment.velocity
     blur, largest = _MARGIN * segment.velocity_noise, np.abs(v).max(axis=1)
@@ -78,21 +78,22 @@ def _unknown(segment: Segment, thresholds: Floats, blur: Floats) -> Waveforms:
 
 def _of_signs(
     segment: Segment, blur: Floats, late: Floats, widths: Floats
-) -> tuple[Complexes, Complexes]:
-    """Coulomb friction (H, n) and its curve (H, n, c) by the signs of the velocities beyond ``blur``."""
+) -> tuple[Complexes, Complexes, Floats]:
+    """Coulomb friction (H, n), its curve (H, n, c) and sign (n, N) by the velocities beyond ``blur``."""
     v, H = segment.velocity, segment.highest
     n, N = v.shape
     latest = segment.velocity_blur_s * np.ones(n) / segment.interval_s
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
+    direction = np.zeros((n, N))
     for j in np.flatnonzero(np.isfinite(blur)).tolist():
         turns, signs = reversals(v[j], blur[j], late[j], latest[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
+        direction[j] = signs[np.searchsorted(turns, np.arange(N))]
         if widths.size:
-            fades = np.expm1(-np.abs(v[j]) / widths[j][:, None])
-            fades *= signs[np.searchsorted(turns, np.arange(N))]
+            fades = np.expm1(-np.abs(v[j]) / widths[j][:, None]) * direction[j]
             curve[:, j] = coulomb[:, j, None] + bins_of(fades, H).T
     inside = (np.arange(1, H + 1) >= segment.lowest)[:, None]
-    return coulomb * inside, curve * inside[..., None]
+    return coulomb * inside, curve * inside[..., None], direction
 
 
 def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Floats, Floats]:

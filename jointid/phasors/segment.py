@@ -53,6 +53,20 @@ class Segment:
         """Smoothed velocities of the motors, shape (n, N), rad/s."""
         return self.whole[:, self.begin : self.end]
 
+    def gear_torque(self, M: Floats, viscous: Floats) -> Floats:
+        """Torque through the gears and Coulomb friction, shape (n, N), N·m; M and viscous (n,)."""
+        used, v = slice(self.begin, self.end), self.velocity
+        # Held torques are on average those of the samples before and after.
+        torque = 0.5 * (self.torque + np.roll(self.torque, 1, axis=1)) if self.held else self.torque
+        inertial = M[:, None] * np.gradient(v, self.interval_s, axis=1)
+        return np.asarray(torque[:, used] - inertial - viscous[:, None] * v)
+
+    def torque_at_reversals(self, M: Floats, viscous: Floats) -> Floats:
+        """Root mean square of that torque where the motors turn back, shape (n,), N·m."""
+        turns = np.diff(np.sign(self.velocity), axis=1) != 0
+        squares = (turns * self.gear_torque(M, viscous)[:, 1:] ** 2).sum(axis=1)
+        return np.asarray(np.sqrt(squares / np.maximum(turns.sum(axis=1), 1)))
+
     @property
     def samples(self) -> int:
         """Number of samples N."""
