@@ -18,7 +18,7 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
-from jointid.estimation.model_fits import evaluated, fit_model, stepped
+from jointid.estimation.model_fits import evaluated, fit_model, motors_of, stepped
 from jointid.estimation.model_selection import choose_model
 from jointid.estimation.motion_start import motion_start
 from jointid.joints import Inertia
@@ -236,8 +236,7 @@ def _with_noise(
     left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
     torques = sensor_noise(phasors, left, residual.at.E)
     usual: Floats = np.mean([*torques.values()], axis=0)
-    p, none = estimate.named, np.zeros(phasors.n)
-    coulomb, viscous, load = (p.effect(name) + none for name in ("coulomb", "viscous", "load"))
+    motors = motors_of(prior, estimate.named)
     phasors, prior = of or (phasors, prior)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
     for row, segment in enumerate(phasors.segments):
@@ -247,9 +246,8 @@ def _with_noise(
             torque = np.clip(torque, least, np.maximum(most, least))
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
-            M = prior.M[prior.rotor[row]]
-            braked = np.maximum(coulomb + load * segment.torque_at_reversals(M, viscous), 0)
-            late = braked / M * segment.velocity_blur_s
+            braked = np.maximum(segment.friction_at_reversals(motors), 0)
+            late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=braked)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 

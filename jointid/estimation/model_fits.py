@@ -19,6 +19,7 @@ from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.motion.end_terms import motor_motion
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms, with_load
 from jointid.phasors.extract import Phasors
+from jointid.phasors.segment import Motors
 
 _SAME_FILTER = 0.02
 """Relative difference between time constants below which friction keeps its waveforms. Beyond it they
@@ -60,9 +61,15 @@ def loaded(
     """
     if waveforms is None or "load" not in parts:
         return waveforms
+    return with_load(waveforms, phasors, motors_of(prior, p))
+
+
+def motors_of(prior: InertiaPrior, p: Parameters) -> Motors:
+    """Parameters of the motors, with the mean of several rotor inertias."""
     M = (p["M"] if "M" in p.layout else prior.M).mean(axis=0)
-    own = (np.broadcast_to(p.effect(name), M.shape) for name in ("coulomb", "viscous", "load"))
-    return with_load(waveforms, phasors, M, *own)
+    names = "coulomb", "viscous", "load"
+    own = (np.broadcast_to(p.effect(name), M.shape) for name in names)
+    return Motors(M, *own, np.broadcast_to(p.delay + p.effect("lag"), M.shape))
 
 
 def fit_model(

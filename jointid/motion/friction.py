@@ -18,6 +18,7 @@ from jointid.motion.free_friction import FreeFriction
 from jointid.motion.reversals import segment_friction
 from jointid.phasors.extract import Phasors
 from jointid.phasors.periods import phasors_of, samples_of, waves
+from jointid.phasors.segment import Motors
 
 _HATS_PER_HARMONIC = 3
 """Hat functions per period for each harmonic: finer than the harmonics resolve."""
@@ -134,35 +135,29 @@ def friction_waveforms(
     return FrictionWaveforms(coulomb, fading, unknown, none_bounded, stationary, list(signs))
 
 
-def with_load(
-    friction: FrictionWaveforms,
-    phasors: Phasors,
-    M: Floats,
-    coulomb: Floats,
-    viscous: Floats,
-    share: Floats,
-) -> FrictionWaveforms:
+def with_load(friction: FrictionWaveforms, phasors: Phasors, motors: Motors) -> FrictionWaveforms:
     """Waveforms with that of friction which is a share of the torque through the gear.
 
-    That torque is what the balance at the motor leaves beside the inertia M, friction, and the ``share``
-    of itself that is friction, each (n,). The mean of a sine's is unknown and left out.
+    That torque is what the balance at the motors leaves. The mean of a sine's is unknown and left out.
     """
     if friction.position_filter.any():
         phasors = _unfiltered(phasors, friction.position_filter)
     n, H = phasors.n, phasors.harmonics.shape[1]
     s = 1j * phasors.omega[:, None, None] * np.arange(1, H + 1)[:, None]
     angle, torque = phasors.harmonics[..., :n], phasors.harmonics[..., n:]
-    seen = _seen(phasors)
-    left = (torque - s * (s * M + viscous) * angle - coulomb * friction.coulomb) * seen
+    left = torque * np.exp(-s * motors.lag_s) - s * (s * motors.M + motors.viscous) * angle
+    left, seen = left - motors.coulomb * friction.coulomb, _seen(phasors)
     found = np.zeros_like(friction.coulomb)
     for row, direction in enumerate(friction.direction):
-        segment = phasors.segments[row] if phasors.motion[row] else None
+        segment, bins = phasors.segments[row] if phasors.motion[row] else None, H
         if segment is None:
-            gear = samples_of(left[row].T, direction.shape[1])
+
+            def clear(torque: Floats, seen: np.ndarray = seen[row].T) -> Floats:
+                return samples_of(phasors_of(torque, H) * seen, torque.shape[1])
+
+            gear = motors.passed(samples_of(left[row].T, direction.shape[1]), direction, clear)
         else:
-            gear = segment.gear_torque(M, viscous) - coulomb[:, None] * direction
-        gear /= 1 + share[:, None] * direction * np.sign(gear)
-        bins = H if segment is None else segment.highest
+            gear, bins = segment.gear_torque(motors, direction), segment.highest
         found[row, :bins] = phasors_of(np.abs(gear) * direction, bins).T
     return replace(friction, load=found * np.any(phasors.harmonics != 0, axis=2)[..., None])
 
