@@ -147,19 +147,22 @@ def _polynomials(stretches: np.ndarray, N: int, H: int, most: int) -> tuple[Comp
     is_free[longest[np.cumsum(count[longest]) <= most]] = True
     late = np.exp(-2j * np.pi * bins * middle / N) * (2j / N)
     free, bounded = [np.zeros((H, 0), complex)], [np.zeros((H, 0), complex)]
-    for steps in np.unique(length).tolist():  # stretches of equal length share their functions
-        equal = length == steps
-        resolved = count[equal][0]
-        degree = np.arange(resolved + _FURTHER)
-        phase = np.pi * steps / N * bins
-        x, weighted = _quadrature((degree.size + _MORE).bit_length())
-        shapes = 0.5 * steps * np.exp(-1j * phase * x) @ weighted[:, : degree.size]
-        std = np.sqrt(np.where(degree, 1 / (2 * degree - 1) + 1 / (2 * degree + 3), 1 / 3))
-        for each in np.flatnonzero(equal).tolist():
-            own, first = late[:, each, None] * shapes, resolved * is_free[each]
-            free.append(own[:, :first])
-            bounded.append(std[first:] * own[:, first:])
+    for each, (steps, resolved) in enumerate(zip(length.tolist(), count.tolist(), strict=True)):
+        shapes, std = _shapes(steps, resolved + _FURTHER, N, H)
+        own, first = late[:, each, None] * shapes, resolved * is_free[each]
+        free.append(own[:, :first])
+        bounded.append(std[first:] * own[:, first:])
     return np.concatenate(free, axis=1), np.concatenate(bounded, axis=1)
+
+
+@lru_cache(maxsize=512)  # segments and their fits share them
+def _shapes(steps: int, degrees: int, N: int, H: int) -> tuple[Complexes, Floats]:
+    """Transforms (H, d) of polynomials on a stretch about time 0, and their standard deviations (d,)."""
+    degree = np.arange(degrees)
+    phase = np.pi * steps / N * np.arange(1, H + 1)[:, None]
+    x, weighted = _quadrature((degrees + _MORE).bit_length())
+    std = np.sqrt(np.where(degree, 1 / (2 * degree - 1) + 1 / (2 * degree + 3), 1 / 3))
+    return 0.5 * steps * np.exp(-1j * phase * x) @ weighted[:, :degrees], std
 
 
 @lru_cache
