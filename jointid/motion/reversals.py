@@ -6,6 +6,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.motion.complement import Waveforms
+from jointid.phasors.periods import waves_at
 from jointid.phasors.segment import Segment, bins_of
 
 _RESOLVED = 0.5
@@ -48,30 +49,26 @@ def segment_friction(
     stationary = (blur > _STATIONARY * largest) | (largest == 0)
     stationary |= np.mean(np.abs(v) <= blur[:, None], axis=1) > _STILL
     late: Floats = segment.turn_rad_s * np.ones(len(v))
-    slow, signs = (window, late.tobytes()), (widths.tobytes(), late.tobytes())
-    if slow not in segment.known:
-        # Smoothing hides where a motor comes to rest; the stretches hold whole samples anyway.
-        by_sampling = 2 / np.pi**2 * segment.interval_s
-        least = blur + late * np.maximum(1 - by_sampling / segment.velocity_blur_s, 0.0)
-        thresholds = np.where(stationary, np.inf, np.maximum(window * largest, least))
-        segment.known[slow] = _unknown(segment, thresholds, least)
+    # Smoothing hides where a motor comes to rest; the stretches hold whole samples anyway.
+    by_sampling = 2 / np.pi**2 * segment.interval_s
+    least = blur + late * np.maximum(1 - by_sampling / segment.velocity_blur_s, 0.0)
+    thresholds = np.maximum(window * largest, least)
+    slow = [_stretches(*each) for each in zip(v, thresholds, least, strict=True)]
+    known = *(each.tobytes() for each in slow), stationary.tobytes()
+    if known not in segment.known:
+        segment.known[known] = _unknown(segment, slow, ~stationary)
+    signs = widths.tobytes(), late.tobytes()
     if signs not in segment.known:
         segment.known[signs] = _of_signs(segment, np.where(stationary, np.inf, blur), late, widths)
-    return (*segment.known[signs], segment.known[slow], stationary)
+    return (*segment.known[signs], segment.known[known], stationary)
 
 
-def _unknown(segment: Segment, thresholds: Floats, blur: Floats) -> Waveforms:
-    """Friction that is unknown at velocities within thresholds (n,); infinite of a motor that rests."""
-    H, v = segment.highest, segment.velocity
+def _unknown(segment: Segment, slow: list[np.ndarray], moves: np.ndarray) -> Waveforms:
+    """Friction that is unknown in the slow stretches of every joint that moves."""
+    N, H = segment.samples, segment.highest
     inside = np.arange(1, H + 1) >= segment.lowest
-    moves = np.isfinite(thresholds)
     most = int(2 * _MOST * np.count_nonzero(inside))
-    parts = [
-        _polynomials(_stretches(v[j], thresholds[j], blur[j]), v.shape[1], H, most)
-        if moves[j]
-        else (np.zeros((H, 0), complex),) * 2
-        for j in range(len(v))
-    ]
+    parts = [_polynomials(own[: own.size * moves[j]], N, H, most) for j, own in enumerate(slow)]
     free, bounded = zip(*((a * inside[:, None], b * inside[:, None]) for a, b in parts), strict=True)
     return Waveforms(free, bounded, inside[:, None] & moves)
 
@@ -116,7 +113,7 @@ def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Float
 def _of_steps(turns: Floats, signs: Floats, N: int, H: int) -> Complexes:
     """Phasors (H,) of a square wave over N steps that changes its sign at some samples."""
     k = 2j * np.pi * np.arange(1, H + 1) / N
-    found = signs[0] - signs[-1] + np.exp(-np.outer(k, turns)) @ np.diff(signs)
+    found = signs[0] - signs[-1] + waves_at(turns / N, H) @ np.diff(signs)
     return np.asarray(found / k * (2j / N))
 
 
@@ -139,13 +136,12 @@ def _polynomials(stretches: np.ndarray, N: int, H: int, most: int) -> tuple[Comp
     of shorter stretches and of the next degrees, has the standard deviation of a unit that changes its
     sign anywhere.
     """
-    bins = np.arange(1, H + 1)[:, None]
     length, middle = np.diff(stretches, axis=1)[:, 0], stretches.mean(axis=1)
     count = np.ceil(np.pi * length / N * H + _RESOLVED).astype(int)
     longest = np.argsort(-length)
     is_free = count > _RESTS
     is_free[longest[np.cumsum(count[longest]) <= most]] = True
-    late = np.exp(-2j * np.pi * bins * middle / N) * (2j / N)
+    late = waves_at(middle / N, H) * (2j / N)
     free, bounded = [np.zeros((H, 0), complex)], [np.zeros((H, 0), complex)]
     for each, (steps, resolved) in enumerate(zip(length.tolist(), count.tolist(), strict=True)):
         shapes, std = _shapes(steps, resolved + _FURTHER, N, H)
@@ -159,10 +155,9 @@ def _polynomials(stretches: np.ndarray, N: int, H: int, most: int) -> tuple[Comp
 def _shapes(steps: int, degrees: int, N: int, H: int) -> tuple[Complexes, Floats]:
     """Transforms (H, d) of polynomials on a stretch about time 0, and their standard deviations (d,)."""
     degree = np.arange(degrees)
-    phase = np.pi * steps / N * np.arange(1, H + 1)[:, None]
     x, weighted = _quadrature((degrees + _MORE).bit_length())
     std = np.sqrt(np.where(degree, 1 / (2 * degree - 1) + 1 / (2 * degree + 3), 1 / 3))
-    return 0.5 * steps * np.exp(-1j * phase * x) @ weighted[:, :degrees], std
+    return 0.5 * steps * waves_at(0.5 * steps / N * x, H) @ weighted[:, :degrees], std
 
 
 @lru_cache
