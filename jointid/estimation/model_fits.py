@@ -67,9 +67,11 @@ def loaded(
 def motors_of(prior: InertiaPrior, p: Parameters) -> Motors:
     """Parameters of the motors, with the mean of several rotor inertias."""
     M = (p["M"] if "M" in p.layout else prior.M).mean(axis=0)
-    names = "coulomb", "viscous", "load"
-    own = (np.broadcast_to(p.effect(name), M.shape) for name in names)
-    return Motors(M, *own, np.broadcast_to(p.delay + p.effect("lag"), M.shape))
+    coulomb, viscous, load, lag = (
+        np.asarray(np.broadcast_to(value, M.shape))
+        for value in (*map(p.effect, ("coulomb", "viscous", "load")), p.delay + p.effect("lag"))
+    )
+    return Motors(np.asarray(M), coulomb, viscous, load, lag)
 
 
 def fit_model(

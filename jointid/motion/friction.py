@@ -168,7 +168,7 @@ def _seen(phasors: Phasors) -> np.ndarray:
     variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
     seen = np.abs(phasors.harmonics[..., :n]) ** 2 > _SEEN * variance
     seen[:, 0] = True
-    return seen
+    return np.asarray(seen)
 
 
 def _unfiltered(phasors: Phasors, position_filter: Floats) -> Phasors:

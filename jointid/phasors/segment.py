@@ -107,7 +107,8 @@ class Segment:
         direction = np.sign(self.velocity)
         turns = np.diff(direction, axis=1) != 0
         squares = (turns * self.gear_torque(motors, direction)[:, 1:] ** 2).sum(axis=1)
-        return motors.coulomb + motors.load * np.sqrt(squares / np.maximum(turns.sum(axis=1), 1))
+        at_turns = np.sqrt(squares / np.maximum(turns.sum(axis=1), 1))
+        return np.asarray(motors.coulomb + motors.load * at_turns)
 
     @property
     def samples(self) -> int:
