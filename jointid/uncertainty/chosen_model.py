@@ -76,7 +76,7 @@ def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:
         curve=chosen is not None and chosen.curve,
         position_filter=p["position_filter"] if "position_filter" in p.layout else None,
     )
-    return loaded(waveforms, chosen.parts if chosen else (), phasors, fit.prior, p)
+    return loaded(waveforms, chosen.parts if chosen else (), phasors, fit.prior, p) or waveforms
 
 
 def inertia_of_each(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Inertia]:
