@@ -333,7 +333,7 @@ class _Nonlinear:
         self.hysteresis, self.hysteresis_rad = every("hysteresis_Nm"), every("hysteresis_rad")
         self.arm_rubs = bool(self.arm_coulomb.any())
         self.arm_smoothing = robots[0].arm_smoothing_rad_s
-        self.K, self.M = every("K"), every("M")
+        self.K, self.D, self.M = every("K"), every("D"), every("M")
         self.torque_corner = 2 * np.pi * every("torque_filter_hz")
         self.filters = bool(self.torque_corner.any())
         first, second = every("knee_rad"), every("second_knee_rad")
@@ -391,7 +391,8 @@ class _Nonlinear:
 
     def _gear(self, x: Array) -> Array:
         at = self.plants.at
-        return self.K * (x[:, at["theta"]] - x[:, at["arm"]])
+        elastic = self.K * (x[:, at["theta"]] - x[:, at["arm"]])
+        return elastic + self.D * (x[:, at["omega"]] - x[:, at["arm_omega"]])
 
     def _drive(self, x: Array) -> Array:
         """Torque on the motors without set-valued friction."""

@@ -197,23 +197,24 @@ _BATCH = 20
 def cells(realisations: int, wanted: Sequence[str] = ()) -> Table:
     """The two-axis cell, two records of 20 s at 1 kHz: consistent intervals hold 95 % of the truth.
 
-    ``wanted`` are names of frictions, motions and knowledge of the inertias; of each all by default.
+    ``wanted`` are names of frictions, motions and knowledge of the inertias; of each all by default. The
+    realisations of a row take turns in what is known of the inertias.
     """
     axes = FRICTION, ("sweep", "random"), PRIORS
     frictions, kinds, priors = ([x for x in axis if x in wanted] or list(axis) for axis in axes)
     rows = []
     for name, kind in product(frictions, kinds):
         robot = replace(CELL, **FRICTION[name])
-        outcomes: dict[str, list[Outcome | None]] = {known: [] for known in priors}
-        draws = {known: np.random.default_rng(5) for known in priors}
+        found: list[Outcome | None] = []
+        draws = np.random.default_rng(5)
         for first in range(0, realisations, _BATCH):
             seeds = range(first, min(first + _BATCH, realisations))
-            for records in simulate([(robot, Motion(kind, seed=seed)) for seed in seeds]):
-                for known, found in outcomes.items():
-                    found.append(_outcome(robot, records, PRIORS[known], draws[known]))
-        for known, found in outcomes.items():
-            rows.append({"motion": kind, "friction": name, "inertias": known, **_row(robot, found)})
-            print(rows[-1], flush=True)
+            logs = simulate([(robot, Motion(kind, seed=seed)) for seed in seeds])
+            for seed, records in zip(seeds, logs, strict=True):
+                found.append(_outcome(robot, records, PRIORS[priors[seed % len(priors)]], draws))
+        known = ", ".join(priors)
+        rows.append({"motion": kind, "friction": name, "inertias": known, **_row(robot, found)})
+        print(rows[-1], flush=True)
     title = f"Two records of 20 s at 1 kHz, {realisations} realisations"
     return Table("motion", title, _columns("friction", "inertias"), tuple(rows))
 

@@ -268,7 +268,7 @@ STICKING = {
     "smoothed below 0.05 rad/s": Case(change=rubbing(0.5, smoothing_rad_s=0.05)),
     "Stribeck": Case(change=rubbing(0.4, stribeck=0.4, stribeck_rad_s=0.3)),
     "asymmetric": Case(change=rubbing(0.5, asymmetry=0.2)),
-    "load-dependent": Case(change=rubbing(0.4, load=0.02)),
+    "load-dependent": Case(change=rubbing(0.4, load=0.1)),
     "presliding (Dahl)": Case(change=rubbing(0.5, presliding_rad=1e-3)),
     "presliding (LuGre)": Case(
         change=rubbing(0.4, stribeck=0.3, presliding_rad=1e-3, bristle_damping=0.2)

@@ -73,7 +73,8 @@ class Model:
     def without(self, part: str) -> Model:
         """The model with one part less."""
         if part == "friction":
-            return replace(self, reversal=None, curve=False)
+            rest = tuple(e for e in self.effects if e != "load")
+            return replace(self, reversal=None, curve=False, effects=rest)
         if part == "delay":
             return replace(self, delay=False)
         return replace(self, effects=tuple(e for e in self.effects if e != part))
@@ -246,6 +247,8 @@ class Fits:
 
         Free friction absorbs many small effects that are not friction; this rejects them.
         """
+        if part == "friction" and "load" in model.effects:  # which is judged
+            return True
         own = max(1.0, estimate.misfit)
         place = estimate.layout.of_part(part)
         size = estimate.p[place]

@@ -18,13 +18,14 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
-from jointid.estimation.model_fits import evaluated, fit_model, stepped
+from jointid.estimation.model_fits import evaluated, fit_model, motors_of, stepped
 from jointid.estimation.model_selection import choose_model
 from jointid.estimation.motion_start import motion_start
 from jointid.joints import Inertia
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.extract import Phasors, extract_phasors
+from jointid.phasors.segment import Motors
 from jointid.records import MotionRecord, SineRecord, require_torques
 from jointid.small_matrices import one_thread
 
@@ -148,8 +149,8 @@ def _identified(
             for segment, covariance in zip(again.segments, again.harmonic_covariance, strict=True)
             if segment is not None
         }
-        braked = next(segment.unknown_Nm for segment in again.segments if segment is not None)
-        phasors, prior = _with_torque_noise(*whole, torques, braked), whole[1]
+        prior = whole[1]
+        phasors = _with_torque_noise(*whole, torques, motors_of(prior, estimate.named))
         phasors = _with_noise(phasors, prior, choice.model, estimate)  # of every record
         given_noise = _noise(phasors, prior)
         estimate = fit_model(phasors, prior, estimate.named, given_noise, choice.model, is_near=True)
@@ -238,16 +239,15 @@ def _with_noise(
     by_noise = 1 - np.divide(spread, whole, out=np.zeros(left.shape), where=spread > 0)
     left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
     torques = sensor_noise(phasors, left, residual.at.E)
-    braked = np.zeros(phasors.n) if model.reversal is None else np.maximum(estimate.named["coulomb"], 0)
-    return _with_torque_noise(phasors, prior, torques, braked)
+    return _with_torque_noise(phasors, prior, torques, motors_of(prior, estimate.named))
 
 
 def _with_torque_noise(
-    phasors: Phasors, prior: InertiaPrior, torques: dict[int, Floats], braked: Floats | float
+    phasors: Phasors, prior: InertiaPrior, torques: dict[int, Floats], motors: Motors
 ) -> Phasors:
     """Phasors with the noise of the torques of each motion record, the usual one of those not given.
 
-    ``torques`` are variances (n,), ``braked`` the Coulomb friction of the motors, (n,).
+    ``torques`` are variances (n,).
     """
     usual: Floats = np.mean([*torques.values()], axis=0)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
@@ -258,6 +258,7 @@ def _with_torque_noise(
             torque = np.clip(torque, least, np.maximum(most, least))
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
+            braked = np.maximum(segment.friction_at_reversals(motors), 0)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=braked)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))

@@ -1,5 +1,6 @@
 """Fit of one candidate model: its friction waveforms, its estimate and its residual."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +12,14 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import one_step
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import Parameters
+from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import with_law_noise
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.motion.end_terms import motor_motion
-from jointid.motion.friction import FrictionWaveforms, friction_waveforms
+from jointid.motion.friction import FrictionWaveforms, friction_waveforms, with_load
 from jointid.phasors.extract import Phasors
+from jointid.phasors.segment import Motors
 
 _SAME_FILTER = 0.02
 """Relative difference between time constants below which friction keeps its waveforms. Beyond it they
@@ -46,6 +48,32 @@ def model_waveforms(
     )
 
 
+def loaded(
+    waveforms: FrictionWaveforms | None,
+    parts: Sequence[str],
+    phasors: Phasors,
+    prior: InertiaPrior,
+    p: Parameters,
+) -> FrictionWaveforms | None:
+    """Friction waveforms with that of friction by load, at the gear torque of some parameters.
+
+    Unchanged where it is none of the parts.
+    """
+    if waveforms is None or "load" not in parts:
+        return waveforms
+    return with_load(waveforms, phasors, motors_of(prior, p))
+
+
+def motors_of(prior: InertiaPrior, p: Parameters) -> Motors:
+    """Parameters of the motors, with the mean of several rotor inertias."""
+    M = (p["M"] if "M" in p.layout else prior.M).mean(axis=0)
+    coulomb, viscous, load, lag = (
+        np.asarray(np.broadcast_to(value, M.shape))
+        for value in (*map(p.effect, ("coulomb", "viscous", "load")), p.delay + p.effect("lag"))
+    )
+    return Motors(np.asarray(M), coulomb, viscous, load, lag)
+
+
 def fit_model(
     phasors: Phasors,
     prior: InertiaPrior,
@@ -61,13 +89,15 @@ def fit_model(
     Raises JointIdError when the model does not fit, or its parameters have left the range of numbers.
     """
     waveforms = waveforms or model_waveforms(phasors, model)
+    if not isinstance(start, Parameters):
+        start = ParameterLayout.of(phasors.n).named(start)
 
-    def fitted(start: Floats | Parameters) -> LikelihoodEstimate:
+    def fitted(start: Parameters) -> LikelihoodEstimate:
         return maximum_likelihood(
             phasors,
             prior,
             start,
-            friction=waveforms,
+            friction=loaded(waveforms, model.effects, phasors, prior, start),
             delay=model.delay,
             effects=model.effects,
             noise=noise,
@@ -79,13 +109,14 @@ def fit_model(
             estimate = fitted(start)
             if not np.isfinite(estimate.cost):  # a gear in motion that runs away from some starts only
                 raise np.linalg.LinAlgError("not finite")
-            if waveforms is None or "position_filter" not in model.effects or phasors.motion.any():
+            if waveforms is None:
                 return estimate
-            found = estimate.named["position_filter"]
-            if np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):
-                return estimate
-            waveforms = model_waveforms(phasors, model, estimate.named)
-            return fitted(estimate.named)
+            same = "load" not in model.effects
+            if "position_filter" in model.effects and not phasors.motion.any():
+                found = estimate.named["position_filter"]
+                if not np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):
+                    waveforms, same = model_waveforms(phasors, model, estimate.named), False
+            return estimate if same else fitted(estimate.named)
     except np.linalg.LinAlgError as error:
         raise JointIdError(
             "The model does not fit: its parameters exceed the numerical range."
@@ -105,6 +136,7 @@ def evaluated(
     Raises JointIdError when the deflection of gears in motions is not found again.
     """
     waveforms = model_waveforms(phasors, model, estimate.named)
+    waveforms = loaded(waveforms, model.effects, phasors, prior, estimate.named)
     problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
     problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
     found = WhitenedResidual.of(problem, estimate.p, scale)
@@ -126,6 +158,7 @@ def stepped(
 ) -> tuple[Floats, float]:
     """Parameters and misfit of a model one step from the estimate of a similar one."""
     waveforms = waveforms or model_waveforms(phasors, model, estimate.named)
+    waveforms = loaded(waveforms, model.effects, phasors, prior, estimate.named)
     layout = fitted_layout(prior, waveforms, model.delay, model.effects)
     problem = make_problem(phasors, prior, layout, estimate.named.K, waveforms, noise)
     p = problem.start(estimate.named)

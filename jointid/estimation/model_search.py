@@ -12,7 +12,7 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.score_tests import Score, scores
-from jointid.estimation.model_fits import filters_before_friction, fit_model, model_waveforms
+from jointid.estimation.model_fits import filters_before_friction, fit_model, loaded, model_waveforms
 from jointid.estimation.start_values import other_laws, with_delay, without_inertias
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
@@ -163,11 +163,14 @@ class Search:
         found = self.fits.estimate(model)
         full = len(model.effects) >= MOST_EFFECTS
         absent = [p for p in self.fits.optional if p not in model.parts and not (full and p in EFFECTS)]
+        if model.reversal is None:  # Coulomb friction imitates what grows with load
+            absent = [part for part in absent if part != "load"]
         if found is None or not absent:
             return {}
         if model not in self._scores or self._scores[model][0] is not found:
             rubbing = replace(model, reversal=0.0) if "friction" in absent else model
-            waveforms = self.waveforms(rubbing, found.named)
+            waveforms, parts = self.waveforms(rubbing, found.named), (*model.parts, *absent)
+            waveforms = loaded(waveforms, parts, self.phasors, self.prior, found.named)
             of_each = scores(self.phasors, self.prior, found, waveforms, self.noise, absent)
             self._scores[model] = found, of_each
         return self._scores[model][1]

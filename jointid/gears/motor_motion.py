@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from jointid.arrays import Complexes, Floats
+from jointid.phasors.periods import waves_at
 from jointid.phasors.segment import Segment
 
 _STEPS, _STEPS_OF_LOOPS = 16.0, 24.0
@@ -70,9 +71,8 @@ class MotorMotion:
             for row, each in members:
                 first, last = np.searchsorted(grid, np.array([each.begin, each.end]) * T).tolist()
                 turn = (grid[first:last] - each.begin * T) / each.duration_s
-                waves = np.exp(-2j * np.pi * np.outer(turn, np.arange(1, each.highest + 1)))
-                waves *= 2j * step / each.duration_s
-                rows.append((row, slice(count + first, count + last), waves))
+                bins = waves_at(turn, each.highest).T * (2j * step / each.duration_s)
+                rows.append((row, slice(count + first, count + last), bins))
             count += grid.size
         if not rows:
             return None

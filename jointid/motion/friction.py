@@ -18,6 +18,7 @@ from jointid.motion.free_friction import FreeFriction
 from jointid.motion.reversals import segment_friction
 from jointid.phasors.extract import Phasors
 from jointid.phasors.periods import phasors_of, samples_of, waves
+from jointid.phasors.segment import Motors
 
 _HATS_PER_HARMONIC = 3
 """Hat functions per period for each harmonic: finer than the harmonics resolve."""
@@ -55,8 +56,12 @@ class FrictionWaveforms:
     stationary: np.ndarray
     """Whether the joint's motion is within its noise, shape (r, n): its friction is then unknown over
     the whole period, and its residual carries no information."""
+    direction: Sequence[Floats]
+    """Sign of θ̇ over every record, each (n, points)."""
     position_filter: Floats = field(default_factory=lambda: np.zeros(1))
     """Time constants of the position filters that are removed from the velocities, (n,), s."""
+    load: Complexes | None = None
+    """Of sign θ̇ times the size of the torque through the gear, shape (r, H, n); see ``with_load``."""
 
     @cached_property
     def spread(self) -> Floats:
@@ -98,8 +103,7 @@ def friction_waveforms(
     rate = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
     angle = phasors.harmonics[..., :n]
     variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
-    seen = np.abs(angle) ** 2 > _SEEN * variance
-    seen[:, 0] = True
+    seen = _seen(phasors)
     swing = (rate[..., None] * angle * seen).swapaxes(1, 2)
     velocity = samples_of(swing, _GRID) + phasors.drift[:, :, None]
     # What the other harmonics hold beyond their noise adds to that of those seen.
@@ -127,7 +131,44 @@ def friction_waveforms(
         fading[..., c] = phasors_of(fades, H).swapaxes(1, 2)
     equations = known[..., None] & ~stationary[:, None]
     unknown = [Waveforms(own, none, used) for own, used in zip(free, equations, strict=True)]
-    return FrictionWaveforms(coulomb, fading, unknown, np.zeros(stationary.shape), stationary)
+    none_bounded = np.zeros(stationary.shape)
+    return FrictionWaveforms(coulomb, fading, unknown, none_bounded, stationary, list(signs))
+
+
+def with_load(friction: FrictionWaveforms, phasors: Phasors, motors: Motors) -> FrictionWaveforms:
+    """Waveforms with that of friction which is a share of the torque through the gear.
+
+    That torque is what the balance at the motors leaves. The mean of a sine's is unknown and left out.
+    """
+    if friction.position_filter.any():
+        phasors = _unfiltered(phasors, friction.position_filter)
+    n, H = phasors.n, phasors.harmonics.shape[1]
+    s = 1j * phasors.omega[:, None, None] * np.arange(1, H + 1)[:, None]
+    angle, torque = phasors.harmonics[..., :n], phasors.harmonics[..., n:]
+    left = torque * np.exp(-s * motors.lag_s) - s * (s * motors.M + motors.viscous) * angle
+    left, seen = left - motors.coulomb * friction.coulomb, _seen(phasors)
+    found = np.zeros_like(friction.coulomb)
+    for row, direction in enumerate(friction.direction):
+        segment, bins = phasors.segments[row] if phasors.motion[row] else None, H
+        if segment is None:
+
+            def clear(torque: Floats, seen: np.ndarray = seen[row].T) -> Floats:
+                return samples_of(phasors_of(torque, H) * seen, torque.shape[1])
+
+            gear = motors.passed(samples_of(left[row].T, direction.shape[1]), direction, clear)
+        else:
+            gear, bins = segment.gear_torque(motors, direction), segment.highest
+        found[row, :bins] = phasors_of(np.abs(gear) * direction, bins).T
+    return replace(friction, load=found * np.any(phasors.harmonics != 0, axis=2)[..., None])
+
+
+def _seen(phasors: Phasors) -> np.ndarray:
+    """Which harmonics of the angles are above their noise, and all fundamentals, shape (r, H, n)."""
+    n = phasors.n
+    variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
+    seen = np.abs(phasors.harmonics[..., :n]) ** 2 > _SEEN * variance
+    seen[:, 0] = True
+    return np.asarray(seen)
 
 
 def _unfiltered(phasors: Phasors, position_filter: Floats) -> Phasors:
@@ -149,16 +190,18 @@ def _of_segments(phasors: Phasors, window: float | None, curve: bool) -> Frictio
     widths = np.outer(largest, _WIDTHS if curve else ())
     coulomb, fading = np.zeros((r, H, n), complex), np.zeros((r, H, n, widths.shape[1]), complex)
     stationary, sizes = np.zeros((r, n), bool), np.zeros((r, n))
-    unknown = np.empty(r, object)
+    unknown, direction = np.empty((2, r), object)
     if sines.size:
         own = friction_waveforms(phasors.select(sines), window, curve=curve)
         coulomb[sines], fading[sines], stationary[sines] = own.coulomb, own.curve, own.stationary
         unknown[sines] = own.unknown
+        for row, signs in zip(sines.tolist(), own.direction, strict=True):
+            direction[row] = signs
     for row, segment in segments.items():
         found, bins = segment_friction(segment, window, widths), slice(segment.highest)
-        coulomb[row, bins], fading[row, bins], unknown[row], stationary[row] = found
+        coulomb[row, bins], fading[row, bins], direction[row], unknown[row], stationary[row] = found
         sizes[row] = segment.unknown_Nm
-    return FrictionWaveforms(coulomb, fading, unknown.tolist(), sizes, stationary)
+    return FrictionWaveforms(coulomb, fading, unknown.tolist(), sizes, stationary, direction.tolist())
 
 
 def _freed(

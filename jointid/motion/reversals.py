@@ -7,6 +7,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.motion.complement import Waveforms
+from jointid.phasors.periods import waves_at
 from jointid.phasors.segment import Segment, bins_of
 
 _RESOLVED = 0.5
@@ -34,65 +35,68 @@ which a joint counts as stationary: its friction at rest is unknown and its torq
 
 def segment_friction(
     segment: Segment, window: float | None, widths: Floats
-) -> tuple[Complexes, Complexes, Waveforms, np.ndarray]:
+) -> tuple[Complexes, Complexes, Floats, Waveforms, np.ndarray]:
     """Transforms of the friction waveforms of a segment.
 
     Friction is unknown around a reversal where |θ̇| is below the share ``window`` of its largest, or
     within the errors of its noise and smoothing: the motor may stick there; with None it is known
     everywhere. ``widths``, shape (n, c), are decay velocities w of a friction curve, rad/s. Returns the
-    transforms of sign θ̇, shape (H, n), and of sign θ̇ · exp(−|θ̇|/w), shape (H, n, c); polynomials over
-    the stretches with unknown friction, those of the shorter ones bounded; and whether a joint's motion
-    is within its noise, but for short moves, shape (n,).
+    transforms of sign θ̇, shape (H, n), and of sign θ̇ · exp(−|θ̇|/w), shape (H, n, c); sign θ̇ at the
+    samples, (n, N); polynomials over the stretches with unknown friction, those of the shorter ones
+    bounded; and whether a joint's motion is within its noise, but for short moves, shape (n,).
     """
     v = segment.velocity
     blur, largest = _MARGIN * segment.velocity_noise, np.abs(v).max(axis=1)
     stationary = (blur > _STATIONARY * largest) | (largest == 0)
     stationary |= np.mean(np.abs(v) <= blur[:, None], axis=1) > _STILL
     late: Floats = segment.turn_rad_s * np.ones(len(v))
-    slow, signs = (window, late.tobytes()), (widths.tobytes(), late.tobytes())
     if window is None:
         none = [np.zeros((segment.highest, 0), complex)] * len(v)
-        segment.known[slow] = Waveforms(none, none, np.zeros((segment.highest, len(v)), bool))
-    elif slow not in segment.known:
+        unknown = Waveforms(none, none, np.zeros((segment.highest, len(v)), bool))
+    else:
         # Smoothing hides where a motor comes to rest; the stretches hold whole samples anyway.
         by_sampling = 2 / np.pi**2 * segment.interval_s
         least = blur + late * np.maximum(1 - by_sampling / segment.velocity_blur_s, 0.0)
-        thresholds = np.where(stationary, np.inf, np.maximum(window * largest, least))
-        segment.known[slow] = _unknown(segment, thresholds, least)
+        thresholds = np.maximum(window * largest, least)
+        slow = [_stretches(*each) for each in zip(v, thresholds, least, strict=True)]
+        known = *(each.tobytes() for each in slow), stationary.tobytes()
+        if known not in segment.known:
+            segment.known[known] = _unknown(segment, slow, ~stationary)
+        unknown = segment.known[known]
+    signs = widths.tobytes(), late.tobytes()
     if signs not in segment.known:
         segment.known[signs] = _of_signs(segment, np.where(stationary, np.inf, blur), late, widths)
-    return (*segment.known[signs], segment.known[slow], stationary)
+    return (*segment.known[signs], unknown, stationary)
 
 
-def _unknown(segment: Segment, thresholds: Floats, blur: Floats) -> Waveforms:
-    """Friction that is unknown at velocities within thresholds (n,); infinite of a motor that rests."""
-    H, v = segment.highest, segment.velocity
+def _unknown(segment: Segment, slow: list[np.ndarray], moves: np.ndarray) -> Waveforms:
+    """Friction that is unknown in the slow stretches of every joint that moves."""
+    H = segment.highest
     inside = np.arange(1, H + 1) >= segment.lowest
-    moves = np.isfinite(thresholds)
     most = int(2 * _MOST * np.count_nonzero(inside))
-    none = np.zeros((0, 2), int)  # of a motor that rests
-    slow = [_stretches(v[j], thresholds[j], blur[j]) if moves[j] else none for j in range(len(v))]
-    free, bounded = _polynomials(slow, v.shape[1], inside, most)
+    slow = [own[: own.size * moves[j]] for j, own in enumerate(slow)]
+    free, bounded = _polynomials(slow, segment.samples, inside, most)
     return Waveforms(free, bounded, inside[:, None] & moves)
 
 
 def _of_signs(
     segment: Segment, blur: Floats, late: Floats, widths: Floats
-) -> tuple[Complexes, Complexes]:
-    """Coulomb friction (H, n) and its curve (H, n, c) by the signs of the velocities beyond ``blur``."""
+) -> tuple[Complexes, Complexes, Floats]:
+    """Coulomb friction (H, n), its curve (H, n, c) and sign (n, N) by the velocities beyond ``blur``."""
     v, H = segment.velocity, segment.highest
     n, N = v.shape
     latest = segment.velocity_blur_s * np.ones(n) / segment.interval_s
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
+    direction = np.zeros((n, N))
     for j in np.flatnonzero(np.isfinite(blur)).tolist():
         turns, signs = reversals(v[j], blur[j], late[j], latest[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
+        direction[j] = signs[np.searchsorted(turns, np.arange(N))]
         if widths.size:
-            fades = np.expm1(-np.abs(v[j]) / widths[j][:, None])
-            fades *= signs[np.searchsorted(turns, np.arange(N))]
+            fades = np.expm1(-np.abs(v[j]) / widths[j][:, None]) * direction[j]
             curve[:, j] = coulomb[:, j, None] + bins_of(fades, H).T
     inside = (np.arange(1, H + 1) >= segment.lowest)[:, None]
-    return coulomb * inside, curve * inside[..., None]
+    return coulomb * inside, curve * inside[..., None], direction
 
 
 def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Floats, Floats]:
@@ -115,7 +119,7 @@ def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Float
 def _of_steps(turns: Floats, signs: Floats, N: int, H: int) -> Complexes:
     """Phasors (H,) of a square wave over N steps that changes its sign at some samples."""
     k = 2j * np.pi * np.arange(1, H + 1) / N
-    found = signs[0] - signs[-1] + np.exp(-np.outer(k, turns)) @ np.diff(signs)
+    found = signs[0] - signs[-1] + waves_at(turns / N, H) @ np.diff(signs)
     return np.asarray(found / k * (2j / N))
 
 

@@ -16,6 +16,12 @@ def waves(H: int, points: int) -> Complexes:
     return np.asarray(np.exp(2j * np.pi * np.outer(np.arange(1, H + 1), np.arange(points) / points)))
 
 
+def waves_at(turns: Floats, H: int) -> Complexes:
+    """e^{-2πihx} at turns x, (m,), of a period, (H, m): powers are far cheaper than exponentials."""
+    first = np.exp(-2j * np.pi * turns)
+    return np.asarray(np.cumprod(np.broadcast_to(first, (H, turns.size)), axis=0))
+
+
 @lru_cache(maxsize=8)
 def pairs(H: int, points: int) -> Floats:
     """Sines above cosines, (2H, t): the real synthesis matrix of phasors."""

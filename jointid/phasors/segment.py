@@ -1,11 +1,38 @@
 """A stretch of any motion, whose Fourier bins are phasors at the harmonics of its length."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.fft import dct, idct
 
 from jointid.arrays import Complexes, Floats
+
+_REFINED = 4
+"""Steps to the torque of a gear, each of which leaves the share of friction in it of the error."""
+
+
+class Motors(NamedTuple):
+    """Parameters of n motors, each of shape (n,)."""
+
+    M: Floats
+    coulomb: Floats
+    viscous: Floats
+    load: Floats
+    """Share of the torque through the gear that is friction."""
+    lag_s: Floats
+    """Delay of the torque."""
+
+    def passed(self, torque: Floats, direction: Floats, smooth: Callable[[Floats], Floats]) -> Floats:
+        """Torques through the gears from those with their part of the friction, both (n, N).
+
+        ``smooth`` leaves the harmonics that are known of both, of which the torque consists.
+        """
+        found = np.zeros_like(torque)
+        for _ in range(_REFINED):
+            found = smooth(torque - self.load[:, None] * np.abs(found) * direction)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +79,36 @@ class Segment:
     def velocity(self) -> Floats:
         """Smoothed velocities of the motors, shape (n, N), rad/s."""
         return self.whole[:, self.begin : self.end]
+
+    def gear_torque(self, motors: Motors, direction: Floats) -> Floats:
+        """Torque through the gears, shape (n, N), N·m, by the balance at motors moving in a direction.
+
+        Of frequencies in the band alone: beyond it the smoothed velocity lacks the jumps of friction.
+        """
+        places = np.arange(self.begin, self.end) - 0.5 * self.held  # the mean of two held torques
+        count, late = np.arange(self.torque.shape[1]), motors.lag_s / self.interval_s
+        left = np.stack(
+            [np.interp(places - own, count, tau) for own, tau in zip(late, self.torque, strict=True)]
+        )
+        left -= motors.M[:, None] * np.gradient(self.velocity, self.interval_s, axis=1)
+        left -= motors.viscous[:, None] * self.velocity + motors.coulomb[:, None] * direction
+
+        def in_band(torque: Floats) -> Floats:
+            lines = dct(torque, axis=1)
+            lines[:, 2 * self.highest :] = 0.0
+            return np.asarray(idct(lines, axis=1))
+
+        return motors.passed(left, direction, in_band)
+
+    def friction_at_reversals(self, motors: Motors) -> Floats:
+        """Coulomb friction and the root mean square of that by load there, shape (n,), N·m."""
+        if not motors.load.any():
+            return motors.coulomb
+        direction = np.sign(self.velocity)
+        turns = np.diff(direction, axis=1) != 0
+        squares = (turns * self.gear_torque(motors, direction)[:, 1:] ** 2).sum(axis=1)
+        at_turns = np.sqrt(squares / np.maximum(turns.sum(axis=1), 1))
+        return np.asarray(motors.coulomb + motors.load * at_turns)
 
     @property
     def samples(self) -> int:

@@ -12,6 +12,7 @@ from jointid.estimation.estimators.linear_fit import LINEAR, Estimate
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.parameters import EFFECTS
 from jointid.estimation.estimators.problem import Problem, make_problem
+from jointid.estimation.model_fits import loaded
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms
 from jointid.phasors.extract import Phasors
@@ -69,12 +70,13 @@ def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:
     """Friction waveforms of these phasors for the friction model of the fit."""
     chosen = next((c for c in fit.candidates if c.chosen), None)
     p = fit.parameters
-    return friction_waveforms(
+    waveforms = friction_waveforms(
         phasors,
         chosen.reversal if chosen else 0.0,
         curve=chosen is not None and chosen.curve,
         position_filter=p["position_filter"] if "position_filter" in p.layout else None,
     )
+    return loaded(waveforms, chosen.parts if chosen else (), phasors, fit.prior, p) or waveforms
 
 
 def inertia_of_each(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Inertia]:

@@ -35,6 +35,7 @@ _REMEDIES = {
         "|lead, or their log is filtered}",
         "Log the torque set point, or the current without a filter, if the drive allows it.",
     ),
+    "load": ("The motors' friction grows with the torque through the gears", ""),
     "motor_presliding": ("The motors' friction has a presliding part", ""),
     "link": (
         "The links have resonances above the band",

@@ -48,6 +48,9 @@ EFFECTS = {
     "lag": Effect("a lag per joint", {"lag": ("lag", "s")}),
     "position_filter": Effect("a position filter", {"position_filter": ("position filter", "s")}),
     "torque_filter": Effect("a torque filter", {"torque_filter": ("torque filter", "s")}),
+    "load": Effect(
+        "friction that grows with load", {"load": ("friction over gear torque", "")}, positive=True
+    ),
     "motor_presliding": Effect(
         "presliding friction",
         {
@@ -82,7 +85,8 @@ EFFECTS = {
 and ``link`` c adds −s⁴c (the first term of a mode above the band, c = J_link/ω_link²); ``loss_factor``
 η adds iηK, and the stiffness that comes with it, to the gear's. ``lag`` d multiplies a joint's torque
 by e^{-sd}, ``torque_filter`` T by 1/(1 + sT), or by 1 − sT where T is negative, and
-``position_filter`` T its position by 1 + sT. The others are laws in time (``joint_laws``)."""
+``position_filter`` T its position by 1 + sT. ``load`` is a share of the torque through the gear that
+is friction of its motor. The others are laws in time (``joint_laws``)."""
 
 ARM_EFFECTS = ("arm_viscous", "link", "gravity")
 """Effects on the arm's dynamic stiffness."""

@@ -296,6 +296,8 @@ def motor_friction(problem: Problem, p: Parameters) -> Complexes:
     if problem.friction is not None:
         found += p["coulomb"] * problem.friction.coulomb[:, :H]
         found += (problem.friction.curve[:, :H] * p["curve"]).sum(axis=3)
+        if "load" in problem.layout and problem.friction.load is not None:
+            found += p["load"] * problem.friction.load[:, :H]
     if "motor_presliding" in problem.layout and problem.laws is not None:
         found += p["motor_presliding"] * problem.laws.presliding(p["bristle"], H)
     return np.asarray(found * friction_advance(problem, p))

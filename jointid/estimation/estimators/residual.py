@@ -256,6 +256,8 @@ class Residual:
             columns["coulomb"] = -problem.friction.coulomb * earlier
             for c in range(problem.friction.curve.shape[3]):
                 columns[f"curve {c}"] = -problem.friction.curve[..., c] * earlier
+            if problem.friction.load is not None:
+                columns["load"] = -problem.friction.load * earlier
         if "motor_presliding" in layout and problem.laws is not None:
             shape = problem.laws.presliding(p["bristle"], s.shape[1])
             slope = problem.laws.presliding_slope(p["bristle"], shape)
