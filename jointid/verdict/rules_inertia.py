@@ -1,6 +1,7 @@
 """Rules of the verdict on the given inertias and torque scales: wrong, or of other joints."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtrc, ndtri
@@ -14,8 +15,7 @@ from jointid.estimation.estimators.linear_fit import weighted
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.estimation.identify_motion import identify_motion
-from jointid.estimation.model_fits import fit_model
-from jointid.estimation.model_selection import LOOSE
+from jointid.estimation.model_selection import LOOSE, fit_without_inertias
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import refit
@@ -74,7 +74,7 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
         if not evidence.has_motions:  # a whole fit takes long, and often in vain
             prior = fit.prior.like(inertias, evidence.phasors.q.shape)
             probed = _probed(evidence.phasors, prior)
-            if probed > max(_EXPLAINED, _FAR_LOWER * _probed(evidence.phasors, fit.prior)):
+            if probed > _enough(_probed(evidence.phasors, fit.prior)):
                 return
         other = _refitted(evidence, inertias, fit.prior.inertia_std, fit.prior.torque_std)
     except JointIdError:
@@ -96,10 +96,8 @@ def _probed(phasors: Phasors, prior: InertiaPrior) -> float:
     """Misfit with free friction and a delay, which hide exchanged axes; infinite without a fit."""
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
     model = Model(0.03 if phasors.harmonics.shape[1] > 1 else None, delay=True)
-    try:
-        return fit_model(phasors, prior, weighted(equations).p, equations.noise, model).misfit
-    except JointIdError:
-        return np.inf
+    found = fit_without_inertias(phasors, prior, weighted(equations).p, equations.noise, model)
+    return np.inf if found is None else found.misfit
 
 
 def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
@@ -157,10 +155,24 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
         if own.misfit <= _EXPLAINED:
             return own if "torque_scale" in own.parameters.layout else None
         try:
+            if not (evidence.has_motions or _may_be_inertias(evidence)):
+                return None
             own = _refitted(evidence, inertias, LOOSE)
         except JointIdError:
             return None
     return own if own.misfit <= _EXPLAINED else None
+
+
+def _may_be_inertias(evidence: Evidence) -> bool:
+    """Whether one fit with free inertias explains far more: a search takes long, and often in vain."""
+    fit = evidence.fit
+    loose, most = replace(fit.prior, inertia_std=LOOSE, torque_std=0.0), _enough(fit.misfit)
+    return _probed(evidence.phasors, loose) <= most or refit(evidence.phasors, loose, fit).misfit <= most
+
+
+def _enough(misfit: float) -> float:
+    """Misfit of a first fit from which a search with other inertias may explain the data."""
+    return max(_EXPLAINED, _FAR_LOWER * misfit)
 
 
 def _refitted(
