@@ -75,7 +75,7 @@ class Search:
     @property
     def is_distorted(self) -> bool:
         """Whether the harmonics of sines exceed the noise, as nonlinear laws make them."""
-        return self.phasors.harmonics.shape[1] >= MANY_HARMONICS
+        return bool(self.phasors.harmonics.shape[1] >= MANY_HARMONICS)
 
     @property
     def may_have_friction(self) -> bool:

@@ -111,7 +111,7 @@ def choose_model(
     )
     if first is not None:
         search.fit(first, linear)
-    if search.may_have_friction:
+    if search.may_have_friction and not isinstance(start, Parameters):
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
     return _searched(search)
 
@@ -157,8 +157,8 @@ def _inertias_are_wrong(search: Search) -> bool:
 def fit_without_inertias(
     phasors: Phasors, prior: InertiaPrior, start: Floats | Parameters, noise: Noise, model: Model
 ) -> LikelihoodEstimate | None:
-    """The better of two fits with uncertain inertias, from a start with and one without the given ones."""
-    found = []
+    """The better fit with uncertain inertias, from a start with and one without the given ones."""
+    found: list[LikelihoodEstimate] = []
     for each in (start, without_inertias(phasors, prior)):
         if each is not None and not (found and found[0].misfit < DOUBTFUL):
             with suppress(JointIdError):

@@ -1,7 +1,9 @@
 """Rules of the verdict on the given inertias and torque scales: wrong, or of other joints."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtrc, ndtri
@@ -11,9 +13,9 @@ from jointid.estimation.candidates import Model
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.linear_fit import weighted
+from jointid.estimation.estimators.linear_fit import Estimate, weighted
 from jointid.estimation.estimators.parameters import elasticity_labels
-from jointid.estimation.identify_elasticity import identify_elasticity
+from jointid.estimation.identify_elasticity import identify_each
 from jointid.estimation.identify_motion import identify_motion
 from jointid.estimation.model_selection import LOOSE, fit_without_inertias
 from jointid.joints import Inertia
@@ -70,14 +72,14 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
     if misfit[best] > _LOWER * misfit[0]:
         return
     inertias = [tried[best].inertia(each) for each in evidence.inertias]
-    try:
-        if not evidence.has_motions:  # a whole fit takes long, and often in vain
-            prior = fit.prior.like(inertias, evidence.phasors.q.shape)
-            probed = _probed(evidence.phasors, prior)
-            if probed > _enough(_probed(evidence.phasors, fit.prior)):
-                return
-        other = _refitted(evidence, inertias, fit.prior.inertia_std, fit.prior.torque_std)
-    except JointIdError:
+    prior = fit.prior.like(inertias, (len(inertias), fit.n))
+    start = None
+    if not evidence.has_motions:  # a whole fit takes long, and often in vain
+        as_given, start = (_probed(evidence.phasors, each) for each in (fit.prior, prior))
+        if start is None or start.misfit > _enough(as_given.misfit if as_given else np.inf):
+            return
+    other = _refitted(evidence, prior, start)
+    if other is None:
         return
     before, after = (float(disagreements(each).max(initial=0.0)) for each in (fit, other))
     most = min(CLEAR, _NEARER * before) if fit.misfit <= _EXPLAINED else CLEAR
@@ -92,12 +94,11 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
     yield axes_look_wrong(tried[best], proof)
 
 
-def _probed(phasors: Phasors, prior: InertiaPrior) -> float:
-    """Misfit with free friction and a delay, which hide exchanged axes; infinite without a fit."""
+def _probed(phasors: Phasors, prior: InertiaPrior) -> Estimate | None:
+    """Fit with free friction and a delay, which hide wrong inertias and exchanged axes."""
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
     model = Model(0.03 if phasors.harmonics.shape[1] > 1 else None, delay=True)
-    found = fit_without_inertias(phasors, prior, weighted(equations).p, equations.noise, model)
-    return np.inf if found is None else found.misfit
+    return fit_without_inertias(phasors, prior, weighted(equations).p, equations.noise, model)
 
 
 def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
@@ -150,24 +151,31 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
 
 def judged(evidence: Evidence) -> ElasticityFit | None:
     """The fit with inertias or torque scales of its own, if it explains the data; exact ones stay."""
-    own, inertias = evidence.fit, list(evidence.inertias)
-    if "M2" not in own.parameters.layout:
-        if own.misfit <= _EXPLAINED:
-            return own if "torque_scale" in own.parameters.layout else None
-        try:
-            if not (evidence.has_motions or _may_be_inertias(evidence)):
+    own, fit = evidence.fit, evidence.fit
+    if "M2" not in fit.parameters.layout:
+        if fit.misfit <= _EXPLAINED:
+            return fit if "torque_scale" in fit.parameters.layout else None
+        loose, start = replace(fit.prior, inertia_std=LOOSE, torque_std=0.0), None
+        if not evidence.has_motions:
+            start = _explained(evidence, loose)
+            if start is None:
                 return None
-            own = _refitted(evidence, inertias, LOOSE)
-        except JointIdError:
+        found = _refitted(evidence, loose, start)
+        if found is None:
             return None
+        own = found
     return own if own.misfit <= _EXPLAINED else None
 
 
-def _may_be_inertias(evidence: Evidence) -> bool:
-    """Whether one fit with free inertias explains far more: a search takes long, and often in vain."""
-    fit = evidence.fit
-    loose, most = replace(fit.prior, inertia_std=LOOSE, torque_std=0.0), _enough(fit.misfit)
-    return _probed(evidence.phasors, loose) <= most or refit(evidence.phasors, loose, fit).misfit <= most
+def _explained(evidence: Evidence, loose: InertiaPrior) -> Estimate | None:
+    """One fit with free inertias that explains far more: a search takes long, and often in vain."""
+    most = _enough(evidence.fit.misfit)
+    for found in (_probed, partial(refit, fit=evidence.fit)):
+        with suppress(JointIdError):
+            start = found(evidence.phasors, loose)
+            if start is not None and start.misfit <= most:
+                return start
+    return None
 
 
 def _enough(misfit: float) -> float:
@@ -175,17 +183,15 @@ def _enough(misfit: float) -> float:
     return max(_EXPLAINED, _FAR_LOWER * misfit)
 
 
-def _refitted(
-    evidence: Evidence, inertias: list[Inertia], inertia_std: float, torque_std: float | None = None
-) -> ElasticityFit:
-    """The fit of the same records with other inertias, one of each record."""
-    if evidence.has_motions:
-        return identify_motion(
-            evidence.records, inertias, inertia_std=inertia_std, torque_std=torque_std
-        )
-    return identify_elasticity(
-        evidence.phasors, inertias, inertia_std=inertia_std, torque_std=torque_std
-    )
+def _refitted(evidence: Evidence, prior: InertiaPrior, start: Estimate | None) -> ElasticityFit | None:
+    """The fit of the same records with other inertias, if there is one."""
+    with suppress(JointIdError):
+        if not evidence.has_motions:
+            near = None if start is None else start.named
+            return identify_each(evidence.phasors, prior, ["auto"], start=near)["auto"]
+        given, std = prior.given, (prior.inertia_std, prior.torque_std)
+        return identify_motion(evidence.records, given, inertia_std=std[0], torque_std=std[1])
+    return None
 
 
 def _significance(row: PriorRow, exact: bool) -> float:
