@@ -5,7 +5,6 @@ lower the cost; the best few are fitted, and parts that they make superfluous ar
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -25,18 +24,12 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.model_average import spread, spread_of_unseen
-from jointid.estimation.model_fits import fit_model, stepped
+from jointid.estimation.model_fits import fit_without_inertias, stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
 from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, Search
 from jointid.estimation.motion_start import motion_start
 from jointid.estimation.passivity import least_misfit
-from jointid.estimation.start_values import (
-    at_resonances,
-    by_motion,
-    friction_start,
-    with_backlash,
-    without_inertias,
-)
+from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 
@@ -152,18 +145,6 @@ def _inertias_are_wrong(search: Search) -> bool:
         return False
     search.fit(model, probed.named)  # heavy friction may have led the others astray
     return _FAR_BETTER * search.fits.least_misfit > probed.misfit
-
-
-def fit_without_inertias(
-    phasors: Phasors, prior: InertiaPrior, start: Floats | Parameters, noise: Noise, model: Model
-) -> LikelihoodEstimate | None:
-    """The better fit with uncertain inertias, from a start with and one without the given ones."""
-    found: list[LikelihoodEstimate] = []
-    for each in (start, without_inertias(phasors, prior)):
-        if each is not None and not (found and found[0].misfit < DOUBTFUL):
-            with suppress(JointIdError):
-                found.append(fit_model(phasors, prior, each, noise, model))
-    return min(found, key=lambda estimate: estimate.misfit, default=None)
 
 
 def _freest(search: Search) -> Model:

@@ -17,7 +17,8 @@ from jointid.estimation.estimators.linear_fit import Estimate, weighted
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_each
 from jointid.estimation.identify_motion import identify_motion
-from jointid.estimation.model_selection import LOOSE, fit_without_inertias
+from jointid.estimation.model_fits import fit_without_inertias
+from jointid.estimation.model_selection import LOOSE
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import refit
