@@ -166,9 +166,9 @@ def _other_start(search: Search) -> Search:
 
 
 def _few(search: Search) -> np.ndarray:
-    """Rows of sines of evenly spread frequencies around one pose, if there are more."""
+    """Rows of sines of evenly spread frequencies around one pose, if there are half as many more."""
     every, most = np.arange(search.phasors.omega.size), _FEW * search.phasors.n
-    if search.has_motions or len(search.prior.M2) > 1 or every.size <= most:
+    if search.has_motions or len(search.prior.M2) > 1 or 2 * every.size < 3 * most:
         return every
     groups = [group for _, group in search.phasors.by_frequency()]
     place = np.linspace(0, len(groups) - 1, max(2, len(groups) * most // every.size))

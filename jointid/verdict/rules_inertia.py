@@ -46,8 +46,9 @@ _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
 _ABSURD = 10.0
 """Difference from a given inertia, in its standard deviations, from which the answer is not usable."""
-_FAR_OFF = 0.2
-"""Relative error of K or D by inertias given as exact, beside a large misfit, of the same answer."""
+_FAR_OFF, _SURE = 0.2, 2.0
+"""Relative error of K or D by inertias given as exact, beside a large misfit, of the same answer, and
+its standard errors beyond that."""
 _LOWER, _FAR_LOWER, _NEARER = 0.7, 0.3, 0.5
 """Misfit of a linear fit, that of one with free friction, and difference from the given inertias in
 standard deviations, over those as logged, from which axes look exchanged or reversed."""
@@ -136,7 +137,7 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         accounts += (
             " So large an error indicates a wrong unit, a wrong torque constant or another robot."
         )
-    sure = change - relative(CLEAR * own.standard_error, fit.estimate)
+    sure = change - relative(_SURE * own.standard_error, fit.estimate)
     useless = absurd or (exact and contradicts(fit) and sure.max() > _FAR_OFF)
     yield (problem if useless else warning)(
         "The inertias look wrong" if row.unit else "The torque scales or inertias look wrong",
