@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Model
 from jointid.estimation.elasticity import ElasticityFit
@@ -214,8 +215,8 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
         if _explained_alone(evidence, index, inertia):
             continue
         measured = low_frequency_inertia(free.select(index), [inertia] * index.size)
-        if measured is None:
-            continue
+        if measured is None or _unexplained(free.select(index), measured) > _FAR_OFF:
+            continue  # torques of other scales in every record, for instance
         given = np.diag(inertia.M) + inertia.M2
         scale = np.sqrt(np.outer(np.diag(given), np.diag(given)))
         off = np.abs((measured + measured.T) / 2 - given) / scale
@@ -243,6 +244,14 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
                 float(off[i, j]),
                 "edit inertias",
             )
+
+
+def _unexplained(phasors: Phasors, inertia: Floats) -> float:
+    """Share of the torques at the lowest frequency that an inertia (n, n) does not explain."""
+    rows = phasors.by_frequency()[0][1]
+    torque = phasors.tau[rows]
+    left = torque + phasors.omega[rows, None] ** 2 * phasors.q[rows] @ inertia.T
+    return float(np.linalg.norm(left) / np.linalg.norm(torque))
 
 
 def _explained_alone(evidence: Evidence, index: np.ndarray, inertia: Inertia) -> bool:
