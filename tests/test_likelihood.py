@@ -533,6 +533,28 @@ def test_a_rival_model_widens_the_errors_by_its_weight(behind: float, weight: fl
     np.testing.assert_allclose(found, weight / (1 + weight) * np.outer(shift, shift), atol=1e-12)
 
 
+@pytest.mark.parametrize(("fall", "widens"), [(1.9, True), (2.1, False)])
+def test_a_part_that_the_fundamentals_do_not_ask_for_widens_the_errors(
+    fall: float, widens: bool
+) -> None:
+    """Fundamentals of 10 degrees of freedom, and two units of their cost for one parameter."""
+    best, narrow = (Model(None, delay=False, effects=parts) for parts in (("arm_viscous",), ()))
+    shift = np.array([1.0, -0.02])
+
+    def estimate(size: int, fundamental: float, K_and_D: np.ndarray) -> SimpleNamespace:
+        return SimpleNamespace(
+            elasticity=K_and_D, elasticity_covariance=np.eye(2), misfit=1.0, p=np.zeros(size),
+            fundamental=(fundamental, 10), whole_cost=lambda misfit: 0.0,
+        )  # fmt: skip
+
+    fitted = {best: estimate(3, 1.0, shift), narrow: estimate(2, 1.0 + fall / 10, 0 * shift)}
+    fits = SimpleNamespace(
+        estimate=fitted.get, tried=fitted, optional=(), criterion=lambda: {best: 0.0, narrow: 99.0}
+    )
+    found = spread(fits, best, fitted[best], {})  # type: ignore[arg-type]
+    np.testing.assert_allclose(found, 0.5 * widens * np.outer(shift, shift), atol=1e-12)
+
+
 @pytest.mark.parametrize(("errors", "significant"), [(4.95, False), (5.05, True)])
 def test_an_optional_part_must_differ_from_zero_by_five_standard_errors(
     errors: float, significant: bool

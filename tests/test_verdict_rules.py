@@ -11,6 +11,7 @@ import pytest
 
 from jointid import Inertia, MotionRecord
 from jointid.errors import JointIdError
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.verdict import (
     cause_findings,
     evidence,
@@ -38,6 +39,7 @@ def two_joints(**parts: Any) -> Any:
     """A fit of two joints with errors of one per cent, or with other parts."""
     usual = {"n": 2, "estimate": np.array([20.0, 4.0, 0.1, 0.02]), "inflation": 1.0, "method": "auto"}
     usual |= {"misfit": 1.0, "friction": None, "delay": None, "prior": None}
+    usual |= {"parameters": case(layout={})}
     fit = case(**{**usual, **parts})
     fit.K, fit.D = np.split(fit.estimate, 2)
     for name in ("standard_error", "noise_error"):
@@ -563,6 +565,43 @@ def test_inertias_are_off_by_what_chance_does_not_explain(
         assert others in finding.detail
         assert ("wrong unit" in finding.detail) == (finding.level == "problem")
         assert bool(finding.changes) == (finding.level == "warning")
+
+
+@pytest.mark.parametrize(("change", "level"), [(0.219, "warning"), (0.221, "problem")])
+def test_exact_inertias_that_put_stiffness_a_fifth_off_are_no_answer(
+    monkeypatch: pytest.MonkeyPatch, change: float, level: str
+) -> None:
+    """Beyond two standard errors, of one per cent here."""
+    wrong = SimpleNamespace(**vars(row(50.0)) | {"given_std": 0.0})
+    monkeypatch.setattr(rules_inertia, "prior_rows", lambda *_: [wrong])
+    monkeypatch.setattr(rules_inertia, "contradicts", lambda fit: True)
+    fit = two_joints(misfit=1000.0)
+    own = two_joints(estimate=fit.estimate * (1 + change), inertias=(Inertia([0.1, 0.1], np.eye(2)),))
+    own.standard_error = 0.01 * fit.estimate
+    found = list(rules_inertia.inertias_off(case(fit=fit, poses=("",)), own))
+    assert levels(found) == [level]
+
+
+@pytest.mark.parametrize(("left", "searches"), [(29.9, True), (30.1, False)])
+def test_a_search_with_free_inertias_follows_a_fit_that_explains_most(
+    monkeypatch: pytest.MonkeyPatch, left: float, searches: bool
+) -> None:
+    """Of a misfit of 100; in vain, it would take several seconds."""
+    prior = InertiaPrior.of(Inertia([0.1, 0.1], np.eye(2)), 3, 2)
+    fit = two_joints(misfit=100.0, prior=prior, parameters=case(layout={"K": 0}))
+    tried = case(misfit=left, named="near")
+    monkeypatch.setattr(rules_inertia, "_probed", lambda *_: None)
+    monkeypatch.setattr(rules_inertia, "refit", lambda *_, **__: tried)
+    asked: list[Any] = []
+
+    def search(phasors: Any, prior: InertiaPrior, names: list[str], start: Any) -> Any:
+        asked.append((prior.inertia_std, start))
+        return {"auto": two_joints()}
+
+    monkeypatch.setattr(rules_inertia, "identify_each", search)
+    found = rules_inertia.judged(case(fit=fit, phasors=None, has_motions=False))
+    assert asked == [(0.3, "near")] * searches
+    assert (found is not None) == searches
 
 
 # --- responses, other records

@@ -224,7 +224,7 @@ class Fits:
         found = self.estimate(model)
         return bool(found and found.misfit <= EXPLAINED and fundamental_chance(found) > _USUAL)
 
-    def is_certain(self, model: Model, part: str) -> bool:
+    def is_certain(self, model: Model, part: str, least: float = _CERTAIN) -> bool:
         """Whether the cost without a part would be far higher, by its size in standard errors."""
         estimate = self.estimate(model)
         if estimate is None:
@@ -232,7 +232,7 @@ class Fits:
         place = estimate.layout.of_part(part)
         variance = np.diag(estimate.covariance)[place] * max(1.0, estimate.misfit)
         squared = estimate.p[place] ** 2
-        return bool(np.any((squared > _CERTAIN * variance) & (variance > 0)))
+        return bool(np.any((squared > least * variance) & (variance > 0)))
 
     def _is_significant(self, model: Model, estimate: LikelihoodEstimate) -> bool:
         """Whether every optional part is needed, or significant and physical."""

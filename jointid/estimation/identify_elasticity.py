@@ -14,6 +14,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import SpringEquations, spring_equations
 from jointid.estimation.estimators.linear_fit import LINEAR, Estimate, prior_covariance, weighted
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.estimators.problem import ideal_compliance
 from jointid.estimation.model_fits import evaluated
 from jointid.estimation.model_selection import choose_model
@@ -103,10 +104,12 @@ def identify_each(
     friction: bool = False,
     delay: bool = False,
     gear: str = "auto",
+    start: Parameters | None = None,
 ) -> dict[str, ElasticityFit]:
     """Identify K and D by several estimators from the same equations.
 
-    Parameters, errors and each fit as in :func:`identify_elasticity`.
+    Parameters, errors and each fit as in :func:`identify_elasticity`; ``start`` holds the parameters of
+    a similar fit, from which the models start in place of a linear estimate.
     """
     names = list(dict.fromkeys(methods))
     for method in names:
@@ -114,7 +117,7 @@ def identify_each(
     require_gear(gear)
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
-    data = _Data(phasors, prior, equations, friction, delay, gear)
+    data = _Data(phasors, prior, equations, friction, delay, gear, start)
     return {name: data.fit(name) for name in names}
 
 
@@ -128,6 +131,7 @@ class _Data:
     friction: bool
     delay: bool
     gear: str
+    start: Parameters | None
 
     def fit(self, method: str) -> ElasticityFit:
         """Fit by one estimator."""
@@ -143,7 +147,7 @@ class _Data:
             choice = choose_model(
                 self.phasors,
                 self.prior,
-                linear.p,
+                self.start or linear.p,
                 noise,
                 friction=self.friction,
                 delay=self.delay,

@@ -43,7 +43,9 @@ def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[s
     1994). A part that was not fitted counts in full where its score is nearly significant, sooner
     where it would move K or D far: with uncertain inertias, a part that the records hardly show may.
     One that was fitted to a model that is not exact at the fundamentals, with free reversals for
-    instance, may explain what the model lacks there: the model without it counts in full.
+    instance, may explain what the model lacks there: the model without it counts in full. So it does
+    where the fundamentals, which give K and D, do not ask for the part: the harmonics may ask for it
+    because a waveform, or their noise, is not exact.
     """
     criterion, shifts, misfit = fits.criterion(), [], max(1.0, found.misfit)
     sigma = np.sqrt(np.diag(found.elasticity_covariance))
@@ -65,7 +67,8 @@ def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[s
             gain, count = found.whole_cost(misfit) - estimate.whole_cost(misfit), estimate.p.size
             shift = estimate.elasticity - found.elasticity
             weight = max(weight, float(is_doubtful(gain, count - found.p.size, shift)))
-        if inexact and estimate.misfit < EXPLAINED and any(best.without(e) == model for e in extra):
+        without_effect = estimate.misfit < EXPLAINED and any(best.without(e) == model for e in extra)
+        if without_effect and (inexact or _fundamentals_are_alike(estimate, found)):
             weight = 1.0
         shifts.append((weight, estimate.elasticity - found.elasticity))
     for part, score in scores.items():
@@ -76,6 +79,12 @@ def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[s
     total = 1 + sum(weight for weight, _ in equals)
     squares = (weight / total * np.outer(shift, shift) for weight, shift in equals)
     return sum(squares, np.zeros_like(found.elasticity_covariance))
+
+
+def _fundamentals_are_alike(narrow: LikelihoodEstimate, wide: LikelihoodEstimate) -> bool:
+    """Whether a wider model lowers the cost of the fundamentals by no more than Akaike's penalty."""
+    lower = np.prod(narrow.fundamental) - np.prod(wide.fundamental)
+    return bool(lower <= 2 * (wide.p.size - narrow.p.size))
 
 
 def spread_of_unseen(

@@ -1,13 +1,14 @@
 """Fit of one candidate model: its friction waveforms, its estimate and its residual."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Model
+from jointid.estimation.candidates import NEEDED, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import one_step
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
@@ -16,6 +17,7 @@ from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import with_law_noise
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
+from jointid.estimation.start_values import without_inertias
 from jointid.motion.end_terms import motor_motion
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms, with_load
 from jointid.phasors.extract import Phasors
@@ -121,6 +123,18 @@ def fit_model(
         raise JointIdError(
             "The model does not fit: its parameters exceed the numerical range."
         ) from error
+
+
+def fit_without_inertias(
+    phasors: Phasors, prior: InertiaPrior, start: Floats | Parameters, noise: Noise, model: Model
+) -> LikelihoodEstimate | None:
+    """The better fit with uncertain inertias, from a start with and one without the given ones."""
+    found: list[LikelihoodEstimate] = []
+    for each in (start, without_inertias(phasors, prior)):
+        if each is not None and not (found and found[0].misfit < NEEDED):
+            with suppress(JointIdError):
+                found.append(fit_model(phasors, prior, each, noise, model))
+    return min(found, key=lambda estimate: estimate.misfit, default=None)
 
 
 def evaluated(

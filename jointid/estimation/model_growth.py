@@ -34,6 +34,9 @@ _CLIMB = 0.7
 """Ratio of misfits of motions below which further laws wait for the scores beside the leading model."""
 _TRIED_LAWS = 2
 """The most nonlinear laws that are fitted for each part added."""
+_INIMITABLE = 5e3
+"""Squared cubic stiffness over its variance beyond which slopes in its place leave more than noise: they
+explain 99.5 % of its effect."""
 _MANY_ROWS = 15_000
 """Equations, those of six joints in 40 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
@@ -130,7 +133,8 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         wider = [*sharper, *wider]
     elif search.has_motions and _friction_varies_with_speed(search, model, found):
         wider = [replace(model, curve=True), *wider]
-    if "cubic" in model.effects and (may_be_richer or not search.has_motions):
+    curved = "cubic" in model.effects and not search.fits.is_certain(model, "cubic", _INIMITABLE)
+    if curved and (may_be_richer or not search.has_motions):
         plain = model.without("cubic")  # slopes may explain as well as it, with another K
         others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
         instead_of_cubic = [plain.with_part(law) for law in others]

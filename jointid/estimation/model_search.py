@@ -15,7 +15,7 @@ from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.model_fits import filters_before_friction, fit_model, loaded, model_waveforms
 from jointid.estimation.start_values import other_laws, with_delay, without_inertias
 from jointid.motion.friction import FrictionWaveforms
-from jointid.phasors.extract import Phasors
+from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
 LOST = 100.0
 """Misfit from which the search is repeated from other start values."""
@@ -71,6 +71,11 @@ class Search:
     def has_motions(self) -> bool:
         """Whether a record is no sine."""
         return bool(self.phasors.motion.any())
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether the harmonics of sines exceed the noise, as nonlinear laws make them."""
+        return bool(self.phasors.harmonics.shape[1] >= MANY_HARMONICS)
 
     @property
     def may_have_friction(self) -> bool:

@@ -24,19 +24,20 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.model_average import spread, spread_of_unseen
-from jointid.estimation.model_fits import fit_model, stepped
+from jointid.estimation.model_fits import fit_without_inertias, stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
 from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, Search
 from jointid.estimation.motion_start import motion_start
 from jointid.estimation.passivity import least_misfit
 from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
 from jointid.joints import Inertia
-from jointid.phasors.extract import MANY_HARMONICS, Phasors
+from jointid.phasors.extract import Phasors
 
 LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
-_BETTER = 0.1
-"""Ratio of misfits from which other start values are the right ones."""
+_BETTER, _FAR_BETTER = 0.1, 0.01
+"""Ratio of misfits from which other start values are the right ones, and from which no further ones are
+tried and free inertias in place of exact ones are right."""
 _ALIKE = 1.2
 """Ratio of misfits up to which another width of the reversals explains motions as well."""
 _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
@@ -103,7 +104,7 @@ def choose_model(
     )
     if first is not None:
         search.fit(first, linear)
-    if search.may_have_friction:
+    if search.may_have_friction and not isinstance(start, Parameters):
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
     return _searched(search)
 
@@ -119,11 +120,11 @@ def _searched(search: Search) -> Choice:
         search.fit(search.base, search.start)
         return _choice(search, search.base)
     _fit_first(search)
-    if search.is_lost and _inertias_are_wrong(search):
-        return _choice(search, search.fits.least(list(search.fits.tried)))
     rows = _few(search)
     if search.is_lost and rows.size < phasors.omega.size:
         return _searched_in_few(search, rows)
+    if search.is_lost and _inertias_are_wrong(search):
+        return _choice(search, search.fits.least(list(search.fits.tried)))
     _fit_laws(search)
     if search.is_lost:
         other = _other_start(search)
@@ -135,40 +136,39 @@ def _searched(search: Search) -> Choice:
 
 
 def _inertias_are_wrong(search: Search) -> bool:
-    """Whether only the inertias, given as exact, keep a model from the data."""
+    """Whether the inertias, given as exact, keep the models from the data."""
     if search.prior.inertia_std or search.has_motions:
         return False
-    loose, model = replace(search.prior, inertia_std=LOOSE), search.base
-    if search.may_have_friction and model.reversal is None:
-        model = model.with_part("friction")
-    try:
-        probed = fit_model(search.phasors, loose, search.start, search.noise, model)
-    except JointIdError:
-        return False
-    if not probed.misfit < DOUBTFUL:
+    prior, model = replace(search.prior, inertia_std=LOOSE), _freest(search)
+    probed = fit_without_inertias(search.phasors, prior, search.start, search.noise, model)
+    if probed is None or not probed.misfit < min(LOST, _FAR_BETTER * search.fits.least_misfit):
         return False
     search.fit(model, probed.named)  # heavy friction may have led the others astray
-    return search.is_lost
+    return _FAR_BETTER * search.fits.least_misfit > probed.misfit
+
+
+def _freest(search: Search) -> Model:
+    """The model with friction and a delay that leaves the least by wrong start values."""
+    if "friction" in search.fits.optional and search.phasors.harmonics.shape[1] > 1:
+        return Model(0.03, search.base.delay or "delay" in search.fits.optional)
+    return search.base
 
 
 def _other_start(search: Search) -> Search:
     """The search from the other start values from which a model with much freedom comes nearest."""
-    probe = search.base
-    if "friction" in search.fits.optional and search.phasors.harmonics.shape[1] > 1:
-        probe = Model(0.03, search.base.delay or "delay" in search.fits.optional)
-    others = []
+    probe, others = _freest(search), []
     for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
         others.append(search.again(start))
         others[-1].fit(probe, start)
-        if others[-1].fits.least_misfit < DOUBTFUL:
+        if others[-1].fits.least_misfit < max(DOUBTFUL, _FAR_BETTER * search.fits.least_misfit):
             break
     return min(others, key=lambda each: each.fits.misfit(probe))
 
 
 def _few(search: Search) -> np.ndarray:
-    """Rows of sines of evenly spread frequencies around one pose, if there are twice as many or more."""
+    """Rows of sines of evenly spread frequencies around one pose, if there are half as many more."""
     every, most = np.arange(search.phasors.omega.size), _FEW * search.phasors.n
-    if search.has_motions or len(search.prior.M2) > 1 or every.size < 2 * most:
+    if search.has_motions or len(search.prior.M2) > 1 or 2 * every.size < 3 * most:
         return every
     groups = [group for _, group in search.phasors.by_frequency()]
     place = np.linspace(0, len(groups) - 1, max(2, len(groups) * most // every.size))
@@ -225,8 +225,7 @@ def _fit_first(search: Search) -> None:
     fits, start, base = search.fits, search.start, search.base
     rubbing, free = replace(base, reversal=0.0), replace(base, reversal=0.03)
     by_start = "coulomb" in start.layout
-    distorted = search.phasors.harmonics.shape[1] >= MANY_HARMONICS
-    if search.is_lost and (by_start or (search.may_have_friction and distorted)):
+    if search.is_lost and (by_start or (search.may_have_friction and search.is_distorted)):
         search.fit(rubbing, start)
         found = fits.estimate(rubbing)
         clear = by_start or fits.is_certain(rubbing, "friction")
@@ -237,7 +236,7 @@ def _fit_first(search: Search) -> None:
                 search.fit(free, found.named)
     if not by_start and (search.is_lost or rubbing not in fits.tried):
         search.fit(base, start)
-        if fits.misfit(base) > DOUBTFUL and not distorted:
+        if fits.misfit(base) > DOUBTFUL and not search.is_distorted:
             for other in search.free_start():  # wrong inertias may lead the linear estimate astray
                 search.fit(base, other)
         if search.is_lost and "delay" in fits.optional:  # the most frequent cause
@@ -249,6 +248,8 @@ def _fit_first(search: Search) -> None:
 def _fit_laws(search: Search) -> None:
     """Fit laws of the gears from their own start values where no other model explains the data."""
     fits, base = search.fits, search.base
+    if not (search.is_distorted or search.has_motions):
+        return
     rubbing = replace(base, reversal=0.0)
     plain = fits.misfit(base if base in fits.tried else rubbing)  # motors stick
     needs_friction = NEEDED * fits.least_misfit < plain < np.inf

@@ -11,6 +11,7 @@ from jointid.estimation.quantities import Quantity, quantities
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.evidence import Evidence, Finding, note
 from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample, hold_change
+from jointid.verdict.rules_model import contradicts
 from jointid.wording import capitalised, enumerated, percent, significant
 
 _REMEDIES = {
@@ -57,8 +58,10 @@ _REMEDIES = {
 
 
 def effects_found(evidence: Evidence) -> Iterator[Finding]:
-    """Every effect that the chosen model has, with its size."""
+    """Every effect that the chosen model has, with its size, unless it explains nothing with it."""
     fit = evidence.fit
+    if contradicts(fit):
+        return
     for name, found in quantities(fit).items():
         if name not in _REMEDIES:
             continue

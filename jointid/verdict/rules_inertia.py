@@ -1,20 +1,24 @@
 """Rules of the verdict on the given inertias and torque scales: wrong, or of other joints."""
 
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Model
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.linear_fit import weighted
+from jointid.estimation.estimators.linear_fit import Estimate, weighted
 from jointid.estimation.estimators.parameters import elasticity_labels
-from jointid.estimation.identify_elasticity import identify_elasticity
+from jointid.estimation.identify_elasticity import identify_each
 from jointid.estimation.identify_motion import identify_motion
-from jointid.estimation.model_fits import fit_model
+from jointid.estimation.model_fits import fit_without_inertias
 from jointid.estimation.model_selection import LOOSE
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
@@ -43,8 +47,9 @@ _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
 _ABSURD = 10.0
 """Difference from a given inertia, in its standard deviations, from which the answer is not usable."""
-_FAR_OFF = 0.2
-"""Relative error of K or D by inertias given as exact, beside a large misfit, of the same answer."""
+_FAR_OFF, _SURE = 0.2, 2.0
+"""Relative error of K or D by inertias given as exact, beside a large misfit, of the same answer, and
+its standard errors beyond that."""
 _LOWER, _FAR_LOWER, _NEARER = 0.7, 0.3, 0.5
 """Misfit of a linear fit, that of one with free friction, and difference from the given inertias in
 standard deviations, over those as logged, from which axes look exchanged or reversed."""
@@ -70,14 +75,14 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
     if misfit[best] > _LOWER * misfit[0]:
         return
     inertias = [tried[best].inertia(each) for each in evidence.inertias]
-    try:
-        if not evidence.has_motions:  # a whole fit takes long, and often in vain
-            prior = fit.prior.like(inertias, evidence.phasors.q.shape)
-            probed = _probed(evidence.phasors, prior)
-            if probed > max(_EXPLAINED, _FAR_LOWER * _probed(evidence.phasors, fit.prior)):
-                return
-        other = _refitted(evidence, inertias, fit.prior.inertia_std, fit.prior.torque_std)
-    except JointIdError:
+    prior = fit.prior.like(inertias, (len(inertias), fit.n))
+    start = None
+    if not evidence.has_motions:  # a whole fit takes long, and often in vain
+        as_given, start = (_probed(evidence.phasors, each) for each in (fit.prior, prior))
+        if start is None or start.misfit > _enough(as_given.misfit if as_given else np.inf):
+            return
+    other = _refitted(evidence, prior, start)
+    if other is None:
         return
     before, after = (float(disagreements(each).max(initial=0.0)) for each in (fit, other))
     most = min(CLEAR, _NEARER * before) if fit.misfit <= _EXPLAINED else CLEAR
@@ -92,14 +97,11 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
     yield axes_look_wrong(tried[best], proof)
 
 
-def _probed(phasors: Phasors, prior: InertiaPrior) -> float:
-    """Misfit with free friction and a delay, which hide exchanged axes; infinite without a fit."""
+def _probed(phasors: Phasors, prior: InertiaPrior) -> Estimate | None:
+    """Fit with free friction and a delay, which hide wrong inertias and exchanged axes."""
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
     model = Model(0.03 if phasors.harmonics.shape[1] > 1 else None, delay=True)
-    try:
-        return fit_model(phasors, prior, weighted(equations).p, equations.noise, model).misfit
-    except JointIdError:
-        return np.inf
+    return fit_without_inertias(phasors, prior, weighted(equations).p, equations.noise, model)
 
 
 def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
@@ -136,7 +138,7 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         accounts += (
             " So large an error indicates a wrong unit, a wrong torque constant or another robot."
         )
-    sure = change - relative(CLEAR * own.standard_error, fit.estimate)
+    sure = change - relative(_SURE * own.standard_error, fit.estimate)
     useless = absurd or (exact and contradicts(fit) and sure.max() > _FAR_OFF)
     yield (problem if useless else warning)(
         "The inertias look wrong" if row.unit else "The torque scales or inertias look wrong",
@@ -152,28 +154,47 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
 
 def judged(evidence: Evidence) -> ElasticityFit | None:
     """The fit with inertias or torque scales of its own, if it explains the data; exact ones stay."""
-    own, inertias = evidence.fit, list(evidence.inertias)
-    if "M2" not in own.parameters.layout:
-        if own.misfit <= _EXPLAINED:
-            return own if "torque_scale" in own.parameters.layout else None
-        try:
-            own = _refitted(evidence, inertias, LOOSE)
-        except JointIdError:
+    own, fit = evidence.fit, evidence.fit
+    if "M2" not in fit.parameters.layout:
+        if fit.misfit <= _EXPLAINED:
+            return fit if "torque_scale" in fit.parameters.layout else None
+        loose, start = replace(fit.prior, inertia_std=LOOSE, torque_std=0.0), None
+        if not evidence.has_motions:
+            start = _explained(evidence, loose)
+            if start is None:
+                return None
+        found = _refitted(evidence, loose, start)
+        if found is None:
             return None
+        own = found
     return own if own.misfit <= _EXPLAINED else None
 
 
-def _refitted(
-    evidence: Evidence, inertias: list[Inertia], inertia_std: float, torque_std: float | None = None
-) -> ElasticityFit:
-    """The fit of the same records with other inertias, one of each record."""
-    if evidence.has_motions:
-        return identify_motion(
-            evidence.records, inertias, inertia_std=inertia_std, torque_std=torque_std
-        )
-    return identify_elasticity(
-        evidence.phasors, inertias, inertia_std=inertia_std, torque_std=torque_std
-    )
+def _explained(evidence: Evidence, loose: InertiaPrior) -> Estimate | None:
+    """One fit with free inertias that explains far more: a search takes long, and often in vain."""
+    most = _enough(evidence.fit.misfit)
+    for found in (_probed, partial(refit, fit=evidence.fit)):
+        with suppress(JointIdError):
+            start = found(evidence.phasors, loose)
+            if start is not None and start.misfit <= most:
+                return start
+    return None
+
+
+def _enough(misfit: float) -> float:
+    """Misfit of a first fit from which a search with other inertias may explain the data."""
+    return max(_EXPLAINED, _FAR_LOWER * misfit)
+
+
+def _refitted(evidence: Evidence, prior: InertiaPrior, start: Estimate | None) -> ElasticityFit | None:
+    """The fit of the same records with other inertias, if there is one."""
+    with suppress(JointIdError):
+        if not evidence.has_motions:
+            near = None if start is None else start.named
+            return identify_each(evidence.phasors, prior, ["auto"], start=near)["auto"]
+        given, std = prior.given, (prior.inertia_std, prior.torque_std)
+        return identify_motion(evidence.records, given, inertia_std=std[0], torque_std=std[1])
+    return None
 
 
 def _significance(row: PriorRow, exact: bool) -> float:
@@ -211,7 +232,7 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
                 "pose without gravity torque and without the pull of springs and hoses.",
                 1.0,
             )
-        elif off[i, j] > 0.2:
+        elif off[i, j] > _FAR_OFF > _unexplained(free.select(index), measured):  # no change of scale
             element = f"J_m{i + 1} + J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}"
             where = f" in pose {pose}" if pose else ""
             yield problem(
@@ -223,6 +244,14 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
                 float(off[i, j]),
                 "edit inertias",
             )
+
+
+def _unexplained(phasors: Phasors, inertia: Floats) -> float:
+    """Share of the torques at the lowest frequency that an inertia (n, n) does not explain."""
+    rows = phasors.by_frequency()[0][1]
+    torque = phasors.tau[rows]
+    left = torque + phasors.omega[rows, None] ** 2 * phasors.q[rows] @ inertia.T
+    return float(np.linalg.norm(left) / np.linalg.norm(torque))
 
 
 def _explained_alone(evidence: Evidence, index: np.ndarray, inertia: Inertia) -> bool:

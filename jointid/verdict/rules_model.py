@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import fdtrc
 
+from jointid.answer import fitted_parts
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.estimators.parameters import elasticity_labels
@@ -24,7 +25,7 @@ from jointid.verdict.evidence import (
     warning,
 )
 from jointid.verdict.rules_causes import distortion, half_a_sample, hold_change
-from jointid.wording import counted, percent
+from jointid.wording import counted, enumerated, percent
 
 EXPLAINED = 3.0
 """Misfit up to which noise explains the data."""
@@ -144,6 +145,9 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         left += f". The noise part of the error bars is widened by a factor of {widened}"
     odd_record, changes = _odd_record(evidence)
     make = problem if contradicts(fit) and fit.method not in LINEAR else warning
+    parts = fitted_parts(fit) if make is problem else []
+    if parts:
+        left += f". The fit includes {enumerated(parts)}, which does not help"
     finding = make(
         "The model does not explain the data" if make is problem else MODEL_LIMITS,
         f"{left}.{odd_record}",

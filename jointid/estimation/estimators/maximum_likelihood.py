@@ -47,7 +47,7 @@ _CHANCE = 1e-3
 """Probability of the misfit of a band by noise from which it is the model's."""
 _HELD = 3.0
 """Strength of the observer of gears in motions for the first part of a fit from far off."""
-_LOST = 100.0
+_DOUBTFUL = 3.0
 """Misfit of a model with a law of the gears that is not fitted again with weights by harmonic."""
 
 
@@ -127,7 +127,7 @@ def maximum_likelihood(
     misfit = first = Misfit.of(fitted, p, normal)
     scale = first.scale
     slow = not set(GEAR_LAWS).isdisjoint(effects)
-    if np.any(scale > 1) and not (slow and first.cost > _LOST * first.expected_cost > 0):
+    if np.any(scale > 1) and not (slow and first.cost > _DOUBTFUL * first.expected_cost > 0):
         poor = first.cost > POOR * first.expected_cost > 0
         p, normal = minimised(problem, p, scale, damping=_NEAR, roughly=poor)
     if np.any(scale > 1):

@@ -68,6 +68,8 @@ class Residual:
     """Deflection w and arm friction P of nonlinear laws, each shape (r, H, n)."""
     wound: Wound | None
     """Deflection of nonlinear gears."""
+    turns: ArmFriction | None
+    """Coulomb friction at the arm."""
 
     @classmethod
     def at(cls, problem: Problem, vector: Floats) -> Residual:
@@ -97,11 +99,11 @@ class Residual:
         torque = drive - own * q
         friction = motor_friction(problem, p)
         torque -= friction
-        law, wound = (np.zeros_like(q), np.zeros_like(q)), None
+        law, wound, turns = (np.zeros_like(q), np.zeros_like(q)), None, None
         if problem.laws is not None:
             if "arm_coulomb" in problem.layout:
-                level = p["arm_coulomb"]
-                law = law[0], level * problem.laws.arm_friction(level, torque, arm).sign
+                turns = problem.laws.arm_friction(p["arm_coulomb"], torque, arm)
+                law = law[0], turns.level * turns.sign
             apart = q - (arm @ (torque - law[1])[..., None])[..., 0]
             both = problem.arm_inertia(p), problem.gravity(p)
             wound = problem.laws.wound(torque, apart, gear, p, both, problem.rotor_inertia(p)[0])
@@ -115,7 +117,7 @@ class Residual:
             V += (X * problem.law_noise[1][..., None, :]) @ X.conj().swapaxes(2, 3)
         return cls(
             problem, p, r, V, E, CE, gear, arm, X, lag, advance, images, friction, torque, law,
-            wound,
+            wound, turns,
         )  # fmt: skip
 
     def without_ends(self) -> tuple[Complexes, Complexes]:
@@ -185,12 +187,11 @@ class Residual:
         stiffness = {name: value * np.ones(n) for name, value in stiffness.items()}
         for name, value in stiffness.items():
             J[..., layout[name]] = by_gear * value[..., None, :]
-        turns = None
-        if "arm_coulomb" in layout and problem.laws is not None:
-            turns = problem.laws.arm_friction(p["arm_coulomb"], self.torque, self.arm)
+        turns = self.turns
+        if turns is not None:
             force = turns.settled(turns.sign[..., None] * np.eye(n))
             J[..., layout["arm_coulomb"]] = -(self.X @ self.arm) @ force
-        self._differentiate_arm(J, f - self.law[1], turns)
+        self._differentiate_arm(J, f - self.law[1])
         if "position_filter" in layout:
             J[..., layout["position_filter"]] = -self.X * (s * smooth[..., :n])[..., None, :]
         own = self._own_columns(smooth)
@@ -265,7 +266,7 @@ class Residual:
             columns["bristle"] = -p["motor_presliding"] * slope * earlier
         return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
 
-    def _differentiate_arm(self, J: Complexes, f: Complexes, turns: ArmFriction | None) -> None:
+    def _differentiate_arm(self, J: Complexes, f: Complexes) -> None:
         """Fill the columns of M2 and of the effects on the arm's dynamic stiffness.
 
         ``f`` is the torque that moves the arm.
@@ -273,7 +274,7 @@ class Residual:
         problem, layout, s = self.problem, self.problem.layout, self.problem.s
         if not any(name in layout for name in (*ARM_EFFECTS, "M2")):
             return
-        share = -self.X @ self.arm  # −XA⁻¹
+        share, turns = -self.X @ self.arm, self.turns  # −XA⁻¹
         angle = (self.arm @ f[..., None])[..., 0]
         by_arm = share * angle[..., None, :]  # ∂r/∂A_jj
         moved = (self.arm @ (self._clear(self.torque) - self.law[1])[..., None])[..., 0]
@@ -296,17 +297,15 @@ class Residual:
                 uses = problem.prior.part[problem.prior.pose] == part
                 J[uses, :, :, first : first + size] = by_element[uses]
             if problem.prior.shared_gravity.any():
-                J[..., layout["M2"]] += self._by_common_gravity(share, angle, moved, turns)
+                J[..., layout["M2"]] += self._by_common_gravity(share, angle, moved)
 
-    def _by_common_gravity(
-        self, share: Complexes, angle: Complexes, moved: Complexes, turns: ArmFriction | None
-    ) -> Complexes:
+    def _by_common_gravity(self, share: Complexes, angle: Complexes, moved: Complexes) -> Complexes:
         """Change of r by the gravity that follows the common unknown in M2, shape (r, H, n, u t)."""
         prior = self.problem.prior
         change = prior.shared_gravity[prior.pose, None]
         by_unknown = share @ (change @ angle[..., None])
-        if turns is not None:
-            by_unknown = by_unknown + self._by_turns(turns, -self.arm @ (change @ moved[..., None]))
+        if self.turns is not None:
+            by_unknown = by_unknown + self._by_turns(self.turns, -self.arm @ (change @ moved[..., None]))
         return np.asarray(by_unknown * prior.by_lower)
 
 
