@@ -31,6 +31,7 @@ from jointid import (
 from jointid.cut.arm import Drive
 from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.start_values import other_laws, with_backlash
 from jointid.figures.springs import torsion_curve
@@ -371,6 +372,13 @@ def test_a_loop_without_height_starts_again_as_a_usual_one() -> None:
     assert np.all(start["hysteresis"] > 0.01)
     np.testing.assert_allclose(start["presliding"], start["hysteresis"] / PAPER.K)
     assert not again(0.08)
+
+
+@pytest.mark.parametrize("name", ["hardening", "hysteresis"])
+def test_no_fit_has_negative_play(name: str) -> None:
+    """The second joint has no play, and other laws would take a negative one."""
+    found = maximum_likelihood(measured()[name], INERTIA, WORN[name].answer, effects=("backlash",))
+    assert np.all(found.named["backlash"] >= 0)
 
 
 def test_a_linear_gear_stays_linear_by_request() -> None:
