@@ -1,11 +1,12 @@
 """Gears as they are: the laws found, their values, and how often a linear robot is called nonlinear.
 
-    python -m benchmarks.gears [runs] [table ...]     or  python -m benchmarks gears
+    python -m benchmarks.gears [runs] [table ...] [row ...]     or  python -m benchmarks gears
 
-Tables: hardening, slopes, backlash, hysteresis, combined, linear; without a name all of them. The robots
-are those of ``independent_robot``; plants, noise (0.1 to 3 % of the torque) and errors of the given
-inertias change from run to run. The law acts at one joint or at all. The last row of a table pools its
-intervals: their share that holds the truth, and the probability of a share so far from 95 %.
+Tables: hardening, slopes, backlash, hysteresis, combined, linear; without a name all of them, and
+without names of rows, such as "2 %", all rows. The robots are those of ``independent_robot``; plants,
+noise (0.1 to 3 % of the torque) and errors of the given inertias change from run to run. The law acts at
+one joint or at all. The last row of a table pools its intervals: their share that holds the truth, and
+the probability of a share so far from 95 %.
 """
 
 from __future__ import annotations
@@ -260,11 +261,15 @@ COMBINED = {
 POOLED = "runs", "laws right", "silent wrong", "with alarm", "in aim"
 
 
-def rows(cases: Mapping[str, GearCase]) -> Callable[[int], Iterator[Row]]:
-    def made(runs: int) -> Iterator[Row]:
+Made = Callable[[int, Sequence[str]], Iterator[Row]]
+"""Rows of a table by the number of runs and their names; without names all of them."""
+
+
+def rows(cases: Mapping[str, GearCase]) -> Made:
+    def made(runs: int, only: Sequence[str]) -> Iterator[Row]:
         cells, sizes = [], []
-        for name, case in cases.items():
-            one, z = row(name, case, runs)
+        for name in only or cases:
+            one, z = row(name, cases[name], runs)
             cells.append(one)
             sizes.append(z.ravel())
             yield one
@@ -327,12 +332,12 @@ def timed(campaign: Campaign, records: list[Any]) -> tuple[list[Any], list[float
     return fits, cpu
 
 
-def linear_rows(runs: int) -> Iterator[Row]:
-    for name, case in LINEAR.items():
-        yield linear_row(name, case, runs)
+def linear_rows(runs: int, only: Sequence[str]) -> Iterator[Row]:
+    for name in only or LINEAR:
+        yield linear_row(name, LINEAR[name], runs)
 
 
-TABLES: dict[str, tuple[str, Mapping[str, str], Callable[[int], Iterator[Row]]]] = {
+TABLES: dict[str, tuple[str, Mapping[str, str], Made]] = {
     "hardening": (
         "Hardening, torque at the peak deflection over the linear one",
         COLUMNS,
@@ -349,16 +354,17 @@ TABLES: dict[str, tuple[str, Mapping[str, str], Callable[[int], Iterator[Row]]]]
 def measure(quick: bool) -> Iterator[Table]:
     """Return the tables for ``python -m benchmarks gears``."""
     for name, (title, columns, made) in TABLES.items():
-        yield Table(f"gears, {name}", title, columns, tuple(made(1 if quick else 16)))
+        yield Table(f"gears, {name}", title, columns, tuple(made(1 if quick else 16, ())))
 
 
 def main(arguments: Sequence[str]) -> None:
     """Print tables row by row, each as soon as it is measured."""
     runs = int(arguments[0]) if arguments else 16
-    for name in arguments[1:] or TABLES:
+    only = [name for name in arguments[1:] if name not in TABLES]
+    for name in arguments[1 : len(arguments) - len(only)] or TABLES:
         title, columns, made = TABLES[name]
         print(f"\n{Table(name, title, columns, ()).markdown()}", flush=True)
-        for each in made(runs):
+        for each in made(runs, only):
             cells = (written(each.get(column), form) for column, form in columns.items())
             print(f"| {' | '.join(cells)} |", flush=True)
 

@@ -162,13 +162,14 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
 
     largest = torques(gear.tried_Nm, digits=2) if gear.tried_Nm else "–"
     terms = {"Law": " + ".join(gear.laws), "Largest torque": largest}
-    small = "K outside the backlash" if gear.backlash_rad else "K at small torque"
     K, error = scale.stiffness * gear.K, scale.stiffness * float(fit.errors.K[joint])
-    terms[small] = f"{with_error(K, error)} {scale.unit}"
+    terms["K (tangent stiffness)"] = f"{with_error(K, error)} {scale.unit}"
+    if gear.kind != "linear":
+        terms[f"Secant stiffness at {largest}"] = stiffnesses(gear.secant_K)
     if gear.kind in ("hardening", "piecewise"):
         edge = gear.tried_rad
         slope = float(np.diff(gear.torque([edge, 1.001 * edge]))[0]) / (0.001 * edge)
-        terms[f"K at {largest}"] = stiffnesses(slope)
+        terms[f"Tangent stiffness at {largest}"] = stiffnesses(slope)
     if gear.K2:
         terms["Catalogue K1, K2, K3"] = stiffnesses(gear.K, gear.K2, gear.K3)
         terms["Catalogue T1, T2"] = torques(gear.T1_Nm, gear.T2_Nm)
@@ -187,7 +188,9 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
 def gear_text(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -> str:
     """The terms of ``gear_terms`` as a line."""
     terms = gear_terms(fit, joint, unit).items()
-    parts = [f"{name if name[0] in 'KT' else name.lower()} {value}" for name, value in terms]
+    parts = [
+        f"{name if name[0] == 'K' else name[0].lower() + name[1:]} {value}" for name, value in terms
+    ]
     return f"Joint {joint + 1}: {'; '.join(parts)}"
 
 

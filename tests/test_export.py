@@ -108,6 +108,16 @@ def test_nonlinear_gears_become_tables_and_secants(result: Analysis) -> None:
     assert arm.K[1] == pytest.approx(90**2 * fit.K[1])
     for snippet in (mujoco_snippet, urdf_snippet):
         assert "not linear (hardening)" in snippet(one, [100.0, 90.0])
+    assert json.loads(to_json(one))["gears"]["secant_K"][0] == pytest.approx(hard.secant(2.3))
+    names: dict[str, Any] = {}
+    exec(code_listing(one, "Python"), names)
+    assert names["K"] == pytest.approx(fit.K, rel=1e-6)
+    assert names["K_secant"][0] == pytest.approx(hard.secant(2.3), rel=1e-6)
+    assert names["T_secant"][0] == 2.3
+    for language in LANGUAGES:
+        text = " ".join(code_listing(one, language).split())
+        assert "gear of joint 1: law hardening" in text
+        assert "K_secant" not in code_listing(result, language)
 
 
 def test_tables_of_laws_hold_their_kinks(result: Analysis) -> None:

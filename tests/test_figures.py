@@ -355,7 +355,7 @@ def test_a_gear_is_drawn_at_the_joint_in_its_unit(analyses: dict[int, Analysis])
         motor, joint = torsion_curve(fit, j).data[-1], torsion_curve(fit, j, unit=unit).data[-1]
         np.testing.assert_allclose(joint.x, np.array(motor.x) * 1e-3 / arcmin / ratio)
         np.testing.assert_allclose(joint.y, ratio * np.array(motor.y))
-        K = gear_terms(fit, j, unit)["K at small torque"]
+        K = gear_terms(fit, j, unit)["K (tangent stiffness)"]
         assert float(K.split(" ± ")[0]) == pytest.approx(fit.K[j] * ratio**2 * arcmin, rel=1e-2)
         assert K.endswith("N·m/arcmin")
         level = dynamic_stiffness(fit, j, unit=unit)

@@ -31,9 +31,10 @@ from jointid import (
 from jointid.cut.arm import Drive
 from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.start_values import other_laws, with_backlash
-from jointid.figures.springs import torsion_curve
+from jointid.figures.springs import stiffness_over_amplitude, torsion_curve
 from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffness
 from jointid.gears.laws import GearLaws
@@ -191,6 +192,8 @@ def test_backlash_and_damping_are_told_apart() -> None:
     fit = fitted("play")
     assert [gear.laws for gear in fit.gears] == [("backlash",), ("linear",)]
     assert fit.gears[0].backlash_rad == pytest.approx(0.003, rel=0.02)
+    modes = [stiffness_over_amplitude(fit, j).data[0].mode for j in (0, 1)]
+    assert modes == ["markers", "lines"]  # with backlash, the law depends on the waveform as well
 
 
 def test_the_edges_of_a_play_are_followed_between_samples() -> None:
@@ -374,6 +377,13 @@ def test_a_loop_without_height_starts_again_as_a_usual_one() -> None:
     assert np.all(start["hysteresis"] > 0.01)
     np.testing.assert_allclose(start["presliding"], start["hysteresis"] / PAPER.K)
     assert not again(0.08)
+
+
+@pytest.mark.parametrize("name", ["hardening", "hysteresis"])
+def test_no_fit_has_negative_play(name: str) -> None:
+    """The second joint has no play, and other laws would take a negative one."""
+    found = maximum_likelihood(measured()[name], INERTIA, WORN[name].answer, effects=("backlash",))
+    assert np.all(found.named["backlash"] >= 0)
 
 
 def test_a_linear_gear_stays_linear_by_request() -> None:

@@ -5,12 +5,18 @@ from textwrap import wrap
 import numpy as np
 
 from jointid.analysis import NOT_USABLE, Analysis
+from jointid.answer import gear_text
 from jointid.errors import JointIdError
 from jointid.exporting.identification import answer_text, origin_text, warning_text
 from jointid.wording import enumerated
 
-_NAMES = {"K": "K", "K_std": "K_std", "D": "D", "D_std": "D_std"}
-_GLOBAL_NAMES = {"K": "JointStiffness", "D": "JointDamping"}
+_NAMES = {name: name for name in ("K", "K_std", "D", "D_std", "K_secant", "T_secant")}
+_GLOBAL_NAMES = {
+    "K": "JointStiffness",
+    "D": "JointDamping",
+    "K_secant": "JointSecantStiffness",
+    "T_secant": "JointSecantTorque",
+}
 """Of a global variable list, where K and D may have other meanings; the errors are comments."""
 _GLOBAL = "    {name} : ARRAY [1..{n}] OF LREAL := {values};"
 LANGUAGES = {
@@ -28,6 +34,10 @@ LANGUAGES = {
 and last line of code if there are any, by language; Structured Text as in IEC 61131-3."""
 ENDINGS = {".st": "Structured Text", ".c": "C", ".m": "MATLAB", ".py": "Python"}
 """Languages of files, by the ending of their name."""
+_SECANT = (
+    "K is the tangent stiffness. K_secant is the secant stiffness at the torque T_secant in N·m, the "
+    "largest in the records: the linear K of a nonlinear gear that works up to this torque"
+)
 _DIGITS = 7
 _WIDTH = 80
 """Of a comment, in characters."""
@@ -36,8 +46,8 @@ _WIDTH = 80
 def code_listing(analysis: Analysis, language: str) -> str:
     """Write K and D with their standard errors in a language of ``LANGUAGES``.
 
-    Of an answer that is not usable, every line is a comment. Raises JointIdError when the language is
-    not supported.
+    With nonlinear gears also their laws and secant stiffnesses. Of an answer that is not usable, every
+    line is a comment. Raises JointIdError when the language is not supported.
     """
     if language not in LANGUAGES:
         known = enumerated(list(LANGUAGES))
@@ -52,10 +62,17 @@ def code_listing(analysis: Analysis, language: str) -> str:
         origin_text(analysis),
         "Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error from all causes",
     ]
+    gears = {j: gear for j, gear in enumerate(fit.gears) if gear.kind != "linear"}
+    if gears:
+        facts.append(_SECANT)
+        facts += [f"Nonlinear gear of {gear_text(fit, j)}".replace("Joint", "joint", 1) for j in gears]
     width = _WIDTH - len(comment)
     lines = [comment + part for fact in facts for part in wrap(fact, width, break_long_words=False)]
     lines += [unusable + first for first in frame[:1]]
     rows = {"K": fit.K, "K_std": fit.errors.K, "D": fit.D, "D_std": fit.errors.D}
+    if gears:
+        rows["K_secant"] = np.array([gear.secant_K for gear in fit.gears])
+        rows["T_secant"] = np.array([gear.tried_Nm for gear in fit.gears])
     for name, values in rows.items():
         code = unusable + line if name in names else f"{comment}{{name}}: {{values}}"
         if np.isfinite(values).all():

@@ -29,6 +29,7 @@ _UNITS = {
     ("inertia" if kind == "M" else kind): PARAMETERS[kind].unit
     for kind in ("K", "D", "M", "coulomb", "viscous", "delay")
 }
+_LAW = [field.name for field in fields(Gear)]
 _TOML_WORDS = {"disagreement": "none"} | dict.fromkeys(
     ("given_std", "inertia_std", "torque_std"), "unknown"
 )
@@ -86,7 +87,7 @@ def to_document(analysis: Analysis) -> dict[str, Any]:
             for name in EFFECT_PARAMETERS
             if name in fit.parameters.layout
         },
-        "gears": fit.gears and _columns(fit.gears, [*(f.name for f in fields(Gear)), "kind"]),
+        "gears": fit.gears and _columns(fit.gears, [*_LAW, "kind", "secant_K"]),
         "inertia": inertia_table(analysis.inertia()),  # as fitted together with K and D
         "poses": {pose: inertia_table(analysis.inertia(pose)) for pose in study.poses},
         "priors": _columns(analysis.priors, [*(f.name for f in fields(PriorRow)), "disagreement"]),

@@ -27,7 +27,7 @@ class ArmSide(NamedTuple):
     gear_ratio: Floats
     """Motor turns per joint turn, negative where the motor turns the other way."""
     K: Floats
-    """Stiffness, N·m/rad; of a nonlinear gear the secant at the largest torque tried."""
+    """Stiffness, N·m/rad; of a nonlinear gear the secant stiffness at the largest torque tried."""
     D: Floats
     """Damping, N·m·s/rad."""
     rotor: Floats
@@ -56,10 +56,10 @@ def arm_side(analysis: Analysis, gear_ratio: ArrayLike) -> ArmSide:
     friction = [0.0, 0.0] if fit.friction is None else [fit.friction.coulomb, fit.friction.viscous]
     # A small negative friction is noise; simulators refuse it.
     coulomb, viscous = (np.maximum(np.zeros(fit.n), each) for each in friction)
-    K = fit.elasticity.K.copy()
+    K = fit.K.copy()
     for j, gear in enumerate(fit.gears):
         if gear.kind != "linear":
-            K[j] = gear.secant(gear.tried_Nm)
+            K[j] = gear.secant_K
     usable = np.nan if analysis.state == NOT_USABLE else 1.0
     return ArmSide(
         gear_ratio=N,
@@ -245,8 +245,8 @@ def _heading(analysis: Analysis, arm: ArmSide) -> list[str]:
         gear = fit.gears[j]
         if gear.kind != "linear":
             lines.append(
-                f"     Its gear is not linear ({' + '.join(gear.laws)}), but this format is. The "
-                f"stiffness below is the secant {_text(gear.secant(gear.tried_Nm))} N.m/rad at "
+                f"     Its gear is not linear ({' + '.join(gear.laws)}), but this format is. K is the "
+                f"tangent stiffness; below is the secant stiffness {_text(gear.secant_K)} N.m/rad at "
                 f"{gear.tried_Nm:.3g} N.m, without backlash, motor side."
             )
     fitted = any(row.is_fitted for row in analysis.priors)

@@ -1,6 +1,7 @@
 """The springs: torsion curves, stiffness over frequency and amplitude, residual of the model."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -120,7 +121,7 @@ def torsion_curve(
         sketch.line(shown, slope, "slope K", "quiet", width=1.5, **flat)
     across = linear_axis(f"Deflection ({scale.angle}, {scale.side})")
     upwards = linear_axis(f"Torque (N·m, {scale.side})")
-    return sketch.figure(across, upwards, height=420)
+    return sketch.figure(across, upwards, height=420, legend={"itemsizing": "constant"})  # small dots
 
 
 def drawn_records(amplitude: Floats) -> list[int]:
@@ -141,7 +142,8 @@ def stiffness_over_amplitude(
     """Torque over deflection of every record's fundamental against its torque amplitude, by pose.
 
     The joint counts from 0; ``poses`` are those of the records, by default all the same. The law is
-    evaluated at the deflection of every record: beside backlash it depends on its waveform as well.
+    evaluated at the deflection of every record: with backlash it depends on its waveform as well, and
+    no line connects its values.
     """
     sketch, curve, gear = Sketch(dark), fit.torsion_curves[joint], fit.gears[joint]
     scale = unit.of_gear(joint)
@@ -150,14 +152,16 @@ def stiffness_over_amplitude(
     names = np.array(poses if len(poses) == K.size else [""] * K.size)
     law, rising = scale.stiffness * law_stiffness(gear, curve.deflection_rad), np.argsort(amplitude)
     hover = f"%{{x:.3g}} N·m<br>%{{y:.4g}} {scale.unit}<extra>fitted law</extra>"
-    sketch.line(amplitude[rising], law[rising], "fitted law", "identified", hovertemplate=hover)
+    open_circle = {"symbol": "circle-open", "size": 12}
+    draw = partial(sketch.points, marker=open_circle) if gear.backlash_rad else sketch.line
+    draw(amplitude[rising], law[rising], "fitted law", "identified", hovertemplate=hover)
     for k, pose in enumerate(dict.fromkeys(names.tolist())):
-        own = names == pose
-        name = plain_text(pose) or ("each record" if np.all(own) else "no pose stated")
+        at = names == pose
+        name = plain_text(pose) or ("each record" if np.all(at) else "no pose stated")
         hover = f"%{{x:.3g}} N·m<br>%{{y:.4g}} ± %{{customdata:.2g}} {scale.unit}<extra></extra>"
-        shared = {"customdata": error[own], "error": {"array": error[own]}, "hovertemplate": hover}
+        shared = {"customdata": error[at], "error": {"array": error[at]}, "hovertemplate": hover}
         symbol = {"symbol": joint_symbol(k), "size": 6}
         colour = "measured" if k == 0 else _SCALE[(2 * k) % len(_SCALE)]
-        sketch.points(amplitude[own], K[own], name, colour, marker=symbol, **shared)
+        sketch.points(amplitude[at], K[at], name, colour, marker=symbol, **shared)
     across = linear_axis(f"Torque amplitude (N·m, {scale.side})", rangemode="tozero")
-    return sketch.figure(across, linear_axis(f"K{joint + 1} ({scale.unit})"), height=260)
+    return sketch.figure(across, linear_axis(f"Re b/a of joint {joint + 1} ({scale.unit})"), height=260)

@@ -153,6 +153,7 @@ class Sketch:
                 "y": 1.02,
                 "yanchor": "bottom",
                 "font": {"color": ink},
+                **layout.pop("legend", {}),
             },
             "shapes": self.shapes,
         }

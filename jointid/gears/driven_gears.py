@@ -86,7 +86,7 @@ class DrivenGears:
             linear = GearLaws.made(laws.K, zero, zero, zero, zero, (zero, zero), (zero, zero))
             delta = cls(motors, linear, none, none, D, *own)._stepped().delta
             if laws.has_backlash:
-                delta += np.abs(laws.half_backlash) * np.sign(delta)
+                delta += laws.half_backlash * np.sign(delta)
         else:
             delta = start.delta
         found = begun = cls(motors, laws, delta, _loop(laws, delta), D, *own)._begun()

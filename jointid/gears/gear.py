@@ -30,7 +30,7 @@ class Gear:
     """
 
     K: float = 0.0
-    """Parallel elastic spring, N·m/rad: slope at zero, or outside the backlash. In a
+    """Tangent stiffness, N·m/rad: slope of the elastic law at zero torque, outside the backlash. In a
     simulated robot, 0 means the K of its elasticity."""
     cubic: float = 0.0
     """Cubic stiffness, N·m/rad³; negative for a softening gear."""
@@ -117,8 +117,13 @@ class Gear:
             low, high = np.where(above, low, middle), np.where(above, middle, high)
         return np.asarray(np.sign(torque) * low)
 
+    @property
+    def secant_K(self) -> float:
+        """Secant stiffness at the largest torque in the records, N·m/rad; K of a linear gear."""
+        return self.K if self.kind == "linear" else self.secant(self.tried_Nm)
+
     def secant(self, torque_Nm: float) -> float:
-        """Stiffness of the straight line through zero and ±torque, without the backlash, N·m/rad."""
+        """Secant stiffness, of the straight line through zero and ±torque without backlash, N·m/rad."""
         wind_up = float(self.deflection(torque_Nm)) - 0.5 * self.backlash_rad
         return torque_Nm / wind_up
 

@@ -88,7 +88,7 @@ class GearLaws:
     def kinked_energy(self, delta: Floats) -> Floats:
         """Integral of ``kinked`` over the deflection."""
         part = self._within_backlash(delta)
-        energy = -self.K * part * (delta - 0.5 * np.abs(part) * np.sign(delta))
+        energy = -self.K * part * (delta - 0.5 * part)
         if self.bent:
             e = self._beyond_backlash(delta)
             for at, bend in zip(self.knees, self.bends, strict=True):
@@ -119,11 +119,7 @@ class GearLaws:
         return np.asarray(sign + (before - sign) * np.exp(-np.abs(move) * self.sharpness))
 
     def _within_backlash(self, delta: Floats) -> Floats:
-        """Deflection within the backlash; of a negative one, as a fit may try, with the other sign."""
-        if not self.has_backlash:
-            return np.zeros_like(delta)
-        edge = np.abs(self.half_backlash)
-        return np.asarray(np.sign(self.half_backlash) * np.minimum(np.maximum(delta, -edge), edge))
+        return np.minimum(np.maximum(delta, -self.half_backlash), self.half_backlash)
 
     def _beyond_backlash(self, delta: Floats) -> Floats:
         return delta - self._within_backlash(delta) if self.has_backlash else delta

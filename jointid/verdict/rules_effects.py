@@ -45,14 +45,14 @@ _REMEDIES = {
     "gravity": ("Gravity acts as a {restoring|destabilising} spring on the arm", ""),
     "cubic": (
         "A gear {hardens|softens}",
-        "K holds for small deflections. Measure at the amplitude of the application.",
+        "K is the tangent stiffness, at small deflections. Measure at the amplitude of the application.",
     ),
     "piecewise": (
         "A gear has three slopes",
-        "K holds for small deflections. Measure at the amplitude of the application.",
+        "K is the tangent stiffness, at small deflections. Measure at the amplitude of the application.",
     ),
-    "backlash": ("A gear has backlash", "K holds outside the backlash. Check the gear's preload."),
-    "hysteresis": ("A gear has hysteresis", "K excludes the hysteresis."),
+    "backlash": ("A gear has backlash", "K is the stiffness outside it. Check the gear's preload."),
+    "hysteresis": ("A gear has hysteresis", "K is the tangent stiffness without the hysteresis."),
 }
 """Title, with {one verb|another} for positive and negative values, and remedy by effect."""
 

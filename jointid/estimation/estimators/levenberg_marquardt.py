@@ -46,14 +46,17 @@ def minimised(
     if slow and problem.motion is not None:  # their evaluations are the slowest
         harder, least = 100, max(least, _MOTION_IDLE)
     for _ in range(_ITERATIONS):
+        free = (p > problem.lowest) | (gradient < 0)  # the others rest at their bounds (Bertsekas, 1982)
         size = np.sqrt(np.diag(normal))
         size = np.where(size > NO_EFFECT, size, 1.0)
         misfit = max(1.0, 2 * cost / problem.rows)
         near = (_ROUGH_TOLERANCE if roughly else _TOLERANCE) * np.sqrt(misfit)
         while True:
             scaled = normal / np.outer(size, size) + damping * np.eye(p.size)
-            step = -np.linalg.solve(scaled, gradient / size) / size
-            trial = p + step
+            step = np.zeros(p.size)
+            step[free] = -np.linalg.solve(scaled[np.ix_(free, free)], (gradient / size)[free])
+            trial = np.maximum(p + step / size, problem.lowest)
+            step = trial - p
             if problem.feasible(trial):
                 if damping < 1 and np.abs(step * size).max() < near:
                     return trial, normal
@@ -83,7 +86,7 @@ def one_step(problem: Problem, p: Floats) -> tuple[Floats, float]:
     unit = normal / np.outer(size, size) + _LEAST_DAMPING * np.eye(p.size)
     step = -np.linalg.solve(unit, gradient / size) / size
     expected = max((problem.rows - residual.projection.rank() - p.size) / 2, 1.0)
-    return p + step, float(cost + gradient @ step) / expected
+    return np.maximum(p + step, problem.lowest), float(cost + gradient @ step) / expected
 
 
 def _attempt(

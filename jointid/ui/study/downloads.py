@@ -124,8 +124,8 @@ def show_simulator_files(analysis: Analysis, stem: str) -> None:
     st.write(
         "Simulators use joint-side values. With a gear ratio N, a stiffness K at the motor becomes "
         "N²K at the joint; damping and rotor inertia likewise. These formats hold linear springs: a "
-        "nonlinear gear is replaced by the secant of its torsion curve at the largest torque in the "
-        "records, and the file states this torque."
+        "nonlinear gear gets its secant stiffness at the largest torque in the records, and the file "
+        "states this torque."
     )
     if ratio is None:
         entered = st.text_input(

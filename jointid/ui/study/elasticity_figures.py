@@ -78,9 +78,10 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
         found["K over amplitude"] = per_joint(
             "Stiffness of joint {0} over the torque amplitude of the records",
             partial(stiffness_over_amplitude, fit, poses=poses, unit=unit),
-            "K of each record over its torque amplitude, and of the fitted law at the same deflection. "
-            "A linear gear gives a level line; hardening raises K at large torque, hysteresis at small "
-            "torque, and backlash lowers it there.",
+            "Real part of each record's dynamic stiffness, torque over deflection of the fundamental, "
+            "over its torque amplitude, and that of the fitted law. A linear gear gives a level line at "
+            "K; hardening raises it at large torque, hysteresis at small torque, and backlash lowers it "
+            "there.",
         )
     return found
 
@@ -88,7 +89,8 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
 def _show_torsion(page: Page, analysis: Analysis) -> None:
     st.caption(
         "Torque through the gear over its deflection, from motor data alone. The blue line is the "
-        "fitted elastic law; its slope at small torque, outside any backlash, is K. Damping and "
+        "fitted elastic law; its slope at zero torque, outside any backlash, is K, the tangent "
+        "stiffness. Damping and "
         "hysteresis open the loops, one per record, drawn with ± two standard errors. Motions appear "
         "as dots."
     )
