@@ -11,8 +11,6 @@ from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import phasor_table
 
-_FEW = 2
-"""Joints whose phasors are drawn alike."""
 page = open_page(
     "Phasors",
     "A sine of known frequency is fully described by its amplitude and phase: one complex number, the "
@@ -35,9 +33,14 @@ chosen = st.selectbox(
     key="record",
     bind="query-params",
 )
-joint = choose_segment("Joint", range(phasors.n), "phasor_joint", format_func=lambda j: f"Joint {j + 1}")
-# the records of many joints would hide each other
-drawn = joint if phasors.n > _FEW else None
+has_many = phasors.n > 2  # they would hide each other
+joint = choose_segment(
+    "Joint in front" if has_many else "Table of",
+    range(phasors.n),
+    "phasor_joint",
+    format_func=lambda j: f"Joint {j + 1}",
+)
+drawn = joint if has_many else None
 signals = (("Motor angle (rad)", "angles", False), ("Motor torque (N·m)", "torques", True))
 for place, (heading, what, torque) in zip(st.columns(2), signals, strict=True):
     with place:

@@ -176,7 +176,6 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "motion_response::error_is_the_covariance": ("1-0.0001", "2-1e-06"),
     "outcome::a_result_that_is_not_better_says_so": (),
     "outcome::it_grows_with_the_uncertainty": (),
-    "outcome::the_text_of_nonlinear_gears_has_both_servos": (),
     "outcome::where_friction_sets_the_error_the_springs_do_not_matter": (),
     "path_errors::and_with_every_option_of_the_servo": (),
     "path_errors::mismatches_are_single_cuts": ("0.01-parallelogram",),

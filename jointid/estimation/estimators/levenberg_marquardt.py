@@ -46,7 +46,8 @@ def minimised(
     if slow and problem.motion is not None:  # their evaluations are the slowest
         harder, least = 100, max(least, _MOTION_IDLE)
     for _ in range(_ITERATIONS):
-        free = (p > problem.lowest) | (gradient < 0)  # the others rest at their bounds (Bertsekas, 1982)
+        # Those at their bounds rest (Bertsekas, SIAM Journal on Control and Optimization 20, 1982).
+        free = (p > problem.layout.lowest) | (gradient < 0)
         size = np.sqrt(np.diag(normal))
         size = np.where(size > NO_EFFECT, size, 1.0)
         misfit = max(1.0, 2 * cost / problem.rows)
@@ -55,7 +56,7 @@ def minimised(
             scaled = normal / np.outer(size, size) + damping * np.eye(p.size)
             step = np.zeros(p.size)
             step[free] = -np.linalg.solve(scaled[np.ix_(free, free)], (gradient / size)[free])
-            trial = np.maximum(p + step / size, problem.lowest)
+            trial = np.maximum(p + step / size, problem.layout.lowest)
             step = trial - p
             if problem.feasible(trial):
                 if damping < 1 and np.abs(step * size).max() < near:
@@ -86,7 +87,7 @@ def one_step(problem: Problem, p: Floats) -> tuple[Floats, float]:
     unit = normal / np.outer(size, size) + _LEAST_DAMPING * np.eye(p.size)
     step = -np.linalg.solve(unit, gradient / size) / size
     expected = max((problem.rows - residual.projection.rank() - p.size) / 2, 1.0)
-    return np.maximum(p + step, problem.lowest), float(cost + gradient @ step) / expected
+    return np.maximum(p + step, problem.layout.lowest), float(cost + gradient @ step) / expected
 
 
 def _attempt(

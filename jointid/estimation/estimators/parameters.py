@@ -231,6 +231,14 @@ class ParameterLayout:
         """Label of every parameter, in their order."""
         return tuple(label for block in self.blocks for label in block.labels)
 
+    @cached_property
+    def lowest(self) -> Floats:
+        """Lower bounds, shape (P,): there is no negative play."""
+        lowest = np.full(self.size, -np.inf)
+        if "backlash" in self:
+            lowest[self["backlash"]] = 0
+        return lowest
+
     def __contains__(self, name: str) -> bool:
         return name in self._slices
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -113,14 +112,6 @@ class Problem:
         sums = np.bincount(self.group.ravel(), values.ravel(), self.main.size)
         return np.asarray(sums, float)
 
-    @cached_property
-    def lowest(self) -> Floats:
-        """Lower bounds of the parameters, shape (P,): there is no negative play."""
-        lowest = np.full(self.layout.size, -np.inf)
-        if "backlash" in self.layout:
-            lowest[self.layout["backlash"]] = 0
-        return lowest
-
     def feasible(self, vector: Floats) -> bool:
         """Whether K, M and the torque scales are positive, and M2 and M2 − added positive definite."""
         p = self.layout.named(vector)
@@ -168,7 +159,7 @@ class Problem:
         if "piecewise" in self.layout and self.laws is not None and "cubic" in given:
             rise = given["cubic"] * self.laws.units(values)["knee"] ** 2
             means |= {name: share * rise for name, share in _BENDS.items()}
-        return np.maximum(self.layout.pack(**(means | same)), self.lowest)
+        return np.maximum(self.layout.pack(**(means | same)), self.layout.lowest)
 
     def prior_residual(self, vector: Floats) -> tuple[Floats, Floats]:
         """Deviation from the prior's mean, shape (P,), and the prior's information, shape (P, P)."""
