@@ -168,15 +168,6 @@ def test_it_follows_no_files(server: Server) -> None:
     assert "anon_inode:inotify" not in links
 
 
-def test_a_page_names_the_parts_that_its_first_figure_needs(server: Server) -> None:
-    with urllib.request.urlopen(f"{server.address}/Records") as page:
-        named = re.findall(r"<(/static/js/[^>]+)>; rel=modulepreload; crossorigin", page.headers["Link"])
-    assert {Path(name).name.partition(".")[0] for name in named} >= {"PlotlyChart", "Metric"}
-    for name in named:
-        with urllib.request.urlopen(server.address + name) as part:
-            assert part.headers["Link"] is None
-
-
 def test_a_simulated_session_chooses_the_default_again(server: Server) -> None:
     """As the client does, it takes a default out of the address and puts any other value there."""
     with closing(Session(server.address)) as session:

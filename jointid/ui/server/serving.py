@@ -9,10 +9,9 @@ import asyncio
 import gc
 import os
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib import import_module
-from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -37,8 +36,6 @@ PRELOADED = (
     "jointid.uncertainty.validation",
 )
 """Imported before the address is open, so that the first page need not: half of its time."""
-_FIRST_CHUNKS = ("PlotlyChart", "BidiComponent", "Selectbox", "Html", "PageLink", "Metric")
-"""Parts of streamlit's client that the first screen needs; it would ask for each as it comes to it."""
 _FIRST_SCREEN = ("jointid.ui.cut.panels", "jointid.ui.study.elasticity_figures")
 """They register components with the running server, hence cannot be imported before."""
 KEPT_S = 3 * PATIENCE_S
@@ -88,28 +85,6 @@ class PatientConnection(H11Protocol):
             self._begin_period()
         else:
             self.transport.abort()
-
-
-class Preloading:
-    """Names the parts that the first screen needs in the head of every page, to be loaded at once."""
-
-    def __init__(self, app: Any) -> None:
-        folder = Path(st.__file__).parent / "static" / "static" / "js"
-        files = sorted(file.name for name in _FIRST_CHUNKS for file in folder.glob(f"{name}.*.js"))
-        links = (f"</static/js/{name}>; rel=modulepreload; crossorigin" for name in files)
-        self._app, self._header = app, (b"link", ", ".join(links).encode())
-
-    async def __call__(self, scope: Any, receive: Any, send: Callable[[Any], Awaitable[None]]) -> None:
-        """Answer a request."""
-
-        async def sent(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                kinds = [value for name, value in message["headers"] if name == b"content-type"]
-                if any(kind.startswith(b"text/html") for kind in kinds):
-                    message["headers"] = [*message["headers"], self._header]
-            await send(message)
-
-        await self._app(scope, receive, sent)
 
 
 @asynccontextmanager
@@ -162,7 +137,7 @@ def serve(script: str, port: int) -> None:
     # Streamlit lowers the level of uvicorn's loggers.
     sys.stderr.write(f"The app is at http://{address}:{port} until Ctrl-C.\n")
     uvicorn.run(
-        Preloading(app),
+        app,
         host=address,
         port=port,
         http=PatientConnection,
