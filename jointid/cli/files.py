@@ -57,8 +57,8 @@ def robot_from(path: Path) -> KnownRobot:
     if path.suffix.lower() == ".toml":
         if not path.exists():
             raise JointIdError(
-                f"{path}: nothing is there. Write the inertias into this file, for two joints for "
-                f"instance:\n\n{MINIMAL_ROBOT}"
+                f"{path}: nothing is there. Create this file with the inertias, for example for two "
+                f"joints:\n\n{MINIMAL_ROBOT}"
             )
         beside = path.parent
         return robot_from_toml(read_toml(path), path.name, lambda name: (beside / name).read_bytes())

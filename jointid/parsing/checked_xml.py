@@ -15,7 +15,7 @@ def parse_xml(file: str, data: bytes, root: str) -> Element:
     """Parse an XML file whose outermost element is ``root``; comments are dropped.
 
     Raises JointIdError when it is not XML, has a document type or another root, or too many or too
-    deep elements.
+    deeply nested elements.
     """
     parser, builder, depth, elements = expat.ParserCreate(), TreeBuilder(), 0, 0
 
@@ -30,7 +30,7 @@ def parse_xml(file: str, data: bytes, root: str) -> Element:
         nonlocal depth, elements
         depth, elements = depth + 1, elements + 1
         if elements > _MAX_ELEMENTS:
-            raise fail(f"more than {_MAX_ELEMENTS} elements, which a robot does not need.")
+            raise fail(f"more than {_MAX_ELEMENTS} elements: remove visual and unused ones.")
         if depth > _MAX_DEPTH:
             raise fail(f"elements are nested more than {_MAX_DEPTH} deep.")
         if depth == 1 and tag != root:

@@ -69,14 +69,16 @@ def read_mjcf(file: str, data: bytes) -> RobotDescription:
         reason = " ".join(str(error).rpartition(", line")[0].split())
         raise xml_error(
             file,
-            f"MuJoCo cannot read this robot: {reason:.200}. Meshes are not read: a body of meshes needs "
-            "an <inertial>.",
+            f"MuJoCo cannot read this robot: {reason:.200}. Meshes are not read: a body made of meshes "
+            "needs an <inertial>.",
         ) from error
     names = tuple(model.joint(j).name or f"joint_{j + 1}" for j in range(model.njnt))
     hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
     for name, kind in zip(names, model.jnt_type, strict=True):
         if kind not in (hinge, slide):
-            raise xml_error(file, f"joint {name} is neither a hinge nor a slide.")
+            raise xml_error(
+                file, f"joint {name} is neither a hinge nor a slide: only these types are supported."
+            )
     links = _bodies(mujoco, model, tuple((model.jnt_type == slide).tolist()))
     require_physical(file, names, links)
     unknown = np.full(links.n, np.nan)
@@ -122,15 +124,15 @@ def _require_readable(file: str, root: Element) -> None:
         if unknown := {part.tag for part in body} - known:
             raise xml_error(
                 file,
-                f"body {name}: <{min(unknown)[:60]}> is not supported: write bodies out, on a fixed "
-                "base.",
+                f"body {name}: <{min(unknown)[:60]}> is not supported: write every body "
+                "explicitly and fix the base.",
             )
         if count > 1:
             raise xml_error(file, f"body {name} has {count} joints: give each its own body.")
 
 
 def _plain(root: Element) -> Element:
-    """Copy of a file with what is read of it; actuators without a gear are told by 0."""
+    """Copy of a file with what is read of it; actuators without a gear have the gear 0."""
     plain = _copy(root)
     plain.insert(0, Element("default"))
     SubElement(plain[0], "general", gear="0")

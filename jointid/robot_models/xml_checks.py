@@ -44,7 +44,9 @@ def require_physical(file: str, names: Sequence[str], links: RigidBodies) -> Non
     for name, tensor in zip(names, links.inertia, strict=True):
         if not np.isfinite(tensor).all():
             raise xml_error(
-                file, f"the bodies moved by joint {name} have no finite inertia: check their sizes."
+                file,
+                f"the bodies moved by joint {name} have an infinite or undefined inertia: check the "
+                "sizes and masses of their shapes.",
             )
         moments = np.linalg.eigvalsh(tensor)
         if moments[0] < -1e-6 * np.abs(moments).max():
@@ -59,7 +61,7 @@ def require_joints(file: str, count: int) -> None:
     """Refuse a robot without joints, or with too many."""
     if not 1 <= count <= _MOST_JOINTS:
         raise xml_error(
-            file, f"the robot has {counted(count, 'moving joint')}: 1 to {_MOST_JOINTS} can be used."
+            file, f"the robot has {counted(count, 'moving joint')}: 1 to {_MOST_JOINTS} are supported."
         )
 
 

@@ -229,7 +229,8 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
     if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < ALIKE:
         # Accelerations go with the square of time, in all joints alike.
         right = number(np.sqrt(factor.mean()))
-        causes += f" All joints agree: a sample rate of {right} times the given one is possible, too."
+        causes += f" All joints give the same factor: a sample rate of {right} times the given one "
+        causes += "has the same effect."
     return problem(
         f"A gear ratio, or the unit of the torque, looks wrong for {whose}",
         f"Torque over acceleration is {_values(factor[wrong])} times {_EXPECTED}. {causes} {proof}",

@@ -36,7 +36,7 @@ _REMEDIES = {
         "|lead, or their log is filtered}",
         "Log the torque set point, or the current without a filter, if the drive allows it.",
     ),
-    "load": ("The motors' friction grows with the torque through the gears", ""),
+    "load": ("The motors have load-dependent friction", ""),
     "motor_presliding": ("The motors' friction has a presliding part", ""),
     "link": (
         "The links have resonances above the band",
@@ -45,20 +45,23 @@ _REMEDIES = {
     "gravity": ("Gravity acts as a {restoring|destabilising} spring on the arm", ""),
     "cubic": (
         "A gear {hardens|softens}",
-        "K is the tangent stiffness, at small deflections. Measure at the amplitude of the application.",
+        "K is the tangent stiffness at zero torque. Measure at the amplitude of the application.",
     ),
     "piecewise": (
         "A gear has three slopes",
-        "K is the tangent stiffness, at small deflections. Measure at the amplitude of the application.",
+        "K is the tangent stiffness at zero torque. Measure at the amplitude of the application.",
     ),
-    "backlash": ("A gear has backlash", "K is the stiffness outside it. Check the gear's preload."),
+    "backlash": (
+        "A gear has backlash",
+        "K is the tangent stiffness outside the backlash. Check the gear's preload.",
+    ),
     "hysteresis": ("A gear has hysteresis", "K is the tangent stiffness without the hysteresis."),
 }
 """Title, with {one verb|another} for positive and negative values, and remedy by effect."""
 
 
 def effects_found(evidence: Evidence) -> Iterator[Finding]:
-    """Every effect that the chosen model has, with its size, unless it explains nothing with it."""
+    """Fitted effects with their sizes; none if the model contradicts the data."""
     fit = evidence.fit
     if contradicts(fit):
         return

@@ -136,7 +136,8 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     own_inertias = dict(zip(evidence.poses, own.inertias, strict=True))
     if absurd:
         accounts += (
-            " So large an error indicates a wrong unit, a wrong torque constant or another robot."
+            " So large an error indicates a wrong unit, a wrong torque constant or the inertias of "
+            "another robot."
         )
     sure = change - relative(_SURE * own.standard_error, fit.estimate)
     useless = absurd or (exact and contradicts(fit) and sure.max() > _FAR_OFF)
@@ -229,7 +230,7 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
                 "At the lowest frequencies its torque opposes the acceleration, unlike that of an "
                 f"inertia. The residual is {times_noise(fit.misfit)}.",
                 "Check the sign of the torque. If it is right, measure at higher frequencies, or in a "
-                "pose without gravity torque and without the pull of springs and hoses.",
+                "pose without gravity torque and without forces from springs and hoses.",
                 1.0,
             )
         elif off[i, j] > _FAR_OFF > _unexplained(free.select(index), measured):  # no change of scale

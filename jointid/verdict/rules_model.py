@@ -80,10 +80,10 @@ def link_in_series(evidence: Evidence) -> Iterator[Finding]:
     alone = np.count_nonzero(M2, axis=1) == 1
     for j in np.flatnonzero(alone & (softer * fit.K > fit.standard_error[: fit.n])).tolist():
         yield note(
-            f"K{j + 1} is that of gear and link in series",
-            "A joint without coupling does not show a flexible link. A typical one, with a mode at ten "
-            f"times the joint's resonance, makes K{j + 1} {percent(softer[j])} lower than that of the "
-            "gear. The error bars do not include this difference.",
+            f"K{j + 1} is the stiffness of gear and link in series",
+            "Records of a joint without inertial coupling cannot show a flexible link. A typical one, "
+            f"with a mode at ten times the joint's resonance, makes K{j + 1} {percent(softer[j])} lower "
+            "than that of the gear. The error bars do not include this difference.",
             "No action needed for a controller: it needs this K. Records of coupled joints show "
             "flexible links.",
             float(softer[j]),
@@ -130,7 +130,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     share_left, is_negligible = _left_of_torque(fit)
     left = f"The residual is {times_noise(fit.misfit)}"
     if freedom > 0:
-        left += f", at the frequencies of the motion {times_noise(max(misfit, 1.0))},"
+        left += f" (at the frequencies of the motion: {times_noise(max(misfit, 1.0))})"
     left += f" and {percent(share_left)} of the torque"
     if is_negligible:
         yield note(
@@ -147,7 +147,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     make = problem if contradicts(fit) and fit.method not in LINEAR else warning
     parts = fitted_parts(fit) if make is problem else []
     if parts:
-        left += f". The fit includes {enumerated(parts)}, which does not help"
+        left += f". Fitting {enumerated(parts)} does not remove it"
     finding = make(
         "The model does not explain the data" if make is problem else MODEL_LIMITS,
         f"{left}.{odd_record}",

@@ -103,9 +103,9 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
         else f"the residual is {times_noise(found.misfit_with)}"
     )
     detail = (
-        f"With it, {before}; without it, the residual of the other {evidence.phasors.omega.size - 1} is "
-        f"{times_noise(found.misfit_without)}. Its dynamic stiffness of joint {k + 1} is "
-        f"{number(float(found.stiffness[k]), 2)} times that of the other records. "
+        f"With it, {before}; without it, the residual of the other {evidence.phasors.omega.size - 1} "
+        f"records is {times_noise(found.misfit_without)}. Its value for the dynamic stiffness of joint "
+        f"{k + 1} is {number(float(found.stiffness[k]), 2)} times that of the other records. "
     )
     title, cause, remedy = _outlier_text(found, label, n)
     changes = [Change("leave out", (found.record,))]

@@ -155,8 +155,8 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
     if pairs and (rows or np.any(phasors.covariance != 0)):
         yield warning(
             "A record is in the study twice",
-            f"{some(pairs)} have the same samples. {_concerned(len(pairs), 'pair')} Counting noise "
-            "twice makes the error bars up to 30 % too small.",
+            f"{some(pairs)} have the same samples. {_concerned(len(pairs), 'pair')} Counting "
+            "the same data twice makes the error bars up to 30 % too small.",
             "Leave out one record of each pair on import, or delete its [[records]] entry in "
             "study.toml; or measure again.",
             0.4 * _worst_error(evidence),

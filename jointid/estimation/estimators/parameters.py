@@ -49,7 +49,7 @@ EFFECTS = {
     "position_filter": Effect("a position filter", {"position_filter": ("position filter", "s")}),
     "torque_filter": Effect("a torque filter", {"torque_filter": ("torque filter", "s")}),
     "load": Effect(
-        "friction that grows with load", {"load": ("friction over gear torque", "")}, positive=True
+        "load-dependent friction", {"load": ("load friction coefficient", "")}, positive=True
     ),
     "motor_presliding": Effect(
         "presliding friction",
