@@ -161,7 +161,7 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
         return ", ".join(significant(scale.stiffness * value, 3) for value in K) + f" {scale.unit}"
 
     largest = torques(gear.tried_Nm, digits=2) if gear.tried_Nm else "–"
-    terms = {"Law": " + ".join(gear.laws), "Largest torque": largest}
+    terms = {"Law": " + ".join(gear.laws), "Largest torque in the records": largest}
     K, error = scale.stiffness * gear.K, scale.stiffness * float(fit.errors.K[joint])
     terms["K (tangent stiffness)"] = f"{with_error(K, error)} {scale.unit}"
     if gear.kind != "linear":

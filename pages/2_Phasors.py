@@ -35,7 +35,7 @@ chosen = st.selectbox(
 )
 has_many = phasors.n > 2  # they would hide each other
 joint = choose_segment(
-    "Joint in front" if has_many else "Table of",
+    "Joint",
     range(phasors.n),
     "phasor_joint",
     format_func=lambda j: f"Joint {j + 1}",

@@ -110,7 +110,7 @@ class TestPage:
         errors = {each.label: float(each.value.split()[-2]) for each in at.metric}
         _, after = headline(at)
         assert after == errors["Servo assumes K and D"]
-        assert errors["Servo assumes K and D"] > 2 * errors["Servo assumes the curve"]
+        assert errors["Servo assumes K and D"] > 2 * errors["Servo assumes the gear laws"]
         assert "joint 1: backlash; joint 2: linear" in words(at)
         assert not at.exception
 
@@ -229,7 +229,7 @@ class TestPage:
         rough = headline(at)[1]
         assert rough > ideal + 0.1
         assert "The servo does not compensate it" in words(at)
-        assert "comes from friction, delay and encoder, not from errors of K and D" in words(at)
+        assert "includes the effects of friction, delay and encoder" in words(at)
         assert "probability of 95 %" not in words(at)
         at = shown(at.checkbox(key="cut_compensated").check().run())
         assert headline(at)[1] < 0.2 * rough

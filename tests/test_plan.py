@@ -218,7 +218,7 @@ def test_suggestion_cuts_the_worst_error(n: int) -> None:
     records = suggestion.records
     table = suggested_table(suggestion)
     assert len(table) == 5  # a phone shows as many columns, of six joints, too
-    assert [cell.count(", ") for cell in table["Velocities (rad/s)"]] == 3 * [n - 1]
+    assert [cell.count(", ") for cell in table["Motor velocities (rad/s)"]] == 3 * [n - 1]
     again = predict_standard_errors(records, phasors, inertia, fit)
     assert np.allclose(again.together / np.abs(fit.estimate), suggestion.relative_error[-1])
     # Better than the same number of records taken at random from what was done before.

@@ -178,7 +178,7 @@ class TestTheNextExperiment:
         falling, flat = np.array([0.2, 0.05]), np.array([0.2, 0.19])
         assert found.limit_of_records(falling) == ""
         said = found.limit_of_records(flat)
-        assert said.startswith("These records hardly reduce the worst error. Most of it, for ")
+        assert said.startswith("These records hardly reduce the worst error. The largest error is ")
         assert said.endswith((" motion.", " payload.", " matters less.", " between the models."))
         title = "The model, not the noise, limits the answer"
         limited = replace(found, findings=(replace(found.findings[0], code="model limits"),))

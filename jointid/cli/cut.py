@@ -90,7 +90,7 @@ def cut(
         for zone, o in zip(zones, outcomes, strict=True)
     ]
     if robot.gears:
-        columns.append("servo assumes the gear laws")
+        columns.append("servo assumes the gear laws (identified K, D)")
         for row, cut in zip(cells, document["cuts"], strict=True):
             row.append(millimetres(1e-3 * cut["gears_known_mm"]))
     print_table(columns, cells, right=tuple(range(len(columns))))

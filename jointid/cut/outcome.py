@@ -179,7 +179,7 @@ def cut_with_laws(
 def cut_by(
     robot: CutRobot, toolpath: Toolpath, servo: Servo, friction: MotorFrictionLike | None
 ) -> Callable[..., TrackingRun]:
-    """Cuts of a robot with its gears, by its K and D and those that the servo assumes."""
+    """Return the simulated cut as a function of the robot's K and D and those of the servo."""
     return partial(track, robot.arm, toolpath, servo=servo, friction=friction, gears=robot.laws)
 
 
@@ -243,8 +243,8 @@ def remaining_error_text(
     }
     named = enumerated([name for name, acts in causes.items() if acts] or ["the controller's rate"])
     text = (
-        f"The remaining error, {left}, comes from {named}, not from errors of K and D: within their "
-        f"error bars it changes by {millimetres(outcome.spread_m)} (95th percentile shown)."
+        f"The remaining error, {left}, includes the effects of {named}; within the error bars of K and "
+        f"D it changes by {millimetres(outcome.spread_m)} (95th percentile shown)."
     )
     if outcome.before_m < outcome.after_m:
         text += (

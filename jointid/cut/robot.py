@@ -106,7 +106,7 @@ class CutRobot:
 
     @property
     def laws(self) -> tuple[Gear, ...] | None:
-        """Laws of the gears with any K, as ``track`` takes them; None of linear gears."""
+        """Gear laws for ``track``, with K = 0 (the elasticity has K); None if all are linear."""
         return tuple(replace(gear, K=0.0) for gear in self.gears) or None
 
     @property

@@ -35,8 +35,9 @@ and last line of code if there are any, by language; Structured Text as in IEC 6
 ENDINGS = {".st": "Structured Text", ".c": "C", ".m": "MATLAB", ".py": "Python"}
 """Languages of files, by the ending of their name."""
 _SECANT = (
-    "K is the tangent stiffness. K_secant is the secant stiffness at the torque T_secant in N·m, the "
-    "largest in the records: the linear K of a nonlinear gear that works up to this torque"
+    "K is the tangent stiffness at zero torque, outside any backlash. The secant stiffness (without "
+    "backlash) holds at the secant torque in N·m, the largest torque in the records: use it as linear K "
+    "for work up to this torque"
 )
 _DIGITS = 7
 _WIDTH = 80

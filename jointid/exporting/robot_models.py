@@ -245,9 +245,10 @@ def _heading(analysis: Analysis, arm: ArmSide) -> list[str]:
         gear = fit.gears[j]
         if gear.kind != "linear":
             lines.append(
-                f"     Its gear is not linear ({' + '.join(gear.laws)}), but this format is. K is the "
-                f"tangent stiffness; below is the secant stiffness {_text(gear.secant_K)} N.m/rad at "
-                f"{gear.tried_Nm:.3g} N.m, without backlash, motor side."
+                f"     Its gear is nonlinear ({' + '.join(gear.laws)}), and this format has linear "
+                f"springs only: the file contains the secant stiffness {_text(gear.secant_K)} N.m/rad "
+                f"at {gear.tried_Nm:.3g} N.m (motor side, without backlash), not the tangent stiffness "
+                "K above."
             )
     fitted = any(row.is_fitted for row in analysis.priors)
     lines.append(f"     Inertias are those {'fitted together with K and D' if fitted else 'given'}.")

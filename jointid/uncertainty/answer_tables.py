@@ -17,7 +17,7 @@ _PARTS = {
 """Name of each part; the fit holds it as ``noise_error`` and so on."""
 _REMEDIES = {
     "noise": "use longer records or a larger motion",
-    "prior": "state them more exactly, or add records with a known payload",
+    "prior": "enter more accurate inertias or torque constants, or add records with a known payload",
     "unseen": "move the joints faster, so that friction matters less",
     "choice": "add records of other amplitudes and frequencies, which decide between the models",
 }
@@ -43,7 +43,10 @@ def largest_part(fit: ElasticityFit) -> str:
     worst = int(np.argmax(fit.standard_error / size))
     main = max(parts, key=lambda key: float(parts[key][worst]))
     name = elasticity_labels(fit.n)[worst]
-    return f"Most of it, for {name}, comes from {_PARTS[main]}: {_REMEDIES[main]}."
+    return (
+        f"The largest error is that of {name}; its largest part comes from {_PARTS[main]}: "
+        f"{_REMEDIES[main]}."
+    )
 
 
 def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> dict[str, list[str]]:

@@ -187,7 +187,7 @@ def show_gears(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     runs = outcome.after, cached_cuts.with_laws(page, settings.after, robot)
     laws = "; ".join(f"joint {j}: {' and '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
     ink = colours(page.dark)
-    servos = ("Servo assumes K and D", ink.nominal), ("Servo assumes the curve", ink.identified)
+    servos = ("Servo assumes K and D", ink.nominal), ("Servo assumes the gear laws", ink.identified)
     around = window(runs)
     for place, run, (servo, colour) in zip(st.columns(2), runs, servos, strict=True):
         error = millimetres(run.max_contour_error_m)
@@ -197,7 +197,9 @@ def show_gears(page: Page, settings: CutSettings, outcome: Outcome) -> None:
             st.metric(servo, error)
     st.caption(
         f"Largest path error of a robot with the identified gears ({laws}), as in all cuts of this page "
-        "except in the tab Accuracy of K. Beyond the torques of the records the laws are extrapolated."
+        "except in the tab Accuracy of K. Left: K and D at the 95th percentile of the path error, found "
+        "with linear gears; right: the identified K and D. Beyond the torques of the records the laws "
+        "are extrapolated."
     )
 
 

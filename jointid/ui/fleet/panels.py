@@ -76,10 +76,14 @@ def show_summary(spreads: Sequence[Spread], drifts: Drifts) -> None:
     """Stiffness of the fleet, its outliers and its clearest drift, in a sentence."""
     if not (stiffness := spreads[0]).value.size:
         return
-    outliers = [f"{counted(int(s.outliers.sum()), 'outlier')} of {s.name}" for s in spreads]
-    parts = [f"{stiffness.name}: {_in_words(stiffness)}", enumerated(outliers)]
+    outliers = [
+        f"{counted(int(s.outliers.sum()), 'outlier')} of {s.name}"
+        for s in spreads
+        if np.isfinite(s.z).any()
+    ]
+    parts = [f"{stiffness.name}: {_in_words(stiffness)}", *([enumerated(outliers)] if outliers else [])]
     name, (clearest, *_) = next(iter(drifts.items()))
-    if _is_clear(clearest):
+    if name and _is_clear(clearest):
         parts.append(
             f"{clearest.name} of {markdown_escape(_robot_name(name))} {_drift_in_words(clearest)}"
         )
@@ -87,10 +91,10 @@ def show_summary(spreads: Sequence[Spread], drifts: Drifts) -> None:
 
 
 def show_robots(spreads: Sequence[Spread], drifts: Drifts) -> None:
-    """Every robot in a row: its values, their drift, and its outliers."""
+    """One row per robot: its values, their drift, and its outliers."""
     if not any(drifts):
         return
-    st.header("Every robot", anchor=False)
+    st.header("Robots", anchor=False)
     columns: dict[str, list[str]] = {"Robot": [_robot_name(name) for name in drifts]}
     for k, spread in enumerate(spreads):
         own = [np.array([row.robot == name for row in spread.rows]) for name in drifts]
@@ -100,13 +104,18 @@ def show_robots(spreads: Sequence[Spread], drifts: Drifts) -> None:
         columns[f"{spread.name} ({unit})"] = [
             significant(float(np.median(spread.value[mask])), 4) if mask.any() else "" for mask in own
         ]
-        columns[f"{spread.name} a year (%)"] = [_per_year(of_robot[k]) for of_robot in drifts.values()]
-        columns[f"Outliers of {spread.name}"] = [str((mask & spread.outliers).sum()) for mask in own]
+        columns[f"Drift of {spread.name} (% per year)"] = [
+            _per_year(of_robot[k]) for of_robot in drifts.values()
+        ]
+        columns[f"Outliers of {spread.name}"] = [
+            str((mask & spread.outliers).sum()) if np.isfinite(spread.z[mask]).any() else "–"
+            for mask in own
+        ]
     table(columns, height=300)
     st.caption(
-        "Median of each robot's studies. A year: median slope between pairs of dated studies (Theil and "
-        "Sen), ± one standard error. Some robots seem to drift by chance: a drift below "
-        f"{_CLEAR:g} standard errors is not significant."
+        "Median of each robot's studies. Drift: Theil–Sen slope over the dated studies, relative to the "
+        "trend at the median date, ± one standard error. Scatter alone can look like drift: a drift "
+        f"below {_CLEAR:g} standard errors is not significant."
     )
 
 
@@ -225,8 +234,8 @@ def _drift_in_words(drift: Drift) -> str:
     if not np.isfinite(change):
         return f": at least {MIN_VALUES} dates are needed for a trend"
     if not _is_clear(drift):
-        return f"has no drift beyond its scatter, ± {significant(error, 2)} % a year"
-    by = f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % a year"
+        return f"has no drift beyond its scatter, ± {significant(error, 2)} % per year"
+    by = f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % per year"
     return f"{by}, relative to the trend at the median date"
 
 

@@ -78,10 +78,10 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
         found["K over amplitude"] = per_joint(
             "Stiffness of joint {0} over the torque amplitude of the records",
             partial(stiffness_over_amplitude, fit, poses=poses, unit=unit),
-            "Real part of each record's dynamic stiffness, torque over deflection of the fundamental, "
-            "over its torque amplitude, and that of the fitted law. A linear gear gives a level line at "
-            "K; hardening raises it at large torque, hysteresis at small torque, and backlash lowers it "
-            "there.",
+            "Real part of the dynamic stiffness of each record (torque divided by deflection, "
+            "fundamental only) versus torque amplitude, with the fitted law. A linear gear gives a "
+            "horizontal line at K; hardening raises it at large torque, hysteresis raises it at "
+            "small torque, and backlash lowers it at small torque.",
         )
     return found
 

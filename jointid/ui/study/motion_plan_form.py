@@ -128,10 +128,11 @@ def show_set_points(
     points = set_points(played, robot, file_format, interval_ms=interval_ms, study=analysis.study.name)
     show_text_table(check_table(points.rows))
     st.caption(
-        f"{played.experiment.duration_s:.0f} s. Positions to accelerations at the joint, torque at the "
-        "motor. Peaks of the set points, and of motors and arm under simulated control and under exact "
-        "following, whichever is larger. A torque may exceed the plan's amplitudes: ramps, friction, "
-        "load at rest and, in a multisine, sines that peak together add to them. Not run on hardware."
+        f"{played.experiment.duration_s:.0f} s. Position, velocity and acceleration at the joint, "
+        "torque at the motor. Each peak is the largest of set points, simulated control and exact "
+        "following, for motors and arm. Torque peaks may exceed the planned amplitudes: ramps, "
+        "friction, holding torque and, in a multisine, coinciding sine peaks add to them. "
+        "Not run on hardware."
     )
     require_within_limits(points.rows, points.scale)
     chosen = FORMATS[file_format]
@@ -223,7 +224,7 @@ def show_motion_plan(page: Page, analysis: Analysis, sines: PlanSettings | None 
         return
     show_text_table(plan_table(plans))
     st.caption(
-        "Relative standard errors. Together: with the present records and shared inertias. The peaks "
+        "Relative standard errors. With present records: inertias are shared. The peaks "
         "are those of the simulated motors and include friction."
     )
     for plan in plans:
@@ -276,8 +277,8 @@ def _ask(page: Page, analysis: Analysis, sines: PlanSettings | None) -> MotionSe
 def plan_table(plans: tuple[PlannedMotion, ...]) -> Table:
     """One column per motion: duration, peaks and errors."""
     found: dict[str, list[str]] = {
-        "": ["Duration", "Peak velocity (rad/s)", "Peak torque (N·m)", "Worst error alone"]
-        + [f"{name} together" for name in plans[0].names]
+        "": ["Length", "Peak velocity (rad/s)", "Peak torque (N·m)", "Worst error, motion alone"]
+        + [f"{name} error, with present records" for name in plans[0].names]
     }
     for plan in plans:
         peak = largest_motion(plan.records)

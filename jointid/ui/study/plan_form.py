@@ -120,10 +120,10 @@ def suggested_table(found: Suggestion) -> Table:
     worst = found.relative_error.argmax(axis=1)[1:]
     return {
         "Frequency (Hz)": [significant(f, 4) for f in records.frequency_hz.tolist()],
-        "Torques of the motors (N·m)": [
+        "Motor torques (N·m)": [
             ", ".join(phasor_text(y).replace(" ", "\u00a0") for y in row) for row in turned.tolist()
         ],
-        "Velocities (rad/s)": [three_digits(row) for row in records.velocity_rad_s.tolist()],
+        "Motor velocities (rad/s)": [three_digits(row) for row in records.velocity_rad_s.tolist()],
         "Length (s)": [f"{s:g}" for s in records.duration_s.tolist()],
         "Worst error afterwards": [
             f"{found.names[k]} {'± ' * bool(np.isfinite(e))}{percent(e)}"
