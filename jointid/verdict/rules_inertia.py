@@ -98,10 +98,14 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
 
 
 def _probed(phasors: Phasors, prior: InertiaPrior) -> Estimate | None:
-    """Fit with free friction and a delay, which hide wrong inertias and exchanged axes."""
+    """Fit with free friction and a delay, which hide wrong inertias and exchanged axes; None without."""
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
-    model = Model(0.03 if phasors.harmonics.shape[1] > 1 else None, delay=True)
-    return fit_without_inertias(phasors, prior, weighted(equations).p, equations.noise, model)
+    free = Model(0.03 if phasors.harmonics.shape[1] > 1 else None, delay=True)
+    for model in (free, Model(None, delay=False)):  # few records do not determine the first
+        found = fit_without_inertias(phasors, prior, weighted(equations).p, equations.noise, model)
+        if found is not None:
+            return found
+    return None
 
 
 def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
