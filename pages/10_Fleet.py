@@ -4,7 +4,7 @@ import streamlit as st
 
 from jointid.fleet.spread import fleet_spread
 from jointid.fleet.table import to_parquet
-from jointid.ui.fleet import panels
+from jointid.ui.fleet import panels, robots
 from jointid.ui.fleet.files import open_fleet, show_samples_button
 from jointid.ui.shared.charts import download, is_dark
 from jointid.ui.shared.page import start
@@ -26,12 +26,12 @@ panels.show_headline(rows)
 if any(row.is_good for row in rows):
     joint, within_robot = panels.choose(rows)
     spreads = [fleet_spread(rows, quantity, joint, within_robot=within_robot) for quantity in "KD"]
-    drifts = panels.drifts_of(spreads, joint)
-    panels.show_summary(spreads, drifts)
+    drifts = robots.drifts_of(spreads, joint)
+    robots.show_summary(spreads, drifts)
     panels.show_spread(spreads, dark=is_dark())
-    panels.show_robots(spreads, drifts)
+    robots.show_robots(spreads, drifts)
     panels.show_outstanding(spreads, within_robot=within_robot)
-    panels.show_drift(spreads, drifts, dark=is_dark())
+    robots.show_drift(spreads, drifts, dark=is_dark())
 panels.show_failed(rows)
 panels.show_studies(fleet, rows)
 download(

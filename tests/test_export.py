@@ -107,7 +107,7 @@ def test_nonlinear_gears_become_tables_and_secants(result: Analysis) -> None:
     assert arm.K[0] == pytest.approx(100**2 * 2.3 / hard.deflection(2.3))
     assert arm.K[1] == pytest.approx(90**2 * fit.K[1])
     for snippet in (mujoco_snippet, urdf_snippet):
-        assert "not linear (hardening)" in snippet(one, [100.0, 90.0])
+        assert "nonlinear (hardening)" in snippet(one, [100.0, 90.0])
     assert json.loads(to_json(one))["gears"]["secant_K"][0] == pytest.approx(hard.secant(2.3))
     names: dict[str, Any] = {}
     exec(code_listing(one, "Python"), names)

@@ -1,0 +1,141 @@
+"""Panels of the fleet page on its robots: the summary, a table, and the drift of each."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import streamlit as st
+
+from jointid.estimation.estimators.parameters import PARAMETERS
+from jointid.figures.fleet import drift_over_time
+from jointid.fleet.spread import MIN_VALUES, Drift, Spread, robot_drift, seconds
+from jointid.ui.fleet.panels import spread_in_words
+from jointid.ui.shared.charts import plot, side_by_side, table
+from jointid.ui.shared.messages import markdown_escape
+from jointid.ui.shared.method_steps import IMPORT
+from jointid.ui.shared.workspace import link_to
+from jointid.wording import counted, enumerated, significant, unbroken, with_error
+
+_CLEAR = 3.0
+"""Standard errors beyond which a trend is said to be a drift."""
+Drifts = Mapping[str, list[Drift]]
+"""Drift of K and D by robot, the clearest of K first."""
+
+
+def show_summary(spreads: Sequence[Spread], drifts: Drifts) -> None:
+    """Stiffness of the fleet, its outliers and its clearest drift, in a sentence."""
+    if not (stiffness := spreads[0]).value.size:
+        return
+    outliers = [
+        f"{counted(int(s.outliers.sum()), 'outlier')} of {s.name}"
+        for s in spreads
+        if np.isfinite(s.z).any()
+    ]
+    parts = [
+        f"{stiffness.name}: {spread_in_words(stiffness)}",
+        *([enumerated(outliers)] if outliers else []),
+    ]
+    name, (clearest, *_) = next(iter(drifts.items()))
+    if name and _is_clear(clearest):
+        parts.append(
+            f"{clearest.name} of {markdown_escape(_robot_name(name))} {_drift_in_words(clearest)}"
+        )
+    st.header(unbroken("; ".join(parts)), anchor=False)
+
+
+def show_robots(spreads: Sequence[Spread], drifts: Drifts) -> None:
+    """One row per robot: its values, their drift, and its outliers."""
+    if not any(drifts):
+        return
+    st.header("Robots", anchor=False)
+    columns: dict[str, list[str]] = {"Robot": [_robot_name(name) for name in drifts]}
+    for k, spread in enumerate(spreads):
+        own = [np.array([row.robot == name for row in spread.rows]) for name in drifts]
+        if not k:
+            columns["Studies"] = [str(mask.sum()) for mask in own]
+        unit = PARAMETERS[spread.name[0]].unit
+        columns[f"{spread.name} ({unit})"] = [
+            significant(float(np.median(spread.value[mask])), 4) if mask.any() else "" for mask in own
+        ]
+        columns[f"Drift of {spread.name} (% per year)"] = [
+            _per_year(of_robot[k]) for of_robot in drifts.values()
+        ]
+        columns[f"Outliers of {spread.name}"] = [
+            str((mask & spread.outliers).sum()) if np.isfinite(spread.z[mask]).any() else "–"
+            for mask in own
+        ]
+    table(columns, height=300)
+    st.caption(
+        "Median of each robot's studies. Drift: Theil–Sen slope over the dated studies, relative to the "
+        "trend at the median date, ± one standard error. Scatter alone can look like drift: a drift "
+        f"below {_CLEAR:g} standard errors is not significant."
+    )
+
+
+def show_drift(spreads: Sequence[Spread], drifts: Drifts, *, dark: bool) -> None:
+    """Values over the dates that studies state, one robot at a time with its trend."""
+    dated = [row for row in spreads[0].rows if row.date]
+    st.header("Drift over time", anchor=False)
+    if not dated:
+        st.info(
+            "No study states its date. State it on import (step 5, Optional) or in study.toml: "
+            'date = 2026-11-20. To follow one robot, state its name as well: robot = "cell 7, robot A".'
+        )
+        link_to(IMPORT)
+        return
+    robots = [name for name, of_robot in drifts.items() if of_robot[0].value.size]
+    robot = st.selectbox(
+        "Robot",
+        robots,
+        format_func=_robot_name,
+        key="fleet_robot",
+        bind="query-params",
+        help="Those whose stiffness drifts most clearly come first.",
+    )
+    for k, (spread, place) in enumerate(zip(spreads, side_by_side(len(spreads)), strict=True)):
+        times = np.array([seconds(row.date) if row.date else np.nan for row in spread.rows])
+        drift = drifts[robots[0] if robot is None else robot][k]
+        with place:
+            st.markdown(f"**{spread.name}** {_drift_in_words(drift)}")
+            plot(
+                drift_over_time(spread, times, drift, dark=dark),
+                f"{spread.name} over time, all robots and the chosen one",
+                key=f"fleet_drift_{spread.name[0]}",
+            )
+
+
+def drifts_of(spreads: Sequence[Spread], joint: int) -> Drifts:
+    """Drift of K and D by robot, of a joint from 1; of robots without dates it has no values."""
+    robots = {row.robot for row in spreads[0].rows}
+    found = {
+        robot: [robot_drift(spread.rows, spread.name[0], joint, robot) for spread in spreads]
+        for robot in robots
+    }
+
+    def clearness(robot: str) -> tuple[float, str]:
+        change, error = found[robot][0].per_year
+        return (-abs(change) / error if np.isfinite(change) and error > 0 else 0.0, robot)
+
+    return {robot: found[robot] for robot in sorted(robots, key=clearness)}
+
+
+def _drift_in_words(drift: Drift) -> str:
+    change, error = (100 * value for value in drift.per_year)
+    if not np.isfinite(change):
+        return f": at least {MIN_VALUES} dates are needed for a trend"
+    if not _is_clear(drift):
+        return f"has no drift beyond its scatter, ± {significant(error, 2)} % per year"
+    by = f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % per year"
+    return f"{by}, relative to the trend at the median date"
+
+
+def _is_clear(drift: Drift) -> bool:
+    return abs(drift.per_year[0]) >= _CLEAR * drift.per_year[1]
+
+
+def _per_year(drift: Drift) -> str:
+    change, error = (100 * value for value in drift.per_year)
+    return with_error(change, error) if np.isfinite(change) else ""
+
+
+def _robot_name(name: str) -> str:
+    return name or "no robot stated"
