@@ -99,10 +99,9 @@ class Outcome:
         """Whether the path error after the identification depends on the uncertainty of K and D.
 
         False if the robots drawn have practically equal errors, which then come from friction and the
-        controller, or from gear laws that the servo does not know. True without a distribution.
+        controller. True without a distribution.
         """
-        alike = bool(self.robot.gears) or self.spread_m < _ALIKE * self.after_m
-        return self.distribution is None or not alike
+        return self.distribution is None or self.spread_m >= _ALIKE * self.after_m
 
 
 def cut_outcome(

@@ -150,7 +150,7 @@ def _identified(
             if segment is not None
         }
         prior = whole[1]
-        phasors = _with_torque_noise(*whole, torques, motors_of(prior, estimate.named))
+        phasors = _with_torque_noise(*whole, torques, motors_of(*whole, estimate.named))
         phasors = _with_noise(phasors, prior, choice.model, estimate)  # of every record
         given_noise = _noise(phasors, prior)
         estimate = fit_model(phasors, prior, estimate.named, given_noise, choice.model, is_near=True)
@@ -239,11 +239,11 @@ def _with_noise(
     by_noise = 1 - np.divide(spread, whole, out=np.zeros(left.shape), where=spread > 0)
     left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
     torques = sensor_noise(phasors, left, residual.at.E)
-    return _with_torque_noise(phasors, prior, torques, motors_of(prior, estimate.named))
+    return _with_torque_noise(phasors, prior, torques, motors_of(phasors, prior, estimate.named))
 
 
 def _with_torque_noise(
-    phasors: Phasors, prior: InertiaPrior, torques: dict[int, Floats], motors: Motors
+    phasors: Phasors, prior: InertiaPrior, torques: dict[int, Floats], motors: Sequence[Motors]
 ) -> Phasors:
     """Phasors with the noise of the torques of each motion record, the usual one of those not given.
 
@@ -258,7 +258,7 @@ def _with_torque_noise(
             torque = np.clip(torque, least, np.maximum(most, least))
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
-            braked = np.maximum(segment.friction_at_reversals(motors), 0)
+            braked = np.maximum(segment.friction_at_reversals(motors[row]), 0)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=braked)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))

@@ -63,17 +63,22 @@ def loaded(
     """
     if waveforms is None or "load" not in parts:
         return waveforms
-    return with_load(waveforms, phasors, motors_of(prior, p))
+    return with_load(waveforms, phasors, motors_of(phasors, prior, p))
 
 
-def motors_of(prior: InertiaPrior, p: Parameters) -> Motors:
-    """Parameters of the motors, with the mean of several rotor inertias."""
-    M = (p["M"] if "M" in p.layout else prior.M).mean(axis=0)
-    coulomb, viscous, load, lag = (
-        np.asarray(np.broadcast_to(value, M.shape))
-        for value in (*map(p.effect, ("coulomb", "viscous", "load")), p.delay + p.effect("lag"))
+def motors_of(phasors: Phasors, prior: InertiaPrior, p: Parameters) -> list[Motors]:
+    """Parameters of the motors in every record; the phasors of sines hold the stated delays already."""
+    M = (p["M"] if "M" in p.layout else prior.M)[prior.rotor]
+    stated = np.where(phasors.motion, phasors.torque_delay_s, 0.0)
+    lags = stated[:, None] + p.delay + p.effect("lag")
+    coulomb, viscous, load, scale = (
+        np.asarray(np.broadcast_to(value, phasors.n))
+        for value in (*map(p.effect, ("coulomb", "viscous", "load")), p.torque_scale)
     )
-    return Motors(np.asarray(M), coulomb, viscous, load, lag)
+    return [
+        Motors(own, coulomb, viscous, load, np.broadcast_to(lag, phasors.n), scale)
+        for own, lag in zip(M, lags, strict=True)
+    ]
 
 
 def fit_model(

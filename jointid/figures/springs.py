@@ -165,5 +165,5 @@ def stiffness_over_amplitude(
         sketch.points(amplitude[at], K[at], name, colour, marker=symbol, **shared)
     across = linear_axis(f"Torque amplitude (N·m, {scale.side})", rangemode="tozero")
     return sketch.figure(
-        across, linear_axis(f"Re(K + iωD), joint {joint + 1} ({scale.unit})"), height=260
+        across, linear_axis(f"Re(torque/deflection), joint {joint + 1} ({scale.unit})"), height=260
     )

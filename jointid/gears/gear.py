@@ -119,11 +119,11 @@ class Gear:
 
     @property
     def secant_K(self) -> float:
-        """Secant stiffness at the largest torque in the records, N·m/rad; K of a linear gear."""
-        return self.K if self.kind == "linear" else self.secant(self.tried_Nm)
+        """Secant stiffness at the largest torque in the records, N·m/rad; K if linear or untried."""
+        return self.K if self.kind == "linear" or not self.tried_Nm else self.secant(self.tried_Nm)
 
     def secant(self, torque_Nm: float) -> float:
-        """Secant stiffness, of the straight line through zero and ±torque without backlash, N·m/rad."""
+        """Secant stiffness from zero to a torque, without backlash and hysteresis, N·m/rad."""
         wind_up = float(self.deflection(torque_Nm)) - 0.5 * self.backlash_rad
         return torque_Nm / wind_up
 

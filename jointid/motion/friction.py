@@ -135,7 +135,9 @@ def friction_waveforms(
     return FrictionWaveforms(coulomb, fading, unknown, none_bounded, stationary, list(signs))
 
 
-def with_load(friction: FrictionWaveforms, phasors: Phasors, motors: Motors) -> FrictionWaveforms:
+def with_load(
+    friction: FrictionWaveforms, phasors: Phasors, motors: Sequence[Motors]
+) -> FrictionWaveforms:
     """Waveforms with that of friction which is a share of the torque through the gear.
 
     That torque is what the balance at the motors leaves. The mean of a sine's is unknown and left out.
@@ -145,8 +147,9 @@ def with_load(friction: FrictionWaveforms, phasors: Phasors, motors: Motors) -> 
     n, H = phasors.n, phasors.harmonics.shape[1]
     s = 1j * phasors.omega[:, None, None] * np.arange(1, H + 1)[:, None]
     angle, torque = phasors.harmonics[..., :n], phasors.harmonics[..., n:]
-    left = torque * np.exp(-s * motors.lag_s) - s * (s * motors.M + motors.viscous) * angle
-    left, seen = left - motors.coulomb * friction.coulomb, _seen(phasors)
+    M, coulomb, viscous, _, lag, scale = (np.stack(each)[:, None] for each in zip(*motors, strict=True))
+    left = scale * torque * np.exp(-s * lag) - s * (s * M + viscous) * angle
+    left, seen = left - coulomb * friction.coulomb, _seen(phasors)
     found = np.zeros_like(friction.coulomb)
     for row, direction in enumerate(friction.direction):
         segment, bins = phasors.segments[row] if phasors.motion[row] else None, H
@@ -155,9 +158,9 @@ def with_load(friction: FrictionWaveforms, phasors: Phasors, motors: Motors) -> 
             def clear(torque: Floats, seen: np.ndarray = seen[row].T) -> Floats:
                 return samples_of(phasors_of(torque, H) * seen, torque.shape[1])
 
-            gear = motors.passed(samples_of(left[row].T, direction.shape[1]), direction, clear)
+            gear = motors[row].passed(samples_of(left[row].T, direction.shape[1]), direction, clear)
         else:
-            gear, bins = segment.gear_torque(motors, direction), segment.highest
+            gear, bins = segment.gear_torque(motors[row], direction), segment.highest
         found[row, :bins] = phasors_of(np.abs(gear) * direction, bins).T
     return replace(friction, load=found * np.any(phasors.harmonics != 0, axis=2)[..., None])
 

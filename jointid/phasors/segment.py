@@ -9,8 +9,9 @@ from scipy.fft import dct, idct
 
 from jointid.arrays import Complexes, Floats
 
-_REFINED = 4
-"""Steps to the torque of a gear, each of which leaves the share of friction in it of the error."""
+_REFINED, _SAME = 30, 1e-4
+"""Steps to the torque of a gear, each of which leaves the share of friction in it of the error, and the
+relative change below which they end."""
 
 
 class Motors(NamedTuple):
@@ -22,7 +23,9 @@ class Motors(NamedTuple):
     load: Floats
     """Share of the torque through the gear that is friction."""
     lag_s: Floats
-    """Delay of the torque."""
+    """Delay of the torque as logged."""
+    torque_scale: Floats
+    """Torque over that logged."""
 
     def passed(self, torque: Floats, direction: Floats, smooth: Callable[[Floats], Floats]) -> Floats:
         """Torques through the gears from those with their part of the friction, both (n, N).
@@ -31,7 +34,9 @@ class Motors(NamedTuple):
         """
         found = np.zeros_like(torque)
         for _ in range(_REFINED):
-            found = smooth(torque - self.load[:, None] * np.abs(found) * direction)
+            before, found = found, smooth(torque - self.load[:, None] * np.abs(found) * direction)
+            if np.abs(found - before).max() <= _SAME * np.abs(found).max():
+                break
         return found
 
 
@@ -90,6 +95,7 @@ class Segment:
         left = np.stack(
             [np.interp(places - own, count, tau) for own, tau in zip(late, self.torque, strict=True)]
         )
+        left *= motors.torque_scale[:, None]
         left -= motors.M[:, None] * np.gradient(self.velocity, self.interval_s, axis=1)
         left -= motors.viscous[:, None] * self.velocity + motors.coulomb[:, None] * direction
 

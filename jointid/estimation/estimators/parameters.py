@@ -233,10 +233,10 @@ class ParameterLayout:
 
     @cached_property
     def lowest(self) -> Floats:
-        """Lower bounds, shape (P,): there is no negative play."""
+        """Lower bounds, shape (P,): play and friction by load are not negative."""
         lowest = np.full(self.size, -np.inf)
-        if "backlash" in self:
-            lowest[self["backlash"]] = 0
+        for name in {"backlash", "load"}.intersection(self._slices):
+            lowest[self[name]] = 0
         return lowest
 
     def __contains__(self, name: str) -> bool:
