@@ -248,7 +248,8 @@ class Fits:
         Free friction absorbs many small effects that are not friction; this rejects them.
         """
         if part == "friction" and "load" in model.effects:  # which is judged
-            return True
+            rest, known = estimate.layout["coulomb"], np.diag(estimate.covariance)
+            return bool(np.all(estimate.p[rest] > -_SIGNIFICANT * np.sqrt(known[rest])))
         own = max(1.0, estimate.misfit)
         place = estimate.layout.of_part(part)
         size = estimate.p[place]

@@ -243,6 +243,10 @@ def _fit_first(search: Search) -> None:
             search.fit(base.with_part("delay"), start)
         if search.is_lost and "friction" in fits.optional and rubbing not in fits.tried:
             search.fit(rubbing, start)
+    rubbed = fits.estimate(rubbing)
+    if search.has_motions and "load" in fits.optional and rubbed and rubbed.misfit > DOUBTFUL:
+        # Coulomb friction may be insignificant, and hence left out, until that by load is known.
+        search.fit(rubbing.with_part("load"), rubbed.named)
 
 
 def _fit_laws(search: Search) -> None:

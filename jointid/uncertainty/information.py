@@ -108,9 +108,12 @@ class PlanningModel:
             laws=laws and laws.planned(s, signals[..., :n]),
         )
         scale = np.broadcast_to(self.problem.layout.named(self.p).torque_scale, n)
-        for _ in range(_ITERATIONS if laws else 1):  # the torque leaves no residual
+        has_load = "load" in self.problem.layout
+        for _ in range(_ITERATIONS if laws or has_load else 1):  # the torque leaves no residual
             left = Residual.at(problem, self.p)
             signals[..., n:] -= left.r / (left.lag * scale)
+            if has_load:
+                problem = replace(problem, friction=self._waveforms(omega, signals, C, duration_s))
         residual = WhitenedResidual.of(problem, self.p, scales[: orders.size])
         columns = residual.columns(signals)
         with np.errstate(over="ignore", invalid="ignore"):
