@@ -101,6 +101,11 @@ def stiffening() -> ElasticityFit:
     return fitted("hardening")
 
 
+def test_a_gear_that_was_not_tried_has_the_stiffness_at_zero() -> None:
+    """Motions below the resonance show no torsion curve, hence no largest torque."""
+    assert Gear(K=10.0, cubic=3.0).secant_K == 10.0
+
+
 def test_torque_and_deflection_are_inverse() -> None:
     torque = np.linspace(-2.5, 2.5, 11)
     for gear in (HARD, PLAY, SLOPES, Gear()):
