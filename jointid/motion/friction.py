@@ -102,8 +102,7 @@ def friction_waveforms(
     H, n = phasors.harmonics.shape[1], phasors.n
     rate = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
     angle = phasors.harmonics[..., :n]
-    variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
-    seen = _seen(phasors)
+    variance, seen = _seen(phasors)
     swing = (rate[..., None] * angle * seen).swapaxes(1, 2)
     velocity = samples_of(swing, _GRID) + phasors.drift[:, :, None]
     # What the other harmonics hold beyond their noise adds to that of those seen.
@@ -149,7 +148,8 @@ def with_load(
     angle, torque = phasors.harmonics[..., :n], phasors.harmonics[..., n:]
     M, coulomb, viscous, _, lag, scale = (np.stack(each)[:, None] for each in zip(*motors, strict=True))
     left = scale * torque * np.exp(-s * lag) - s * (s * M + viscous) * angle
-    left, seen = left - coulomb * friction.coulomb, _seen(phasors)
+    left -= coulomb * friction.coulomb
+    _, seen = _seen(phasors)
     found = np.zeros_like(friction.coulomb)
     for row, direction in enumerate(friction.direction):
         segment, bins = phasors.segments[row] if phasors.motion[row] else None, H
@@ -165,13 +165,13 @@ def with_load(
     return replace(friction, load=found * np.any(phasors.harmonics != 0, axis=2)[..., None])
 
 
-def _seen(phasors: Phasors) -> np.ndarray:
-    """Which harmonics of the angles are above their noise, and all fundamentals, shape (r, H, n)."""
+def _seen(phasors: Phasors) -> tuple[Floats, np.ndarray]:
+    """Variances of the angles' harmonics, and which are above their noise or fundamentals, (r, H, n)."""
     n = phasors.n
     variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
     seen = np.abs(phasors.harmonics[..., :n]) ** 2 > _SEEN * variance
     seen[:, 0] = True
-    return np.asarray(seen)
+    return variance, seen
 
 
 def _unfiltered(phasors: Phasors, position_filter: Floats) -> Phasors:

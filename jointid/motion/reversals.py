@@ -153,7 +153,7 @@ def _polynomials(
     for j in range(len(slow)):
         longest = np.flatnonzero(joint == j)[np.argsort(-length[joint == j])]
         is_free[longest[np.cumsum(count[longest]) <= most]] = True
-    late = np.exp(-1j * np.pi * np.outer(begin + end, bins) / N) * (2j / N * inside)
+    late = waves_at((begin + end) / (2 * N), H).T * (2j / N * inside)
     free, bounded = ([(np.zeros((0, H), complex), joint[:0])] for _ in range(2))
     for steps in np.unique(length).tolist():  # stretches of equal length share their functions
         equal = length == steps

@@ -168,8 +168,8 @@ def _bodies(mujoco: Any, model: Any, sliding: tuple[bool, ...]) -> RigidBodies:
     """The bodies of a model, those on one joint as one."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
+    # Joint that moves each body; -1 is the base, the last of the frames below.
     mover = model.body_jntadr[model.body_weldid]
-    """Joint that moves each body; -1 is the base, the last of the frames below."""
     R = np.concatenate([data.xmat[model.jnt_bodyid].reshape(-1, 3, 3), np.eye(3)[None]])
     anchor = np.concatenate([data.xanchor, np.zeros((1, 3))])
     parts: list[list[tuple[float, Floats, Floats]]] = [[] for _ in range(model.njnt)]

@@ -118,9 +118,8 @@ def maximum_likelihood(
     if "backlash" in effects and problem.laws is not None and problem.laws.motors is not None:
         held = replace(problem, laws=replace(problem.laws, strength=_HELD, latest=[]))
         if WhitenedResidual.of(held, p, scale).cost > POOR * problem.rows / 2:
-            p, _ = minimised(
-                held, p, scale, damping=_FAR
-            )  # arms that leave their flanks have many local minima
+            # Arms that leave their flanks have many local minima.
+            p, _ = minimised(held, p, scale, damping=_FAR)
     p, normal = minimised(problem, p, scale, damping=_NEAR if is_near else _FAR)
     problem = with_law_noise(problem, p)
     fitted = WhitenedResidual.of(problem, p, scale)

@@ -30,15 +30,12 @@ def show_summary(spreads: Sequence[Spread], drifts: Drifts) -> None:
         for s in spreads
         if np.isfinite(s.z).any()
     ]
-    parts = [
-        f"{stiffness.name}: {spread_in_words(stiffness)}",
-        *([enumerated(outliers)] if outliers else []),
-    ]
+    parts = [f"{stiffness.name}: {spread_in_words(stiffness)}"]
+    if outliers:
+        parts.append(enumerated(outliers))
     name, (clearest, *_) = next(iter(drifts.items()))
     if name and _is_clear(clearest):
-        parts.append(
-            f"{clearest.name} of {markdown_escape(_robot_name(name))} {_drift_in_words(clearest)}"
-        )
+        parts.append(f"{clearest.name} of {markdown_escape(name)} {_drift_in_words(clearest)}")
     st.header(unbroken("; ".join(parts)), anchor=False)
 
 

@@ -90,9 +90,8 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
     st.caption(
         "Torque through the gear over its deflection, from motor data alone. The blue line is the "
         "fitted elastic law; its slope at zero torque, outside any backlash, is K, the tangent "
-        "stiffness. Damping and "
-        "hysteresis open the loops, one per record, drawn with ± two standard errors. Motions appear "
-        "as dots."
+        "stiffness. Damping and hysteresis open the loops, one per record, drawn with ± two standard "
+        "errors. Motions appear as dots."
     )
     by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
     joints = page.show_per_joint(
