@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -14,6 +15,9 @@ from jointid import (
     Inertia,
     JointIdError,
     Phasors,
+    SineRecord,
+    Study,
+    analyse,
     extract_phasors,
     identify_elasticity,
 )
@@ -192,6 +196,30 @@ def test_friction_is_part_of_the_prediction() -> None:
     still = planned_records(PARALLELOGRAM, fit.elasticity, [9.0], angle_rad=[0.05, 0])
     alone = predict_standard_errors(still, phasors, PARALLELOGRAM, fit).planned
     assert np.isinf(alone[[1, 3]]).all()
+
+
+def test_friction_by_load_is_followed_to_other_poses_and_records() -> None:
+    """It needs the inertias of these records; the fit of each pose alone, and the plan, failed."""
+    M, K, D = 0.0006, 9.0, 0.018
+    arms = {"": 0.0014, "stretched": 0.0024}
+    rng, t, records = np.random.default_rng(1), np.arange(3000) / 1000, []
+    for (pose, M2), f in product(arms.items(), np.geomspace(6, 40, 8)):
+        s, theta = 2j * np.pi * f, 1 / f
+        wave = theta * np.exp(s * t)
+        gear = (wave / (1 / (K + s * D) + 1 / (M2 * s * s))).imag
+        tau = (wave * M * s * s).imag + gear + (0.02 + 0.1 * np.abs(gear)) * np.sign((wave * s).imag)
+        tau += 0.003 * tau.std() * rng.standard_normal(t.size)
+        angle = wave.imag + 1e-6 * rng.standard_normal(t.size)
+        records.append(
+            SineRecord(f, t, angle[:, None], tau[:, None], pose=pose or None, torque_hold=False)
+        )
+    inertia, other = (Inertia([M], [[M2]]) for M2 in arms.values())
+    study = Study(records, inertia, poses={"stretched": other}, inertia_std=0.05, torque_std=0.0)
+    found = analyse(study)
+    assert found.fit.parameters["load"] == pytest.approx(0.1, rel=0.1)
+    assert np.all(np.abs(found.fit.estimate - [K, D]) < 3 * found.fit.standard_error)
+    plan = suggest_records(found.phasors, study.inertias, found.fit, count=2, duration_s=3.0)
+    assert np.all(np.diff(plan.worst) < 0)
 
 
 def test_what_a_plan_cannot_tell_is_infinite() -> None:

@@ -202,9 +202,11 @@ def likelihood_fit(
     )
     fit = replace(fit, covariance=fit.covariance + choice.spread)
     if "coulomb" in layout:
-        share = 4 / np.pi * np.abs(p["coulomb"]) / np.median(estimate.phasors.torque_size, axis=0)
-        of_sines = share * (not estimate.phasors.motion.all())
-        of_motions = share**2 * (estimate.phasors.motion.any() and not estimate.rests_in_noise)
+        braked, size = 4 / np.pi * np.abs(p["coulomb"]), np.median(estimate.phasors.torque_size, axis=0)
+        share = np.divide(braked, size, out=np.where(braked > 0, np.inf, 0.0), where=size > 0)
+        motion, none = estimate.phasors.motion, np.zeros_like(share)
+        of_sines = none if motion.all() else share
+        of_motions = share**2 if motion.any() and not estimate.rests_in_noise else none
         by_K = _UNSEEN_K * of_sines + _TURNING_K * of_motions
         by_D = _UNSEEN_D * of_sines + _TURNING_D * of_motions
         floor = np.concatenate([by_K * fit.K, by_D * fit.D])

@@ -67,8 +67,12 @@ def loaded(
 
 
 def motors_of(phasors: Phasors, prior: InertiaPrior, p: Parameters) -> list[Motors]:
-    """Parameters of the motors in every record; the phasors of sines hold the stated delays already."""
-    M = (p["M"] if "M" in p.layout else prior.M)[prior.rotor]
+    """Parameters of the motors in every record; the phasors of sines hold the stated delays already.
+
+    The rotors of a part of the records have the inertias of the prior.
+    """
+    is_fitted = "M" in p.layout and p["M"].shape == prior.M.shape
+    M = (p["M"] if is_fitted else prior.M)[prior.rotor]
     stated = np.where(phasors.motion, phasors.torque_delay_s, 0.0)
     lags = stated[:, None] + p.delay + p.effect("lag")
     coulomb, viscous, load, scale = (

@@ -12,6 +12,8 @@ from jointid.arrays import Complexes, Floats
 _REFINED, _SAME = 30, 1e-4
 """Steps to the torque of a gear, each of which leaves the share of friction in it of the error, and the
 relative change below which they end."""
+_MOST = 0.9
+"""Largest share of friction: with all of its torque, a gear that drives the motor stands."""
 
 
 class Motors(NamedTuple):
@@ -32,9 +34,9 @@ class Motors(NamedTuple):
 
         ``smooth`` leaves the harmonics that are known of both, of which the torque consists.
         """
-        found = np.zeros_like(torque)
+        found, share = np.zeros_like(torque), np.minimum(self.load, _MOST)[:, None]
         for _ in range(_REFINED):
-            before, found = found, smooth(torque - self.load[:, None] * np.abs(found) * direction)
+            before, found = found, smooth(torque - share * np.abs(found) * direction)
             if np.abs(found - before).max() <= _SAME * np.abs(found).max():
                 break
         return found

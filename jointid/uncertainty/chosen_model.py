@@ -10,7 +10,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.linear_fit import LINEAR, Estimate
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
-from jointid.estimation.estimators.parameters import EFFECTS
+from jointid.estimation.estimators.parameters import EFFECTS, Parameters
 from jointid.estimation.estimators.problem import Problem, make_problem
 from jointid.estimation.model_fits import loaded
 from jointid.joints import Inertia
@@ -41,7 +41,7 @@ def refit(
         each = inertia.inertias(inertia.M, inertia.M2)
         return LINEAR[fit.method](spring_equations(phasors, each))
     if friction is None and fit.friction is not None:
-        friction = chosen_friction(phasors, fit)
+        friction = chosen_friction(phasors, fit, inertia)
     return maximum_likelihood(
         phasors,
         inertia,
@@ -66,17 +66,27 @@ def fitted_problem(phasors: Phasors, fit: ElasticityFit) -> Problem:
     return make_problem(phasors, fit.prior, fit.parameters.layout, start, friction, noise)
 
 
-def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:
-    """Friction waveforms of these phasors for the friction model of the fit."""
+def chosen_friction(
+    phasors: Phasors,
+    fit: ElasticityFit,
+    prior: InertiaPrior | None = None,
+    parameters: Parameters | None = None,
+) -> FrictionWaveforms:
+    """Friction waveforms of these phasors for the friction model of the fit.
+
+    Of other records than those of the fit, ``prior`` holds the inertias; ``parameters`` replace those
+    of the fit.
+    """
     chosen = next((c for c in fit.candidates if c.chosen), None)
-    p = fit.parameters
+    p = parameters or fit.parameters
     waveforms = friction_waveforms(
         phasors,
         chosen.reversal if chosen else 0.0,
         curve=chosen is not None and chosen.curve,
         position_filter=p["position_filter"] if "position_filter" in p.layout else None,
     )
-    return loaded(waveforms, chosen.parts if chosen else (), phasors, fit.prior, p) or waveforms
+    parts = chosen.parts if chosen else ()
+    return loaded(waveforms, parts, phasors, prior or fit.prior, p) or waveforms
 
 
 def inertia_of_each(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Inertia]:

@@ -7,7 +7,7 @@ records and of the prior of the inertias adds up; the inverse of the sum is the 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.held_torque import HeldTorque
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance
 from jointid.estimation.estimators.maximum_likelihood import Misfit
@@ -94,14 +95,16 @@ class PlanningModel:
         signals = np.zeros((*s.shape, 2 * n), complex)
         signals[:, 0, :n] = q
         rotor, pose = self.pose
+        prior = replace(self.problem.prior, rotor=np.full(r, rotor), pose=np.full(r, pose))
+        waveforms = partial(self._waveforms, prior, omega, signals, C, duration_s)
         problem = replace(
             self.problem,
             s=s,
             z=signals,
             noise=Noise(C, np.full(r, _EXACT)),
             known=np.ones(s.shape, bool),
-            prior=replace(self.problem.prior, rotor=np.full(r, rotor), pose=np.full(r, pose)),
-            friction=self._waveforms(omega, signals, C, duration_s) if has_friction else None,
+            prior=prior,
+            friction=waveforms() if has_friction else None,
             group=np.broadcast_to(np.arange(orders.size), s.shape),
             main=np.arange(orders.size) == 0,
             held=HeldTorque.of(s, np.zeros(r), np.zeros(r)),
@@ -113,7 +116,7 @@ class PlanningModel:
             left = Residual.at(problem, self.p)
             signals[..., n:] -= left.r / (left.lag * scale)
             if has_load:
-                problem = replace(problem, friction=self._waveforms(omega, signals, C, duration_s))
+                problem = replace(problem, friction=waveforms())
         residual = WhitenedResidual.of(problem, self.p, scales[: orders.size])
         columns = residual.columns(signals)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -161,7 +164,12 @@ class PlanningModel:
             return noise + carried_covariance(slope, np.diag(weight)[own:] ** -0.5)
 
     def _waveforms(
-        self, omega: Floats, harmonics: Complexes, C: Complexes, duration_s: Floats
+        self,
+        prior: InertiaPrior,
+        omega: Floats,
+        harmonics: Complexes,
+        C: Complexes,
+        duration_s: Floats,
     ) -> FrictionWaveforms:
         """Friction waveforms of the chosen model for pure sines."""
         r, _, channels = harmonics.shape
@@ -175,7 +183,7 @@ class PlanningModel:
             harmonics=np.where(harmonics == 0, 1e-300, harmonics),  # known, but practically zero
             harmonic_covariance=C,
         )
-        return chosen_friction(sines, self.fit)
+        return chosen_friction(sines, self.fit, prior, self.problem.layout.named(self.p))
 
 
 def planning_model(
