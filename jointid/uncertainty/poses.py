@@ -18,6 +18,9 @@ from jointid.small_matrices import positive_inverse, whitener
 from jointid.uncertainty.chosen_model import inertia_of_each, refit
 from jointid.uncertainty.sensitivity import prior_shift
 
+_LEAST_OWN = 1e-3
+"""Least share of a pose's variance that is its own: what the poses share is known to first order."""
+
 
 @dataclass(frozen=True, eq=False)
 class PoseFits:
@@ -51,7 +54,8 @@ class PoseFits:
 
         About 1 when the poses agree.
         """
-        own = np.einsum("mpp->mp", self.covariance) - (self.shared**2).sum(axis=2)
+        variance = np.einsum("mpp->mp", self.covariance)
+        own = np.maximum(variance - (self.shared**2).sum(axis=2), _LEAST_OWN * variance)
         weight = 1 / own
         mean = (weight * self.estimates).sum(axis=0) / weight.sum(axis=0)
         squares = (weight * (self.estimates - mean) ** 2).sum(axis=0)

@@ -74,10 +74,20 @@ class SpringEquations:
         return np.asarray(self.of_b - spring[..., None] * self.of_a)
 
     def residual_covariance(self, K: Floats, D: Floats) -> Complexes:
-        """Covariance of the equation error from the noise of both a and b, shape (r, n, n)."""
+        """Covariance of the equation error from the noise of both a and b, shape (r, n, n).
+
+        Raises JointIdError when an equation has no error: of a motor at rest, whose torque cancels.
+        """
         E = self.residual_gain(K, D)
         C = self.noise.covariance[:, 0] + self.leakage
-        return lifted(E @ C @ E.conj().swapaxes(-2, -1), E, C)
+        V = lifted(E @ C @ E.conj().swapaxes(-2, -1), E, C)
+        if np.any(at_rest := np.diagonal(V, axis1=-2, axis2=-1).real <= 0):
+            raise JointIdError(
+                f"The motor of joint {np.argwhere(at_rest)[0, -1] + 1} does not move in a record, whose "
+                "torque alone does not determine K: move the motor more, or log its position with more "
+                "digits."
+            )
+        return V
 
     def changed(self, z: Complexes, of_a: Floats, of_b: Floats) -> SpringEquations:
         """Equations of z after E changes of ``of_a`` and ``of_b``, each shape (E, r, n, 2n), at once."""

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from jointid.arrays import Complexes, Floats
-from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import (
     SpringEquations,
@@ -84,14 +83,7 @@ def weighted(equations: SpringEquations) -> Estimate:
     gain = _pseudo_inverse_gain(equations)
     for _ in range(_WEIGHT_ITERATIONS):
         K, D = np.split(_apply(gain, equations.b), 2)
-        V = equations.residual_covariance(K, D)
-        still = np.flatnonzero(np.any(np.diagonal(V, axis1=-2, axis2=-1).real <= 0, axis=0))
-        if still.size:
-            raise JointIdError(
-                f"The motor of joint {still[0] + 1} does not move in a record, whose torque alone does "
-                "not determine K: move the motor more, or log its position with more digits."
-            )
-        gain, _ = _weighted_gain(equations, V)
+        gain, _ = _weighted_gain(equations, equations.residual_covariance(K, D))
     return _estimate(equations, gain, weighted=True)
 
 
