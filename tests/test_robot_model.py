@@ -285,6 +285,13 @@ def test_mjcf_has_the_classes_and_angles_of_mujoco() -> None:
     np.testing.assert_array_equal(robot.gear_ratio, [np.nan, 40, np.nan])
 
 
+def test_mjcf_without_gravity_has_none() -> None:
+    whole = MJCF.replace("<worldbody>", "<option><flag gravity='disable'/></option><worldbody>", 1)
+    free = RobotModel.parse("arm.xml", whole.encode())
+    assert not free.gravity_stiffness(np.full(free.n, 0.3)).any()
+    assert RobotModel.parse("arm.xml", MJCF.encode()).gravity_stiffness(np.full(free.n, 0.3)).any()
+
+
 def test_mujoco_sees_no_file_of_the_users_mjcf(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nor plugins, textures or scripts: only known elements and attributes are handed on."""
     import mujoco

@@ -33,6 +33,7 @@ _NUMBERS = {
 _TEXTS = {
     "compiler": {"angle", "eulerseq", "inertiafromgeom", "balanceinertia"},
     "default": {"class"},
+    "flag": {"gravity"},
     "body": {"name", "childclass"},
     "joint": {"name", "class", "type"},
     "geom": {"class", "type", "mesh", "shellinertia"},
@@ -45,6 +46,7 @@ _IGNORED = {
     "fusestatic",
 }  # fmt: skip
 """Settings of the compiler that leave the masses alone."""
+_WITHOUT_MESHES = " Meshes are not read: a body made of meshes needs an <inertial>."
 
 
 def read_mjcf(file: str, data: bytes) -> RobotDescription:
@@ -69,8 +71,7 @@ def read_mjcf(file: str, data: bytes) -> RobotDescription:
         reason = " ".join(str(error).rpartition(", line")[0].split())
         raise xml_error(
             file,
-            f"MuJoCo cannot read this robot: {reason:.200}. Meshes are not read: a body made of meshes "
-            "needs an <inertial>.",
+            f"MuJoCo cannot read this robot: {reason:.200}.{_WITHOUT_MESHES * ('mesh' in reason)}",
         ) from error
     names = tuple(model.joint(j).name or f"joint_{j + 1}" for j in range(model.njnt))
     hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -180,7 +181,7 @@ def _bodies(mujoco: Any, model: Any, sliding: tuple[bool, ...]) -> RigidBodies:
         parts[j].append((float(model.body_mass[k]), R[j].T @ (data.xipos[k] - anchor[j]), tensor))
     mass, center, inertia = zip(*map(combined, parts), strict=True)
     parent = mover[model.body_parentid[model.jnt_bodyid]]
-    inward = np.swapaxes(R[parent], 1, 2)
+    inward, no_gravity = np.swapaxes(R[parent], 1, 2), int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     return RigidBodies(
         parent=tuple(parent.tolist()),
         rotation=inward @ R[:-1],
@@ -190,5 +191,5 @@ def _bodies(mujoco: Any, model: Any, sliding: tuple[bool, ...]) -> RigidBodies:
         mass=np.array(mass),
         center=np.array(center),
         inertia=np.array(inertia),
-        gravity=np.array(model.opt.gravity),
+        gravity=np.array(model.opt.gravity) * (not model.opt.disableflags & no_gravity),
     )

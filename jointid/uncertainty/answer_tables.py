@@ -43,6 +43,8 @@ def largest_part(fit: ElasticityFit) -> str:
     worst = int(np.argmax(fit.standard_error / size))
     main = max(parts, key=lambda key: float(parts[key][worst]))
     name = elasticity_labels(fit.n)[worst]
+    if not np.isfinite(fit.standard_error[worst]):
+        return f"{name} is {UNDETERMINED}: the findings name the record that is missing."
     return (
         f"The largest error is that of {name}; its largest part comes from {_PARTS[main]}: "
         f"{_REMEDIES[main]}."
