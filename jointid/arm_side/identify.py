@@ -326,7 +326,7 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool) -> str:
     if not shown:
         return (
             f"K is not identifiable from fewer than {_FEWEST_MOVES} moves: gravity does not load this "
-            "joint, and the torque of its acceleration cannot be told from transmission error and "
+            "joint, and the torque of its acceleration cannot be separated from transmission error and "
             "friction. Move it there and back several times, at different speeds."
         )
     return ""

@@ -102,7 +102,7 @@ def _reported(as_json: bool) -> Iterator[None]:
             raise
         message = (
             f"Internal error, {type(error).__name__} ({error!s:.300}). This is a fault of jointid; "
-            "with JOINTID_DEBUG=1 it shows where."
+            "set JOINTID_DEBUG=1 to see where."
         )
     if as_json:
         print_error(message)

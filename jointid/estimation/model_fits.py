@@ -161,7 +161,7 @@ def evaluated(
     found = WhitenedResidual.of(problem, estimate.p, scale)
     if not np.isfinite(found.cost):
         raise JointIdError(
-            "The law of the gears does not compute: the arm behind the measured motors runs away. "
+            "The gear law has no solution: the arm computed from the measured motor motion diverges. "
             'Identify with gear="linear", or record sines.'
         )
     return found

@@ -64,7 +64,7 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
         found["Frequency response"] = per_joint(
             "H{0}{0} over frequency, measured and modelled",
             lambda j, dark: element_response(analysis, j, j, pose=pose, dark=dark),
-            "Acceleration of each motor over its torque, the controllers removed."
+            "Acceleration of each motor over its torque, without the effect of the controllers."
             + freed_note(analysis),
         )
     if page.study.motion_records:  # the other figures look at every sine separately
