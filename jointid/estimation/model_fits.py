@@ -114,7 +114,7 @@ def fit_model(
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             estimate = fitted(start)
-            if not np.isfinite(estimate.cost):  # a gear in motion that runs away from some starts only
+            if not np.isfinite(estimate.cost):  # the gear's motion diverges from some starts
                 raise np.linalg.LinAlgError("not finite")
             if waveforms is None:
                 return estimate

@@ -112,8 +112,8 @@ def choose_model(
 def _searched(search: Search) -> Choice:
     """Search from the linear estimate and, if the misfit stays large, from other start values.
 
-    Heavy friction can make the linear estimate negative, or lead it to another local minimum. Where no
-    robot can make the records, or no model comes near a part of them, the search ends soon.
+    Heavy friction can make the linear estimate negative, or place it near another local minimum. The
+    search ends soon where no passive robot can produce the records, or no model explains a part of them.
     """
     phasors = search.phasors
     if not search.has_motions and least_misfit(phasors.omega, phasors.z, phasors.covariance) > LOST:
@@ -143,7 +143,7 @@ def _inertias_are_wrong(search: Search) -> bool:
     probed = fit_without_inertias(search.phasors, prior, search.start, search.noise, model)
     if probed is None or not probed.misfit < min(LOST, _FAR_BETTER * search.fits.least_misfit):
         return False
-    search.fit(model, probed.named)  # heavy friction may have led the others astray
+    search.fit(model, probed.named)  # heavy friction may have biased the others
     return _FAR_BETTER * search.fits.least_misfit > probed.misfit
 
 
@@ -220,7 +220,7 @@ def _best(search: Search) -> Model:
 def _fit_first(search: Search) -> None:
     """Fit friction first where the start or harmonics show it, else the base.
 
-    Heavy friction leads the plain fit astray.
+    Heavy friction biases the plain fit.
     """
     fits, start, base = search.fits, search.start, search.base
     rubbing, free = replace(base, reversal=0.0), replace(base, reversal=0.03)
@@ -230,14 +230,14 @@ def _fit_first(search: Search) -> None:
         found = fits.estimate(rubbing)
         clear = by_start or fits.is_certain(rubbing, "friction")
         if found and search.may_be_richer(found) and clear:
-            if by_start and search.is_lost:  # sticking leads friction without it astray
+            if by_start and search.is_lost:  # sticking biases friction without it
                 search.fit(free, start)
             if search.is_lost:
                 search.fit(free, found.named)
     if not by_start and (search.is_lost or rubbing not in fits.tried):
         search.fit(base, start)
         if fits.misfit(base) > DOUBTFUL and not search.is_distorted:
-            for other in search.free_start():  # wrong inertias may lead the linear estimate astray
+            for other in search.free_start():  # wrong inertias may bias the linear estimate
                 search.fit(base, other)
         if search.is_lost and "delay" in fits.optional:  # the most frequent cause
             search.fit(base.with_part("delay"), start)
@@ -275,9 +275,9 @@ def _fit_laws(search: Search) -> None:
 def _climbed(search: Search, model: Model) -> Model:
     """The best model after adding the part of the highest score as long as the misfit falls by it.
 
-    With several laws and friction together every model on the way is far off: comparing their
-    alternatives there would use up the fits before the whole is reached. A part may also show its
-    worth by the score of the next one: opposite filters of position and torque cancel their delays.
+    With several laws and friction together every model on the way is far off: comparing alternatives
+    there would use up the fits before the complete model is reached. A part may also become significant
+    only with the next one: opposite filters of position and torque cancel their delays.
     """
     fits = search.fits
     while len(model.effects) < MOST_EFFECTS and fits.misfit(model) > EXPLAINED:
