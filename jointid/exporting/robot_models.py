@@ -201,14 +201,12 @@ def _hinges(arm: ArmSide, name: str, j: int) -> tuple[_Hinge, _Hinge]:
 
 
 def _add(parent: Element, tag: str, text: str | float = "", /, **attributes: str | float) -> Element:
-    """Append an element."""
     element = SubElement(parent, tag, {name: _text(value) for name, value in attributes.items()})
     element.text = _text(text)
     return element
 
 
 def _add_texts(element: Element, /, **texts: str | float) -> None:
-    """Append elements with a text each."""
     for tag, text in texts.items():
         _add(element, tag, text)
 
@@ -259,7 +257,6 @@ def _heading(analysis: Analysis, arm: ArmSide) -> list[str]:
 
 
 def _error(error: float) -> str:
-    """A standard error in brackets."""
     return f"(+- {error:.2g})" if np.isfinite(error) else f"({UNDETERMINED} by these records)"
 
 

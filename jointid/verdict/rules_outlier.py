@@ -157,7 +157,6 @@ def find_outlier(
 
 
 def _outlier_text(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
-    """Title, cause and remedy."""
     if found.factor is None:
         return (
             f"{label} contradicts all other records",

@@ -102,7 +102,6 @@ def _choose() -> str | None:
 
 
 def _take_choice() -> None:
-    """Take the choice in the list of studies."""
     chosen = st.session_state["study"]
     st.session_state.pop("not_found", None)
     st.session_state["chosen"] = next(
