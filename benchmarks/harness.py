@@ -43,7 +43,7 @@ class Table:
                 raise ValueError(f"{self.title}: no column for {set(row) - set(self.columns)}.")
 
     def markdown(self) -> str:
-        """Return the table as it stands in README."""
+        """Return the table as in the documentation."""
         lines = [f"**{self.title}**", "", _line(self.columns), _line(["---"] * len(self.columns))]
         for row in self.rows:
             lines.append(_line(written(row.get(c), form) for c, form in self.columns.items()))

@@ -199,8 +199,8 @@ class Fits:
         criterion = dict.fromkeys(self.tried, np.inf)
         explained = {m.parts for m, e in fitted.items() if m.reversal and fundamental_chance(e) > _USUAL}
         for model, estimate in fitted.items():
-            astray = model.parts in explained and fundamental_chance(estimate) < CHANCE
-            if astray or (judged and not self._is_significant(model, estimate)):
+            contradicted = model.parts in explained and fundamental_chance(estimate) < CHANCE
+            if contradicted or (judged and not self._is_significant(model, estimate)):
                 continue
             free = estimate.parameter_count - estimate.p.size
             penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free

@@ -173,8 +173,8 @@ class Search:
         if found is None or not absent:
             return {}
         if model not in self._scores or self._scores[model][0] is not found:
-            rubbing = replace(model, reversal=0.0) if "friction" in absent else model
-            waveforms, parts = self.waveforms(rubbing, found.named), (*model.parts, *absent)
+            sliding = replace(model, reversal=0.0) if "friction" in absent else model
+            waveforms, parts = self.waveforms(sliding, found.named), (*model.parts, *absent)
             waveforms = loaded(waveforms, parts, self.phasors, self.prior, found.named)
             of_each = scores(self.phasors, self.prior, found, waveforms, self.noise, absent)
             self._scores[model] = found, of_each
