@@ -158,7 +158,7 @@ def start_app(
         Path | None, typer.Option(help="app.py to start in place of the installed one.")
     ] = None,
 ) -> None:
-    """Start the app, which prints its address for the browser."""
+    """Start the app and print its address for the browser."""
     script = (path or application_folder() / "app.py").resolve()
     if not script.is_file():
         remedy = "Give --path an existing app.py, or leave it out." if path else "Install jointid again."
