@@ -42,7 +42,7 @@ def ok(*arguments: object) -> str:
 
 
 def refused(code: int, *arguments: object) -> str:
-    """The message of a command that must fail; nothing may stand on standard output."""
+    """The message of a command that must fail, with empty standard output."""
     result = run.invoke(app, [str(a) for a in arguments])
     assert result.exit_code == code, result.output
     assert result.stdout == ""
