@@ -24,8 +24,8 @@ overview.show_findings(page, analysis)
 
 st.header("Model and measurement", anchor=False)
 st.caption(
-    "Acceleration of each motor over its own torque, the controllers removed. Where points and line "
-    "agree, the model holds." + overview.freed_note(analysis)
+    "Acceleration of each motor over its own torque, without the effect of the controllers. Where "
+    "points and line agree, the model holds." + overview.freed_note(analysis)
 )
 if analysis.transfer_matrices:
     pose = next(iter(analysis.transfer_matrices))

@@ -1,1 +1,1 @@
-"""What README's performance table is made from: jointid against what a user would pick instead."""
+"""Benchmarks of the documentation: jointid compared with other software."""

@@ -2,7 +2,7 @@
 
     python -m benchmarks [part ...] [--quick] [--json FILE]
 
-Without names every part runs but the long ones, which are run by name.
+Without names all parts run except the long ones, which run only by name.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ LONG = {
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the parts that were asked for; 1 when one of them failed."""
+    """Run the requested parts; return 1 when one of them failed."""
     names = "\n".join(f"  {name:<16} {what}" for name, what in {**PARTS, **LONG}.items())
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
@@ -74,7 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
             for table in run(name, options.quick):
                 print(table.markdown(), end="\n\n", flush=True)
                 part["tables"].append(table.plain())
-        except Exception as error:  # what keeps one part from being measured does not stop the others
+        except Exception as error:  # a part that fails does not stop the others
             traceback.print_exc(file=sys.stderr)
             part["error"] = f"{type(error).__name__}: {error}"
             print(f"{name} failed: {part['error']}", flush=True)

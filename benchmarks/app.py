@@ -1,7 +1,7 @@
-"""The app in real Chromium, one person: start, first picture, pages, settings, slider to picture.
+"""The app in Chromium with one user: start, first figure, pages, settings, response to a slider.
 
-A rerun lasts from the person's key or click to the moment when the page says that its script has
-ended, by the browser's own clock. Many persons at once: ``sessions``, without their browsers.
+A rerun lasts from the person's key or click to the moment when the page says that its script has ended,
+by the browser's own clock. ``sessions`` measures many users at once, without browsers.
 """
 
 from __future__ import annotations

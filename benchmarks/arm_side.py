@@ -1,4 +1,4 @@
-"""Stiffness from second encoders on random six-axis robots: errors, pulls, skew, predictions.
+"""Stiffness from second encoders on random six-axis robots: errors, their z values, skew, predictions.
 
 python -m benchmarks.arm_side [cases]    or  python -m benchmarks arm_side
 """

@@ -6,7 +6,7 @@ The studies are of robots that all differ (one to three joints, stiffness, dampi
 steady sines and noise. Every way is timed from its call to the complete table, the start of its
 processes included. The cluster is started before and has two workers of one thread each. The last run
 has five studies without an answer among the others (a broken zip, a NaN, a missing file, one that never
-ends, one that ends its process), and one of the two workers is killed in the middle; then every row is
+ends, one that crashes its process), and one of the two workers is killed in between; then every row is
 compared with the plain loop's, bit by bit.
 """
 
@@ -77,9 +77,9 @@ class Way:
     name: str
     time_s: float
     wrong: int
-    """Rows that are missing, doubled or not the plain loop's."""
+    """Rows that are missing, duplicated or different from the plain loop's."""
     first_s: float | None = None
-    """When the first row was there, s."""
+    """Time to the first row, s."""
     idle_s: float | None = None
     """Time of the workers, from the first row on, in which no study was read or analysed, s."""
 
@@ -154,7 +154,7 @@ def _rows(ways: Sequence[Way], count: int) -> Iterator[dict[str, Cell]]:
 
 
 def plain_loop(paths: Sequence[Path]) -> tuple[dict[str, Row], float]:
-    """What somebody writes who has no batch: load, analyse, keep; rows by path, and the time."""
+    """The loop that a user would write: load, analyse, append; rows by path, and the time."""
     analyse(load_study(paths[0]))  # imports
     analyses = {}
     begin = time.perf_counter()
@@ -166,7 +166,7 @@ def plain_loop(paths: Sequence[Path]) -> tuple[dict[str, Row], float]:
 
 
 def wrong_rows(out: Path, truth: dict[str, Row]) -> int:
-    """How many good rows are missing, doubled, too many or not the plain loop's to the last bit."""
+    """Number of good rows missing, duplicated, surplus or not bit-identical to the plain loop's."""
     rows = [replace(row, time_s=0.0) for row in read_fleet(out) if row.is_good]
     found = {row.study: row for row in rows}
     wrong = sum(found.get(study) != row for study, row in truth.items())

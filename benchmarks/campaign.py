@@ -40,7 +40,7 @@ def simulated(
 ) -> tuple[SineRecord, ...]:
     """A campaign in closed loop with a 16-bit encoder and noise on the logged torque.
 
-    With a delay the records say nothing of their timing, not even that torques are held.
+    With a delay the records state no timing, not even that torques are held.
     """
     coulomb = FRICTION[friction]
     return simulate_records(

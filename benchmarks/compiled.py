@@ -13,7 +13,7 @@ from numba import njit
 LANES = 16
 """Samples that advance side by side, so that the compiler fills its vector registers."""
 BLOCK = 2048
-"""Samples after which the phasor is set anew: rounding does not build up, and 4 blocks fit the cache."""
+"""Samples after which the phasor is recomputed: rounding stays small, and 4 blocks fit the cache."""
 
 
 @njit(cache=True, fastmath=True)

@@ -1,10 +1,10 @@
-"""How close the estimators come to the Cramér-Rao bound, and whether their error bars hold.
+"""Errors of the estimators relative to the Cramér-Rao bound, and coverage of their intervals.
 
     python -m benchmarks.cramer_rao [draws] [periods ...]     or  python -m benchmarks cramer_rao
 
 Draws noise on the noise-free steady state of the paper's robot (18 frequencies × 2 records, 2 kHz), runs
 phasor extraction and every estimator on each draw, and prints as Markdown: root-mean-square error over
-the bound for K1, K2, D1, D2, and how often the 68 % and 95 % intervals hold the truth.
+the bound for K1, K2, D1, D2, and the share of 68 % and 95 % intervals that contain the true value.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def draw(
 
 
 def rows(draws: int, period_counts: Sequence[float]) -> Iterator[tuple[str, ...]]:
-    """Periods, estimator, error over the bound for K1, K2, D1, D2, and how often the intervals hold."""
+    """Periods, estimator, error over the bound for K1, K2, D1, D2, and coverage of the intervals."""
     for periods in period_counts:
         rng = np.random.default_rng(2026)
         experiments = steady_state(periods)

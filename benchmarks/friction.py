@@ -32,7 +32,7 @@ HEADINGS = (
 
 
 def rows(seeds: int, cases: Collection[str] = CASES.keys()) -> Iterator[tuple[str, ...]]:
-    """What spoils the data, estimator, K and D off by, in standard errors, model chosen."""
+    """Disturbance, estimator, errors of K and D, the largest in standard errors, and chosen model."""
     for name, (friction, delay) in CASES.items():
         if name not in cases:
             continue

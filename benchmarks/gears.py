@@ -1,12 +1,12 @@
-"""Gears as they are: the laws found, their values, and how often a linear robot is called nonlinear.
+"""Nonlinear gears: identified laws, their values, and how often a linear robot is called nonlinear.
 
     python -m benchmarks.gears [runs] [table ...] [row ...]     or  python -m benchmarks gears
 
 Tables: hardening, slopes, backlash, hysteresis, combined, linear; without a name all of them, and
 without names of rows, such as "2 %", all rows. The robots are those of ``independent_robot``; plants,
 noise (0.1 to 3 % of the torque) and errors of the given inertias change from run to run. The law acts at
-one joint or at all. The last row of a table pools its intervals: their share that holds the truth, and
-the probability of a share so far from 95 %.
+one joint or at all. The last row of a table pools its intervals: their share that contains the true
+value, and the probability of a share so far from 95 %.
 """
 
 from __future__ import annotations
@@ -168,14 +168,14 @@ AIMS = {"backlash_rad": 0.10, "hysteresis_Nm": 0.15}
 
 
 def in_aim(each: Found, laws: Mapping[str, Any]) -> bool:
-    """Whether laws, their torque, K and D are as near as asked."""
+    """Whether laws, their torque, K and D are within the required errors."""
     near = all(each.error(name) < AIMS[name] for name in laws if name in AIMS)
     exact = each.torque_error() < 0.01 and float(np.abs(each.outcome.z).max()) < 3
     return near and exact and each.kinds_right()
 
 
 def intervals(z: Array) -> Row:
-    """How often the 95 % intervals hold, and the probability of a share so far from 95 % by chance."""
+    """Coverage of the 95 % intervals, and the probability of a share so far from 95 % by chance."""
     held = int((z <= NORMAL_95).sum())
     return {"95 % holds": 100 * held / z.size, "p of 95 %": float(binomtest(held, z.size, 0.95).pvalue)}
 

@@ -1,9 +1,9 @@
 """A grey-box fit of K and D to the transfer matrix, by scipy.optimize.least_squares.
 
 Its best use: the model in closed form for two joints, all frequencies at once; logarithms of K and D as
-parameters, so that they stay positive and are alike in size; bounds; columns scaled by the Jacobian;
-and three weights of H to choose from. A default use is here as well: the parameters and all settings as
-they come.
+parameters, so that they stay positive and are alike in size; bounds; columns scaled by the Jacobian; and
+a choice of three weights of H. A default use is included as well: K and D as parameters, default
+settings.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def fit(H: TransferMatrix, inertia: Inertia, start: np.ndarray, weight: Weight) 
 
 
 def fit_by_default(H: TransferMatrix, inertia: Inertia, start: np.ndarray) -> Answer:
-    """As one writes it first: K and D as parameters, no bounds, every setting as it comes."""
+    """The obvious first attempt: K and D as parameters, no bounds, default settings."""
     flat = H.H.reshape(-1, 4)
 
     def residual(p: np.ndarray) -> np.ndarray:

@@ -3,8 +3,8 @@
 Its best use: the linear part advances exactly (matrix exponential, torque held over the sample) and
 friction is set-valued at rest, so the model can be the robot itself; all records in parallel; the
 initial state follows from the harmonics of each record and the friction at hand; the measured torque
-moves the model in open loop, so what drifts is taken out by a high-pass filter below the excitation;
-logarithms of K and D, bounds, scaled columns; a second fit weighs records by the residuals of the first.
+moves the model in open loop, so a high-pass filter below the excitation removes the drift; logarithms of
+K and D, bounds, scaled columns; a second fit weighs records by the residuals of the first.
 """
 
 from __future__ import annotations

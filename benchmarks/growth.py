@@ -1,7 +1,7 @@
-"""How time and memory grow with the length of a record, the number of records and the number of joints.
+"""Growth of time and memory with the length of a record, the number of records and of joints.
 
 Every size is measured in a process of its own, so that its peak memory is its own. Records up to ten
-million samples stand in memory; a hundred million come from a Parquet file, as a study that is opened.
+million samples are in memory; one of a hundred million comes from a Parquet file, as in a study on disk.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ FULL = {
 }
 QUICK = {"samples": (1e3, 1e4), "samples, Parquet": (1e4,), "records": (4, 8), "joints": (2,)}
 APART = "samples, Parquet"
-"""What the quick run measures in a process of its own, to see that it works; the rest in this one."""
+"""Sizes that the quick run measures in processes of their own; the rest in this one."""
 COLUMNS = {
     "grows": "",
     "size": ",.0f",
@@ -57,7 +57,7 @@ RATE_HZ = 1000.0
 
 
 def measure(quick: bool) -> list[Table]:
-    """Table of all sizes; the picture is drawn anew when everything was measured."""
+    """Table of all sizes; the picture is drawn again after all measurements."""
     series = {
         what: [
             _in_a_process(what, size, quick)
@@ -96,7 +96,7 @@ NOTE = (
 
 
 def exponent(points: Sequence[dict[str, Any]], key: str) -> float:
-    """Slope over the last three sizes, where what does not grow hardly counts."""
+    """Slope over the last three sizes, where constant parts hardly count."""
     last = [p for p in points if p[key]][-3:]
     if len(last) < 2:
         return float("nan")
@@ -123,7 +123,7 @@ def _in_a_process(what: str, size: float, quick: bool) -> dict[str, Any]:
 
 
 def _measured(what: str, size: int, folder: Path, repeats: int) -> dict[str, Any]:
-    """Measure one size; what is imported and made ready before does not count."""
+    """Measure one size, without imports and preparation."""
     warm = _records_of(RATE_HZ, 2, 1000)
     extract_phasors([warm])
     imports_MB = _held_MB("VmRSS")
@@ -166,7 +166,7 @@ def _timed(call: Callable[[], Any], repeats: int) -> tuple[float, Any]:
 
 
 def _records_of(rate_hz: float, joints: int, samples: int) -> SineRecord:
-    """One record that costs nothing to make: sines with noise."""
+    """One record, quick to make: sines with noise."""
     rng = np.random.default_rng(3)
     t = np.arange(samples) / rate_hz
     signal = 1e-4 * rng.standard_normal((samples, 2 * joints))
@@ -226,7 +226,7 @@ def _write_parquet(folder: Path, samples: int) -> None:
 def _held_MB(which: str) -> float:
     """Memory of this process: "VmRSS" now, "VmHWM" at most since ``_forget_peak``.
 
-    The kernel's ru_maxrss will not do: it begins with what the parent process held.
+    The kernel's ru_maxrss is unsuitable: it starts at the memory of the parent process.
     """
     try:
         lines = Path("/proc/self/status").read_text("utf-8").splitlines()

@@ -1,4 +1,4 @@
-"""What every part of the benchmarks shares: fair timing, a table, and what the machine is."""
+"""Shared by all benchmarks: interleaved timing, a table, and a description of the machine."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ NOT_INSTALLED = "not installed"
 
 @dataclass(frozen=True)
 class Table:
-    """What one part measured: a line per contender, a column per figure."""
+    """Results of one part: a line per contender, a column per figure."""
 
     name: str
     """Of the part, for JSON."""
     title: str
     columns: Mapping[str, str]
-    """Heading of each column and how a number in it is written: a format, or "ms"."""
+    """Heading of each column and its number format, or "ms"."""
     rows: tuple[Mapping[str, Cell], ...]
     notes: tuple[str, ...] = ()
-    """Sentences under the table: what the figures mean, and what they do not."""
+    """Sentences under the table on the meaning and limits of the figures."""
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -43,7 +43,7 @@ class Table:
                 raise ValueError(f"{self.title}: no column for {set(row) - set(self.columns)}.")
 
     def markdown(self) -> str:
-        """Return the table as it stands in README."""
+        """Return the table as in the documentation."""
         lines = [f"**{self.title}**", "", _line(self.columns), _line(["---"] * len(self.columns))]
         for row in self.rows:
             lines.append(_line(written(row.get(c), form) for c, form in self.columns.items()))
@@ -73,7 +73,7 @@ def _finite(value: Cell) -> Cell:
 
 
 def written(value: Cell, form: str) -> str:
-    """A number in the column's format; what is text stays text, what is missing is empty."""
+    """A number in the column's format; texts are unchanged, missing values empty."""
     if value is None:
         return ""
     if isinstance(value, str):
@@ -100,13 +100,13 @@ class Timing:
 
     @property
     def spread(self) -> str:
-        """How far the quartiles of its rounds are from their median, and how many rounds there were."""
+        """Distance of the quartiles of its rounds from their median, and the number of rounds."""
         low, high = np.percentile(self.seconds, [25, 75]) / self.median - 1
         return f"{100 * low:+.0f} … {100 * high:+.0f} % of {self.seconds.size}"
 
     @property
     def ratio(self) -> float:
-        """Median over the rounds of the ratio within a round: what slows a round hits both alike."""
+        """Median over the rounds of the ratio within a round: a disturbance slows both alike."""
         return float(np.median(self.against))
 
 
@@ -129,7 +129,7 @@ def interleaved(
     rounds : int
         How often each runs, at most.
     patience_s : float
-        A contender that has used up this much time sits out the rounds that remain.
+        A contender that has used this much time skips the remaining rounds.
     warm : bool
         Whether each runs once untimed before: compiles, plans and caches are then ready.
     """
@@ -157,7 +157,7 @@ def interleaved(
 
 
 def optional(name: str) -> ModuleType | None:
-    """Import a library that need not be there."""
+    """Import an optional library."""
     try:
         return import_module(name)
     except ImportError:
@@ -165,7 +165,7 @@ def optional(name: str) -> ModuleType | None:
 
 
 def versions() -> dict[str, str]:
-    """Version of every library that takes part and is installed."""
+    """Version of every compared library that is installed."""
     found = {}
     for name in LIBRARIES:
         try:
@@ -176,7 +176,7 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, Cell]:
-    """What the figures were taken on."""
+    """Machine of the measurements."""
     return {
         "cpu": _cpu(),
         "cores": float(os.cpu_count() or 1),

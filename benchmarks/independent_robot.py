@@ -1,7 +1,7 @@
-"""A simulated robot that shares nothing with the package but the values it hands over.
+"""A simulated robot that shares only the values of its records with the package.
 
-It confirms the estimators and the verdict with data that neither ``jointid.simulation`` nor the fit's
-own equations have made. Many robots and records are integrated side by side with NumPy, in closed loop:
+It tests the estimators and the verdict on data that neither ``jointid.simulation`` nor the equations of
+the fit have generated. Many robots and records are integrated side by side with NumPy, in closed loop:
 PD control at a sample rate, torque held between samples, encoder steps, torque noise, and the effects of
 real robots beside elasticity and damping: friction at motor and arm, nonlinear gears, soft links, lags,
 filters, reversed and swapped axes.

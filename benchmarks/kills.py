@@ -1,9 +1,9 @@
-"""Kill -9 of server, batch and convert while they write: nothing lost, half written or left over.
+"""SIGKILL during writes of server, batch and convert: no data may be lost, half written or left over.
 
     python -m benchmarks.kills [count of each] [server] [batch] [convert]
 
-A victim is killed at a random time, and every second time as soon as a file is being written. What
-it had acknowledged must be there, bit for bit; the next run goes on and leaves no ``.new`` or ``.old``.
+Each process is killed at a random time, every second one as soon as it writes a file. All data that it
+had acknowledged must exist, bit for bit; the next run continues and leaves no ``.new`` or ``.old``.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ for module in ("importing.study", "importing.read.logs", "importing.find.segment
 
 
 def writing(folder: Path) -> list[Path]:
-    """What is being written anywhere in a folder, or was left over."""
+    """Files in a folder that are being written, or were left over."""
     return [*folder.rglob(".*.new"), *folder.rglob(".*.old")]
 
 
@@ -64,7 +64,7 @@ def killed(process: Fork, folder: Path, until_s: float, at_write: bool) -> bool:
 
 
 def swept(folder: Path, write: Callable[[], object]) -> int:
-    """How many files are left after the next write."""
+    """Number of left-over files after the next write."""
     for left in writing(folder):
         os.utime(left, (time.time() - 60,) * 2)  # a write takes left-overs of some age
     write()
@@ -114,14 +114,14 @@ def command(*arguments: object) -> Fork:
 
 
 def finish(*arguments: object) -> None:
-    """Run the command line to its end, which must be good."""
+    """Run the command line to its end; it must succeed."""
     code = command(*arguments).wait()
     if code:
         raise RuntimeError(f"jointid {arguments[0]} ended with code {code}")
 
 
 def batch(count: int, folder: Path) -> Counter[str]:
-    """Kill batches that go on from each other; a complete one must have every row."""
+    """Kill batches, each of which resumes the one before; a complete one must have every row."""
     from fleet_studies import write_studies
 
     paths = write_studies(folder, 12)
@@ -199,7 +199,7 @@ def write_log(folder: Path) -> Path:
 
 
 def server(count: int, folder: Path) -> Counter[str]:
-    """Kill servers while a visitor opens one study after the other."""
+    """Kill servers while a user opens one study after the other."""
     import browsing
     from fleet_studies import small_study
     from sessions import Session
@@ -208,7 +208,7 @@ def server(count: int, folder: Path) -> Counter[str]:
 
     for module in serving.PRELOADED:
         import_module(module)
-    serving.prepare = lambda: None  # the first screen costs more than all writes of a visitor
+    serving.prepare = lambda: None  # the first screen costs more than all writes of a user
 
     class Server(browsing.Server):
         """The app in a fork."""
@@ -222,7 +222,7 @@ def server(count: int, folder: Path) -> Counter[str]:
     victim = Server(ROOT, folder)
 
     def visit(first: int) -> None:
-        """Open studies until the server dies; one on the page is acknowledged."""
+        """Open studies until the server dies; a study shown on the page counts as acknowledged."""
         with suppress(Exception):
             session = Session(victim.address)
             session.run("Glossary", f"w={place}")  # quick, with the sidebar of all pages

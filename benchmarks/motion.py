@@ -1,7 +1,7 @@
 """K and D from any motion: sweeps, random motion, multisines and moves of simulated robots.
 
 The robots are those of ``independent_robot``: closed loop, held torque, encoder steps, set-valued
-friction. Nothing of ``jointid.simulation`` or of the fit's equations is in the data.
+friction. The data do not depend on ``jointid.simulation`` or on the equations of the fit.
 """
 
 from __future__ import annotations
@@ -195,10 +195,10 @@ _BATCH = 20
 
 
 def cells(realisations: int, wanted: Sequence[str] = ()) -> Table:
-    """The two-axis cell, two records of 20 s at 1 kHz: consistent intervals hold 95 % of the truth.
+    """The two-axis cell, two records of 20 s at 1 kHz, and the coverage of the 95 % intervals.
 
-    ``wanted`` are names of frictions, motions and knowledge of the inertias; of each all by default. The
-    realisations of a row take turns in what is known of the inertias.
+    ``wanted`` names kinds of friction, motion and knowledge of the inertias; by default all. Within a
+    row, the realisations alternate between the kinds of knowledge.
     """
     axes = FRICTION, ("sweep", "random"), PRIORS
     frictions, kinds, priors = ([x for x in axis if x in wanted] or list(axis) for axis in axes)

@@ -36,7 +36,7 @@ _ENDED = ("crashes the reader", "took more than")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one mutation."""
+    """Outcome of one mutation."""
 
     seed: int
     said: str

@@ -1,4 +1,4 @@
-"""Mutation testing: how many small changes of the product make a test fail, and which none notices.
+"""Mutation testing: share of small changes of the product that make a test fail, and those that do not.
 
     python -m benchmarks.mutation 40 jointid/transfer_matrix.py -- tests/test_motion_response.py
     python -m benchmarks.mutation 200 jointid/verdict -- tests/test_verdict.py tests/test_report.py
@@ -44,7 +44,7 @@ SEED = int(os.environ.get("MUTATION_SEED", "1"))
 LONGEST = 4.0
 """CPU time of a mutant over that of the tests, above which it counts as found: it never ends."""
 LONGEST_TEST_S = 0.4
-"""Tests that take longer find no mutants: they would take most of the time."""
+"""Longer tests are left out: they would take most of the time."""
 OPERATORS = (
     "AddNot",
     "NumberReplacer",
@@ -114,7 +114,7 @@ class Tests:
         return str(told["failed"])
 
     def _run(self, answer: Path) -> None:
-        """Run the tests and write what became of them; the process ends here."""
+        """Run the tests and write their outcome; the process ends here."""
         os.chdir(self._tree)
         sys.path[:0] = [str(self._tree), str(self._tree / "tests")]
         os.environ["PYTHONPATH"] = str(self._tree)
@@ -161,7 +161,7 @@ class Tests:
 
 
 def survivors(drawn: list[MutationSpec], tests: Tests, tree: Path) -> Iterator[tuple[str, str, str]]:
-    """Module, changed line and difference of each mutant that no test notices."""
+    """Module, changed line and difference of each mutant that no test detects."""
     for number, mutant in enumerate(drawn, 1):
         path = Path(mutant.module_path)
         before = path.read_text("utf-8")

@@ -1,4 +1,4 @@
-"""Phasors of 64 records × 40,000 samples × 4 channels, beside what reads or fits the same samples.
+"""Phasors of 64 records × 40,000 samples × 4 channels, compared with other ways to read or fit them.
 
 Two data sets: pure sines (jointid then fits 3 harmonics) and sines with the harmonics of friction (it
 fits 31). Half of the frequencies have whole periods in the window, the others have not. Offset and
@@ -40,7 +40,7 @@ class Campaign:
     whole: np.ndarray
     """Whether whole periods are in the window, shape (r,)."""
     flat: np.ndarray
-    """All samples of all records once more, as one array."""
+    """All samples of all records as one array."""
 
     def channels(self) -> Iterator[tuple[float, np.ndarray]]:
         """Angular frequency per sample, and each (N, 2) array in turn."""

@@ -1,4 +1,4 @@
-"""Random studies, good and absurd: no exception but a refusal, the same answer twice, and the CPU time.
+"""Random studies, good and absurd: no exception except a refusal, reproducible answers, CPU time.
 
     python -m benchmarks.random_studies [count] [first seed]    or  python -m benchmarks random_studies
 
@@ -27,20 +27,20 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from any_study import random_study
 
 LARGE = 4
-"""Every so many studies are large, the others have at most 3 joints and 4 records."""
+"""One in this many studies is large; the others have at most 3 joints and 4 records."""
 COLUMNS = {"joints": "", "studies": ".0f", "answered": ".0f", "refused": ".0f", "faults": ".0f",
            "CPU s, median": ".3f", "99 %": ".2f", "most": ".2f", "seed of the slowest": ""}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What became of the study of a seed."""
+    """Outcome of the study of a seed."""
 
     seed: int
     joints: str
     answered: bool
     fault: str
-    """An exception that is no refusal, or what differs the second time; empty otherwise."""
+    """An exception that is no refusal, or the difference of the second answer; empty otherwise."""
     cpu_s: float
     """Of the first analysis."""
 
@@ -75,7 +75,7 @@ def trial(seed: int) -> Trial:
             first = analyse(study)
     except JointIdError as error:
         first, refusal = None, str(error)
-    except Exception as error:  # what it is, is the question
+    except Exception as error:  # any exception is a fault to report
         return Trial(seed, joints, False, f"{error!r:.300}", time.process_time() - begin)
     cpu_s = time.process_time() - begin
     try:

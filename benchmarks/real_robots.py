@@ -1,4 +1,4 @@
-"""Plants, campaigns and the ways in which real robots leave the ideal model, for ``whole_error``."""
+"""Plants, campaigns and deviations of real robots from the ideal model, for ``whole_error``."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _calm(robot: Robot) -> bool:
 
 
 def varied(robot: Robot, rng: np.random.Generator, spread: float = 0.2) -> Robot:
-    """The same robot with other numbers, each up to ``spread`` off."""
+    """The same robot with its numbers changed at random by up to ``spread``."""
     while True:
         by = {
             name: getattr(robot, name) * rng.uniform(1 - spread, 1 + spread, robot.n) for name in "MKD"
@@ -78,7 +78,7 @@ def band(robot: Robot, low: float = 0.3, high: float = 3.0, count: int = 18) -> 
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """A robot, its experiment, and what the study says of its inertias."""
+    """A robot, its experiment, and the inertias that the study states."""
 
     robot: Robot
     experiment: Experiment
@@ -134,7 +134,7 @@ Change = Callable[[Robot, Loads], dict[str, Any]]
 
 @dataclass(frozen=True)
 class Case:
-    """A kind of study; one that leaves the ideal model does so relative to the robot and its motions."""
+    """A kind of study; deviations from the ideal model are relative to the robot and its motions."""
 
     title: str = ""
     change: Change = lambda robot, loads: {}

@@ -1,9 +1,10 @@
-"""Twenty people at one server: how long a rerun takes, memory and descriptors over minutes.
+"""Twenty users at one server: duration of reruns, memory and descriptors over time.
 
     python -m benchmarks.sessions [people, 20] [minutes, 10] [picture.svg]
 
-The sessions speak the server's own protocol, because twenty browsers weigh more than the server that is
-measured: the time of a rerun is from the act to the end of the script, without the browser's drawing.
+The sessions speak the server's own protocol, because twenty browsers would load the machine more than
+the server does. A rerun lasts from the user's input to the end of the script, without drawing in the
+browser.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def measure(quick: bool) -> Iterator[Table]:
 
 @dataclass
 class Crowd:
-    """People with one study, as in a course, or each with a study that nobody else has."""
+    """Users with one study, as in a course, or each with a study of their own."""
 
     people: int
     lasting_s: float
@@ -61,7 +62,7 @@ class Crowd:
     took: list[Rerun] = field(default_factory=list)
 
     def run(self) -> str:
-        """Let them live at a new server, and watch it until a minute and a half after they left."""
+        """Run the users at a new server; observe it until a minute and a half after they left."""
         sys.path.insert(0, str(ROOT / "tests"))
         from browsing import Server
 
@@ -77,7 +78,7 @@ class Crowd:
                     Person(server.address, *places[k], random.Random(k), begin)
                     for k in range(self.people)
                 ]
-                if self.shared:  # what one of them has seen, the server has computed for all
+                if self.shared:  # results shown to one user are cached for all
                     for person in crowd:
                         person.seen = crowd[0].seen
                 before = _Used.by(server.process.pid)
@@ -183,7 +184,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Rerun:
-    """What somebody waited for."""
+    """One rerun that a user waited for."""
 
     kind: str
     begin_s: float
@@ -192,7 +193,7 @@ class Rerun:
 
 @dataclass
 class Person:
-    """Somebody with a study, who looks at one page after the other and changes settings."""
+    """A user with a study, who opens one page after the other and changes settings."""
 
     address: str
     place: str
@@ -207,7 +208,7 @@ class Person:
     seen: set[tuple[str, ...]] = field(default_factory=set)
 
     def live(self, arriving: float, until: float, thinking: tuple[float, float]) -> None:
-        """Arrive, then act until the time is over."""
+        """Connect, then act until the time is over."""
         from sessions import Session
 
         try:
@@ -277,7 +278,7 @@ CHANGES: dict[str, Callable[[Person], bool]] = {
 
 
 def _warmed(address: str) -> None:
-    """Let the server import what it needs: nobody arrives at one that was started this second."""
+    """Let the server finish its imports, as in practice before users connect."""
     from sessions import Session
 
     session = Session(address)
@@ -286,7 +287,7 @@ def _warmed(address: str) -> None:
 
 
 def _kept(sample: Study, number: int, store: Store) -> tuple[str, str]:
-    """Keep a study that nobody else has; returns its workspace and its digest."""
+    """Store a unique study; return its workspace and its digest."""
     study, place = replace(sample, name=f"Cell {number}"), new_workspace()
     entry = store.put(
         place,
@@ -325,7 +326,7 @@ class _Used:
 
     @classmethod
     def by(cls, server: int) -> _Used:
-        """Read them; not numbers where /proc does not tell."""
+        """Read them; NaN where /proc has no value."""
         others = _children(server)
         return cls(
             _cpu_s(server),
@@ -345,7 +346,7 @@ def _children(process: int) -> list[int]:
 
 
 def _memory(process: int) -> float:
-    """Resident memory of a process, MB; not a number where /proc does not tell."""
+    """Resident memory of a process, MB; NaN where /proc has no value."""
     try:
         text = Path(f"/proc/{process}/status").read_text("utf-8")
     except OSError:
@@ -354,7 +355,7 @@ def _memory(process: int) -> float:
 
 
 def _cpu_s(process: int) -> float:
-    """Processor time that a process took so far, s; not a number where /proc does not tell."""
+    """Processor time of a process so far, s; NaN where /proc has no value."""
     try:
         fields = Path(f"/proc/{process}/stat").read_text("utf-8").rpartition(")")[2].split()
     except OSError:

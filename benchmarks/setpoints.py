@@ -32,7 +32,7 @@ def trial(seed: int) -> tuple[str, Outcome, float]:
     begin, made = time.process_time(), random_trial(seed)
     try:
         found = outcome(made)
-    except Exception as error:  # what it is, is the question
+    except Exception as error:  # any exception is a fault to report
         found = Outcome(False, f"{error!r:.300}", 0.0)
     if found.fault:
         print(f"seed {seed}: {found.fault}", flush=True)

@@ -1,4 +1,4 @@
-"""The simulated robot beside scipy.integrate.solve_ivp, the cut beside real time, the map beside cuts.
+"""The simulated robot compared with solve_ivp, the cut with real time, the map with single cuts.
 
 Both simulators get the same robot, controller, initial state and samples; a tight solve_ivp run is the
 reference of both. Without friction that is a linear system, so all records advance in one call; with
@@ -128,7 +128,7 @@ class _Loop:
         return log
 
     def _steady(self, omega: np.ndarray, A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State at sample 0 and motor angles at sample −1, as if it had run for ever."""
+        """Steady state at sample 0, and motor angles at sample −1."""
         whole = np.zeros((10, 10))
         whole[:8, :8], whole[:8, 8:] = self.A, self.B
         step = expm(whole * self.T)

@@ -1,4 +1,4 @@
-"""K and D end to end, from records to numbers, beside what a user would pick instead.
+"""K and D from records, compared with the software that a user would choose instead.
 
 The campaign: 18 frequencies × 2 records, 12.5 periods each at 4 kHz, 16-bit encoder, noise on the logged
 torque; without friction, with mild and with heavy Coulomb friction. Every time starts at the records.
@@ -30,7 +30,7 @@ Records = tuple[SineRecord, ...]
 Estimator = Callable[[Records], np.ndarray]
 
 START = ANSWER * np.array([0.5, 0.5, 2.0, 2.0])
-"""Of the grey-box fits: what a data sheet may say."""
+"""Start values of the grey-box fits, as from a data sheet."""
 FRICTION_START = np.array([0.1, 0.03, 0.002, 0.001])
 COLUMNS = {
     "estimator": "",
@@ -49,7 +49,7 @@ JOINTID = "**jointid**, auto"
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is done, which the quick run cuts short."""
+    """Amount of work, which the quick run reduces."""
 
     seeds: int
     expensive_seeds: int
@@ -103,7 +103,7 @@ def _case(friction: str, effort: Effort) -> Table:
         rows.append(_row(name, found, timings[name]))
     if friction == "none":
         rows.append(_bound(data[0]))
-    # MuJoCo takes minutes for each campaign: only where there is friction to be told from damping.
+    # MuJoCo takes minutes for each campaign: only where friction must be separated from damping.
     rows += _expensive(data, effort, with_mujoco=effort is QUICK or friction == "heavy")
     size = sum(record.time_s.size for record in data[0])
     coulomb = " and ".join(f"{c:g}" for c in FRICTION[friction])
@@ -235,7 +235,7 @@ def _seconds(call: Callable[[], object]) -> float:
 
 
 def _share_of_starts(records: Records, effort: Effort) -> str:
-    """From how many starts within half a decade the time-domain fit ends at the best cost."""
+    """Share of starts within half a decade from which the time-domain fit reaches the best cost."""
     from benchmarks import grey_box_time as in_time
 
     rng = np.random.default_rng(8)
@@ -251,7 +251,7 @@ def _share_of_starts(records: Records, effort: Effort) -> str:
 
 
 def _convergence(effort: Effort) -> Table:
-    """How often the frequency-domain fit ends within 1 % of the truth, from random starts."""
+    """How often the frequency-domain fit ends within 1 % of the true values, from random starts."""
     rng = np.random.default_rng(50)
     H = frequency.measured(_campaign("none", 0, effort))
     rows: list[dict[str, Cell]] = []

@@ -1,4 +1,4 @@
-"""The transfer matrix H from closed-loop records, beside pyFRF and scipy.signal.csd.
+"""The transfer matrix H from closed-loop records, compared with pyFRF and scipy.signal.csd.
 
 Stepped sine: 18 frequencies × 2 records of 4 s, every frequency a line of the FFT of its record, so
 that the FFT estimators have no leakage. Multisine: the same 18 lines at once, two records of 72 s, so
@@ -49,7 +49,7 @@ class Data(NamedTuple):
     """Of the multisine, (2 records, 2 joints, N), N·m."""
     theta: np.ndarray
     reference: np.ndarray
-    """What the joints were asked to do in the multisine, rad."""
+    """Reference of the joints in the multisine, rad."""
     truth: np.ndarray
     held: np.ndarray
     """Acting torque over sampled torque, shape (f,)."""

@@ -1,11 +1,11 @@
-"""Whether the answer can be believed: errors, error bars and warnings on an independent simulated robot.
+"""Errors, error bars and warnings of the answer on an independent simulated robot.
 
     python -m benchmarks.whole_error [runs] [table ...]     or  python -m benchmarks whole_error
 
 Tables: perfect, cases, others, sticking, inertias, speed; without a name all of them. The robots are
 those of ``independent_robot``; plants, noise (0.1 to 3 % of the torque) and errors of the given inertias
-change from run to run. A run is silently wrong when K or D is off by more than four stated standard
-errors while no finding is a warning or a problem.
+change from run to run. A run is silently wrong if the error of K or D exceeds four stated standard
+errors and no finding is a warning or a problem.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ from jointid import (
 )
 
 INERTIA_STD = 0.05
-"""Of a study that says nothing."""
+"""Of a study that states none."""
 SILENT = 4.0
 """Standard errors."""
 NORMAL_95 = 1.95996
 ALARM = ("warning", "problem")
 HARDLY_KNOWN, MISSED = "poorly determined", "miss a resonance"
-"""Parts of titles that say what the records lack."""
+"""Parts of the titles of findings that name missing records."""
 WELL_KNOWN = 0.01
 """Relative Cramér-Rao bound up to which "poorly determined" is a false alarm."""
 AT_ONCE = 16
@@ -66,7 +66,7 @@ Row = dict[str, Cell]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What an analysis said, against the truth."""
+    """Result of an analysis, compared with the true values."""
 
     z: Array
     """Errors of K and D in stated standard errors, shape (2n,); 0 where nothing is stated."""
@@ -127,7 +127,7 @@ def outcomes(campaigns: Sequence[Campaign], **study: float) -> list[Outcome]:
 
 
 def held(found: Sequence[Outcome]) -> Array:
-    """Whether the 95 % intervals hold the truth, shape (runs, 2n)."""
+    """Whether the 95 % intervals contain the true values, shape (runs, 2n)."""
     return np.array([np.abs(each.z) <= NORMAL_95 for each in found])
 
 

@@ -175,14 +175,14 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
     """
     if not isinstance(study, Study):
         raise JointIdError(f"analyse needs a Study, got {study!r:.80}. Build one, or use load_study.")
-    # What overflows is no number, and judged as such.
+    # An overflow gives infinity or NaN, which the rules treat as a failed fit.
     with one_thread(), np.errstate(over="ignore"):
         return _analyse(study, method)
 
 
 def reanalysed(study: Study, known: Analysis, method: str) -> Analysis:
     """Return ``analyse(study, method=method)``, faster: ``known`` is its analysis by "auto"."""
-    if study.motion_records and method not in LINEAR:  # one estimator takes motions
+    if study.motion_records and method not in LINEAR:  # only "auto" fits motions
         require_method(method)
         others = {name: fit for name, fit in known.fits.items() if name in LINEAR}
         return replace(known, fits=MappingProxyType({method: known.fit} | others))

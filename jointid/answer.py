@@ -40,7 +40,7 @@ UNSTATED_TORQUE_SCALE = (
 )
 ERROR_BARS = "± is one standard error from all causes."
 _ELSEWHERE = ("K", "D", "curve", "M", "M2", "torque_scale")
-"""Quantities with tables of their own, and a curve whose numbers mean nothing one by one."""
+"""Quantities with tables of their own, and the friction curve: its coefficients mean nothing alone."""
 
 
 @dataclass(frozen=True, eq=False)

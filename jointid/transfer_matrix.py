@@ -155,7 +155,7 @@ def _polynomial(
         if near.sum() <= order:
             continue
         x = np.vander((f[near] - centre) / half, order + 1, increasing=True)
-        left = np.linalg.qr(x, mode="complete")[0][:, order + 1 :].T  # what the ends do not reach
+        left = np.linalg.qr(x, mode="complete")[0][:, order + 1 :].T  # orthogonal to the end terms
         rows.append(left @ (torque[near, :, None] * x[:, None]).reshape(len(x), -1))
         values.append(left @ acceleration[near])
         torques.append(torque[near])

@@ -23,7 +23,7 @@ st.latex(
 )
 
 if not page.study.sine_records:
-    show_info("This study has no sine records: motions are used by their spectra, without phasors.")
+    show_info("This study has no sine records: motions are analysed by their spectra, without phasors.")
     st.stop()
 phasors = page.phasors()
 chosen = st.selectbox(

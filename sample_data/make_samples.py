@@ -197,28 +197,20 @@ def six_axes() -> Study:
     )
 
 
-def swapped_torques() -> Study:
+def exercise_1() -> Study:
     """The torque columns of the joints exchanged: what a failed study shows."""
-    return _faulty(
-        "Exercise: torques of the joints exchanged",
-        "The paper's robot. Its log has the torque columns of joints 1 and 2 exchanged; the page Study "
-        "finds this and offers the correction.",
-        [replace(r, tau_Nm=r.tau_Nm[:, ::-1]) for r in _short_records()],
-    )
+    return _faulty(1, [replace(r, tau_Nm=r.tau_Nm[:, ::-1]) for r in _short_records()])
 
 
-def doubled_record() -> Study:
+def exercise_2() -> Study:
     """A record twice: what an answer that is usable with care shows."""
     records = _short_records()
-    return _faulty(
-        "Exercise: a record twice",
-        "The paper's robot. Its log contains one record twice; the page Study finds this and offers the "
-        "correction.",
-        [*records, replace(records[0], label="copy of " + records[0].label)],
-    )
+    return _faulty(2, [*records, replace(records[0], label="4.00 Hz, record 3")])
 
 
-def _faulty(name: str, description: str, records: Sequence[SineRecord]) -> Study:
+def _faulty(number: int, records: Sequence[SineRecord]) -> Study:
+    name = f"Exercise {number}: a log with a fault"
+    description = "The paper's robot. The page Study names the fault and offers the correction."
     nominal = Elasticity(K=[20.0, 3.5], D=[0.10, 0.015])
     given = {"origin": "simulated", "inertia": CUTTING_POSE, "nominal": nominal}
     return Study(name=name, description=description, records=_compact(records), **given)
@@ -283,8 +275,8 @@ if __name__ == "__main__":
         ("worn_cell.zip", heavy_friction()),
         ("motions.zip", motions()),
         ("six_axes.zip", six_axes()),
-        ("swapped_torques.zip", swapped_torques()),
-        ("doubled_record.zip", doubled_record()),
+        ("exercise_1.zip", exercise_1()),
+        ("exercise_2.zip", exercise_2()),
     ]:
         save_study(study, HERE / name, overwrite=True)
         print(f"{name}: {len(study.records)} records")

@@ -1,5 +1,4 @@
-"""Studies of every kind a log can hold, good and absurd, each made from a seed; and all that is done
-with the analysis of one."""
+"""Random studies of every kind, good and absurd, each from a seed, and all uses of their analyses."""
 
 from __future__ import annotations
 

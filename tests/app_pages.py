@@ -32,7 +32,7 @@ def opened(app: AppTest, page: str, joints: int = 2, **parameters: str) -> AppTe
         app.query_params[name] = value
     at = app.switch_page(page).run()
     if page == ELASTICITY:
-        at.run()  # what is slow comes in the run after; a browser asks for it by itself
+        at.run()  # slow parts appear in the next run, which a browser requests by itself
     assert not shown(at).error
     return at
 

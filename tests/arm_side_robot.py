@@ -20,7 +20,7 @@ SENSORS = 3
 
 @dataclass(frozen=True)
 class Truth:
-    """What the robot is made of; joint side, the joints with a sensor behind the gear."""
+    """True values of the robot; joint side, the joints with a sensor behind the gear."""
 
     K: np.ndarray
     skew_s: np.ndarray

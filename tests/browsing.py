@@ -1,4 +1,4 @@
-"""The app served, and a browser that watches what goes wrong: what all browser tests share."""
+"""Shared by all browser tests: the served app, and a browser that records errors."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def close_browser() -> None:
 
 
 class Watch:
-    """What went wrong in a page, and what it asked of other machines."""
+    """Errors of a page, and its requests to other machines."""
 
     def __init__(self, page: Page) -> None:
         self.errors: list[str] = []
@@ -141,7 +141,7 @@ class Runs:
 
     def __init__(self, page: Page) -> None:
         self.asked = 0
-        """How many runs the page has asked for because of what somebody did."""
+        """Number of runs that the page has requested after user input."""
         self._waits, self._runs, self._asks_again = True, False, False
         self._heard = time.monotonic()
         page.on("request", self._request)
@@ -149,7 +149,7 @@ class Runs:
 
     @property
     def over(self) -> bool:
-        """Whether the page stands as it is until somebody does something."""
+        """Whether the page is idle until the next input."""
         quiet = time.monotonic() - self._heard > self.QUIET_S
         return quiet and not (self._waits or self._runs or self._asks_again)
 
@@ -216,7 +216,7 @@ def _wait(page: Page, condition: Callable[[], bool], problem: str) -> None:
 
 
 def rested(page: Page) -> None:
-    """Wait until the page stands as it is until somebody does something; find no exception on it."""
+    """Wait until the page is idle; it must show no exception."""
     runs = _runs[page]
     _wait(page, lambda: runs.over, "The page's script did not come to an end.")
     app = page.get_by_test_id("stApp")
@@ -228,7 +228,7 @@ def rested(page: Page) -> None:
 
 @contextmanager
 def heard(page: Page) -> Iterator[None]:
-    """Do something to a page that stands still, and wait until it has told the server."""
+    """Act on an idle page, and wait until the server has received it."""
     rested(page)
     before = _runs[page].asked
     yield
@@ -237,14 +237,14 @@ def heard(page: Page) -> Iterator[None]:
 
 @contextmanager
 def answered(page: Page) -> Iterator[None]:
-    """Do something to a page that stands still, and wait until the server has answered it."""
+    """Act on an idle page, and wait until the server has answered."""
     with heard(page):
         yield
     rested(page)
 
 
 def finished(page: Page, title: str) -> None:
-    """Wait until the page has its title and stands still."""
+    """Wait until the page has its title and is idle."""
     expect(page.get_by_role("heading", level=1)).to_have_text(title)
     rested(page)
 

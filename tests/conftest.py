@@ -1,4 +1,4 @@
-"""Studies to look at, and a browser to look with."""
+"""Fixtures: sample studies, servers and a browser."""
 
 from __future__ import annotations
 
@@ -297,7 +297,7 @@ def analyses(studies: dict[int, Study]) -> dict[int, Analysis]:
 
 @pytest.fixture(scope="session")
 def sample_folder(studies: dict[int, Study], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What stands beside the app: "paper" zipped, "one_joint" as a folder, "three_joints" zipped."""
+    """Sample folder: "paper" zipped, "one_joint" as a folder, "three_joints" zipped."""
     from jointid.files.study_files import save_study
 
     folder = tmp_path_factory.mktemp("sample_data")
@@ -350,7 +350,7 @@ def chromium() -> str:
 
 @pytest.fixture(scope="session")
 def tree(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the app, which nobody edits meanwhile, with the tests' sample studies beside it."""
+    """A copy of the app, safe from edits during the tests, with the tests' sample studies."""
     from browsing import ROOT
 
     tree = tmp_path_factory.mktemp("app")
@@ -371,7 +371,7 @@ def new_server(tree: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable
 
 @pytest.fixture
 def server(new_server: Callable[[], Server]) -> Iterator[Server]:
-    """A server that nobody has used, for one test."""
+    """An unused server, for one test."""
     server = new_server()
     yield server
     server.kill()
@@ -379,7 +379,7 @@ def server(new_server: Callable[[], Server]) -> Iterator[Server]:
 
 @pytest.fixture(scope="session")
 def address(new_server: Callable[[], Server]) -> Iterator[str]:
-    """Where a server stands that tests share: what one has computed, the next one need not."""
+    """Address of a server that tests share, with its cached results."""
     server = new_server()
     yield server.address
     server.kill()
@@ -405,7 +405,7 @@ def context(browser: Browser) -> Iterator[BrowserContext]:
 
 @pytest.fixture
 def open_in(context: BrowserContext) -> Iterator[Callable[..., Page]]:
-    """Open an address in a new tab; afterwards nothing may have gone wrong or left the machine."""
+    """Open an address in a new tab; fail on errors and on requests to other machines."""
     from browsing import Watch, new_page
 
     watches: list[Watch] = []

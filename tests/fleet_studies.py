@@ -1,4 +1,4 @@
-"""Small studies of varied robots by the hundred, and files that harm whoever opens them."""
+"""Hundreds of small studies of varied robots, and files that harm the process that opens them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files whose every free text asks for a picture, a link, a formula or bold, and what finds them shown.
+"""Files whose every text contains markup for a picture, a link, a formula or bold, and its detection.
 
 Nothing listens at the address, but a browser that reads one of these texts as markup asks for it.
 """

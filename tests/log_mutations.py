@@ -1,4 +1,4 @@
-"""Damaged logs of every format, and what becomes of them."""
+"""Damaged logs of every format, and their outcome."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
 
 
 def check(results: object) -> str:
-    """What came out: "refused" or "read"; a table must be usable, or refuse with a reason."""
+    """Outcome, "refused" or "read"; a table must be usable, or be refused with a reason."""
     if isinstance(results, JointIdError):
         assert len(str(results)) < 3100
         return "refused"

@@ -1,4 +1,4 @@
-"""A session without a browser: what the page's client says to the server, and what comes back."""
+"""A session without a browser: messages of the page's client to the server, and the answers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Session:
         self.page = self.query = ""
         self.widgets: dict[str, WidgetState] = {}
         self.begun: Any = None
-        """What the server said about the app when the page last run began: pages, theme."""
+        """Message of the server at the start of the last run: pages, theme."""
         self.sent: list[Any] = []
         self.asked: list[Any] = []
         """Reruns of its own that the page last run has asked for: interval and fragment."""
@@ -43,7 +43,7 @@ class Session:
         return self.sent
 
     def settle(self) -> float:
-        """Rerun what the page asks for, as its client would; returns the seconds that this took."""
+        """Rerun as the page's client would; return the duration in seconds."""
         took = 0.0
         while self.asked:
             wish = self.asked.pop()

@@ -22,7 +22,7 @@ NUMBER = r"[-+]?\d+\.\d+"
 
 
 class File(NamedTuple):
-    """What a controller would make of a file."""
+    """A file as a controller would read it."""
 
     head: str
     time_s: Floats
@@ -143,7 +143,7 @@ def random_trial(seed: int) -> Trial:
 
 
 class Outcome(NamedTuple):
-    """What became of a random trial."""
+    """Outcome of a random trial."""
 
     refused: bool
     """At scale 1."""

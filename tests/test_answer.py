@@ -1,4 +1,4 @@
-"""What a person reads of an answer: sentence, state, error bars, inertias."""
+"""Texts of an answer: sentence, state, error bars, inertias."""
 
 from __future__ import annotations
 

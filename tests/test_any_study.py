@@ -1,4 +1,4 @@
-"""Whatever a log holds, the package answers or refuses: no other exception, no warning, no output.
+"""Any log ends in an answer or a refusal: no other exception, no warning, no output.
 
 Studies come from seeds (``any_study.random_study``): robots at any scale, repeated, collinear, constant,
 clipped, tiny and huge signals. A failure names its seed; ``faults(seed, small=True)`` repeats it. With

@@ -1,4 +1,4 @@
-"""Stiffness from a second encoder: a robot of known gears, and what must be refused."""
+"""Stiffness from a second encoder: a robot of known gears, and refusals."""
 
 from __future__ import annotations
 

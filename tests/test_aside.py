@@ -60,7 +60,7 @@ def until(condition: Callable[[], bool]) -> None:
 
 @pytest.fixture(scope="module")
 def ready() -> Iterator[Pool]:
-    """A pool whose one process stands ready."""
+    """A pool with one ready process."""
     pool = Pool(1)
     assert answers(pool) != os.getpid()
     yield pool
@@ -69,7 +69,7 @@ def ready() -> Iterator[Pool]:
 
 @pytest.fixture
 def pool(monkeypatch: pytest.MonkeyPatch) -> Iterator[Pool]:
-    """The pages' pool, without processes, and nobody's turn."""
+    """The pages' pool, without processes and with a free turn."""
     mine = Pool(1)
     monkeypatch.setattr(results, "_pool", lambda: mine)
     monkeypatch.setattr(results, "_at_work", "")

@@ -1,4 +1,4 @@
-"""The benchmarks run, their tables are complete and their answers right; nothing here is timed."""
+"""The benchmarks run, with complete tables and right answers; times are not tested."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The app in a real browser: what only a browser shows."""
+"""The app in a browser: behaviour that needs one."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ PAGES = {
 }
 PHONE: ViewportSize = {"width": 390, "height": 844}
 GO = "path => { history.pushState({}, '', '/' + path); dispatchEvent(new PopStateEvent('popstate')); }"
-"""Go to a page as the Back button does: nothing is loaded again."""
+"""Go to a page as the Back button does, without loading it again."""
 MEASURED_COLOUR = (
     "document.querySelector('.js-plotly-plot').data.find(t => t.name === 'measured').marker.color"
 )
@@ -210,7 +210,7 @@ VIOLATIONS = """async () => {
 
 
 def accessible(page: Page) -> list[str]:
-    """What the axe engine finds wrong with the page and its open tabs."""
+    """Accessibility faults of the page and its open tabs, by the axe engine."""
     page.mouse.move(700, 2)  # off what explains itself under the mouse
     expect(page.locator("section[role=presentation][aria-label]")).to_have_count(0)
     expect(page.get_by_role("tooltip")).to_have_count(0)

@@ -42,7 +42,7 @@ def ok(*arguments: object) -> str:
 
 
 def refused(code: int, *arguments: object) -> str:
-    """The message of a command that must fail; nothing may stand on standard output."""
+    """The message of a command that must fail, with empty standard output."""
     result = run.invoke(app, [str(a) for a in arguments])
     assert result.exit_code == code, result.output
     assert result.stdout == ""
@@ -94,7 +94,7 @@ def test_identify_prints_a_table_for_people(one_joint: Path) -> None:
 
 def test_an_unusable_answer_begins_with_its_reason(here: Path) -> None:
     for asked in ([], ["--json"]):
-        text = ok("identify", "swapped_torques", *asked)
+        text = ok("identify", "exercise_1", *asked)
         assert text.index("look exchanged") < text.index('"K"' if asked else "Model: ")
 
 
@@ -130,8 +130,8 @@ def test_help_names_values_plainly(here: Path, command: str) -> None:
 
 
 def test_the_samples_are_listed(here: Path) -> None:
-    names = ["paper", "doubled_record", "manutec_r3", "motions", "single_joint", "six_axes"]
-    names += ["swapped_torques", "worn_cell"]
+    names = ["paper", "exercise_1", "exercise_2", "manutec_r3", "motions", "single_joint", "six_axes"]
+    names += ["worn_cell"]
     assert list(sample_studies()) == names
     shown = re.sub(r"[\s│]+", " ", ok("identify", "--help"))
     assert f"sample: {', '.join(names)}" in shown

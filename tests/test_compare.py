@@ -1,4 +1,4 @@
-"""Two studies side by side: differences with their errors, and the page that shows them."""
+"""Comparison of two studies: differences with their errors, and its page."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ Browse = Callable[..., None]
 
 @pytest.fixture(scope="module")
 def browse(address: str, context: BrowserContext) -> Iterator[Browse]:
-    """Look at a page; nothing may go wrong in it, and no request may leave the machine."""
+    """Open a page; fail on errors and on requests to other machines."""
     windows: dict[str, Window] = {}
 
     def look_at(look: Look, **options: Any) -> None:
@@ -62,7 +62,7 @@ def canvas(page: Page) -> Any:
 
 
 def state(page: Page) -> dict[str, str]:
-    """What the animation says of itself."""
+    """State that the animation reports."""
     return dict(canvas(page).evaluate("canvas => ({...canvas.dataset})"))
 
 

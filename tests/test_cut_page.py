@@ -1,4 +1,4 @@
-"""The page about the cut without a browser: its words, its figures, and what the browser is sent."""
+"""The page Cut without a browser: texts, figures, and data sent to the browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A digest tells any two studies apart, however small the difference, and nothing else."""
+"""Digests differ exactly where two studies differ, however little."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def name(page: Path) -> str:
     ],
 )
 def test_snippets_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In order, in one namespace, in a folder that holds nothing but the samples."""
+    """In order, in one namespace, in a folder with only the samples."""
     (tmp_path / "sample_data").symlink_to(ROOT / "sample_data")
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}

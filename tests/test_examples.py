@@ -1,4 +1,4 @@
-"""The scripts of examples/ run and print what their README promises."""
+"""The scripts of examples/ run and print the results that their README states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures show what the results hold: values, units, uncertainty, one colour per meaning."""
+"""Figures show the values, units and uncertainty of results, one colour per meaning."""
 
 from __future__ import annotations
 

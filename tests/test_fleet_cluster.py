@@ -1,4 +1,4 @@
-"""A batch on a real Dask cluster: killing a worker in the middle loses nothing and doubles nothing."""
+"""A batch on a real Dask cluster: killing a worker neither loses nor duplicates a row."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def address() -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Row]:
-    """What the plain loop says, by path."""
+    """Results of the plain loop, by path."""
     paths = write_studies(tmp_path_factory.mktemp("fleet"), COUNT)
     return {
         str(p): row_of(analyse(load_study(p)), study=str(p), content=content_digest(p)) for p in paths

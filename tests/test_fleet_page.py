@@ -1,4 +1,4 @@
-"""A fleet as a person looks at it, and the rules by which values stand out and drift."""
+"""The page Fleet, and the rules for outliers and drift."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ BLOSC = 32_001
 
 
 class Server:
-    """Files on the server that nobody who uploads may read.
+    """Files on the server that an upload must not read.
 
     Parameters
     ----------
@@ -361,7 +361,7 @@ def parquet_elsewhere(server: Server) -> bytes:
 
 
 class _Reads:
-    """What reads a file when it is unpickled."""
+    """Object that reads a file when it is unpickled."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -423,7 +423,7 @@ def entity(target: str) -> Callable[[dict[str, bytes]], dict[str, bytes]]:
 
 
 def many_laughs() -> Callable[[dict[str, bytes]], dict[str, bytes]]:
-    """XML entities that stand for a billion letters."""
+    """XML entities that expand to a billion letters."""
     entities = ['<!ENTITY e0 "ha">']
     entities += [f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 10)]
     document = f"<!DOCTYPE worksheet [{''.join(entities)}]><worksheet"

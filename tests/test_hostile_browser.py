@@ -1,4 +1,4 @@
-"""Every page with hostile names in every field, in Chromium: nothing is asked of other machines."""
+"""Every page with hostile names in every field, in Chromium: no request to other machines."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FOLDED = "[data-testid=stExpander] details:not([open]) > summary:not(:has-text('
 
 
 class Abroad:
-    """What a page asks of other machines, and what it is sent that would be read as markup."""
+    """Requests of a page to other machines, and texts sent to it that would be read as markup."""
 
     def __init__(self, page: Page, address: str) -> None:
         self.requests: list[str] = []
@@ -65,7 +65,7 @@ def unfold(page: Page) -> None:
 
 
 def look(page: Page) -> None:
-    """Open every tab and what is folded, point at figures, and find every text shown unchanged."""
+    """Open every tab and expander, hover over figures, and find every text shown unchanged."""
     rested(page)
     unfold(page)
     tabs = page.locator("[role=tab]:visible")

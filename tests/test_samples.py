@@ -14,7 +14,7 @@ SAMPLES = Path(__file__).parents[1] / "sample_data"
 
 
 def test_the_failed_study_names_its_cause_and_the_remedy_mends_it() -> None:
-    study = load_study(SAMPLES / "swapped_torques.zip")
+    study = load_study(SAMPLES / "exercise_1.zip")
     analysis = analyse(study)
     assert analysis.state == NOT_USABLE
     assert "torques of joints 1 and 2" in analysis.headline
@@ -24,7 +24,7 @@ def test_the_failed_study_names_its_cause_and_the_remedy_mends_it() -> None:
 
 
 def test_a_record_twice_makes_the_answer_usable_with_care_until_one_is_left_out() -> None:
-    study = load_study(SAMPLES / "doubled_record.zip")
+    study = load_study(SAMPLES / "exercise_2.zip")
     analysis = analyse(study)
     assert analysis.state == WITH_CARE
     (change,) = analysis.findings[0].changes

@@ -69,8 +69,8 @@ def test_what_is_installed_finds_its_own_app_and_samples(installed: Path, tmp_pa
         [sys.executable, "-P", "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
     )
     app = installed / "jointid" / "app"
-    names = ["paper.zip", "doubled_record.zip", "manutec_r3.zip", "motions.zip", "single_joint"]
-    names += ["six_axes.zip", "swapped_torques.zip", "worn_cell.zip"]
+    names = ["paper.zip", "exercise_1.zip", "exercise_2.zip", "manutec_r3.zip", "motions.zip"]
+    names += ["single_joint", "six_axes.zip", "worn_cell.zip"]
     assert run.stdout.splitlines() == [str(app), *(str(app / "sample_data" / name) for name in names)]
 
 

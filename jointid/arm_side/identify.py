@@ -31,8 +31,8 @@ _OTHER_SLIPS = (0.05, 0.2)
 """Other choices of that limit; the change of the result is part of the error."""
 _WEIGHTLESS, _FEWEST_MOVES = 0.1, 4
 """Share of gravity in the variation of a torque below which only acceleration shows K, and the fewest
-moves that then do: a move there and back has the same accelerations at the same positions, as a
-transmission error does, and most of them where friction changes."""
+moves required then: in a move there and back, the accelerations depend on the position as a transmission
+error does, and are largest where friction changes."""
 _PARTS = (6, 10)
 """Numbers of parts of the time, each left out in turn: the same part of every record."""
 _FEWEST = 60
@@ -326,7 +326,7 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool) -> str:
     if not shown:
         return (
             f"K is not identifiable from fewer than {_FEWEST_MOVES} moves: gravity does not load this "
-            "joint, and the torque of its acceleration cannot be told from transmission error and "
+            "joint, and the torque of its acceleration cannot be separated from transmission error and "
             "friction. Move it there and back several times, at different speeds."
         )
     return ""

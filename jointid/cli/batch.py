@@ -53,7 +53,7 @@ def batch(
     ] = None,
     timeout: Annotated[float, typer.Option(help="Time limit per study, s.")] = 120.0,
     memory: Annotated[float, typer.Option(help="Memory limit per study, GiB.")] = 4.0,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Drop the rows of an earlier batch.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Discard rows of an earlier batch.")] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Analyse many studies into one table, a row per study.

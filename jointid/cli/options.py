@@ -91,7 +91,7 @@ STUDY = typer.Argument(
 )
 METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHODS)}.")
 JSON = typer.Option("--json", help="Print only JSON.")
-OVERWRITE = typer.Option("--overwrite", help="Replace existing outputs, which are refused otherwise.")
+OVERWRITE = typer.Option("--overwrite", help="Replace existing files; otherwise they are an error.")
 INERTIA_STD = typer.Option(
     help="Relative standard deviation of M and M2: 0.03 for 3 %; 0: exact; inf: unknown."
 )

@@ -136,7 +136,6 @@ def planned(
 
 
 def _print_motion(analysis: Analysis, found: PlannedMotion, as_json: bool) -> None:
-    """Print a planned motion with its errors."""
     from jointid.uncertainty.motion_plan import largest_motion
 
     fit, reached = analysis.fit, largest_motion(found.records)

@@ -102,7 +102,7 @@ def _reported(as_json: bool) -> Iterator[None]:
             raise
         message = (
             f"Internal error, {type(error).__name__} ({error!s:.300}). This is a fault of jointid; "
-            "with JOINTID_DEBUG=1 it shows where."
+            "set JOINTID_DEBUG=1 to see where."
         )
     if as_json:
         print_error(message)
@@ -158,7 +158,7 @@ def start_app(
         Path | None, typer.Option(help="app.py to start in place of the installed one.")
     ] = None,
 ) -> None:
-    """Start the app, which prints its address for the browser."""
+    """Start the app and print its address for the browser."""
     script = (path or application_folder() / "app.py").resolve()
     if not script.is_file():
         remedy = "Give --path an existing app.py, or leave it out." if path else "Install jointid again."

@@ -137,8 +137,6 @@ def rectangle(
 
 @dataclass(frozen=True)
 class _Limits:
-    """Limits of speed and acceleration."""
-
     speed: float
     acceleration: float
 

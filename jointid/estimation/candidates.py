@@ -139,7 +139,7 @@ def dissipates(estimate: LikelihoodEstimate) -> bool:
 def _of_springs(estimate: LikelihoodEstimate) -> Floats:
     """Variances of K beside those by torque scales that are fitted, shape (n,).
 
-    NaN where nothing determines the scale: the records tell ratios only.
+    NaN where nothing determines the scale: the records determine ratios only.
     """
     C, own = estimate.covariance, np.arange(estimate.named.K.size)
     if "torque_scale" not in estimate.layout:
@@ -182,7 +182,7 @@ class Fits:
         return min(map(self.misfit, self.tried), default=np.inf)
 
     def least(self, models: Sequence[Model]) -> Model:
-        """Model with the smallest criterion; of models with parts that are not significant, the same."""
+        """Model with the smallest criterion; models with parts that are not significant come last."""
         judged, plain = self.criterion(), self.criterion(judged=False)
         return min(models, key=lambda model: (judged[model], plain[model]))
 
@@ -190,17 +190,17 @@ class Fits:
         """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
 
         Schwarz's penalty ln(rows) for the parameters, Akaike's 2 for each degree of freedom of the free
-        friction. ``judged`` makes it infinite where a part is not significant. Infinite where other
-        reversals explain the fundamentals, which give K and D: in many harmonics noise hides what a
-        wrong reversal leaves.
+        friction. It is infinite where a part is not significant (``judged``), and where other reversals
+        of the friction explain the fundamentals, which give K and D, and these do not: noise in many
+        harmonics hides the misfit of wrong reversals.
         """
         fitted = {m: e for m in self.tried if (e := self.estimate(m))}
         misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
         criterion = dict.fromkeys(self.tried, np.inf)
         explained = {m.parts for m, e in fitted.items() if m.reversal and fundamental_chance(e) > _USUAL}
         for model, estimate in fitted.items():
-            astray = model.parts in explained and fundamental_chance(estimate) < CHANCE
-            if astray or (judged and not self._is_significant(model, estimate)):
+            contradicted = model.parts in explained and fundamental_chance(estimate) < CHANCE
+            if contradicted or (judged and not self._is_significant(model, estimate)):
                 continue
             free = estimate.parameter_count - estimate.p.size
             penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free
@@ -247,7 +247,7 @@ class Fits:
 
         Free friction absorbs many small effects that are not friction; this rejects them.
         """
-        if part == "friction" and "load" in model.effects:  # which is judged
+        if part == "friction" and "load" in model.effects:  # which is judged itself
             rest, known = estimate.layout["coulomb"], np.diag(estimate.covariance)
             return bool(np.all(estimate.p[rest] > -_SIGNIFICANT * np.sqrt(known[rest])))
         own = max(1.0, estimate.misfit)
@@ -255,7 +255,7 @@ class Fits:
         size = estimate.p[place]
         sigma = np.sqrt(np.diag(estimate.covariance)[place] * own)
         clear = np.abs(size) > _SIGNIFICANT * sigma
-        if part in GEAR_LAWS and own < NEEDED:  # one in place of the spring is none of the gear
+        if part in GEAR_LAWS and own < NEEDED:  # a law that replaces the spring is wrong
             lost = _SIGNIFICANT * np.sqrt(_of_springs(estimate) * own) > estimate.named.K
             if np.any(lost[clear] if clear.any() else lost):
                 return False

@@ -171,9 +171,8 @@ def _identified(
 def _with_first_noise(
     phasors: Phasors, prior: InertiaPrior, rows: np.ndarray, start: Parameters, many: bool
 ) -> tuple[Phasors, Floats | Parameters, Model | None]:
-    """Phasors with the noise that a fit of some rows with simple friction leaves, and its parameters.
-
-    And its model. With ``many`` equations the noise is found several times.
+    """Phasors with the noise from a fit of some rows with simple friction, and its parameters and model.
+    With ``many`` equations the noise is estimated several times.
     """
     if not phasors.motion.any():
         return phasors, start, None
@@ -195,7 +194,7 @@ def _with_first_noise(
     phasors = _with_noise(phasors, prior, model, found)
     for _ in range(_NOISES if many else 1):
         before = phasors
-        with contextlib.suppress(JointIdError):  # of the fit before, the weights were far off
+        with contextlib.suppress(JointIdError):  # the earlier fit had wrong weights
             found = replace(found, p=stepped(phasors, prior, found, _noise(phasors, prior), model)[0])
             phasors = _with_noise(phasors, prior, model, found)
         if not _differ(before, phasors):

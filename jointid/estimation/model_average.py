@@ -38,14 +38,14 @@ _USUAL = {"loss_factor": 0.05, "hysteresis": 0.05}
 def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[str, Score]) -> Floats:
     """Covariance of K and D by the choice between models, shape (2n, 2n).
 
-    The weight of a model is exp(−½ difference of the criterion) to the best. Unlikely ones are left
-    out (Occam's window; Madigan and Raftery, Journal of the American Statistical Association 89,
-    1994). A part that was not fitted counts in full where its score is nearly significant, sooner
-    where it would move K or D far: with uncertain inertias, a part that the records hardly show may.
-    One that was fitted to a model that is not exact at the fundamentals, with free reversals for
-    instance, may explain what the model lacks there: the model without it counts in full. So it does
-    where the fundamentals, which give K and D, do not ask for the part: the harmonics may ask for it
-    because a waveform, or their noise, is not exact.
+    The weight of a model is exp(−½ difference of the criterion) to the best. Unlikely ones are left out
+    (Occam's window; Madigan and Raftery, Journal of the American Statistical Association 89, 1994). A
+    part that was not fitted counts in full where its score is nearly significant, sooner where it would
+    move K or D far: with uncertain inertias, a part that the records hardly show may. One that was
+    fitted to a model that is not exact at the fundamentals, with free reversals for instance, may
+    explain what the model lacks there: the model without it counts in full. So it does where the
+    fundamentals, which give K and D, do not require the part: the harmonics may require it only because
+    a waveform, or their noise, is inaccurate.
     """
     criterion, shifts, misfit = fits.criterion(), [], max(1.0, found.misfit)
     sigma = np.sqrt(np.diag(found.elasticity_covariance))
@@ -104,7 +104,7 @@ def spread_of_unseen(
             part, wide = _in_place_of_delay(p, name, score), never[:1]
             usual = np.ones(1)  # as large as the delay
             if estimate.phasors.motion.any() and part.information[0, 0] > 0:
-                # Of any size that motions could show: beside a delay theirs was up to 3.5 σ of K.
+                # Up to the size that motions can detect: filters beside a delay shifted K by 3.5 σ.
                 usual = np.sqrt(part.value**2 + 2 * max(1.0, estimate.misfit) / part.information[0])
         if np.any(usual) and np.any(part.information):
             found += spread_by_prior(part, wide, usual, max(1.0, estimate.misfit))

@@ -118,7 +118,7 @@ def fit_model(
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             estimate = fitted(start)
-            if not np.isfinite(estimate.cost):  # a gear in motion that runs away from some starts only
+            if not np.isfinite(estimate.cost):  # the gear's motion diverges from some starts
                 raise np.linalg.LinAlgError("not finite")
             if waveforms is None:
                 return estimate
@@ -165,7 +165,7 @@ def evaluated(
     found = WhitenedResidual.of(problem, estimate.p, scale)
     if not np.isfinite(found.cost):
         raise JointIdError(
-            "The law of the gears does not compute: the arm behind the measured motors runs away. "
+            "The gear law has no solution: the arm computed from the measured motor motion diverges. "
             'Identify with gear="linear", or record sines.'
         )
     return found

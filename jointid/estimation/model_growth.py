@@ -90,8 +90,9 @@ def _is_kept(search: Search, wider: Model, narrow: Model) -> bool:
 def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model) -> None:
     """Fit with one more part, from the estimate without it.
 
-    Where that is far off, the fit starts from that of the same parts with other friction. Where it leads
-    nowhere, it starts as all do: one more part cannot raise the cost.
+    Where that estimate is far from the data, the fit starts from the model of the same parts with other
+    friction. If the misfit does not fall, it starts from the usual start values: one more part cannot
+    raise the cost.
     """
     fits, near = search.fits, [narrow]
     if leading.parts == wider.parts and fits.misfit(narrow) >= LOST:
@@ -99,7 +100,7 @@ def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model) -> N
     starts = [each.named for model in near if (each := fits.estimate(model))]
     bar = max(POOR, fits.misfit(narrow))
     has_law = any(law in search.start.layout for law in GEAR_LAWS)
-    if has_law or not (search.has_motions and narrow.is_slow):  # without one it would run away
+    if has_law or not (search.has_motions and narrow.is_slow):  # else the gears' motion would diverge
         starts.append(search.start)
     for start in starts:
         if fits.misfit(wider) >= bar and search.may_start_again(wider):

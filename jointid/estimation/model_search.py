@@ -112,7 +112,7 @@ class Search:
         return found.misfit > EXPLAINED or fundamental_chance(found) < CHANCE
 
     def may_explain(self, model: Model, part: str) -> bool:
-        """Whether a fit with one more part is worth its time: a slow one far from all data is rarely."""
+        """Whether a fit with one more part is worth its time; slow ones far from the data rarely are."""
         found = self.fits.estimate(model)
         if found is None or found.misfit < LOST or not model.with_part(part).is_slow:
             return True
@@ -127,7 +127,7 @@ class Search:
     def fit(self, model: Model, start: Parameters, *, compares: bool = True) -> None:
         """Fit a model; of two fits from different starts the better one stays.
 
-        Fits with a law are limited if they compare models; those that look for a start are not.
+        The number of fits with a law is limited where they compare models, not where they seek a start.
         """
         tried, earlier = self.fits.tried, self.fits.estimate(model)
         self.starts[model] = self.starts.get(model, 0) + 1
@@ -168,20 +168,20 @@ class Search:
         found = self.fits.estimate(model)
         full = len(model.effects) >= MOST_EFFECTS
         absent = [p for p in self.fits.optional if p not in model.parts and not (full and p in EFFECTS)]
-        if model.reversal is None:  # Coulomb friction imitates what grows with load
+        if model.reversal is None:  # unmodelled Coulomb friction looks like it
             absent = [part for part in absent if part != "load"]
         if found is None or not absent:
             return {}
         if model not in self._scores or self._scores[model][0] is not found:
-            rubbing = replace(model, reversal=0.0) if "friction" in absent else model
-            waveforms, parts = self.waveforms(rubbing, found.named), (*model.parts, *absent)
+            sliding = replace(model, reversal=0.0) if "friction" in absent else model
+            waveforms, parts = self.waveforms(sliding, found.named), (*model.parts, *absent)
             waveforms = loaded(waveforms, parts, self.phasors, self.prior, found.named)
             of_each = scores(self.phasors, self.prior, found, waveforms, self.noise, absent)
             self._scores[model] = found, of_each
         return self._scores[model][1]
 
     def pruned(self, model: Model) -> Model:
-        """The best of a model and those without parts that are not beyond doubt."""
+        """The best of a model and of those without its uncertain parts."""
         fits, found = self.fits, self.fits.estimate(model)
         if found is None:
             return model
@@ -199,5 +199,5 @@ class Search:
             if part in self.fits.optional:
                 if not self.fits.is_certain(model, part):
                     yield model.without(part)
-                if part in ("lag", *FILTERS) and "delay" in self.fits.optional:  # all delay
+                if part in ("lag", *FILTERS) and "delay" in self.fits.optional:  # one common delay
                     yield model.without(part).with_part("delay")

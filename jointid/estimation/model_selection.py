@@ -112,8 +112,8 @@ def choose_model(
 def _searched(search: Search) -> Choice:
     """Search from the linear estimate and, if the misfit stays large, from other start values.
 
-    Heavy friction can make the linear estimate negative, or lead it to another local minimum. Where no
-    robot can make the records, or no model comes near a part of them, the search ends soon.
+    Heavy friction can make the linear estimate negative, or place it near another local minimum. The
+    search ends soon where no passive robot can produce the records, or no model explains a part of them.
     """
     phasors = search.phasors
     if not search.has_motions and least_misfit(phasors.omega, phasors.z, phasors.covariance) > LOST:
@@ -143,7 +143,7 @@ def _inertias_are_wrong(search: Search) -> bool:
     probed = fit_without_inertias(search.phasors, prior, search.start, search.noise, model)
     if probed is None or not probed.misfit < min(LOST, _FAR_BETTER * search.fits.least_misfit):
         return False
-    search.fit(model, probed.named)  # heavy friction may have led the others astray
+    search.fit(model, probed.named)  # heavy friction may have biased the others
     return _FAR_BETTER * search.fits.least_misfit > probed.misfit
 
 
@@ -220,33 +220,33 @@ def _best(search: Search) -> Model:
 def _fit_first(search: Search) -> None:
     """Fit friction first where the start or harmonics show it, else the base.
 
-    Heavy friction leads the plain fit astray.
+    Heavy friction biases the plain fit.
     """
     fits, start, base = search.fits, search.start, search.base
-    rubbing, free = replace(base, reversal=0.0), replace(base, reversal=0.03)
+    sliding, free = replace(base, reversal=0.0), replace(base, reversal=0.03)
     by_start = "coulomb" in start.layout
     if search.is_lost and (by_start or (search.may_have_friction and search.is_distorted)):
-        search.fit(rubbing, start)
-        found = fits.estimate(rubbing)
-        clear = by_start or fits.is_certain(rubbing, "friction")
+        search.fit(sliding, start)
+        found = fits.estimate(sliding)
+        clear = by_start or fits.is_certain(sliding, "friction")
         if found and search.may_be_richer(found) and clear:
-            if by_start and search.is_lost:  # sticking leads friction without it astray
+            if by_start and search.is_lost:  # sticking biases friction without it
                 search.fit(free, start)
             if search.is_lost:
                 search.fit(free, found.named)
-    if not by_start and (search.is_lost or rubbing not in fits.tried):
+    if not by_start and (search.is_lost or sliding not in fits.tried):
         search.fit(base, start)
         if fits.misfit(base) > DOUBTFUL and not search.is_distorted:
-            for other in search.free_start():  # wrong inertias may lead the linear estimate astray
+            for other in search.free_start():  # wrong inertias may bias the linear estimate
                 search.fit(base, other)
         if search.is_lost and "delay" in fits.optional:  # the most frequent cause
             search.fit(base.with_part("delay"), start)
-        if search.is_lost and "friction" in fits.optional and rubbing not in fits.tried:
-            search.fit(rubbing, start)
-    rubbed = fits.estimate(rubbing)
-    if search.has_motions and "load" in fits.optional and rubbed and rubbed.misfit > DOUBTFUL:
+        if search.is_lost and "friction" in fits.optional and sliding not in fits.tried:
+            search.fit(sliding, start)
+    of_sliding = fits.estimate(sliding)
+    if search.has_motions and "load" in fits.optional and of_sliding and of_sliding.misfit > DOUBTFUL:
         # Coulomb friction may be insignificant, and hence left out, until that by load is known.
-        search.fit(rubbing.with_part("load"), rubbed.named)
+        search.fit(sliding.with_part("load"), of_sliding.named)
 
 
 def _fit_laws(search: Search) -> None:
@@ -254,14 +254,14 @@ def _fit_laws(search: Search) -> None:
     fits, base = search.fits, search.base
     if not (search.is_distorted or search.has_motions):
         return
-    rubbing = replace(base, reversal=0.0)
-    plain = fits.misfit(base if base in fits.tried else rubbing)  # motors stick
+    sliding = replace(base, reversal=0.0)
+    plain = fits.misfit(base if base in fits.tried else sliding)  # motors stick
     needs_friction = NEEDED * fits.least_misfit < plain < np.inf
     laws = []
     if not needs_friction and not search.has_motions:
         laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
     if search.may_have_friction:
-        laws += [(rubbing, "backlash", begin) for begin in (with_backlash, by_motion)]
+        laws += [(sliding, "backlash", begin) for begin in (with_backlash, by_motion)]
     if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
         laws.append((fits.least(list(fits.tried)), "backlash", partial(motion_start, backlash=True)))
     for model, law, begin in laws:
@@ -275,9 +275,9 @@ def _fit_laws(search: Search) -> None:
 def _climbed(search: Search, model: Model) -> Model:
     """The best model after adding the part of the highest score as long as the misfit falls by it.
 
-    With several laws and friction together every model on the way is far off: comparing their
-    alternatives there would use up the fits before the whole is reached. A part may also show its
-    worth by the score of the next one: opposite filters of position and torque cancel their delays.
+    With several laws and friction together every model on the way is far off: comparing alternatives
+    there would use up the fits before the complete model is reached. A part may also become significant
+    only with the next one: opposite filters of position and torque cancel their delays.
     """
     fits = search.fits
     while len(model.effects) < MOST_EFFECTS and fits.misfit(model) > EXPLAINED:
@@ -295,7 +295,7 @@ def _climbed(search: Search, model: Model) -> Model:
         if not wider:  # no part lowers the cost
             break
         least = np.inf
-        for each in wider:  # a delay, lags and filters are similar, which their cost tells apart
+        for each in wider:  # a delay, lags and filters are similar, which their cost distinguishes
             if not (each.is_slow and least < _CLIMB * found.misfit):
                 search.fit(each, found.named, compares=False)
                 least = min(least, fits.misfit(each))

@@ -29,7 +29,7 @@ _ROUNDING = 1e-9
 """Share of the largest torque that is no information, for records without noise."""
 _LOADED = 0.2
 """Torque over its largest from which a flank is in contact."""
-_RUBS = 2.0
+_EXPLAINED = 2.0
 """Cost that friction explains, over the remaining one, from which friction is fitted."""
 
 
@@ -50,8 +50,8 @@ def motion_start(phasors: Phasors, prior: InertiaPrior, *, backlash: bool = Fals
     torque = z[:, n:] - s2 * M * z[:, :n]
     of_torque = variance[:, n:] + np.abs(s2 * M) ** 2 * variance[:, :n]
     friction = friction_waveforms(phasors, None)
-    rubs = np.stack([friction.coulomb[row, bins], s[:, None] * z[:, :n]])
-    held = friction.stationary[row]  # by a torque that the springs do not show
+    shapes = np.stack([friction.coulomb[row, bins], s[:, None] * z[:, :n]])
+    held = friction.stationary[row]  # by friction of unknown torque
     unit = s / np.abs(s).max()
     ends = 1j * unit[:, None] ** np.arange(_DEGREE + 1) * phasors.motion[row, None]
     edges = np.flatnonzero(np.diff(row)) + 1
@@ -60,11 +60,11 @@ def motion_start(phasors: Phasors, prior: InertiaPrior, *, backlash: bool = Fals
     fastest = float(np.abs(s).max())
     flank = _flanks(phasors, prior)[row, bins] if backlash else np.zeros((row.size, n))
     yielding, slow, half = np.zeros((3, n))  # 1/K, D/K and half the backlash
-    rubbing, payload = np.zeros((2, n)), 0.0  # the payload in its standard deviations
+    levels, payload = np.zeros((2, n)), 0.0  # the payload in its standard deviations
     change = s2[..., None] * prior.shared[prior.part[pose]] + prior.shared_gravity[pose]
     for _ in range(_STEPS):
         A = s2[..., None] * prior.M2[pose] + prior.gravity[pose] + payload * change
-        drive = torque - np.einsum("kbj,kj->bj", rubs, rubbing)
+        drive = torque - np.einsum("kbj,kj->bj", shapes, levels)
         lag = 1 + s[:, None] * slow
         C = yielding / lag
         arm = z[:, :n] - C * drive - half * flank / lag
@@ -74,7 +74,7 @@ def motion_start(phasors: Phasors, prior: InertiaPrior, *, backlash: bool = Fals
         size = np.where(held[..., None], np.inf, size + (_ROUNDING * np.abs(drive).max()) ** 2)
         columns = [A * (-(2 * lag - 1) / lag**2 * drive)[:, None]]
         columns += [A * (s[:, None] / lag**2 * drive)[:, None]]
-        columns += [passed * waveform[:, None] for waveform in rubs]
+        columns += [passed * waveform[:, None] for waveform in shapes]
         columns += [-A * (flank / lag)[:, None]] * backlash
         columns += [change @ arm[..., None]] * shared
         J = np.concatenate([*columns, residual[..., None]], axis=2) / np.sqrt(size)
@@ -96,29 +96,29 @@ def motion_start(phasors: Phasors, prior: InertiaPrior, *, backlash: bool = Fals
         inverse = np.linalg.inv(N / np.outer(scale, scale) + _RIDGE * np.eye(len(N)))
         step = -inverse @ (g / scale) / scale
         count = (4 + backlash) * n
-        rise, fall, *rub = step[: 4 * n].reshape(4, n)
+        rise, fall, *changes = step[: 4 * n].reshape(4, n)
         half = half + (step[4 * n : count] if backlash else 0)
         damped = yielding * slow + fall
         stiffest = yielding + rise
         yielding = np.where(stiffest > 0, stiffest, 0.5 * yielding)
         slow = np.divide(damped, yielding, out=np.zeros(n), where=yielding > 0)
         slow = np.clip(slow, 0.0, _SLOWEST / fastest)
-        rubbing = rubbing + rub
+        levels = levels + changes
         payload += float(step[count:].sum())
         if np.abs(step * scale).max() < _NEAR * np.sqrt(misfit):
             break
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
     seen = yielding > np.sqrt(misfit * np.diag(inverse)[:n]) / scale[:n]  # a joint that rests shows none
     K = np.where(seen, 1 / np.where(seen, yielding, 1.0), own * middle**2)
-    own, sizes = slice(2 * n, 4 * n), rubbing.ravel() * scale[2 * n : 4 * n]
-    rubs_clearly = bool(sizes @ np.linalg.solve(inverse[own, own], sizes) > _RUBS * rows)
+    own, sizes = slice(2 * n, 4 * n), levels.ravel() * scale[2 * n : 4 * n]
+    is_significant = bool(sizes @ np.linalg.solve(inverse[own, own], sizes) > _EXPLAINED * rows)
     values = {"K": K, "D": slow * K}
-    values |= {"coulomb": rubbing[0], "viscous": rubbing[1]} if rubs_clearly else {}
+    values |= {"coulomb": levels[0], "viscous": levels[1]} if is_significant else {}
     values |= {"backlash": 2 * np.maximum(half, 0)} if backlash else {}
     values |= {"M2": prior.lower + payload * prior.common} if shared else {}
     layout = ParameterLayout.of(
         n,
-        friction=rubs_clearly,
+        friction=is_significant,
         effects=["backlash"] * backlash,
         arms=len(prior.lower) if shared else 0,
     )

@@ -163,17 +163,17 @@ _LINK_MASS_KG = 1.0
 _ROTOR_MASS_KG = 1e-3
 """Simulators refuse links without mass."""
 _FRAGMENT_NOTE = """\
-<!-- This file loads for inspection: each joint is attached to the base, and its link has the arm
-     inertia J_a of this pose, without couplings J_12. For a model of the arm, copy the joints, nest the
-     links like those of the arm, and replace J_a and the 1 kg by their masses and inertias. -->"""
+<!-- This file can be loaded for inspection: each joint is attached to the base, and its link has the
+     arm inertia J_a of this pose, without couplings J_12. For a model of the arm, copy the joints, nest
+     the links like those of the arm, and replace J_a and the 1 kg by their masses and inertias. -->"""
 _NESTING_NOTE = """\
 <!-- Nest the bodies like those of your arm. If motor 2 turns link 2 relative to link 1 (serial drive),
      keep the hinges; a parallelogram drive turns link 2 relative to the base. -->"""
 _ROTOR_NOTE = """\
 <!-- The rotor link carries the rotor inertia reflected to the joint side. As a separate body it also
      turns with its parent. That is exact for a joint on the base and for parallelogram drives, but too
-     much inertia for a motor on a moving link: use MuJoCo's armature there. The
-     rotor's mass only keeps it from being zero. -->"""
+     much inertia for a motor on a moving link: use MuJoCo's armature there. The mass of the rotor is a
+     placeholder, because simulators refuse links without mass. -->"""
 
 
 _DIAGONAL = ("ixx", "iyy", "izz")
@@ -201,14 +201,12 @@ def _hinges(arm: ArmSide, name: str, j: int) -> tuple[_Hinge, _Hinge]:
 
 
 def _add(parent: Element, tag: str, text: str | float = "", /, **attributes: str | float) -> Element:
-    """Append an element."""
     element = SubElement(parent, tag, {name: _text(value) for name, value in attributes.items()})
     element.text = _text(text)
     return element
 
 
 def _add_texts(element: Element, /, **texts: str | float) -> None:
-    """Append elements with a text each."""
     for tag, text in texts.items():
         _add(element, tag, text)
 
@@ -259,7 +257,6 @@ def _heading(analysis: Analysis, arm: ArmSide) -> list[str]:
 
 
 def _error(error: float) -> str:
-    """A standard error in brackets."""
     return f"(+- {error:.2g})" if np.isfinite(error) else f"({UNDETERMINED} by these records)"
 
 

@@ -146,7 +146,7 @@ class DrivenGears:
         return replace(self, delta=self.delta + step[:n], loop=loop)
 
     def _followed(self, guess: Floats, least: float) -> DrivenGears:
-        """Solution step after step: kinks that lie elsewhere lead far ones astray."""
+        """Solution window by window: Newton steps diverge where the kinks lie elsewhere."""
         wrong = ~(np.abs(self._left).max(axis=0) <= least)
         delta, loop, N = self.delta.copy(), self.loop.copy(), wrong.size
         at = int(wrong.argmax())

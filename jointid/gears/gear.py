@@ -102,8 +102,8 @@ class Gear:
     def deflection(self, torque_Nm: ArrayLike) -> Floats:
         """Deflection at an elastic torque, rad: the inverse of ``torque``, half the backlash included.
 
-        A softening gear carries no more than the torque at its flattest slope; beyond it the deflection
-        is the one there.
+        A softening gear carries no more than the torque at its flattest slope; for larger torques the
+        result is the deflection there.
         """
         torque = np.asarray(torque_Nm, dtype=np.float64)
         size = np.abs(torque)

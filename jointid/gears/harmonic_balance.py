@@ -93,8 +93,8 @@ class WoundGears:
         size = np.abs(drive).max(axis=2) + np.finfo(float).tiny
         before, least = delta[..., : 1 + m].copy(), np.full(size.shape, np.inf)
         step = np.zeros_like(before)
-        old = np.full(size.shape, start is None)  # whose slopes are of no use
-        fresh = np.zeros(size.shape, bool)  # whose last step is with slopes where it began
+        old = np.full(size.shape, start is None)  # with outdated slopes
+        fresh = np.zeros(size.shape, bool)  # with slopes evaluated at the start of the last step
         slow = _SLOW if m < _MANY else _SLOW_OF_MANY
         for turn in range(_NEWTON):
             beyond, slope, samples = beyond_linear(laws, delta, points)
@@ -113,7 +113,7 @@ class WoundGears:
                 )
                 precision = np.float64 if m < _MANY else np.float32
                 inverse[due] = np.linalg.inv(inward.astype(precision))
-            old = ~better & ~fresh  # to where that step began
+            old = ~better & ~fresh  # return to the start of that step
             fresh = np.where(better, due, fresh)
             least = np.where(old, np.inf, np.minimum(size_left, least))
             before = np.where(better[..., None], delta[..., : 1 + m], before)

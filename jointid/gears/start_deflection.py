@@ -1,4 +1,4 @@
-"""Deflection of gears from one of several start values, of which some lead nowhere."""
+"""Deflection of gears from several start values, some of which do not converge."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears
 
 _STRONGER = (10.0, 3.0)
-"""Factors on the observer of gears in motions, whose solutions lead to the one without a factor."""
+"""Factors on the observer of gears in motions; each solution starts the next smaller factor."""
 
 _Solution = TypeVar("_Solution", WoundGears, DrivenGears)
 
@@ -20,7 +20,7 @@ _Solution = TypeVar("_Solution", WoundGears, DrivenGears)
 def first_finite(
     solve: Callable[[_Solution | None], _Solution], starts: Sequence[_Solution | None]
 ) -> _Solution:
-    """Solution from the first of some starts that leads to one; that of other parameters may not."""
+    """Solution from the first start that converges; one from other parameters may not."""
     for start in starts:
         found = solve(start)
         if np.isfinite(found.delta).all():
@@ -35,9 +35,9 @@ def from_observers(
     *,
     by_flank: bool,
 ) -> DrivenGears:
-    """Solution from the first start that leads to one; without any, from a stronger observer.
+    """Solution from the first start that converges; without any, from a stronger observer.
 
-    An arm that lost its flank stays on the other: with ``by_flank`` the stronger one comes first.
+    With ``by_flank`` that observer comes first: an arm on the wrong flank would stay there.
     """
     solved = partial(solve, strength)
     found = None if by_flank and not starts else first_finite(solved, starts)

@@ -24,8 +24,8 @@ _NOTHING = 1e-9
 class TorsionCurve:
     """Measured torque of one gear over its deflection, a period of every record.
 
-    A motion has a row for each segment that moves above the locked resonance, with these lines of its
-    spectrum; there may be none.
+    A motion has a row for each segment with motion above the locked resonance, made of the spectral
+    lines above it; there may be none.
     """
 
     deflection_rad: Floats
@@ -83,7 +83,7 @@ def torsion_curves(
     clear &= resolved
     points = max(_POINTS, _PER_HARMONIC * s.shape[1])
     signals = np.stack([deflection, torque])
-    # Harmonics that a curve leaves out are an error of it. Noise hides them, the fitted law does not.
+    # Harmonics that a curve omits are an error of it. The fitted law gives their size.
     left_out = np.where(unclear, np.abs(fitted) ** 2, 0).sum(axis=2)
     signals = np.where(clear, signals, 0)
     waves = samples_of(signals.swapaxes(2, 3), points)  # (2, r, n, t)

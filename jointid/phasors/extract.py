@@ -120,7 +120,7 @@ class Phasors:
 
     @property
     def torque_size(self) -> Floats:
-        """Amplitude of the torque's fundamental, of a motion that of all bins together, (r, n), N·m."""
+        """Amplitude of the torque's fundamental (of all bins together for a motion), (r, n), N·m."""
         whole = np.linalg.norm(self.harmonics[..., self.n :], axis=1)
         return np.where(self.motion[:, None], whole, np.abs(self.tau))
 

@@ -2,9 +2,9 @@
 
 Rounding to steps of Δ has the variance Δ²/12. If the frequency divides the sample rate, or nearly so,
 the error repeats with the motion: it does not scatter, and averages only over the samples that differ.
-That of a slow signal always repeats, and averages over the steps that it passes in one period; of a
-fast one, what the turning points make repeats. Other noise of σ per sample dithers it, by
-exp(−4π²σ²/Δ²) (Widrow and Kollár, Quantization Noise, 2008).
+That of a slow signal always repeats, and averages over the steps that it passes in one period; in a fast
+one, the error at the turning points repeats. Other noise of σ per sample dithers it, by exp(−4π²σ²/Δ²)
+(Widrow and Kollár, Quantization Noise, 2008).
 """
 
 import math

@@ -123,7 +123,6 @@ def to_svg(drawing: Drawing, *, title: str = "") -> str:
 
 
 def _outline(marks: Marks) -> str:
-    """Path of one mark from its centre."""
     r = marks.size / 2
     if marks.symbol == "square":
         return f"m{_n(-r)} {_n(-r)}h{_n(2 * r)}v{_n(2 * r)}h{_n(-2 * r)}z"

@@ -262,7 +262,6 @@ def _paint(drawing: Drawing, canvas: Any) -> None:
 
 @cache
 def _register_fonts() -> None:
-    """Register the typeface with reportlab."""
     for name, file in ((REGULAR, "Roboto-Regular.ttf"), (BOLD, "Roboto-Bold.ttf")):
         data = files("font_roboto").joinpath("files", file).read_bytes()
         registerFont(TTFont(name, BytesIO(data)))
@@ -270,7 +269,6 @@ def _register_fonts() -> None:
 
 
 def _page_styles() -> dict[str, Any]:
-    """Return the styles of paragraphs and cells by name."""
     _register_fonts()
 
     def style(name: str, size: float, **more: Any) -> Any:

@@ -167,7 +167,7 @@ class RobotModel(RobotDescription):
 
         For the payload per standard deviation of its mass and of its centre along x, y and z of the
         flange; relative to its distance from the flange, the centre is as uncertain as the mass. For a
-        link per unit relative change of its mass and inertia, which is its own torque.
+        link per unit relative change of its mass and inertia, which equals the link's own torque.
         """
         angles, *rates = self._checked(q=q, dq=dq, ddq=ddq)
         motion, load = self.links.motion(angles + self.zero, *rates), self.payload

@@ -139,7 +139,6 @@ class PlanningModel:
 
     @cached_property
     def _prior(self) -> Floats:
-        """Information of the prior, shape (P, P)."""
         return self.problem.prior_residual(self.p)[1]
 
     @cached_property

@@ -24,7 +24,7 @@ ChangeKind = Literal["start", "frequency", "leave out", "delay", "hold", "scale"
 
 
 _MOST_TIMES = 1000.0
-"""Multiple of the noise beyond which the number says nothing: the records hardly have noise."""
+"""Multiple of the noise beyond which the number is meaningless: the records hardly have noise."""
 
 
 @dataclass(frozen=True, eq=False)

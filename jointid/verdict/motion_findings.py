@@ -112,8 +112,9 @@ def _joints_at_rest(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
             result = f"determine K{j + 1}: one standard error is {percent(known[j])}."
         make = problem if np.any(known[joints] > _UNKNOWN) else warning
         yield make(
-            f"{some([f'Joint {k + 1}' for k in joints])} rests for much of the motion",
-            f"Motor {j + 1} hardly moves during {percent(shares[j])} of the time. While friction holds "
+            f"{some([f'Joint {k + 1}' for k in joints])} rest{'s' * (joints.size == 1)} for much of the "
+            "motion",
+            f"Motor {j + 1} hardly moves for {percent(shares[j])} of the time. While friction holds "
             "it, its torque carries no information on the spring. The other joints and the short moves "
             + result,
             f"Move joint {j + 1} faster or farther, with torques well above its friction, so that it "

@@ -19,7 +19,7 @@ _REMEDIES = {
     "arm_coulomb": ("The arm has Coulomb friction", ""),
     "loss_factor": (
         "The gears have structural damping",
-        "D holds the viscous part only. K is the stiffness at the geometric mean frequency of the "
+        "D contains the viscous part only. K is the stiffness at the geometric mean frequency of the "
         "records; it rises with frequency.",
     ),
     "lag": (

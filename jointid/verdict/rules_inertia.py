@@ -129,7 +129,7 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     others = f" Also different: {some([other.name for _, other in off[1:]])}." if off[1:] else ""
     change = relative(own.estimate - fit.estimate, fit.estimate)
     k = int(np.argmax(change))
-    accounts = "K and D come from the fitted values."
+    accounts = "K and D are based on the fitted values."
     if exact:
         accounts = (
             f"Refitting the inertias cuts the residual from {times_noise(fit.misfit)} to "

@@ -135,7 +135,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     if is_negligible:
         yield note(
             "The residual is above the noise, but negligible",
-            f"{left}: too little to move K or D noticeably.",
+            f"{left}: too little to change K or D noticeably.",
             "",
             share_left,
         )
@@ -147,7 +147,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     make = problem if contradicts(fit) and fit.method not in LINEAR else warning
     parts = fitted_parts(fit) if make is problem else []
     if parts:
-        left += f". Fitting {enumerated(parts)} does not remove it"
+        left += f". Fitting {enumerated(parts)} does not reduce the residual to the noise"
     finding = make(
         "The model does not explain the data" if make is problem else MODEL_LIMITS,
         f"{left}.{odd_record}",
@@ -183,7 +183,7 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
     if odd_record:
         return (
             "Check the columns, the load and the sample rate of this record, or leave it out. Without "
-            "an anti-alias filter, a slow record holds an aliased torque."
+            "an anti-alias filter, a record of low sample rate contains aliased torque."
         )
     if fit.friction is not None:
         return (

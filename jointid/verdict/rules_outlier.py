@@ -157,7 +157,6 @@ def find_outlier(
 
 
 def _outlier_text(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
-    """Title, cause and remedy."""
     if found.factor is None:
         return (
             f"{label} contradicts all other records",
@@ -285,16 +284,16 @@ def motors_take_power(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _foreign(
-    evidence: Evidence, concerned: np.ndarray, why: str, told: tuple[str, str] = _FOREIGN
+    evidence: Evidence, concerned: np.ndarray, why: str, words: tuple[str, str] = _FOREIGN
 ) -> Finding:
     rows = np.flatnonzero(concerned).tolist()
     labels = [evidence.phasors.labels[i] for i in rows]
     few = 2 * len(rows) < concerned.size
     return problem(
-        told[0],
+        words[0],
         f"In {len(labels)} of {counted(concerned.size, 'record')}, {why}: {some(labels)}. The residual "
         f"is {times_noise(evidence.fit.misfit)}.",
-        told[1],
+        words[1],
         3.0,
         "edit columns",
         *([Change("leave out", tuple(rows))] if few else []),

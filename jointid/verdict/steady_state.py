@@ -19,15 +19,15 @@ _SIGNIFICANT = 3.0
 _NEGLIGIBLE = 2e-3
 """Relative change of the phasor that never counts as settling."""
 _CHANCE = 1e-3
-"""Probability that any signal of steady records looks as if it were settling."""
+"""Probability that some signal of steady records seems to settle."""
 
 
 def unsettled(phasors: Phasors) -> Floats:
     """Relative change from the first quarter to the second half, shape (r,); 0 where it is no settling.
 
-    A change counts if it is above five standard errors, and more where there are many tests, and one
-    per cent of the joint's largest amplitude at the same frequency: the remnant of a joint that a record
-    holds says nothing.
+    A change counts if it is above five standard errors, and more where there are many tests, and one per
+    cent of the joint's largest amplitude at the same frequency: the residual motion of a held joint is
+    no evidence.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         rounding = 2 * phasors.harmonic_rounding[:, 0] / np.abs(phasors.z) ** 2  # of both parts

@@ -61,7 +61,7 @@ def wrong_data(
     tried = list(_hypotheses(phasors.n, measured, inertias))
     cost = scorer.scores(tried).cost
     subtle = [h.kind == "gear torque" or (h.kind == "torque" and h.scale[-1] in SUBTLE) for h in tried]
-    cost[(cost > GOOD) & subtle] = np.inf  # wrong inertias come near to these
+    cost[(cost > GOOD) & subtle] = np.inf  # wrong inertias cause similar factors
     if cost.min() > GOOD:
         # At low frequency the ratios are too uncertain to give a spring.
         rough = [tried[int(np.argmin(cost))]] if cost.min() < bar else []
@@ -69,7 +69,7 @@ def wrong_data(
         possible = [h for h in refined if _is_possible(h)]
         if possible:
             found = scorer.scores(possible).cost
-            found[found > _BETTER * cost.min()] = np.inf  # a free ratio always explains something
+            found[found > _BETTER * cost.min()] = np.inf  # a free ratio always reduces the misfit
             tried, cost = [*tried, *possible], np.concatenate([cost, found])
     if least_misfit(phasors.omega, phasors.z, phasors.covariance) > GOOD:
         for k in np.flatnonzero(cost < bar):

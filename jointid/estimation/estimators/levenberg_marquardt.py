@@ -20,7 +20,7 @@ iteration."""
 _MOTION_IDLE = 0.1
 """The same of motions with a law of the gears."""
 POOR, _STUCK = 10.0, 3e-3
-"""Misfit of a model that does not explain the data, and decrease over the cost that will not help it."""
+"""Misfit of a model that does not explain the data; relative decrease of its cost that ends the fit."""
 _LAW_STUCK = 2e-2
 """The same of a model with a law of the gears, whose evaluations are slow."""
 _ROUGH_IDLE, _ROUGH_TOLERANCE = 1.0, 0.1
@@ -46,7 +46,7 @@ def minimised(
     if slow and problem.motion is not None:  # their evaluations are the slowest
         harder, least = 100, max(least, _MOTION_IDLE)
     for _ in range(_ITERATIONS):
-        # Those at their bounds rest (Bertsekas, SIAM Journal on Control and Optimization 20, 1982).
+        # Hold parameters at their bounds (Bertsekas, SIAM Journal on Control and Optimization 20, 1982).
         free = (p > problem.layout.lowest) | (gradient < 0)
         size = np.sqrt(np.diag(normal))
         size = np.where(size > NO_EFFECT, size, 1.0)

@@ -38,12 +38,12 @@ _LARGEST = 4.0
 _FLATTEST = 0.1
 """Least slope of a piecewise linear gear, over K."""
 LOWEST_LINK = 4.0
-"""Mode of a link over the joint's resonance, of the widest prior: a lower one is no term −s⁴c."""
+"""Lowest link mode of the prior, over the joint's resonance: −s⁴c does not describe lower ones."""
 _FILTER_SHARE, _LEAST_FILTER = 0.3, 0.05
 """Start value of a filter's time constant beside a delay or lags: over the delay (reduced by it),
 and over the period at the highest frequency / 2π. At zero its effect is that of the delay."""
 _BENDS = {"piecewise": 0.73, "second_bend": 1.33}
-"""Changes of slope in place of a cubic stiffness, over it times the largest deflection squared."""
+"""Start values of changes of slope, over cubic stiffness times the square of the largest deflection."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,8 +101,8 @@ class WhitenedResidual:
     def visible_columns(self) -> Floats:
         """Jacobian of the rows without harmonics that are within their noise, shape (r, m, P).
 
-        The noise of a harmonic that does not exist would add as much to it as a small signal, and make
-        finite what no signal determines.
+        Otherwise the noise of an absent harmonic would count like a small signal and determine
+        parameters that no signal determines.
         """
         problem = self.at.problem
         variance = np.einsum("rhjj->rhj", problem.noise.covariance).real * self.weight[..., None]
@@ -180,13 +180,13 @@ def _whitener(problem: Problem, V: Complexes) -> Complexes:
 def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_part: Floats) -> Floats:
     """Covariance of all parameters, widened where the records scatter more than their noise explains.
 
-    At the optimum every record pulls the parameters by its gradient g, and the pulls cancel. Their
-    scatter gives the sandwich covariance A⁻¹ (Σ ggᵀ) A⁻¹, with the leverage correction CR2 (Bell and
-    McCaffrey, Survey Methodology 28, 2002). It holds whatever makes the residuals as long as that
-    differs by record, as sticking friction does. The scatter of few records is inaccurate: it counts
-    if that of K and D is significant, and then widens the noise of each parameter by the ratio of both
-    standard errors, if that is above 1. ``residual`` is that at the estimate; ``prior_part`` of its
-    covariance, both shape (P, P), is made by the prior, the rest by noise.
+    At the optimum the gradients g of the records cancel. Their scatter gives the sandwich covariance A⁻¹
+    (Σ ggᵀ) A⁻¹, with the leverage correction CR2 (Bell and McCaffrey, Survey Methodology 28, 2002). It
+    holds whatever makes the residuals as long as that differs by record, as sticking friction does. The
+    scatter of few records is inaccurate: it counts if that of K and D is significant, and then widens
+    the noise of each parameter by the ratio of both standard errors, if that is above 1. ``residual`` is
+    that at the estimate; ``prior_part`` of its covariance, both shape (P, P), is made by the prior, the
+    rest by noise.
     """
     finite = finite_part(covariance)
     noise = finite - prior_part
@@ -226,7 +226,7 @@ def repeated_covariance(residual: WhitenedResidual, covariance: Floats) -> tuple
 
 
 def _shifts(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, Floats]:
-    """Pull of each record on the parameters, shape (r, P), and its covariance from noise, (r, P, P)."""
+    """Change of the parameters by each record's gradient, (r, P), and its covariance, (r, P, P)."""
     size = np.sqrt(np.diag(covariance))
     size = np.where(size > 0, size, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))

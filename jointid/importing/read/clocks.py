@@ -108,7 +108,6 @@ def _ticks(signal: Signal) -> Floats:
 def _table(
     name: str, signals: Sequence[Signal], notes: Sequence[str], time: tuple[str, str]
 ) -> LogTable:
-    """Table of signals with the same times."""
     columns = [LogColumn(time[0], numbers(signals[0].time_s), time[1])]
     columns += [named_column(s.name, s.values, s.unit) for s in signals]
     return LogTable(name, tuple(columns), tuple(notes))

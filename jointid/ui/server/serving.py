@@ -101,7 +101,7 @@ def prepare() -> None:
     for name in _FIRST_SCREEN:
         import_module(name)
     import_module("jointid.ui.shared.page").analyse_first_sample()
-    gc.freeze()  # a full collection passes over all this: it stops everybody for 0.1 s
+    gc.freeze()  # else each full collection stops all sessions for 0.1 s
 
 
 async def _close_sessions() -> None:

@@ -94,7 +94,6 @@ def _unambiguous(name: str, text: str) -> tuple[float, ...]:
 
 
 def _separated(name: str, text: str) -> tuple[float, ...]:
-    """Read commas as separators."""
     return tuple(_number(name, piece) for piece in _COMMAS.split(text.strip()))
 
 

@@ -29,7 +29,7 @@ ESTIMATORS = {DEFAULT_METHOD: METHODS.get(DEFAULT_METHOD, "chosen for these reco
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
 _ARRIVED = "arrived_study"
-FAULTY_SAMPLES = {"swapped torques": " (not usable)", "doubled record": " (usable with care)"}
+FAULTY_SAMPLES = {"exercise 1": " (not usable)", "exercise 2": " (usable with care)"}
 """What the list says of a sample besides its name."""
 
 
@@ -92,9 +92,9 @@ def _choose() -> str | None:
         key="study",
         on_change=_take_choice,
         disabled=not names,
-        help="Studies opened, simulated or imported at this address, and the samples. Two samples "
-        "are faulty: one answer is not usable, the other usable with care. Commands take the "
-        "name of a sample with or without underscores: six_axes.",
+        help="Studies opened, simulated or imported at this address, and the samples. The logs "
+        "of the exercises have a fault to find. Commands take the name of a sample with or without "
+        "underscores: six_axes.",
     )
     show_in_address()
     show_recent()
@@ -102,7 +102,6 @@ def _choose() -> str | None:
 
 
 def _take_choice() -> None:
-    """Take the choice in the list of studies."""
     chosen = st.session_state["study"]
     st.session_state.pop("not_found", None)
     st.session_state["chosen"] = next(

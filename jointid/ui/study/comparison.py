@@ -96,7 +96,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         if same
         else f"Significant: beyond {_CLEAR:g} σ, the standard error of the difference if both errors "
         "are independent. A common cause, such as a wrong torque constant of the same robot, changes "
-        "both alike."
+        "both results alike."
     )
     why = "" if one_side else ": one of the studies has no gear ratios"
     st.caption(f"Difference: second study minus first. K and D {units[0].side}{why}.")

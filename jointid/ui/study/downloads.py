@@ -43,7 +43,6 @@ def show_report(page: Page, analysis: Analysis, stem: str) -> None:
 
 
 def _write(analysis: Analysis, progress: Show) -> tuple[str, bytes]:
-    """Return the report as HTML and as PDF."""
     report = run_in_background(
         make_report, analysis, progress=lambda done, what: progress(0.6 * done, what)
     )

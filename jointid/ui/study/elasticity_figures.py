@@ -46,7 +46,7 @@ $(K_j + i\omega D_j)\,a_j = b_j$ (8) with
 $\mathbf a = (\mathbf I + \mathbf M_2^{-1}\mathbf M)s^2\mathbf q - \mathbf M_2^{-1}\boldsymbol\tau$ (9)
 and $\mathbf b = s^2\boldsymbol\tau - \mathbf M s^4\mathbf q$ (11).
 The real part of b/a is K at every frequency, the imaginary part ωD; bars are ± one standard error.
-Deviations at some frequencies only indicate friction, a torque delay or wrong inertias.
+Deviations at only some frequencies indicate friction, a torque delay or wrong inertias.
 """
 
 
@@ -64,7 +64,7 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
         found["Frequency response"] = per_joint(
             "H{0}{0} over frequency, measured and modelled",
             lambda j, dark: element_response(analysis, j, j, pose=pose, dark=dark),
-            "Acceleration of each motor over its torque, the controllers removed."
+            "Acceleration of each motor over its torque, without the effect of the controllers."
             + freed_note(analysis),
         )
     if page.study.motion_records:  # the other figures look at every sine separately

@@ -224,8 +224,8 @@ def show_motion_plan(page: Page, analysis: Analysis, sines: PlanSettings | None 
         return
     show_text_table(plan_table(plans))
     st.caption(
-        "Relative standard errors. With present records: inertias are shared. The peaks "
-        "are those of the simulated motors and include friction."
+        "Relative standard errors. With present records: of both together, with common inertias. The "
+        "peaks are those of the simulated motors and include friction."
     )
     for plan in plans:
         download(

@@ -208,7 +208,6 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
 def _own_plan(
     columns: dict[str, list[float | None]], page: Page, analysis: Analysis, pose: str
 ) -> PlannedRecords:
-    """Return the records of an edited plan."""
     table = {name: np.array([np.nan if v is None else v for v in c]) for name, c in columns.items()}
     if not len(table["Frequency (Hz)"]):
         raise JointIdError("The plan has no records: add a row.")

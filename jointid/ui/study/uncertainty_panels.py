@@ -127,8 +127,8 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         "Two checks independent of the standard errors above. The bootstrap repeats the estimate with "
         "new noise and new given inertias: compare it with the standard error. The jackknife leaves out "
         "one frequency at a time; its scatter includes every cause except the inertias, which all "
-        "records share: compare it with the part from noise. A factor of two is normal. A jackknife "
-        "far above it indicates a wrong model; a bootstrap far above the range of 68 % of its draws "
+        "records share: compare it with the part from noise. A factor of two is normal. A larger "
+        "jackknife indicates a wrong model; a bootstrap far above the range of 68 % of its draws "
         "indicates outliers caused by noise."
     )
     slow = analysis.fit.friction is not None or analysis.fit.delay is not None
