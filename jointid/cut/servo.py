@@ -84,12 +84,12 @@ class Servo:
 class ServoPlan:
     """Reference and feedforward of a cut at s samples, and the gains; joint side.
 
-    The last axis is that of the assumed elasticities, if there are several.
+    The last axis is that of the assumed elasticities, one or one per run.
     """
 
     interval_s: float
     angle: Floats
-    """Reference of the motor angle, shape (s, 2) or (s, 2, runs), rad."""
+    """Reference of the motor angle, shape (s, 2, runs), rad."""
     rate: Floats
     """Reference of the measured motor velocity, rad/s."""
     torque: Floats
@@ -135,8 +135,7 @@ def run_servo(
     sample on, each shape (2, runs), joint side, N·m. Raises JointIdError when a motor runs away from its
     reference.
     """
-    tables = (x if x.ndim == 3 else x[..., None] for x in (plan.angle, plan.rate, plan.torque))
-    angle, rate, feed = map(list, tables)
+    angle, rate, feed = map(list, (plan.angle, plan.rate, plan.torque))
     gains = (plan.proportional, plan.derivative, plan.count, plan.limit)
     kp, kv, count, limit = (x[:, None] for x in gains)
     quantised, limited = bool(count.any()), bool(np.isfinite(limit).any())
