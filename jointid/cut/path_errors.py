@@ -160,9 +160,7 @@ def _largest_errors(
     for first in range(0, runs, _BATCH_RUNS):
         part = slice(first, min(first + _BATCH_RUNS, runs))
         count = part.stop - part.start
-        K, D, K_assumed, D_assumed = (
-            x if x.shape[1] == 1 else x[:, part] for x in (*true, *assumed)
-        )
+        K, D, K_assumed, D_assumed = (x if x.shape[1] == 1 else x[:, part] for x in (*true, *assumed))
         plan = plan_servo(arm, toolpath, servo, K_assumed, D_assumed)
         require_resolved(arm, K.max(axis=1), D.max(axis=1), step, plan.start_angle)
         arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction)
