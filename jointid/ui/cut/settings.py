@@ -124,11 +124,10 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
     with left:
         choices = [name for name in NOMINAL_NAMES if name != "study" or robot.nominal]
         key = "cut_nominal" if robot.nominal else "cut_servo"  # they differ in their choices
-
-        def label(name: Assumption) -> str:
-            return capitalised(NOMINAL_NAMES[name])
-
-        assumption = choose_segment("Servo before", choices, key, format_func=label, hint=_HINT)
+        names = {name: capitalised(NOMINAL_NAMES[name]) for name in choices}
+        assumption = choose_segment(
+            "Servo before", choices, key, format_func=names.__getitem__, hint=_HINT
+        )
     with right:
         zone = st.slider(
             "Corner zone (mm)",
