@@ -143,7 +143,7 @@ def plan_servo(
     ratio = np.abs(arm.gear_ratio)
     limit = np.full(2, np.inf) if servo.torque_limit_Nm is None else servo.torque_limit_Nm
     return ServoPlan(
-        interval_s=T,
+        servo=servo,
         angle=angle,
         rate=rate,
         torque=torque,
@@ -151,8 +151,6 @@ def plan_servo(
         derivative=2 * J * omega,
         count=np.zeros(2) if servo.encoder_bits is None else 2 * np.pi / 2**servo.encoder_bits / ratio,
         limit=np.broadcast_to(np.asarray(limit, dtype=np.float64), (2,)) * ratio,
-        delay=int(servo.delay_samples),
-        differentiated=servo.differentiated_velocity,
         start_angle=motion.q[0, 0],
     )
 

@@ -87,7 +87,7 @@ class ServoPlan:
     The last axis is that of the assumed elasticities, one or one per run.
     """
 
-    interval_s: float
+    servo: Servo
     angle: Floats
     """Reference of the motor angle, shape (s, 2, runs), rad."""
     rate: Floats
@@ -102,10 +102,6 @@ class ServoPlan:
     """Size of an encoder count, shape (2,), rad; zero for an ideal encoder."""
     limit: Floats
     """Largest torque, shape (2,), N·m; infinite without a limit."""
-    delay: int
-    """Samples from measurement to torque."""
-    differentiated: bool
-    """Whether the velocity is the difference of two positions."""
     start_angle: Floats
     """Joint angles at the start, shape (2,), rad."""
 
@@ -139,7 +135,7 @@ def run_servo(
     gains = (plan.proportional, plan.derivative, plan.count, plan.limit)
     kp, kv, count, limit = (x[:, None] for x in gains)
     quantised, limited = bool(count.any()), bool(np.isfinite(limit).any())
-    waiting = deque([np.zeros_like(kp)] * plan.delay)
+    waiting = deque([np.zeros_like(kp)] * plan.servo.delay_samples)
     old = past = np.zeros_like(kp)
     held: list[Floats] = []
     report = max(1, len(feed) // PROGRESS_CALLS)
@@ -151,8 +147,8 @@ def run_servo(
                 progress(k / len(feed))
         if quantised:
             y = count * np.rint(y / count)
-        if plan.differentiated:
-            speed, past = (y - (past if k else y)) / plan.interval_s, y
+        if plan.servo.differentiated_velocity:
+            speed, past = (y - (past if k else y)) / plan.servo.interval_s, y
         waiting.append(kp * (angle[k] - y) + kv * (rate[k] - speed))
         new = feedforward + waiting.popleft()
         if limited:

@@ -149,6 +149,11 @@ def choose_segment(
     return options[0] if chosen is None else chosen
 
 
+def choose_joint(joints: Sequence[int], key: str) -> int:
+    """Ask for one of several joints, counted from 0."""
+    return choose_segment("Joint", joints, key, format_func=lambda j: f"Joint {j + 1}")
+
+
 def download(
     label: str,
     data: str | bytes | Callable[[], str | bytes],
