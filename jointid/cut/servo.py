@@ -33,7 +33,7 @@ class MotorFrictionLike(Protocol):
         """One value or one per joint, N·m·s/rad."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Servo:
     """Settings of the joint controllers.
 

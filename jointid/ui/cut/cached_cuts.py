@@ -94,12 +94,12 @@ def _begin(
 ) -> Future[Found]:
     """Begin a computation on a cut; ``result()`` raises for settings that allow none."""
     try:
-        path, servo = settings.toolpath, settings.servo
+        path = settings.toolpath
     except JointIdError as error:
         refused: Future[Found] = Future()
         refused.set_exception(error)
         return refused
-    options = {"servo": servo, "friction": settings.friction}
+    options = {"servo": settings.servo, "friction": settings.friction}
     return page.begin((what, settings), compute, who, path, *springs, **options)
 
 

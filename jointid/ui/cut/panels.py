@@ -133,16 +133,17 @@ def accuracy_text(outcome: Outcome, servo: Servo, friction: CutFriction | None) 
 
 def _conditions(settings: CutSettings) -> str:
     """Servo and friction, the same before and after."""
-    encoder = f"{settings.encoder_bits}-bit encoders" if settings.encoder_bits else "ideal encoders"
-    delay = counted(settings.delay_samples, "sample")
-    text = f"a servo of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}; "
+    servo = settings.servo
+    encoder = f"{servo.encoder_bits}-bit encoders" if servo.encoder_bits else "ideal encoders"
+    delay = counted(servo.delay_samples, "sample")
+    text = f"a servo of {servo.sample_rate_hz:g} Hz with a delay of {delay} and {encoder}; "
     if settings.friction is None:
         return text + "motors without friction."
-    servo = "compensates it"
-    if not settings.compensated:
-        servo = "does not compensate it, which adds to the error"
+    action = "compensates it"
+    if servo.friction_compensation is None:
+        action = "does not compensate it, which adds to the error"
     coulomb = three_digits(settings.friction.coulomb)
-    return f"{text}motors with a Coulomb friction of {coulomb} N·m. The servo {servo}."
+    return f"{text}motors with a Coulomb friction of {coulomb} N·m. The servo {action}."
 
 
 def show_assumptions() -> None:
