@@ -54,6 +54,25 @@ def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -
     return array
 
 
+def vectors(name: str, value: ArrayLike, n: int) -> Floats:
+    """Return values of shape (..., n) as float64.
+
+    Raises JointIdError when they are not numeric, not finite or of another shape.
+    """
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise JointIdError(f"{name}: expected numbers, got {value!r:.80}.") from error
+    if array.ndim == 0 or array.shape[-1] != n:
+        raise JointIdError(
+            f"{name} has shape {array.shape}: expected (..., {n}), {n} finite components."
+        )
+    if not np.isfinite(array).all():
+        j = int(np.argwhere(~np.isfinite(array))[0][-1])
+        raise JointIdError(f"{name}: component {j + 1} is not finite: remove or repair it.")
+    return array
+
+
 def bounded_number(name: str, unit: str, value: ArrayLike, *, zero: bool = False) -> float:
     """Return a setting that must be positive, or not negative if ``zero`` is allowed.
 

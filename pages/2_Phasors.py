@@ -6,7 +6,7 @@ import streamlit as st
 
 from jointid.exporting.tables import phasors_csv
 from jointid.figures import phasor_plane
-from jointid.ui.shared.charts import choose_segment, download, table
+from jointid.ui.shared.charts import choose_joint, download, table
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import phasor_table
@@ -34,12 +34,7 @@ chosen = st.selectbox(
     bind="query-params",
 )
 has_many = phasors.n > 2  # they would hide each other
-joint = choose_segment(
-    "Joint",
-    range(phasors.n),
-    "phasor_joint",
-    format_func=lambda j: f"Joint {j + 1}",
-)
+joint = choose_joint(range(phasors.n), "phasor_joint")
 drawn = joint if has_many else None
 signals = (("Motor angle (rad)", "angles", False), ("Motor torque (N·m)", "torques", True))
 for place, (heading, what, torque) in zip(st.columns(2), signals, strict=True):

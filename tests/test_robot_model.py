@@ -375,7 +375,7 @@ def test_a_bad_file_is_named_with_its_fault(name: str, text: str, message: str) 
 def test_wrong_arguments() -> None:
     with pytest.raises(JointIdError, match=r"q has shape \(5,\).*\(\.\.\., 6\)"):
         ROBOT.torque(np.zeros(5), np.zeros(6), np.zeros(6))
-    with pytest.raises(JointIdError, match="dq of joint 2 is not finite"):
+    with pytest.raises(JointIdError, match="dq: component 2 is not finite"):
         ROBOT.torque(np.zeros(6), [0, np.nan, 0, 0, 0, 0], np.zeros(6))
     with pytest.raises(JointIdError, match="do not agree"):
         ROBOT.torque(np.zeros((3, 6)), np.zeros((4, 6)), np.zeros(6))

@@ -155,7 +155,9 @@ def test_the_control_law_sample_by_sample(delay, differentiated, bits) -> None:
         differentiated_velocity=differentiated,
         torque_limit_Nm=[30.0, 12.0],
     )
-    plan = plan_servo(PlanarArm.example(), rectangle(), servo, ELASTICITY.K, ELASTICITY.D)
+    plan = plan_servo(
+        PlanarArm.example(), rectangle(), servo, ELASTICITY.K[:, None], ELASTICITY.D[:, None]
+    )
     plant = Turning(plan.start_angle[:, None])
     shares: list[float] = []
     held = np.array(run_servo(plan, plant, 2, shares.append))[..., 0]
@@ -166,11 +168,12 @@ def test_the_control_law_sample_by_sample(delay, differentiated, bits) -> None:
         count = 2 * np.pi / 2**bits / np.array([100.0, 90.0])
         y = count * np.round(y / count)
     speed = np.diff(y, axis=0, prepend=y[:1]) * 1000.0 if differentiated else true_rate
-    feedback = plan.proportional * (plan.angle - y) + plan.derivative * (plan.rate - speed)
+    angle, rate, torque = (table[..., 0] for table in (plan.angle, plan.rate, plan.torque))
+    feedback = plan.proportional * (angle - y) + plan.derivative * (rate - speed)
     late = np.concatenate([np.zeros((delay, 2)), feedback[: len(held) - delay]])
     limit = np.array([30.0 * 100.0, 12.0 * 90.0])
     # A position exactly between two counts may round either way.
-    np.testing.assert_allclose(held, np.clip(plan.torque + late, -limit, limit), atol=1e-4)
+    np.testing.assert_allclose(held, np.clip(torque + late, -limit, limit), atol=1e-4)
     assert np.any(np.abs(held) == limit)
     steps = np.array(plant.steps).reshape(-1, 2, 2)
     np.testing.assert_allclose(steps[:, 1], held)

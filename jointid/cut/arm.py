@@ -20,7 +20,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array, set_fields
+from jointid.arrays import Floats, finite_array, set_fields, vectors
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.wording import counted
@@ -115,12 +115,12 @@ class PlanarArm:
 
     def link_angles(self, joint_angle_rad: ArrayLike) -> Floats:
         """Absolute link angles φ = L q, shape (..., 2), rad; works for rates too."""
-        return np.asarray(_pairs("joint_angle_rad", joint_angle_rad) @ self.links_from_joints.T)
+        return np.asarray(vectors("joint_angle_rad", joint_angle_rad, 2) @ self.links_from_joints.T)
 
     def joint_angles(self, link_angle_rad: ArrayLike) -> Floats:
         """Joint angles q = L⁻¹ φ, shape (..., 2), rad; works for rates too."""
         inverse = np.linalg.inv(self.links_from_joints)
-        return np.asarray(_pairs("link_angle_rad", link_angle_rad) @ inverse.T)
+        return np.asarray(vectors("link_angle_rad", link_angle_rad, 2) @ inverse.T)
 
     def mass_matrix(self, joint_angle_rad: ArrayLike) -> Floats:
         """Mass matrix M(q) of the links, joint side, shape (..., 2, 2), kg·m².
@@ -159,7 +159,7 @@ class PlanarArm:
 
     def tool_of_links(self, link_angle_rad: ArrayLike) -> Floats:
         """Tool position at absolute link angles φ, shape (..., 2), m."""
-        phi = _pairs("link_angle_rad", link_angle_rad)
+        phi = vectors("link_angle_rad", link_angle_rad, 2)
         return np.stack([np.cos(phi) @ self.length_m, np.sin(phi) @ self.length_m], axis=-1)
 
     def jacobian(self, joint_angle_rad: ArrayLike) -> Floats:
@@ -176,7 +176,7 @@ class PlanarArm:
         """
         if elbow not in _SIGN:
             raise JointIdError(f'elbow = "{elbow}": expected "positive" or "negative".')
-        point = _pairs("tool_m", tool_m)
+        point = vectors("tool_m", tool_m, 2)
         l1, l2 = self.length_m
         distance = np.hypot(point[..., 0], point[..., 1])
         cosine = (distance**2 - l1**2 - l2**2) / (2 * l1 * l2)
@@ -223,16 +223,3 @@ _FIELDS = {
     "rotor_inertia_kgm2": ("kg·m²", "be positive"),
 }
 """Unit of each value and the rule for it."""
-
-
-def _pairs(name: str, value: ArrayLike) -> Floats:
-    """The value as floats with a last axis of two."""
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise JointIdError(f"{name}: expected numbers, got {value!r:.80}.") from error
-    if array.ndim == 0 or array.shape[-1] != 2:
-        raise JointIdError(f"{name} has shape {array.shape}: the last axis must hold two values.")
-    if not np.isfinite(array).all():
-        raise JointIdError(f"{name}: every value must be finite.")
-    return array

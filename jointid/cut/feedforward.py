@@ -109,9 +109,9 @@ def plan_servo(
 ) -> ServoPlan:
     """Precompute references and feedforward of a cut.
 
-    The controller assumes K and D, motor side, shape (2,) or (2, runs), or rigid joints where they are
-    None; ``gears`` are laws that it knows in addition, joint side. Raises JointIdError when the path
-    leaves the workspace.
+    The controller assumes K and D, motor side, shape (2, runs), or rigid joints where they are None;
+    ``gears`` are laws that it knows in addition, joint side, for a single run. Raises JointIdError when
+    the path leaves the workspace.
     """
     T = servo.interval_s
     samples = int(np.ceil(toolpath.end_s / T - 1e-9)) + 1
@@ -120,24 +120,22 @@ def plan_servo(
     time = np.arange(samples * fine + 1) * (T / fine)
     motion = joint_motion(arm, toolpath.derivatives(time), elbow)
     at_sample, held = slice(0, samples * fine, fine), slice(fine // 2, samples * fine, fine)
-    angle, rate = (motion.q[k, at_sample] for k in (0, 1))
-    rate_held, acceleration = (motion.q[k, held] for k in (1, 2))
-    B = arm.rotor_inertia_arm_kgm2
     if assumed_K is None or assumed_D is None:
-        torque = B * acceleration + motion.u[0, held]
+        x = np.zeros_like(motion.u)[..., None]
+    elif gears is None:
+        x = _deflections(arm, motion.u, assumed_K, assumed_D, T / fine)
     else:
-        if gears is None:
-            x = _deflections(arm, motion.u, assumed_K, assumed_D, T / fine)
-        else:
-            x = gear_deflections(motion.u[0], gears, arm.gear_ratio**2 * assumed_D, T / fine)
-        runs = (...,) + (None,) * (assumed_K.ndim - 1)
-        angle = angle[runs] + x[0, at_sample]
-        rate = rate[runs] + x[1, at_sample]
-        rate_held = rate_held[runs] + x[1, held]
-        weight = B[(slice(None), *runs[1:])]
-        torque = weight * (acceleration[runs] + x[2, held]) + motion.u[0, held][runs]
+        D = arm.gear_ratio**2 * assumed_D[:, 0]
+        x = gear_deflections(motion.u[0], gears, D, T / fine)[..., None]
+    motor, B = motion.q[..., None] + x, arm.rotor_inertia_arm_kgm2
+    angle, rate = motor[0, at_sample], motor[1, at_sample]
+    torque = B[:, None] * motor[2, held] + motion.u[0, held][..., None]
     if servo.friction_compensation is not None:
-        torque = torque + _compensation(arm, servo, rate_held)
+        coulomb, viscous = friction_values(servo.friction_compensation)
+        n = arm.gear_ratio[:, None]
+        velocity = n * motor[1, held]
+        reversal = np.tanh(velocity / _SMOOTHING_RAD_S)
+        torque += n * (coulomb[:, None] * reversal + viscous[:, None] * velocity)
     if servo.differentiated_velocity:
         rate = np.diff(angle, axis=0, prepend=angle[:1]) / T
     middle = arm.inverse(0.5 * (toolpath.knot_m.min(axis=0) + toolpath.knot_m.max(axis=0)), elbow)
@@ -145,7 +143,7 @@ def plan_servo(
     ratio = np.abs(arm.gear_ratio)
     limit = np.full(2, np.inf) if servo.torque_limit_Nm is None else servo.torque_limit_Nm
     return ServoPlan(
-        interval_s=T,
+        servo=servo,
         angle=angle,
         rate=rate,
         torque=torque,
@@ -153,8 +151,6 @@ def plan_servo(
         derivative=2 * J * omega,
         count=np.zeros(2) if servo.encoder_bits is None else 2 * np.pi / 2**servo.encoder_bits / ratio,
         limit=np.broadcast_to(np.asarray(limit, dtype=np.float64), (2,)) * ratio,
-        delay=int(servo.delay_samples),
-        differentiated=servo.differentiated_velocity,
         start_angle=motion.q[0, 0],
     )
 
@@ -180,27 +176,14 @@ def gear_deflections(u: Floats, gears: GearLaws, D: Floats, step_s: float) -> Fl
 
 
 def _deflections(arm: PlanarArm, u: Floats, K: Floats, D: Floats, step_s: float) -> Floats:
-    """Deflections x and two derivatives, shape (3, k, 2) or (3, k, 2, runs)."""
+    """Deflections x and two derivatives, shape (3, k, 2, runs)."""
     n2 = arm.gear_ratio**2
-    x = np.empty(u.shape + K.shape[1:])
+    x = np.empty((*u.shape, K.shape[1]))
     for j in range(2):
         series = np.ascontiguousarray(u[:, :, j])
-        if K.ndim == 1:
-            x[:, :, j] = deflection(series, n2[j] * K[j], n2[j] * D[j], step_s)
-            continue
         pairs, which = np.unique(np.stack([K[j], D[j]], axis=1), axis=0, return_inverse=True)
         distinct = np.stack(
             [deflection(series, n2[j] * k, n2[j] * d, step_s) for k, d in pairs], axis=-1
         )
         x[:, :, j] = distinct[:, :, which]
     return x
-
-
-def _compensation(arm: PlanarArm, servo: Servo, rate: Floats) -> Floats:
-    """Friction torque at the reference velocity of the motors, joint side, like ``rate``."""
-    assert servo.friction_compensation is not None
-    runs = (slice(None),) + (None,) * (rate.ndim - 2)
-    coulomb, viscous = (value[runs] for value in friction_values(servo.friction_compensation))
-    n = arm.gear_ratio[runs]
-    motor_rate = n * rate
-    return np.asarray(n * (coulomb * np.tanh(motor_rate / _SMOOTHING_RAD_S) + viscous * motor_rate))

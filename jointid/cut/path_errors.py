@@ -96,7 +96,8 @@ def path_error_distribution(
     require_two_joints(elasticity)
     samples = whole_number("samples", samples, 1)
     drawn = _draw(elasticity, covariance, samples, seed)
-    true, assumed = (drawn[:, :2].T, drawn[:, 2:].T), (elasticity.K, elasticity.D)
+    true = drawn[:, :2].T, drawn[:, 2:].T
+    assumed = elasticity.K[:, None], elasticity.D[:, None]
     contour = _largest_errors(arm, toolpath, samples, true, assumed, **options)
     return PathErrorDistribution(
         K=frozen(drawn[:, :2]),
@@ -150,7 +151,7 @@ def _largest_errors(
     """Largest contour error of each cut, shape (runs,), m.
 
     ``true`` holds K and D of the arms, motor side, shape (2, runs) each, or (2, 1) for equal arms;
-    ``assumed`` those that the servo assumes, shape (2, runs) each, or (2,) for equal servos.
+    ``assumed`` those that the servos assume.
     """
     servo = servo or Servo()
     substeps = substeps_per_sample(servo, dt)
@@ -159,8 +160,7 @@ def _largest_errors(
     for first in range(0, runs, _BATCH_RUNS):
         part = slice(first, min(first + _BATCH_RUNS, runs))
         count = part.stop - part.start
-        K, D = (x if x.shape[1] == 1 else x[:, part] for x in true)
-        K_assumed, D_assumed = (x if x.ndim == 1 else x[:, part] for x in assumed)
+        K, D, K_assumed, D_assumed = (x if x.shape[1] == 1 else x[:, part] for x in (*true, *assumed))
         plan = plan_servo(arm, toolpath, servo, K_assumed, D_assumed)
         require_resolved(arm, K.max(axis=1), D.max(axis=1), step, plan.start_angle)
         arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction)

@@ -33,7 +33,7 @@ class MotorFrictionLike(Protocol):
         """One value or one per joint, N·m·s/rad."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Servo:
     """Settings of the joint controllers.
 
@@ -84,12 +84,12 @@ class Servo:
 class ServoPlan:
     """Reference and feedforward of a cut at s samples, and the gains; joint side.
 
-    The last axis is that of the assumed elasticities, if there are several.
+    The last axis is that of the assumed elasticities, one or one per run.
     """
 
-    interval_s: float
+    servo: Servo
     angle: Floats
-    """Reference of the motor angle, shape (s, 2) or (s, 2, runs), rad."""
+    """Reference of the motor angle, shape (s, 2, runs), rad."""
     rate: Floats
     """Reference of the measured motor velocity, rad/s."""
     torque: Floats
@@ -102,10 +102,6 @@ class ServoPlan:
     """Size of an encoder count, shape (2,), rad; zero for an ideal encoder."""
     limit: Floats
     """Largest torque, shape (2,), N·m; infinite without a limit."""
-    delay: int
-    """Samples from measurement to torque."""
-    differentiated: bool
-    """Whether the velocity is the difference of two positions."""
     start_angle: Floats
     """Joint angles at the start, shape (2,), rad."""
 
@@ -135,12 +131,11 @@ def run_servo(
     sample on, each shape (2, runs), joint side, N·m. Raises JointIdError when a motor runs away from its
     reference.
     """
-    tables = (x if x.ndim == 3 else x[..., None] for x in (plan.angle, plan.rate, plan.torque))
-    angle, rate, feed = map(list, tables)
+    angle, rate, feed = map(list, (plan.angle, plan.rate, plan.torque))
     gains = (plan.proportional, plan.derivative, plan.count, plan.limit)
     kp, kv, count, limit = (x[:, None] for x in gains)
     quantised, limited = bool(count.any()), bool(np.isfinite(limit).any())
-    waiting = deque([np.zeros_like(kp)] * plan.delay)
+    waiting = deque([np.zeros_like(kp)] * plan.servo.delay_samples)
     old = past = np.zeros_like(kp)
     held: list[Floats] = []
     report = max(1, len(feed) // PROGRESS_CALLS)
@@ -152,8 +147,8 @@ def run_servo(
                 progress(k / len(feed))
         if quantised:
             y = count * np.rint(y / count)
-        if plan.differentiated:
-            speed, past = (y - (past if k else y)) / plan.interval_s, y
+        if plan.servo.differentiated_velocity:
+            speed, past = (y - (past if k else y)) / plan.servo.interval_s, y
         waiting.append(kp * (angle[k] - y) + kv * (rate[k] - speed))
         new = feedforward + waiting.popleft()
         if limited:

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, vectors
 from jointid.cut.arm import PlanarArm
-from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia, locked_resonances
 from jointid.robot_models.model import RobotModel
 
@@ -32,12 +31,7 @@ class ToolStiffness:
 
     def deflection(self, force_N: ArrayLike) -> Floats:
         """Tool deflection under forces of shape (..., d), m; JointIdError for other components."""
-        force = np.asarray(force_N, float)
-        if force.ndim == 0 or force.shape[-1] != len(self.compliance) or not np.isfinite(force).all():
-            raise JointIdError(
-                f"force_N has shape {force.shape}: give {len(self.compliance)} finite components, N."
-            )
-        return np.asarray(force @ self.compliance)
+        return np.asarray(vectors("force_N", force_N, len(self.compliance)) @ self.compliance)
 
     @property
     def principal(self) -> tuple[Floats, Floats]:

@@ -122,7 +122,7 @@ def track(
     substeps = substeps_per_sample(servo, dt)
     if assumed is not None:
         require_two_joints(assumed, "assumed elasticity")
-    K, D = (None, None) if assumed is None else (assumed.K, assumed.D)
+    K, D = (None, None) if assumed is None else (assumed.K[:, None], assumed.D[:, None])
     known = None if assumed is None else gear_laws(arm, assumed, assumed_gears)
     plan = plan_servo(arm, toolpath, servo, K, D, elbow, known)
     step = servo.interval_s / substeps

@@ -1,5 +1,6 @@
 """Style of all figures: one colour per meaning (Okabe-Ito), axes with quantity and unit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -187,33 +188,26 @@ def frequency_axis(frequency_hz: Floats, **more: Any) -> Axis:
     known = frequency_hz[np.isfinite(frequency_hz) & (frequency_hz > 0)]
     low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 10.0)
     margin = 1.12 if high > 1.5 * low else 1.5
-    decades = range(int(np.floor(np.log10(low))) - 1, int(np.ceil(np.log10(high))) + 2)
-    ticks = [m * 10.0**d for d in decades for m in (1, 2, 3, 5)]
-    return {
-        "type": "log",
-        "range": [float(np.log10(low / margin)), float(np.log10(high * margin))],
-        "tickvals": ticks,
-        "ticktext": [f"{tick:g}" for tick in ticks],
-        "title": _title("Frequency (Hz)"),
-    } | more
+    ends = [float(np.log10(low / margin)), float(np.log10(high * margin))]
+    return _ticked("Frequency (Hz)", (1, 2, 3, 5), range(-3, 6)) | {"range": ends} | more
 
 
 def log_axis(title: str, **more: Any) -> Axis:
     """Return a logarithmic axis with plain numbers at 1, 2, 5 of every decade, more if short."""
     low, high = more.get("range") or (0.0, 2.0)
-    axis = {"type": "log", "title": _title(title)}
     if high - low > _MOST_DECADES:
-        return axis | {"dtick": -(-(high - low) // 6), "exponentformat": "power"} | more
-    steps = (1, 2, 5) if high - low > 1 else (1, 1.5, 2, 3, 4, 5, 7)
-    ticks = [m * 10.0**d for d in range(-12, 10) for m in steps]
+        powers = {"dtick": -(-(high - low) // 6), "exponentformat": "power"}
+        return linear_axis(title, type="log", **powers, **more)
+    return _ticked(title, (1, 2, 5) if high - low > 1 else (1, 1.5, 2, 3, 4, 5, 7)) | more
+
+
+def _ticked(title: str, steps: Sequence[float], decades: range = range(-12, 10)) -> Axis:
+    """Logarithmic axis with plain numbers at some places of every decade."""
+    ticks = [m * 10.0**d for d in decades for m in steps]
     text = [f"{tick:g}" if 1e-4 < tick < 1e6 else significant(tick, 1) for tick in ticks]
-    return axis | {"tickvals": ticks, "ticktext": text} | more
+    return linear_axis(title, type="log", tickvals=ticks, ticktext=text)
 
 
 def linear_axis(title: str, **more: Any) -> Axis:
     """Return a linear axis with its quantity and unit."""
-    return {"title": _title(title)} | more
-
-
-def _title(text: str) -> dict[str, Any]:
-    return {"standoff": 10, "text": text}
+    return {"title": {"standoff": 10, "text": title}} | more

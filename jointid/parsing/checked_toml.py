@@ -169,7 +169,7 @@ class CheckedTable:
 def _reader(example: str) -> str:
     """Method for values of the type of an example: "numbers" for "K = [20.0, 3.5]"."""
     (value,) = tomllib.loads(example).values()
-    kinds = {str: "text", bool: "flag", float: "number", datetime.date: "date"}
+    kinds = {str: "text", bool: "flag", int: "number", float: "number", datetime.date: "date"}
     return f"{kinds[type(value[0])]}s" if isinstance(value, list) else kinds[type(value)]
 
 

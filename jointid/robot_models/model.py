@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, frozen, per_joint
+from jointid.arrays import Floats, frozen, per_joint, vectors
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.robot_models.denavit_hartenberg import read_denavit_hartenberg
@@ -183,7 +183,7 @@ class RobotModel(RobotDescription):
 
     def joint_inertia(self, q: ArrayLike) -> Floats:
         """Inertia matrix of links and payload on the joint side, shape (n, n), kg·m²."""
-        (angles,) = self._checked(q=q, one=True)
+        angles = self._pose(q)
         return self._loaded.inertia_matrix(angles + self.zero)
 
     def inertia(self, q: ArrayLike) -> Inertia:
@@ -213,14 +213,14 @@ class RobotModel(RobotDescription):
 
         Joint side, at joint angles of shape (n,), with payload and counterbalance.
         """
-        (angles,) = self._checked(q=q, one=True)
+        angles = self._pose(q)
         many = angles + 1j * _STEP * np.eye(self.n)
         still = np.zeros_like(many)
         return np.asarray(self._torque(many, still, still).imag.T / _STEP)
 
     def tool_motion(self, q: ArrayLike) -> tuple[Floats, Floats]:
         """Tool point, shape (3,), m, and its Jacobian, shape (3, n), m/rad, in world axes, at q (n,)."""
-        (angles,) = self._checked(q=q, one=True)
+        angles = self._pose(q)
         still, flange = np.zeros(self.n), self.flange
         motion = self.links.motion(angles + self.zero, still, still)
         last = motion.frames[-1]
@@ -254,27 +254,20 @@ class RobotModel(RobotDescription):
             tau[..., balance.joint] += balance.torque(q[..., balance.joint])
         return tau
 
-    def _checked(self, *, one: bool = False, **values: ArrayLike) -> list[Array]:
-        """Finite arrays of one shape (..., n); of shape (n,) if ``one``."""
-        arrays = []
-        for name, value in values.items():
-            try:
-                array = np.asarray(value, float)
-            except (TypeError, ValueError):
-                raise JointIdError(f"{name}: expected numbers, got {value!r:.80}.") from None
-            if array.ndim == 0 or array.shape[-1] != self.n or (one and array.ndim > 1):
-                shape = f"({self.n},)" if one else f"(..., {self.n})"
-                raise JointIdError(
-                    f"{name} has shape {array.shape}: expected {shape}, one value per joint."
-                )
-            if not np.isfinite(array).all():
-                j = int(np.argwhere(~np.isfinite(array))[0][-1])
-                raise JointIdError(f"{name} of joint {j + 1} is not finite: remove or repair it.")
-            arrays.append(array)
+    def _pose(self, q: ArrayLike) -> Floats:
+        """Joint angles of one pose, shape (n,)."""
+        angles = vectors("q", q, self.n)
+        if angles.ndim > 1:
+            raise JointIdError(f"q has shape {angles.shape}: expected ({self.n},), one value per joint.")
+        return angles
+
+    def _checked(self, **values: ArrayLike) -> list[Floats]:
+        """Finite arrays of one shape (..., n)."""
+        arrays = {name: vectors(name, value, self.n) for name, value in values.items()}
         try:
-            return list(np.broadcast_arrays(*arrays))
+            return list(np.broadcast_arrays(*arrays.values()))
         except ValueError:
-            shapes = enumerated([f"{name} {a.shape}" for name, a in zip(values, arrays, strict=True)])
+            shapes = enumerated([f"{name} {array.shape}" for name, array in arrays.items()])
             raise JointIdError(f"The shapes of {shapes} do not agree.") from None
 
     def _unknown(self, what: str, values: Floats, argument: str) -> JointIdError:

@@ -6,7 +6,7 @@ value or a conjugate: complex angles give exact derivatives.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,7 +69,7 @@ class RigidBodies:
         """Number of bodies and joints."""
         return len(self.parent)
 
-    def motion(self, q: Array, dq: Array, ddq: Array, *, weight: bool = True) -> Motion:
+    def motion(self, q: Array, dq: Array, ddq: Array) -> Motion:
         """Motion of all bodies at joint positions, velocities and accelerations, shape (..., n)."""
         still = np.zeros((*q.shape[:-1], 3), q.dtype)
         ground = Frame(np.broadcast_to(np.eye(3), (*q.shape[:-1], 3, 3)), still)
@@ -79,7 +79,7 @@ class RigidBodies:
             frame = ground if base else found.frames[p]
             w = still if base else found.velocity[p]
             alpha = still if base else found.angular[p]
-            a = (still - self.gravity if weight else still) if base else found.linear[p]
+            a = still - self.gravity if base else found.linear[p]
             rate, gain = dq[..., j, None], ddq[..., j, None]
             rotation = frame.rotation @ self.rotation[j]
             origin = frame.origin + frame.rotation @ self.origin[j]
@@ -105,13 +105,12 @@ class RigidBodies:
             found.linear.append(a)
         return found
 
-    def torque(self, q: Array, dq: Array, ddq: Array, *, weight: bool = True) -> Array:
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Torque (force of a sliding joint) that moves the bodies, shape (..., n), N·m.
 
-        Joint angles, rad, velocities and accelerations have this shape, too; ``weight`` is whether
-        gravity acts.
+        Joint angles, rad, velocities and accelerations have this shape, too.
         """
-        motion = self.motion(q, dq, ddq, weight=weight)
+        motion = self.motion(q, dq, ddq)
         wrenches = [self._wrench(motion, j) for j in range(self.n)]
         forces, moments = ([wrench[k] for wrench in wrenches] for k in (0, 1))
         return self.on_joints(motion, forces, moments)
@@ -150,7 +149,8 @@ class RigidBodies:
     def inertia_matrix(self, q: Floats) -> Floats:
         """Inertia matrix at joint angles, shape (n,): (n, n), kg·m²."""
         still, unit = np.zeros((self.n, self.n)), np.eye(self.n)
-        columns = self.torque(np.broadcast_to(q, unit.shape), still, unit, weight=False)
+        weightless = replace(self, gravity=np.zeros(3))
+        columns = weightless.torque(np.broadcast_to(q, unit.shape), still, unit)
         return np.asarray((columns + columns.T) / 2)
 
     def of_unit_mass(self, motion: Motion, place: Floats) -> Array:

@@ -16,8 +16,6 @@ from jointid.simulation.motion import sampled
 from jointid.uncertainty.motion_plan import PlannedMotion
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
 
-KINDS = ("sines", "multisine", "sweep")
-"""One run per record; all records at once; all frequencies one after the other."""
 LONGEST_S = 600.0
 """Longest experiment that is played and written."""
 _FEWEST_PERIODS = 8
@@ -58,15 +56,9 @@ def planned_experiment(
     if kind not in KINDS:
         raise JointIdError(f'kind = "{kind}": expected one of {", ".join(KINDS)}.')
     if isinstance(plan, PlannedMotion):
-        made = _motions(plan, ramp_s)
+        contents = list(_motions(plan, ramp_s))
     else:
-        makers: dict[str, Callable[..., Iterator[Run]]] = {
-            "sines": _sines,
-            "multisine": _multisines,
-            "sweep": _sweeps,
-        }
-        made = makers[kind](plan, inertia, elasticity)
-    contents = list(made)
+        contents = list(_MAKERS[kind](plan, inertia, elasticity))
     drift = scale * per_joint("velocity_rad_s", velocity_rad_s, inertia.n)
     ways = ((", forward", 1), (", back", -1)) if drift.any() else (("", 1),)
     runs = []
@@ -143,6 +135,15 @@ def _sweeps(plan: PlannedRecords, inertia: Inertia, elasticity: Elasticity) -> I
         label = f"sweep {number + 1} ({first:.4g} to {last:.4g} Hz)"
         angle = share * pattern[None] / first
         yield Run(label, np.array([first]), angle, float(plan.duration_s.max()), last_hz=last)
+
+
+_MAKERS: dict[str, Callable[..., Iterator[Run]]] = {
+    "sines": _sines,
+    "multisine": _multisines,
+    "sweep": _sweeps,
+}
+KINDS = tuple(_MAKERS)
+"""One run per record; all records at once; all frequencies one after the other."""
 
 
 def _motions(plan: PlannedMotion, ramp_s: float) -> Iterator[Run]:

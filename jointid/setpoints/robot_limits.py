@@ -26,6 +26,7 @@ LIMIT_KEYS = {
     "load_Nm": "load_Nm = [0, 4]  # motor torque at rest in the start pose, such as gravity",
 }
 """Keys of a limits file."""
+_OPTIONAL = ("robot", "axes", "joint_names", "load_Nm")
 _POSITIVE = ("velocity_deg_s", "acceleration_deg_s2", "torque_Nm")
 
 
@@ -97,14 +98,9 @@ def limits_from_toml(data: bytes, file: str) -> RobotLimits:
     Raises JointIdError when a key is missing, unknown or wrong.
     """
     top = parse_toml(file, data, LIMIT_KEYS)
-    optional = [key for key in ("load_Nm", "axes") if key not in top]
-    texts = ("robot", "joint_names")
-    given: dict[str, Any] = {
-        key: top.numbers(key) for key in LIMIT_KEYS if key not in (*texts, *optional)
-    }
-    names = tuple(top.texts("joint_names")) if "joint_names" in top else ()
+    given = {key: top.value(key) for key in LIMIT_KEYS if key in top or key not in _OPTIONAL}
     try:
-        limits = RobotLimits(**given, joint_names=names, robot=top.text("robot", ""))
+        limits = RobotLimits(**given)
         for j, pose in enumerate(limits.start_deg[list(limits.moving)].tolist()):
             low, high = limits.lower_deg[j], limits.upper_deg[j]
             if not low <= pose <= high:

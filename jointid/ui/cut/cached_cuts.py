@@ -19,6 +19,7 @@ from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import awaited
 
 Found = TypeVar("Found")
+Pairs = list[tuple[float, tuple[TrackingRun, TrackingRun] | str]]
 OFFSETS = (0.01, 0.03, 0.10, 0.30)
 """Relative errors of K̂ in the table of path errors."""
 
@@ -36,23 +37,16 @@ def outcome(page: Page, settings: CutSettings, analysis: Analysis) -> Outcome:
     return Outcome(robot, settings.toolpath, assumed, before.result(), *prediction.result())
 
 
-def pairs(
-    page: Page, settings: CutSettings, outcome: Outcome
-) -> list[tuple[float, tuple[TrackingRun, TrackingRun] | str]]:
+def pairs(page: Page, settings: CutSettings, outcome: Outcome) -> Pairs:
     """Cuts before and after with the corner zones of Figure 7, or their error message."""
-    robot, own = outcome.robot, settings.zone_m
-    others = [replace(settings, zone_m=zone) for zone in ZONES_M if zone != own]
-    befores = {there.zone_m: _before(page, there, robot, outcome.assumed) for there in others}
-    afters = {there.zone_m: _after(page, there, robot) for there in others}
-    awaited("Cutting", *befores.values(), *afters.values())
-    found: list[tuple[float, tuple[TrackingRun, TrackingRun] | str]] = []
-    for zone in ZONES_M:
+    every = [replace(settings, zone_m=zone) for zone in ZONES_M]
+    befores = [_before(page, there, outcome.robot, outcome.assumed) for there in every]
+    afters = [_after(page, there, outcome.robot) for there in every]
+    awaited("Cutting", *befores, *afters)
+    found: Pairs = []
+    for zone, before, after in zip(ZONES_M, befores, afters, strict=True):
         try:
-            if zone == own:
-                runs = outcome.before, outcome.after
-            else:
-                runs = befores[zone].result(), afters[zone].result().after
-            found.append((zone, runs))
+            found.append((zone, (before.result(), after.result().after)))
         except JointIdError as error:
             found.append((zone, str(error)))
     return found
@@ -100,12 +94,12 @@ def _begin(
 ) -> Future[Found]:
     """Begin a computation on a cut; ``result()`` raises for settings that allow none."""
     try:
-        path, servo = settings.toolpath, settings.servo
+        path = settings.toolpath
     except JointIdError as error:
         refused: Future[Found] = Future()
         refused.set_exception(error)
         return refused
-    options = {"servo": servo, "friction": settings.friction}
+    options = {"servo": settings.servo, "friction": settings.friction}
     return page.begin((what, settings), compute, who, path, *springs, **options)
 
 

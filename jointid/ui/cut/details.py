@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import streamlit as st
 
-from jointid import Elasticity, JointIdError
+from jointid import JointIdError
 from jointid.analysis import Analysis
 from jointid.cut.outcome import Outcome, millimetres
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot
@@ -33,8 +33,8 @@ def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> Non
 def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     """Show the path error for some errors of K̂, in both joints and in each alone."""
     st.write(
-        "Largest path error when the servo assumes a wrong K̂ and the robot has the identified K, with "
-        "this path and controller: the larger of the path errors for both signs of the error."
+        "Largest path error, with this path and controller, when the servo's K̂ differs from the "
+        "robot's identified K: that of the worse sign."
     )
     try:
         exact, wrong = cached_cuts.offset_costs(page, settings.after, outcome.robot)
@@ -79,25 +79,22 @@ def _stiffnesses(
     analysis: Analysis, robot: CutRobot
 ) -> tuple[ToolStiffness, ToolStiffness | None, np.ndarray, str]:
     """Compliance with the identified and the nominal K, covariance of K, and the pose."""
-    study, fit = analysis.study, analysis.fit
+    study, fit, n = analysis.study, analysis.fit, analysis.fit.n
     if study.robot_model is None or not study.pose_angles_rad:
-        q = robot.arm.inverse(CUTTING_POINT_M)
-
-        def planar(elasticity: Elasticity) -> ToolStiffness:
-            return planar_tool_stiffness(robot.arm, q, elasticity)
-
-        nominal = None if robot.nominal is None else planar(robot.nominal)
-        where = "the arm of the cut, tool at the cutting point, motors locked"
-        return planar(robot.elasticity), nominal, robot.covariance[:2, :2], where
-    model, names = study.robot_model, list(study.pose_angles_rad)
-    pose = names[0]
-    if len(names) > 1:
-        pose = choose_segment("Pose", names, "tool_pose", format_func=lambda name: name or NO_POSE)
-    angles, n = study.pose_angles_rad[pose], fit.n
-    nominal = None if study.nominal is None else tool_stiffness(model, angles, study.nominal)
-    of = tool_stiffness(model, angles, fit.elasticity)
-    degrees = three_digits(np.rad2deg(angles))
-    return of, nominal, fit.covariance[:n, :n], f"joint angles {degrees}°, motors locked"
+        where, n = "the arm of the cut, tool at the cutting point", 2
+        of = partial(planar_tool_stiffness, robot.arm, robot.arm.inverse(CUTTING_POINT_M))
+        identified, nominal, covariance = robot.elasticity, robot.nominal, robot.covariance
+    else:
+        names = list(study.pose_angles_rad)
+        pose = names[0]
+        if len(names) > 1:
+            pose = choose_segment("Pose", names, "tool_pose", format_func=lambda name: name or NO_POSE)
+        angles = study.pose_angles_rad[pose]
+        where = f"joint angles {three_digits(np.rad2deg(angles))}°"
+        of = partial(tool_stiffness, study.robot_model, angles)
+        identified, nominal, covariance = fit.elasticity, study.nominal, fit.covariance
+    assumed = None if nominal is None else of(nominal)
+    return of(identified), assumed, covariance[:n, :n], f"{where}, motors locked"
 
 
 def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where: str) -> None:

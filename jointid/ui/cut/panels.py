@@ -133,16 +133,17 @@ def accuracy_text(outcome: Outcome, servo: Servo, friction: CutFriction | None) 
 
 def _conditions(settings: CutSettings) -> str:
     """Servo and friction, the same before and after."""
-    encoder = f"{settings.encoder_bits}-bit encoders" if settings.encoder_bits else "ideal encoders"
-    delay = counted(settings.delay_samples, "sample")
-    text = f"a servo of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}; "
+    servo = settings.servo
+    encoder = f"{servo.encoder_bits}-bit encoders" if servo.encoder_bits else "ideal encoders"
+    delay = counted(servo.delay_samples, "sample")
+    text = f"a servo of {servo.sample_rate_hz:g} Hz with a delay of {delay} and {encoder}; "
     if settings.friction is None:
         return text + "motors without friction."
-    servo = "compensates it"
-    if not settings.compensated:
-        servo = "does not compensate it, which adds to the error"
+    action = "compensates it"
+    if servo.friction_compensation is None:
+        action = "does not compensate it, which adds to the error"
     coulomb = three_digits(settings.friction.coulomb)
-    return f"{text}motors with a Coulomb friction of {coulomb} N·m. The servo {servo}."
+    return f"{text}motors with a Coulomb friction of {coulomb} N·m. The servo {action}."
 
 
 def show_assumptions() -> None:
@@ -170,11 +171,9 @@ def show_assumptions() -> None:
         "encoders; the sizes of the zones (1, 5 and 10 mm) and how a corner is rounded; an "
         "acceleration of at most 15 m/s² and ramps of at least 50 ms; which parameters were "
         "non-optimal.\n\n"
-        "**Both robots are simulated.** Before identification, the robot has exactly the identified "
-        "springs, the best estimate of the real ones. After it, the servo assumes these springs, and "
-        "those of the robot differ within the error bars: the blue path is that of the robot at the "
-        "95th percentile of the path error. Errors of the inertias act through K and D; neither robot "
-        "has flexible links."
+        "**Both robots are simulated.** Before identification, the robot has the identified springs, "
+        "the best estimate of the real ones. The blue path is that of the robot at the 95th percentile "
+        "of the path error. Errors of the inertias act through K and D; links are rigid."
     )
 
 

@@ -14,7 +14,7 @@ import streamlit as st
 from jointid import TrackingRun
 from jointid.arrays import Floats
 from jointid.cut.arm import PlanarArm
-from jointid.cut.outcome import ZONES_M, Outcome, millimetres
+from jointid.cut.outcome import Outcome, millimetres
 from jointid.figures.style import colours
 from jointid.reporting.drawing import Drawing, Line, to_svg
 from jointid.reporting.figures import cut_figure
@@ -117,9 +117,8 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
     )
     pairs = cached_cuts.pairs(page, settings, outcome)
     names = (nominal, "identified")
-    own = settings if settings.zone_m in ZONES_M else replace(settings, zone_m=0.0)
-    html = page.drawn(f"figure 7 {own}", partial(_figure_7_html, pairs, names))
-    st.html(html)
+    what = f"figure 7 {replace(settings, zone_m=0.0)}"  # it has zones of its own
+    st.html(page.drawn(what, partial(_figure_7_html, pairs, names)))
     done = {f"zone {1e3 * zone:g} mm": runs for zone, runs in pairs if not isinstance(runs, str)}
     if not done:
         return
@@ -128,12 +127,7 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
     download("Save the figure (.svg)", lambda: to_svg(figure(), title=title), "cuts.svg")
 
 
-def _figure_7_html(
-    pairs: Sequence[tuple[float, tuple[TrackingRun, TrackingRun] | str]],
-    names: tuple[str, str],
-    *,
-    dark: bool,
-) -> str:
+def _figure_7_html(pairs: cached_cuts.Pairs, names: tuple[str, str], *, dark: bool) -> str:
     """Two rows of pictures in a grid, which keeps its three columns on a phone."""
     every = [run for _, runs in pairs if not isinstance(runs, str) for run in runs]
     if not every:

@@ -67,12 +67,9 @@ class CutSettings:
     width_m: float = 1e-3 * _SIDES_MM[0]
     height_m: float = 1e-3 * _SIDES_MM[1]
     speed_m_s: float = 1e-3 * _SPEED_MM_S
-    rate_hz: float = TYPICAL_SERVO.sample_rate_hz
-    delay_samples: int = TYPICAL_SERVO.delay_samples
-    encoder_bits: int = TYPICAL_SERVO.encoder_bits or 0
+    servo: Servo = TYPICAL_SERVO
     friction: CutFriction | None
     """Friction at the motors; None without."""
-    compensated: bool = False
     drive: Drive
 
     @property
@@ -89,17 +86,6 @@ class CutSettings:
             speed_m_s=self.speed_m_s,
             zone_m=self.zone_m,
             centre_m=CUTTING_POINT_M,
-        )
-
-    @property
-    def servo(self) -> Servo:
-        """Settings of the joint controllers."""
-        return Servo(
-            sample_rate_hz=self.rate_hz,
-            delay_samples=self.delay_samples,
-            encoder_bits=self.encoder_bits or None,
-            differentiated_velocity=self.encoder_bits > 0,
-            friction_compensation=self.friction if self.compensated else None,
         )
 
     @property
@@ -124,11 +110,10 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
     with left:
         choices = [name for name in NOMINAL_NAMES if name != "study" or robot.nominal]
         key = "cut_nominal" if robot.nominal else "cut_servo"  # they differ in their choices
-
-        def label(name: Assumption) -> str:
-            return capitalised(NOMINAL_NAMES[name])
-
-        assumption = choose_segment("Servo before", choices, key, format_func=label, hint=_HINT)
+        names = {name: capitalised(NOMINAL_NAMES[name]) for name in choices}
+        assumption = choose_segment(
+            "Servo before", choices, key, format_func=names.__getitem__, hint=_HINT
+        )
     with right:
         zone = st.slider(
             "Corner zone (mm)",
@@ -175,11 +160,14 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
         width_m=1e-3 * number["width"],
         height_m=1e-3 * number["height"],
         speed_m_s=1e-3 * number["speed"],
-        rate_hz=number["rate"],
-        delay_samples=int(number["delay"]),
-        encoder_bits=int(number["bits"]) if number["bits"] >= 4 else 0,
+        servo=Servo(
+            sample_rate_hz=number["rate"],
+            delay_samples=int(number["delay"]),
+            encoder_bits=int(number["bits"]) if number["bits"] >= 4 else None,
+            differentiated_velocity=number["bits"] >= 4,
+            friction_compensation=friction if compensated else None,
+        ),
         friction=friction,
-        compensated=compensated,
         drive=_DRIVES[drive] or robot.arm.drive,
     )
 

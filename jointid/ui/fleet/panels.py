@@ -11,12 +11,7 @@ from jointid.estimation.estimators.parameters import PARAMETERS
 from jointid.figures.fleet import distribution
 from jointid.files.study_files import load_study
 from jointid.fleet.row import Row
-from jointid.fleet.spread import (
-    MIN_VALUES,
-    OUTLIER_Z,
-    Spread,
-    few_values,
-)
+from jointid.fleet.spread import MIN_VALUES, OUTLIER_Z, Spread, few_values
 from jointid.ui.fleet.files import OpenFleet
 from jointid.ui.shared.charts import choose_segment, plot, side_by_side, table
 from jointid.ui.shared.messages import markdown_escape, show_error, show_note, show_text_table
@@ -100,10 +95,8 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
     st.header("Outliers", anchor=False)
     whose = "its robot's studies" if within_robot else "the fleet"
     st.caption(
-        f"A value is an outlier beyond {OUTLIER_Z:g} times its expected distance from the median of "
-        f"{whose}: z = distance / √(s² + e²), with the robust spread s of these studies (1.48 times the "
-        f"median distance from the median) and the value's own standard error e. At least "
-        f"{MIN_VALUES} studies are needed."
+        f"A value is an outlier beyond |z| = {OUTLIER_Z:g}: z is its distance from the median of "
+        f"{whose} over √(s² + e²), with the robust spread s and the value's own standard error e."
     )
     if not any(len(spread.rows) >= MIN_VALUES for spread in spreads):
         st.info(f"Outliers need at least {MIN_VALUES} studies.")
@@ -114,10 +107,7 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
         return
     found.sort(key=lambda pair: -abs(float(pair[0].z[pair[1]])))
     rows = [spread.rows[k] for spread, k in found]
-    columns = {
-        "Study": [label(row) for row in rows],
-        "Robot": [row.robot for row in rows],
-        "Date": [row.date for row in rows],
+    columns = _which(rows) | {
         "Value": [f"{s.name} = {with_error(float(s.value[k]), float(s.error[k]))}" for s, k in found],
         "Median": [significant(float(s.centre[k]), 4) for s, k in found],
         "z": [minus(f"{s.z[k]:+.1f}") for s, k in found],
@@ -176,13 +166,16 @@ def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
         _show_study(fleet, rows[chosen])
 
 
-def _columns(rows: Sequence[Row]) -> dict[str, list[str]]:
-    columns = {
+def _which(rows: Sequence[Row]) -> dict[str, list[str]]:
+    return {
         "Study": [label(row) for row in rows],
         "Robot": [row.robot for row in rows],
         "Date": [row.date for row in rows],
-        "State": [SIGNS[row.state] for row in rows],
     }
+
+
+def _columns(rows: Sequence[Row]) -> dict[str, list[str]]:
+    columns = _which(rows) | {"State": [SIGNS[row.state] for row in rows]}
     for quantity in "KD":
         for j in range(max(row.joints for row in rows)):
             columns[f"{quantity}{j + 1}"] = [_value(row, quantity, j) for row in rows]

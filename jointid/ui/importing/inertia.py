@@ -69,7 +69,7 @@ def ask_inertia(gear_ratios: Sequence[float]) -> KnownRobot | None:
         key="import inertia source",
         persist_state="session",
     )
-    return ask[source or "Numbers"](gear_ratios)
+    return ask[source](gear_ratios)
 
 
 def ask_nominal(joints: int) -> Elasticity | None:

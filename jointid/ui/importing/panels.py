@@ -48,13 +48,6 @@ from jointid.ui.shared.method_steps import OVERVIEW, REPORT, REPORT_AT_ONCE
 from jointid.ui.shared.workspace import go_to, keep
 from jointid.wording import counted, listed, minus, plain
 
-_WAITS = {
-    COLUMNS: "Which column is the time, and which are position and torque of each joint.",
-    DRIVES: "Gear ratios, rated torques, directions: facts that no log states.",
-    RUNS: "Sine runs and other motions are found in the log and can be corrected.",
-    INERTIAS: "Rotor and arm inertias, and how well they are known.",
-}
-"""Contents of a step, shown while it waits for an earlier one."""
 _KINDS = {
     "gear ratio": "gear ratios",
     "scale": "rated torques or other factors",
@@ -84,24 +77,18 @@ def import_steps(progress: DeltaGenerator) -> None:
         keep_import()
         show_storage_state()
         log = choose_log(logs) if logs else None
-    names = ", ".join(each.table.name for each in logs[:3]) + ", …" * (len(logs) > 3)
-    steps.tell(LOGS, log is not None, names)
+        names = ", ".join(each.table.name for each in logs[:3]) + ", …" * (len(logs) > 3)
+        steps.tell(LOGS, log is not None, names)
     columns = drives = runs = None
     clicked = False
     with steps.step(COLUMNS):
-        if log is None:
-            st.caption(_WAITS[COLUMNS])
-        else:
+        if log is not None:
             columns = _map_columns(steps, log)
     with steps.step(DRIVES):
-        if log is None or columns is None:
-            st.caption(_WAITS[DRIVES])
-        else:
+        if log is not None and columns is not None:
             drives = _map_drives(steps, log, columns)
     with steps.step(RUNS):
-        if log is None or columns is None or drives is None:
-            st.caption(_WAITS[RUNS])
-        else:
+        if log is not None and columns is not None and drives is not None:
             # Entries that are not confirmed start no new search.
             searched = columns if drives.to_confirm else drives.mapping
             runs = _choose_runs(logs, log, drives.mapping, searched, progress)
@@ -111,9 +98,7 @@ def import_steps(progress: DeltaGenerator) -> None:
             if ready:
                 st.button("Continue", type="primary", key=f"go_on {RUNS}", on_click=go_on)
     with steps.step(INERTIAS):
-        if log is None or drives is None or runs is None:
-            st.caption(_WAITS[INERTIAS])
-        else:
+        if log is not None and drives is not None and runs is not None:
             clicked = _open_as_study(steps, log, drives.mapping, runs, drives.gear_ratio)
     steps.finish(clicked=clicked)
 

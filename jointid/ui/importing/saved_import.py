@@ -7,8 +7,6 @@ server loses neither. The JSON holds the entries, never results.
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from hashlib import blake2b
-from typing import Any
 
 import streamlit as st
 
@@ -47,11 +45,10 @@ def kept_import() -> Iterator[None]:
 def keep_import() -> None:
     """Write the open logs and entries to the store if they have changed."""
     files = dropped()
-    text = json.dumps(_snapshot(files)) if files else ""
-    digest = blake2b(text.encode(), digest_size=16).hexdigest() if text else ""
-    if digest == st.session_state[_WRITTEN]:
+    text = _snapshot(files)
+    if text == st.session_state[_WRITTEN]:
         return
-    st.session_state[_WRITTEN] = digest
+    st.session_state[_WRITTEN] = text
     try:
         if not files:
             workspace.empty_part(_PART)
@@ -115,19 +112,23 @@ def _write(files: list[Dropped], text: bytes) -> None:
     workspace.keep_part(_PART, "Entries of the import", _DRAFT, text, beside=digests)
 
 
-def _snapshot(files: list[Dropped]) -> dict[str, Any]:
+def _snapshot(files: list[Dropped]) -> str:
+    """Return files and entries as JSON; empty without files."""
+    if not files:
+        return ""
     entries = {
         key: value
         for key, value in st.session_state.items()
         if isinstance(key, str) and key.startswith(_ENTRY) and _is_plain(value)
     }
-    return {
+    values = {
         "format": 1,
         "files": [[file.name, file.digest] for file in files],
         "entries": dict(sorted(entries.items())),
         "mappings": mappings_to_json(),
         "rows": rows_to_json(),
     }
+    return json.dumps(values)
 
 
 def _is_plain(value: object) -> bool:
@@ -173,6 +174,4 @@ def _restore() -> None:
             lost.append(f"{name} is no longer open: drop it again. {error}")
     hold(files)
     st.session_state[_LOST] = lost
-    if files:
-        text = json.dumps(_snapshot(files))
-        st.session_state[_WRITTEN] = blake2b(text.encode(), digest_size=16).hexdigest()
+    st.session_state[_WRITTEN] = _snapshot(files)

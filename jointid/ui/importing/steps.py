@@ -7,13 +7,15 @@ import streamlit as st
 
 from jointid.ui.shared.messages import markdown_escape
 
-LOGS, COLUMNS, DRIVES, RUNS, INERTIAS = STEPS = (
-    "Logs",
-    "Columns",
-    "Drive data",
-    "Runs",
-    "Inertias",
-)
+_STEPS = {
+    "Logs": "",
+    "Columns": "Which column is the time, and which are position and torque of each joint.",
+    "Drive data": "Gear ratios, rated torques, directions: facts that no log states.",
+    "Runs": "Sine runs and other motions are found in the log and can be corrected.",
+    "Inertias": "Rotor and arm inertias, and how well they are known.",
+}
+"""Names of the steps, and what is shown in one that waits for an earlier one."""
+LOGS, COLUMNS, DRIVES, RUNS, INERTIAS = STEPS = tuple(_STEPS)
 _STATES, _OPEN, _GO_ON = "import_step_states", "import_open_step", "import_go_on"
 _DONE, _TO_DO = ":material/check_circle:", ":material/radio_button_unchecked:"
 
@@ -32,7 +34,7 @@ class Steps:
 
     @contextmanager
     def step(self, name: str) -> Iterator[None]:
-        """Draw a step's head, and below it what belongs to it."""
+        """Draw a step's head and what belongs to it; without ``tell``, the step waits for another."""
         opened, version = st.session_state.get(_OPEN, (LOGS, 0))
         done, text = self._shown.get(name, (False, ""))
         colour = "gray" if done else "orange"
@@ -46,6 +48,8 @@ class Steps:
             icon=_DONE if done else _TO_DO,
         ):
             yield
+            if name not in self._states:
+                st.caption(_STEPS[name])
 
     def tell(self, name: str, done: bool, text: str) -> None:
         """State whether a step is done, and its content or missing entries."""

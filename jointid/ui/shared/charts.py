@@ -131,22 +131,16 @@ def choose_segment(
 
     At first the first one is chosen.
     """
-    if len(options) > _MOST_SEGMENTS:
-        listed: T = st.selectbox(
-            label, options, key=key, bind="query-params", format_func=format_func, help=hint
-        )
-        return listed
-    chosen = st.segmented_control(
-        label,
-        options,
-        default=options[0],
-        required=True,
-        key=key,
-        bind="query-params",
-        format_func=format_func,
-        help=hint,
-    )
-    return options[0] if chosen is None else chosen
+    about: dict[str, Any] = {"key": key, "bind": "query-params", "help": hint}
+    ask: Callable[..., T] = st.selectbox
+    if len(options) <= _MOST_SEGMENTS:
+        ask, about = st.segmented_control, about | {"default": options[0], "required": True}
+    return ask(label, options, format_func=format_func, **about)
+
+
+def choose_joint(joints: Sequence[int], key: str) -> int:
+    """Ask for one of several joints, counted from 0."""
+    return choose_segment("Joint", joints, key, format_func=lambda j: f"Joint {j + 1}")
 
 
 def download(

@@ -13,7 +13,7 @@ import streamlit as st
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
 from jointid.analysis import reanalysed
 from jointid.figures.style import colours
-from jointid.ui.shared.charts import choose_segment, introduce, is_dark, plot, side_by_side
+from jointid.ui.shared.charts import choose_joint, introduce, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.results import awaited, note_session, result_cache
@@ -122,7 +122,7 @@ class Page:
             st.caption(caption)
         joints: Sequence[int] = range(self.study.inertia.n)
         if len(joints) > _SIDE_BY_SIDE:
-            joints = [choose_segment("Joint", joints, "joint", format_func=lambda j: f"Joint {j + 1}")]
+            joints = [choose_joint(joints, "joint")]
         for j, place in zip(joints, side_by_side(len(joints)), strict=True):
             with place:
                 if len(joints) > 1:

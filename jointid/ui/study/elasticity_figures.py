@@ -21,7 +21,7 @@ from jointid.figures import (
 )
 from jointid.figures.springs import ColourBy
 from jointid.figures.uncertainty import left_out_prediction, normalised_residuals
-from jointid.ui.shared.charts import NO_POSE, choose_segment, download, plot, table
+from jointid.ui.shared.charts import NO_POSE, choose_joint, choose_segment, download, plot, table
 from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.data_quality import HARMONICS
@@ -152,7 +152,7 @@ def show_arm_side(page: Page) -> None:
     joints = [j for j in range(fit.robot.n) if fit.joints[j] is not None]
     if not joints:
         return
-    j = choose_segment("Joint", joints, "arm_side_joint", format_func=lambda j: f"Joint {j + 1}")
+    j = choose_joint(joints, "arm_side_joint")
     k = measured[0]
     if len(measured) > 1:
         names = {k: study.motion_records[k].label or f"Motion {k + 1}" for k in measured}

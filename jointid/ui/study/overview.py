@@ -80,9 +80,8 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
 
 
 def _compared(before: Analysis, after: Analysis) -> dict[str, list[str]]:
-    columns = {"": ["State"]}
-    columns[""] += [found.heading for found in before.quantities]
-    columns[""] += ["Residual of the whole model / noise"]
+    names = [found.heading for found in before.quantities]
+    columns = {"": ["State", *names, "Residual of the whole model / noise"]}
     for heading, each in (("Now", before), ("With the change", after)):
         misfit = float(np.sqrt(each.fit.misfit))
         columns[heading] = [
