@@ -157,7 +157,7 @@ def with_load(
 
             def clear(torque: Floats, seen: np.ndarray = seen[row].T) -> Floats:
                 mean = torque.mean(axis=1, keepdims=True)
-                return mean + samples_of(phasors_of(torque, H) * seen, torque.shape[1])
+                return np.asarray(mean + samples_of(phasors_of(torque, H) * seen, torque.shape[1]))
 
             mean = motors[row].torque_scale * phasors.mean_torque[row]
             mean -= motors[row].viscous * phasors.drift[row]
