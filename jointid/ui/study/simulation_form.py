@@ -62,7 +62,7 @@ _ROBOT = {
     ),
     "coulomb": ("Coulomb friction (N·m)", "0.02, 0.01", "Constant, opposite to the motion."),
     "viscous": ("Viscous friction (N·m·s/rad)", "0, 0", "Proportional to the velocity."),
-    "load": ("Load friction coefficient", "0, 0", "Share of the torque through the gear, under 1."),
+    "load": ("Load friction coefficient", "0", "Share of the torque through the gear, under 1."),
 }
 """Label, default and explanation of each text."""
 _EXPERIMENTS: dict[str, tuple[Any, ...]] = {
