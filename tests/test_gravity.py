@@ -15,6 +15,7 @@ from jointid import (
     Inertia,
     JointIdError,
     RobotModel,
+    SineRecord,
     Study,
     diagonal_zeros,
     extract_phasors,
@@ -141,3 +142,25 @@ def test_wrong_joint_angles_are_named(tmp_path: Path) -> None:
             robot_model=ROBOT,
             pose_angles_rad=POSES,
         )
+
+
+def test_friction_by_load_counts_the_mean_torque_of_a_sine() -> None:
+    """Gravity loads the gear as the motion does: with the motion's torque alone the misfit was 700."""
+    rng, records = np.random.default_rng(1), []
+    M, M2, K, D = 0.0025, 0.0041, 43.0, 0.1
+    for f in np.geomspace(5, 25, 5):
+        time_s = np.arange(0, 12 / f, 5e-4)
+        s = 2j * np.pi * f
+        stiffness = 1 / (1 / (K + s * D) + 1 / (M2 * s * s))
+        theta, velocity, gear = (
+            np.imag(6 / abs(s) * np.exp(s * time_s) * factor) for factor in (1, s, stiffness)
+        )
+        gear += 0.3
+        tau = M * (s * s).real * theta + gear + (0.02 + 0.1 * np.abs(gear)) * np.sign(velocity)
+        tau += 0.005 * tau.std() * rng.standard_normal(tau.size)
+        records.append(SineRecord(f, time_s, theta[:, None], tau[:, None], torque_hold=False))
+    fit = identify_elasticity(extract_phasors(records), Inertia([M], [[M2]]), inertia_std=0.05)
+    assert fit.friction is not None
+    np.testing.assert_allclose(fit.friction.load, 0.1, rtol=0.01)
+    np.testing.assert_allclose(fit.estimate, [K, D], rtol=2e-3)
+    assert fit.misfit < 2

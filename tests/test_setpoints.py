@@ -193,12 +193,13 @@ def followed(time: Floats, theta: Floats, inertia: object, springs: object) -> t
 
 def test_friction_adds_to_the_torque() -> None:
     free = played("multisine")
-    coulomb, viscous = np.array([0.3, 0.1]), np.array([0.002, 0.001])
-    friction = MotorFriction(coulomb=coulomb, viscous=viscous)
+    coulomb, viscous, load = np.array([[0.3, 0.1], [0.002, 0.001], [0.2, 0.1]])
+    friction = MotorFriction(coulomb=coulomb, viscous=viscous, load=load)
     made = play(free.experiment, PARALLELOGRAM, PAPER, friction=friction)
-    position, velocity, _ = made.experiment.motion(made.time_s)
+    position, velocity, acceleration = made.experiment.motion(made.time_s)
     torque, _ = followed(made.time_s, position, PARALLELOGRAM, PAPER)
-    expected = np.abs(torque + coulomb * np.sign(velocity) + viscous * velocity).max(axis=0)
+    level = coulomb + load * np.abs(torque - PARALLELOGRAM.M * acceleration)
+    expected = np.abs(torque + level * np.sign(velocity) + viscous * velocity).max(axis=0)
     assert np.allclose(peaks(made)["torque", "exact following"], expected, rtol=5e-3)
     assert np.all(
         peaks(made)["torque", "simulated control"] > peaks(free)["torque", "simulated control"]

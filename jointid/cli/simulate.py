@@ -55,6 +55,7 @@ def simulate(
     ] = None,
     coulomb: Annotated[str, typer.Option(help="Coulomb friction of the motors, N·m.")] = "0",
     viscous: Annotated[str, typer.Option(help="Viscous friction of the motors, N·m·s/rad.")] = "0",
+    load_friction: Annotated[str, typer.Option(help="Share of the gear torque that is friction.")] = "0",
     gear: Annotated[
         list[str] | None,
         typer.Option(
@@ -97,7 +98,8 @@ def simulate(
     from jointid.simulation.campaign import simulate_campaign
 
     true = jointid.Elasticity(K=options.numbers(stiffness), D=options.numbers(damping))
-    friction = jointid.MotorFriction(coulomb=options.numbers(coulomb), viscous=options.numbers(viscous))
+    F_c, F_v, load = (options.numbers(each) for each in (coulomb, viscous, load_friction))
+    friction = jointid.MotorFriction(coulomb=F_c, viscous=F_v, load=load)
     noise = options.numbers(torque_noise)
     assumed = options.nominal(nominal_K, nominal_D)
     if inertia is None:

@@ -29,7 +29,7 @@ friction of each rest as noise: the rms error on six axes is then one standard e
 
 @dataclass(frozen=True, eq=False)
 class Friction:
-    """Friction at the motors, τ_effective = τ − coulomb · sign(θ̇) − viscous · θ̇."""
+    """Friction at the motors, (coulomb + load · |torque through the gear|) sign(θ̇) + viscous · θ̇."""
 
     coulomb: Floats
     """Shape (n,), N·m."""
@@ -37,6 +37,8 @@ class Friction:
     """Shape (n,), N·m·s/rad."""
     standard_error: Floats
     """Of coulomb (n), then viscous (n), shape (2n,); 0 where the records contain no reversal."""
+    load: Floats | float = 0.0
+    """Shape (n,); 0 where it was not fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +216,9 @@ def likelihood_fit(
             fit,
             covariance=fit.covariance + np.diag(floor**2),
             unseen_error=floor,
-            friction=Friction(p["coulomb"], p["viscous"], error[layout.span("coulomb", "viscous")]),
+            friction=Friction(
+                p["coulomb"], p["viscous"], error[layout.span("coulomb", "viscous")], p.effect("load")
+            ),
         )
     if "delay" in layout:
         fit = replace(fit, delay=p.delay, delay_error=float(error[layout["delay"]].item()))

@@ -139,7 +139,7 @@ def with_load(
 ) -> FrictionWaveforms:
     """Waveforms with that of friction which is a share of the torque through the gear.
 
-    That torque is what the balance at the motors leaves. The mean of a sine's is unknown and left out.
+    That torque is what the balance at the motors leaves.
     """
     if friction.position_filter.any():
         phasors = _unfiltered(phasors, friction.position_filter)
@@ -156,9 +156,14 @@ def with_load(
         if segment is None:
 
             def clear(torque: Floats, seen: np.ndarray = seen[row].T) -> Floats:
-                return samples_of(phasors_of(torque, H) * seen, torque.shape[1])
+                mean = torque.mean(axis=1, keepdims=True)
+                return np.asarray(mean + samples_of(phasors_of(torque, H) * seen, torque.shape[1]))
 
-            gear = motors[row].passed(samples_of(left[row].T, direction.shape[1]), direction, clear)
+            mean = motors[row].torque_scale * phasors.mean_torque[row]
+            mean -= motors[row].viscous * phasors.drift[row]
+            mean -= motors[row].coulomb * direction.mean(axis=1)
+            whole = mean[:, None] + samples_of(left[row].T, direction.shape[1])
+            gear = motors[row].passed(whole, direction, clear)
         else:
             gear, bins = segment.gear_torque(motors[row], direction), segment.highest
         found[row, :bins] = phasors_of(np.abs(gear) * direction, bins).T

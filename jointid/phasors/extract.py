@@ -56,6 +56,8 @@ class Phasors:
     """Noise covariance of each harmonic, shape (r, H, 2n, 2n)."""
     drift: Floats = field(default_factory=lambda: np.zeros(0))
     """Constant velocity superposed on each motor's sine, shape (r, n), rad/s."""
+    mean_torque: Floats = field(default_factory=lambda: np.zeros(0))
+    """Torque around which that of each motor's sine oscillates, such as gravity's, shape (r, n), N·m."""
     settling: Floats = field(default_factory=lambda: np.zeros(0))
     """Difference of z between the first quarter and the second half of a record, relative to z,
     shape (r, 2n); NaN with too few periods."""
@@ -84,6 +86,7 @@ class Phasors:
             "harmonics": self.z[:, None],
             "harmonic_covariance": self.covariance[:, None],
             "drift": np.zeros((rows.size, n)),
+            "mean_torque": np.zeros((rows.size, n)),
             "settling": unknown,
             "settling_noise": unknown,
             "frequency_found_hz": np.asarray(self.omega) / (2 * np.pi),
@@ -183,6 +186,7 @@ class Phasors:
             self,
             q=z[:, : self.n],
             tau=z[:, self.n :],
+            mean_torque=self.mean_torque * scale[..., self.n :],
             covariance=self.covariance * both,
             harmonics=self.harmonics * scale[..., None, :],
             harmonic_covariance=self.harmonic_covariance * both[..., None, :, :],
@@ -263,6 +267,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         harmonics=np.array([fit.harmonics for fit in fits]) * timing,
         harmonic_covariance=covariance,
         drift=np.array([fit.drift[:n] for fit in fits]),
+        mean_torque=np.array([fit.offset[n:] for fit in fits]),
         settling=settling,
         settling_noise=settling_noise,
         frequency_found_hz=frequencies_found(records, fits, *local),

@@ -90,7 +90,8 @@ class Segment:
     def gear_torque(self, motors: Motors, direction: Floats) -> Floats:
         """Torque through the gears, shape (n, N), N·m, by the balance at motors moving in a direction.
 
-        Of frequencies in the band alone: beyond it the smoothed velocity lacks the jumps of friction.
+        Of frequencies up to twice the band. Farther ones lack the jumps of friction, which the velocity
+        is too smooth for; without those just above the band, the load of the end of a sweep is missing.
         """
         places = np.arange(self.begin, self.end) - 0.5 * self.held  # the mean of two held torques
         count, late = np.arange(self.torque.shape[1]), motors.lag_s / self.interval_s
@@ -101,12 +102,12 @@ class Segment:
         left -= motors.M[:, None] * np.gradient(self.velocity, self.interval_s, axis=1)
         left -= motors.viscous[:, None] * self.velocity + motors.coulomb[:, None] * direction
 
-        def in_band(torque: Floats) -> Floats:
+        def low(torque: Floats) -> Floats:
             lines = dct(torque, axis=1)
-            lines[:, 2 * self.highest :] = 0.0
+            lines[:, 4 * self.highest :] = 0.0  # two lines of a cosine transform per bin
             return np.asarray(idct(lines, axis=1))
 
-        return motors.passed(left, direction, in_band)
+        return motors.passed(left, direction, low)
 
     def friction_at_reversals(self, motors: Motors) -> Floats:
         """Coulomb friction and the root mean square of that by load there, shape (n,), N·m."""

@@ -56,7 +56,8 @@ def check_limits(
     torque.
     """
     ratio, start = robot.gear_ratio, robot.start_deg[list(robot.moving)]
-    zero, load = np.zeros(ratio.size), np.abs(robot.load_Nm)
+    zero = np.zeros(ratio.size)
+    load = np.abs(robot.load_Nm) * (1 + played.load_friction)
     peaks = list(points)
     for each in played.peaks:
         values = each.values if each.quantity == "torque" else np.degrees(each.values / ratio)

@@ -52,6 +52,8 @@ class PlayedExperiment:
     elasticity: Elasticity
     coulomb_Nm: Floats
     """Coulomb friction of the motors, shape (n,)."""
+    load_friction: Floats
+    """Share of the torque through the gears that is friction, shape (n,)."""
     time_s: Floats
     theta_rad: Floats
     """Motor angles under simulated control, the log of the experiment with ``tau_Nm``, (N, n)."""
@@ -74,12 +76,14 @@ def play(
     """
     none = np.zeros(inertia.n)
     friction = friction or MotorFriction()
-    coulomb, viscous = np.maximum(none, friction.coulomb), np.maximum(none, friction.viscous)
+    coulomb, viscous, load = (
+        np.maximum(none, each) for each in (friction.coulomb, friction.viscous, friction.load)
+    )
     ratio = float(np.max(1 + np.diag(inertia.M2) / inertia.M))
     steady_hz = min(2 * np.pi * BANDWIDTH_HZ * ratio / _DAMPING_STEP, _RATE_HZ[1])
     rate = max(_RATE_HZ[0], _SAMPLES_PER_PERIOD * experiment.highest_hz, steady_hz)
     controller = Controller(sample_rate_hz=rate, bandwidth_hz=BANDWIDTH_HZ)
-    motor_friction = MotorFriction(coulomb, viscous, step_s=1 / rate)
+    motor_friction = MotorFriction(coulomb, viscous, load, step_s=1 / rate)
     robot = Robot(inertia, elasticity, controller, motor_friction)
     time = np.arange(int(np.ceil(experiment.duration_s * rate)) + 1) / rate
     exact = experiment.motion(time)
@@ -97,10 +101,11 @@ def play(
             for quantity, values in list(motion._asdict().items())[:count]:
                 peaks.append(Peaks.of(quantity, f"{part}, {way}", time, values))
         if motors is exact:
-            loss_Nm = coulomb * np.sign(exact.velocity) + viscous * exact.velocity
+            loss_Nm = (coulomb + load * np.abs(spring)) * np.sign(exact.velocity)
+            loss_Nm += viscous * exact.velocity
             torque = inertia.M * exact.acceleration + spring + loss_Nm
             peaks.append(Peaks.of("torque", way, time, torque))
-    return PlayedExperiment(experiment, elasticity, coulomb, time, theta, tau, tuple(peaks))
+    return PlayedExperiment(experiment, elasticity, coulomb, load, time, theta, tau, tuple(peaks))
 
 
 def _arm(

@@ -129,23 +129,26 @@ class Excitation:
 
 @dataclass(frozen=True, eq=False)
 class MotorFriction:
-    """Friction at each motor, τ_friction = F_c sign(θ̇) + F_v θ̇.
+    """Friction at each motor, (F_c + μ|τ|) sign(θ̇) + F_v θ̇, with the torque τ through its gear.
 
-    A motor at rest stays there until the other torques on it exceed F_c. Raises JointIdError when a
-    value is negative or the step is not positive.
+    A motor at rest stays there until the other torques on it exceed F_c + μ|τ|. Raises JointIdError
+    when a value is negative or the step is not positive.
     """
 
     coulomb: PerJoint = 0.0
     """F_c, N·m."""
     viscous: PerJoint = 0.0
     """F_v, N·m·s/rad."""
+    load: PerJoint = 0.0
+    """μ, share of the torque through the gear."""
     step_s: float = 1.25e-4
-    """Longest step with Coulomb friction, s. A reversal is located within its step, so that the error is
-    of second order: about 1e-4 of the friction phasor up to 30 Hz with the default."""
+    """Longest step with F_c or μ, s. A reversal is located within its step, so that the error is of
+    second order: about 1e-4 of the friction phasor up to 30 Hz with the default."""
 
     def __post_init__(self) -> None:
         checked_setting(self, "coulomb", "N·m")
         checked_setting(self, "viscous", "N·m·s/rad")
+        checked_setting(self, "load", "")
         checked_setting(self, "step_s", "s", positive=True, single=True)
 
 

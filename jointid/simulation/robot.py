@@ -61,6 +61,9 @@ class Robot:
         self.inertia, self.elasticity = inertia, elasticity
         self.coulomb = per_joint("coulomb", friction.coulomb, n)[:, None]
         self.viscous = per_joint("viscous", friction.viscous, n)
+        self.load = per_joint("load", friction.load, n)[:, None]
+        self.has_load = bool(np.any(self.load > 0))
+        self.has_friction = self.has_load or bool(np.any(self.coulomb > 0))
         self.kp, self.kv = _gains(controller, inertia)
         self.feedforward = controller.feedforward * (np.diag(inertia.M) + inertia.M2)
         whole = int(controller.torque_delay_s / self.T + 1e-9)
@@ -69,7 +72,7 @@ class Robot:
         self.A, self.B = plant(inertia, elasticity, self.viscous)
         self.gears = gears
         inputs = self.B if gears is None else np.hstack([self.B, gear_input(inertia)])
-        longest = self.T if gears is None and not np.any(self.coulomb > 0) else friction.step_s
+        longest = self.T if gears is None and not self.has_friction else friction.step_s
         self.steps: list[Step] = []
         for part, older in [(share, True), (1 - share, False)]:
             if part > 1e-9:
@@ -110,7 +113,8 @@ class Robot:
         torque_gain = per_joint("torque_gain", measurement.torque_gain, n)[:, None]
         count = 2 * np.pi / measurement.encoder_counts if measurement.encoder_counts else 0.0
         proportional, difference = (self.kp + self.kv / self.T)[:, None], (self.kv / self.T)[:, None]
-        has_friction = bool(np.any(self.coulomb > 0))
+        K, D, level = self.elasticity.K[:, None], self.elasticity.D[:, None], self.coulomb
+        constant = self.has_friction and not self.has_load and self.gears is None
         bounds = np.unique(np.linspace(0, shape[0], _CHUNKS + 1).astype(int))
         for first, last in pairwise(bounds.tolist()):
             feed = self._feed(reference, np.arange(first, last) - before)
@@ -125,17 +129,20 @@ class Robot:
                 torques.append(torque)
                 for step in self.steps:
                     acting[:] = torque = torques[0 if step.older else 1]
-                    if has_friction and self.gears is None and slide(Z, step, self.coulomb):
+                    if constant and slide(Z, step, level):
                         continue
                     for _ in range(step.steps):
                         acting[:] = torque
+                        delta, rate = motor - arm, motor_rate - arm_rate
+                        moved = 0.5 * step.duration_s * rate  # to the middle of the step
                         if self.gears is not None:
-                            delta = motor - arm
-                            moved = 0.5 * step.duration_s * (motor_rate - arm_rate)
                             middle = self.gears.loop(loop, moved)
                             of_gears[0][:] = self.gears.beyond_linear(delta + moved, middle)
-                        if has_friction:
-                            step_with_friction(Z, step, self.coulomb)
+                        if self.has_load:
+                            passed = sum(of_gears, K * (delta + moved) + D * rate)
+                            level = self.coulomb + self.load * np.abs(passed)
+                        if self.has_friction:
+                            step_with_friction(Z, step, level)
                         else:
                             Z[: 4 * n] = step.EG @ Z
                         if self.gears is not None:

@@ -94,19 +94,20 @@ def plan_motion(
     motion does not determine the springs.
     """
     n = fit.n
-    coulomb, viscous = np.zeros(n), np.zeros(n)
+    coulomb = viscous = load = np.zeros(n)
     if fit.friction is not None:
         coulomb = np.maximum(fit.friction.coulomb, 0.0)
         viscous = np.maximum(fit.friction.viscous, 0.0)
+        load = np.maximum(np.zeros(n), fit.friction.load)
     if np.any(limits.torque_Nm <= coulomb):
         j = int(np.argmax(limits.torque_Nm <= coulomb)) + 1
         raise JointIdError(
             f"The torque limit of joint {j} does not exceed its friction: raise this limit."
         )
     noise = sensor_noise(fit, interval_s)
-    friction = MotorFriction(coulomb=coulomb, viscous=viscous, step_s=max(interval_s, 1.25e-4))
+    friction = MotorFriction(coulomb, viscous, load, step_s=max(interval_s, 1.25e-4))
     measurement = Measurement(position_noise_rad=noise[:n], torque_noise_Nm=noise[n:])
-    chosen = _within(fit, motion, limits, coulomb, interval_s)
+    chosen = _within(fit, motion, limits, friction, interval_s)
     made = _simulated(
         fit, chosen, interval_s, records=records, friction=friction, measurement=measurement
     )
@@ -158,11 +159,12 @@ def _information(covariance: Floats) -> Floats:
 
 
 def _within(
-    fit: ElasticityFit, motion: Motion, limits: MotionLimits, coulomb: Floats, interval_s: float
+    fit: ElasticityFit, motion: Motion, limits: MotionLimits, friction: MotorFriction, interval_s: float
 ) -> Motion:
     """The motion with the largest acceleration that keeps the limits."""
     acceleration = per_joint("acceleration_rad_s2", motion.acceleration_rad_s2, fit.n)
     share = np.ones(fit.n)  # the motors overshoot their reference
+    by_load = replace(friction, coulomb=0.0, viscous=0.0)
     for _ in range(_ROUNDS):
         motion = replace(
             motion,
@@ -170,11 +172,11 @@ def _within(
             acceleration_rad_s2=acceleration,
             position_rad=limits.position_rad * share,
         )
-        record = _simulated(fit, motion, interval_s, records=1)[0]
+        record = _simulated(fit, motion, interval_s, records=1, friction=by_load)[0]
         reached = largest_motion([record])
         ratio = np.min(
             [
-                (limits.torque_Nm - coulomb) / reached.torque_Nm,
+                (limits.torque_Nm - friction.coulomb) / reached.torque_Nm,
                 limits.velocity_rad_s / reached.velocity_rad_s,
                 limits.position_rad / reached.position_rad,
             ],
