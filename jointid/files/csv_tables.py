@@ -130,7 +130,8 @@ def read_columns(
         )
         if b'"' in data[body:]:
             _require_closed_quotes(file, data, body, table.num_rows)
-        columns = [to_floats(column) for column in table.columns]
+        # Arrow's own to_numpy imports pandas.
+        columns = [np.asarray(np.from_dlpack(column.combine_chunks())) for column in table.columns]
     except JointIdError:
         raise
     except ARROW_FAULTS as error:
@@ -140,11 +141,6 @@ def read_columns(
         _explain_fault(file, data, header, body, positions)
         raise unreadable(file, "CSV", "a value is not finite, or the times do not increase")
     return columns
-
-
-def to_floats(column: pa.ChunkedArray) -> Floats:
-    """Return a column of float64 without gaps; arrow's own ``to_numpy`` imports pandas."""
-    return np.asarray(np.from_dlpack(column.combine_chunks()))
 
 
 def _require_closed_quotes(file: str, data: bytes, body: int, rows: int) -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, set_fields
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.map.mapping import Mapping
@@ -50,9 +50,8 @@ class MappedLog:
                 before, after = time[late[0] : late[0] + 2]
                 fault = f"goes from {before:.12g} s to {after:.12g} s at index {late[0] + 1}"
             raise JointIdError(f"time_s {fault}: give two times or more, each above the one before.")
-        for name, value in (("time_s", time), ("theta_rad", theta), ("tau_Nm", tau)):
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "interval_s", float(np.median(steps)))
+        interval = float(np.median(steps))
+        set_fields(self, time_s=time, theta_rad=theta, tau_Nm=tau, interval_s=interval)
 
     @property
     def n(self) -> int:
