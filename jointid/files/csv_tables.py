@@ -17,7 +17,7 @@ from jointid.errors import JointIdError
 from jointid.wording import counted
 
 MAX_LINE = 1 << 16
-"""Longest line of a CSV file, bytes."""
+"""Longest line of a text table, bytes."""
 _DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 """Other separators of columns, with their names."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"

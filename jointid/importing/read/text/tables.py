@@ -8,7 +8,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.files.csv_tables import ARROW_FAULTS, parsed_columns
+from jointid.files.csv_tables import ARROW_FAULTS, MAX_LINE, parsed_columns
 from jointid.importing.columns.column_words import WORDS, words_of
 from jointid.importing.columns.log_table import (
     MAX_COLUMNS,
@@ -21,7 +21,6 @@ from jointid.importing.columns.log_table import (
 from jointid.importing.read.text.clock_times import ClockCells
 from jointid.importing.read.text.layout import (
     BLANKS,
-    MAX_LINE,
     NO_NUMBER,
     TextLayout,
     decoded,
