@@ -1,7 +1,7 @@
 """Phasors and transfer matrix as CSV tables; numbers are exact."""
 
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
 
 import numpy as np
@@ -11,6 +11,8 @@ from jointid.answer import without
 from jointid.arrays import Floats
 from jointid.exporting.identification import warning_text
 from jointid.gears.gear import knees
+from jointid.phasors.extract import Phasors
+from jointid.records import SineRecord
 from jointid.transfer_matrix import TransferMatrix
 
 _EVERY = 4
@@ -24,19 +26,26 @@ _FORMULA = ("=", "+", "-", "@", "\t")
 
 
 def phasor_table(analysis: Analysis) -> str:
+    """One row per record of an analysis, see ``phasors_csv``."""
+    return phasors_csv(analysis.phasors, analysis.study.sine_records)
+
+
+def phasors_csv(p: Phasors, records: Sequence[SineRecord]) -> str:
     """One row per record: the phasors of the motor angles and torques, equations (2)-(4).
 
     CSV with a header row: f(t) = re sin ωt + im cos ωt; ``std`` is the root of the variance of the
     complex number. The torque is corrected for hold and delay.
     """
-    p, header = analysis.phasors, ["record", "pose", "frequency_hz"]
+    header = ["record", "pose", "frequency_hz"]
     for signal, unit in (("theta", "rad"), ("tau", "Nm")):
         header += [
             f"{signal}_m{j + 1}_{part}_{unit}" for j in range(p.n) for part in ("re", "im", "std")
         ]
     values = np.stack([p.z.real, p.z.imag, p.standard_deviation], axis=2).reshape(p.omega.size, 6 * p.n)
-    records = zip(p.labels, analysis.study.sine_records, values.tolist(), strict=True)
-    rows = ([label, r.pose or "", r.frequency_hz, *row] for label, r, row in records)
+    rows = (
+        [label, record.pose or "", record.frequency_hz, *row]
+        for label, record, row in zip(p.labels, records, values.tolist(), strict=True)
+    )
     return csv_text(header, rows)
 
 
