@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import jointid.files.record_tables as record_tables
 import jointid.files.study_parts as study_parts
 from jointid import (
     Controller,
@@ -40,7 +41,7 @@ def short_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study_parts, "LONG_BYTES", 1 << 19)
     monkeypatch.setattr(study_parts, "_PART_SAMPLES", 4000)
     monkeypatch.setattr(study_parts, "_PART_PERIODS", 8)
-    monkeypatch.setattr(study_parts, "_BATCH", 1777)
+    monkeypatch.setattr(record_tables, "_BATCH", 1777)
 
 
 def noisy(frequency: float, samples: int, seed: int, jitter: float = 0.0) -> SineRecord:

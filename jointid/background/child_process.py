@@ -95,9 +95,7 @@ class Child:
             except (OSError, ValueError, EOFError):
                 if self._process is not process:
                     raise  # by ``progress``; the process is killed already
-                with suppress(subprocess.TimeoutExpired):
-                    process.wait(1.0)  # its own exit code says more than SIGKILL
-                code = self._end()
+                code = self._end(1.0)
                 if late.is_set():
                     text = f"It took more than {self._limits.time_s:g} s and was stopped."
                     raise Ended(text, late=True) from None
@@ -158,10 +156,8 @@ class Child:
         try:
             _received(process)
         except (OSError, ValueError, EOFError):
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(1.0)
             said = self._error_output()
-            code = self._end()
+            code = self._end(1.0)
             if self._stopped:
                 raise Ended("It was stopped.") from None
             raise JointIdError(
@@ -175,18 +171,19 @@ class Child:
         return process
 
     def _error_output(self) -> str:
-        if self._errors is None:
-            return ""
-        with suppress(OSError, ValueError):
-            self._errors.seek(0, os.SEEK_END)
-            self._errors.seek(max(0, self._errors.tell() - 500))
-            return " ".join(self._errors.read().decode("utf-8", "replace").split())
+        if self._errors is not None:
+            with suppress(OSError, ValueError):  # closed by ``stop`` in another thread
+                self._errors.seek(0)
+                return " ".join(self._errors.read()[-500:].decode("utf-8", "replace").split())
         return ""
 
-    def _end(self) -> int:
+    def _end(self, patience_s: float = 0.0) -> int:
+        """End the process; its own exit code, within a patience, says more than SIGKILL."""
         process, self._process = self._process, None
         code = 0
         if process is not None:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(patience_s)
             process.kill()
             code = process.wait()
             for pipe in (process.stdin, process.stdout):

@@ -155,17 +155,12 @@ def mapped_study(
     report: Callable[[float], None],
 ) -> tuple[Study, tuple[str, ...]]:
     """Return a study of sines or other motions in logs with the same columns, and notes."""
-    import numpy as np
-
     from jointid.importing import apply_mapping, find_runs, study_from_logs
-    from jointid.importing.find.segments import FoundSegments
 
     logs = [apply_mapping(table, mapping) for table in tables]
-    rows = np.cumsum([0, *(log.time_s.size for log in logs)])
 
-    def found_in(k: int) -> FoundSegments:
-        start, count = rows[k] / rows[-1], logs[k].time_s.size / rows[-1]
-        return find_runs(logs[k], progress=lambda share: report(float(start + count * share)))
+    def found_in(k: int) -> Any:
+        return find_runs(logs[k], progress=lambda share: report((k + share) / len(logs)))
 
     segments = [found_in(k) for k in range(len(logs))]
     unused = [

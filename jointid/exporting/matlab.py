@@ -37,7 +37,7 @@ def to_mat(analysis: Analysis) -> bytes:
     contents: dict[str, Any] = {
         "identification": _prepared(document),
         "phasors": {
-            "omega": _column(phasors.omega),
+            "omega": phasors.omega,
             "q": phasors.q,
             "tau": phasors.tau,
             "std": phasors.standard_deviation,
@@ -52,7 +52,8 @@ def to_mat(analysis: Analysis) -> bytes:
         with suppress(JointIdError):  # an unphysical estimate has no model
             contents["model"] = state_space(analysis.inertia(), analysis.fit.elasticity)._asdict()
     file = BytesIO()
-    savemat(file, contents, long_field_names=True, do_compression=True)  # type: ignore[arg-type]
+    options: dict[str, Any] = {"long_field_names": True, "do_compression": True, "oned_as": "column"}
+    savemat(file, contents, **options)  # type: ignore[arg-type]
     data = file.getvalue()
     return _HEADER.ljust(_HEADER_BYTES) + data[_HEADER_BYTES:]  # without the time of writing
 
@@ -61,10 +62,10 @@ def _transfer(matrices: Mapping[str, TransferMatrix]) -> np.ndarray:
     return _structs(
         {
             "pose": pose,
-            "omega": _column(matrix.omega),
+            "omega": matrix.omega,
             "H": np.moveaxis(matrix.H, 0, -1),
             "std": np.moveaxis(matrix.standard_deviation, 0, -1),
-            "condition": _column(matrix.condition),
+            "condition": matrix.condition,
         }
         for pose, matrix in matrices.items()
     )
@@ -77,10 +78,10 @@ def _prepared(value: Any) -> Any:
         if value and isinstance(value[0], dict):
             return _structs(_prepared(item) for item in value)
         if value and isinstance(value[0], str):
-            return _column(np.array(value, dtype=object))
+            return np.array(value, dtype=object)
         array = np.array(value, dtype=np.float64)
         array[np.isnan(array)] = np.inf  # None
-        return _column(array) if array.ndim == 1 else array
+        return array
     if value is None:
         return np.inf
     return float(value) if isinstance(value, int) else value
@@ -93,7 +94,3 @@ def _structs(rows: Any) -> np.ndarray:
     for k, row in enumerate(rows):
         array[k] = tuple(row.values())
     return array
-
-
-def _column(values: np.ndarray) -> np.ndarray:
-    return values[:, None]

@@ -151,17 +151,8 @@ MAX_RATIO = 200
 MAX_DIRECTORY_BYTES = 4 << 20
 """Largest directory of an archive: bounds the work of opening one with millions of names."""
 
-_ZIP_FAULTS = (
-    zipfile.BadZipFile,
-    zlib.error,
-    EOFError,
-    OSError,
-    OverflowError,
-    NotImplementedError,
-    RuntimeError,
-    ValueError,
-    struct.error,
-)
+_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error)
+_ZIP_FAULTS = (*_DAMAGE, EOFError, OSError, OverflowError, RuntimeError, ValueError)
 
 
 class Zip:

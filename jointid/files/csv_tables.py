@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Literal, TypeAlias
@@ -17,7 +17,7 @@ from jointid.errors import JointIdError
 from jointid.wording import counted
 
 MAX_LINE = 1 << 16
-"""Longest line of a CSV file, bytes."""
+"""Longest line of a text table, bytes."""
 _DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 """Other separators of columns, with their names."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
@@ -28,8 +28,7 @@ ARROW_FAULTS = (
     pa.ArrowException,
     OSError,
     ValueError,
-    KeyError,
-    IndexError,
+    LookupError,
     TypeError,
     MemoryError,
     OverflowError,
@@ -119,18 +118,9 @@ def read_columns(
     """
     try:
         # By position, not by name: the header was read above, with its blanks and quotes.
-        table = pa_csv.read_csv(
-            pa.BufferReader(memoryview(data)[body:]),
-            read_options=pa_csv.ReadOptions(column_names=[str(k) for k in range(len(header))]),
-            convert_options=pa_csv.ConvertOptions(
-                include_columns=[str(k) for k in positions],
-                column_types={str(k): pa.float64() for k in positions},
-                null_values=[],
-            ),
-        )
+        columns = parsed_columns(memoryview(data)[body:], len(header), positions)
         if b'"' in data[body:]:
-            _require_closed_quotes(file, data, body, table.num_rows)
-        columns = [to_floats(column) for column in table.columns]
+            _require_closed_quotes(file, data, body, columns[0].size)
     except JointIdError:
         raise
     except ARROW_FAULTS as error:
@@ -142,9 +132,32 @@ def read_columns(
     return columns
 
 
-def to_floats(column: pa.ChunkedArray) -> Floats:
-    """Return a column of float64 without gaps; arrow's own ``to_numpy`` imports pandas."""
-    return np.asarray(np.from_dlpack(column.combine_chunks()))
+def parsed_columns(
+    data: bytes | memoryview,
+    width: int,
+    positions: Iterable[int],
+    separator: str = ",",
+    decimal: str = ".",
+    nulls: Sequence[str] = (),
+    integers: Collection[int] = (),
+) -> list[Floats]:
+    """Return the columns at some positions of regular rows, which have ``width`` cells.
+
+    Cells of ``nulls`` are NaN; in columns of ``integers``, which are int64, 0. Raises one of
+    ``ARROW_FAULTS`` when a row is irregular.
+    """
+    kinds = {str(k): pa.int64() if k in integers else pa.float64() for k in positions}
+    table = pa_csv.read_csv(
+        pa.BufferReader(data),
+        read_options=pa_csv.ReadOptions(column_names=[str(k) for k in range(width)]),
+        parse_options=pa_csv.ParseOptions(delimiter=separator, ignore_empty_lines=width > 1),
+        convert_options=pa_csv.ConvertOptions(
+            include_columns=[*kinds], column_types=kinds, null_values=[*nulls], decimal_point=decimal
+        ),
+    )
+    filled = (c.fill_null(0 if pa.types.is_integer(c.type) else np.nan) for c in table.columns)
+    # Arrow's own to_numpy imports pandas.
+    return [np.asarray(np.from_dlpack(column.combine_chunks())) for column in filled]
 
 
 def _require_closed_quotes(file: str, data: bytes, body: int, rows: int) -> None:

@@ -3,7 +3,7 @@
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
 import numpy as np
@@ -21,12 +21,12 @@ from jointid.files.csv_tables import (
     read_header,
     row_error,
     time_error,
-    to_floats,
 )
 from jointid.records import JointRecord, MotionRecord
 from jointid.wording import counted, listed, nearest
 
 _JOINT_COLUMN = re.compile(r"(?:theta_[am]([1-9]\d{0,3})_rad|tau_m([1-9]\d{0,3})_Nm)")
+_BATCH = 1 << 16  # rows of a Parquet file that Arrow decodes at a time
 
 
 def column_names(joints: int) -> list[str]:
@@ -157,24 +157,42 @@ def numeric_columns(file: str, schema: pa.Schema, joints: int, arm: bool = False
 
 
 def _read_parquet(file: str, data: bytes, joints: int, arm: bool) -> tuple[list[str], list[Floats]]:
-    columns = []
     with parquet_faults(file):
         source = pa_parquet.ParquetFile(pa.BufferReader(data))
-        schema = source.schema_arrow
-        names = list(numeric_columns(file, schema, joints, arm))
+        names = list(numeric_columns(file, source.schema_arrow, joints, arm))
         if source.metadata.num_rows == 0:
             raise JointIdError(f"{file} has columns but no rows: export the record again.")
         _require_bounded(file, source.metadata, len(names))
-        # A thread of Arrow that outlives the interpreter must not hold the Python buffer: one thread.
-        table = source.read(columns=names, use_threads=False)
-        for name in names:
-            column = table.column(name)
-            if column.null_count:
-                raise empty_cell(file, int(np.argmax(column.is_null().to_numpy())) + 1, name)
-            columns.append(to_floats(column.cast(pa.float64())))
+    columns = list(np.concatenate([*parquet_rows(file, source, names)]).T)
     if not are_usable(columns):
         explain_fault(file, names, columns)
     return names, columns
+
+
+def parquet_rows(
+    file: str, source: pa_parquet.ParquetFile, names: Sequence[str], first: int = 0
+) -> Iterator[Floats]:
+    """Yield the rows from ``first`` on, counted from 0, in batches of shape (rows, columns).
+
+    Raises JointIdError when a value is missing, or the file cannot be read.
+    """
+    row = 0
+    with parquet_faults(file):
+        # A thread of Arrow that outlives the interpreter must not hold the Python buffer: one thread.
+        for batch in source.iter_batches(batch_size=_BATCH, columns=names, use_threads=False):
+            above = min(max(first - row, 0), batch.num_rows)
+            columns = [batch.column(name).slice(above) for name in names]
+            for name, column in zip(names, columns, strict=True):
+                if column.null_count:
+                    at = row + above + int(np.argmax(column.is_null().to_numpy(zero_copy_only=False)))
+                    raise row_error(
+                        (file, "row", at + 1),
+                        "the value is missing.",
+                        column=name,
+                        hint="Fill it in or remove the row.",
+                    )
+            yield np.array([column.to_numpy(zero_copy_only=False) for column in columns], float).T
+            row += batch.num_rows
 
 
 def _require_bounded(file: str, metadata: pa_parquet.FileMetaData, columns: int) -> None:
@@ -187,13 +205,6 @@ def _require_bounded(file: str, metadata: pa_parquet.FileMetaData, columns: int)
             f"{file} would take {mebibytes(size)}, more than the limit of {mebibytes(MAX_TOTAL_BYTES)}.",
             hint="Split the record, or log less.",
         )
-
-
-def empty_cell(file: str, row: int, column: str) -> JointIdError:
-    """Return the error for a Parquet table with a null."""
-    return row_error(
-        (file, "row", row), "the value is missing.", column=column, hint="Fill it in or remove the row."
-    )
 
 
 def explain_fault(

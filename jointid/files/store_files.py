@@ -84,18 +84,10 @@ def read_entry(file: Path) -> Entry:
     if "seal" in meta and meta.pop("seal") != _seal(meta):  # entries of version 0.1 have none
         raise ValueError(file.name)
     stat = file.with_suffix(".data").stat()
-    entry = Entry(
-        id=file.stem,
-        name=latest_name(file) or str(meta["name"]),
-        digest=str(meta["digest"]),
-        size_bytes=int(meta["size_bytes"]),
-        checksum=str(meta["checksum"]),
-        created_s=float(meta["created_s"]),
-        opened_s=stat.st_mtime,
-    )
-    if meta.get("format") != 1 or entry.size_bytes != stat.st_size:
+    if meta.pop("format", None) != 1 or meta["size_bytes"] != stat.st_size:
         raise ValueError(file.name)
-    return entry
+    meta["name"], meta["created_s"] = latest_name(file) or str(meta["name"]), float(meta["created_s"])
+    return Entry(id=file.stem, opened_s=stat.st_mtime, **meta)
 
 
 def write_entry(file: Path, name: str, digest: str, data: bytes) -> Entry:

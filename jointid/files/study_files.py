@@ -82,7 +82,11 @@ def load_study(path_or_file: Source) -> Study:
     """
     with open_container(path_or_file, marker=STUDY_FILE) as container:
         top = parse_toml(STUDY_FILE, container.read(STUDY_FILE, at_most=MAX_TOML_BYTES + 1), STUDY_KEYS)
-        _require_format_1(top)
+        if (version := top.integer("format")) != 1:
+            raise top.error(
+                f"format = {shown(version)}, but this version reads format 1. Update jointid, or write "
+                "format = 1 if the file follows it."
+            )
         known = read_values(top, STUDY_VALUES)
         table = top.table("inertia", INERTIA_KEYS)
         model = read_robot_model(top, lambda file: container.read(file, at_most=MAX_FILE_BYTES + 1))
@@ -115,16 +119,6 @@ def lines_around(path_or_file: Source, refusal: JointIdError) -> str:
             for number, line in lines[max(place - _ABOVE - 1, 0) : place + _BELOW]
         )
     return ""
-
-
-def _require_format_1(top: CheckedTable) -> None:
-    with suppress(JointIdError):  # reported below
-        if top.number("format") == 1:
-            return
-    raise top.error(
-        f"format = {shown(top.integer('format'))}, but this version reads format 1. Update jointid, or "
-        "write format = 1 if the file follows it."
-    )
 
 
 def _record_files(tables: Sequence[CheckedTable], container: Container) -> list[str]:

@@ -14,7 +14,7 @@ import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.files.csv_tables import ARROW_FAULTS, are_usable, parquet_faults
-from jointid.files.record_tables import column_names, empty_cell, explain_fault, numeric_columns
+from jointid.files.record_tables import column_names, explain_fault, numeric_columns, parquet_rows
 from jointid.phasors.long_records import LongRecord
 from jointid.records import SineRecord
 
@@ -27,7 +27,6 @@ _PART_SAMPLES = 1 << 20  # fewest samples of a part
 _PART_PERIODS = 32
 """Fewest periods of a part: they determine its noise and separate 31 harmonics from its drift."""
 _SHOWN_SAMPLES = 1 << 17  # samples kept in memory, for plots
-_BATCH = 1 << 16  # rows that Arrow decodes at a time
 _BUFFER_BYTES = 1 << 20
 """Buffer for a column's packed pages; without it Arrow reads a whole row group at once."""
 
@@ -115,22 +114,13 @@ class _LongFile:
     def _tables(self) -> Iterator[Floats]:
         """Rows of each part, shape (size, 1 + 2n); the last may be shorter."""
         names = column_names(self.joints)
-        table = np.empty((self.size, len(names)), order="F")
-        filled, row = 0, 0
+        table, filled = np.empty((self.size, len(names)), order="F"), 0
         with _opened(self.name, self.path) as source:
-            for batch in _batches(self.name, source, names):
-                begin = max(self.first - row, 0)
-                row += batch.num_rows
-                while begin < batch.num_rows:
-                    taken = min(batch.num_rows - begin, self.size - filled)
-                    for k, name in enumerate(names):
-                        column = batch.column(name).slice(begin, taken)
-                        if column.null_count:
-                            fault = int(np.argmax(column.is_null().to_numpy(zero_copy_only=False)))
-                            first = row - batch.num_rows + begin
-                            raise empty_cell(self.name, first + fault + 1, name)
-                        table[filled : filled + taken, k] = column.to_numpy(zero_copy_only=False)
-                    filled, begin = filled + taken, begin + taken
+            for rows in parquet_rows(self.name, source, names, self.first):
+                while len(rows):
+                    part, rows = np.split(rows, [self.size - filled])
+                    table[filled : filled + len(part)] = part
+                    filled += len(part)
                     if filled == self.size:
                         yield table
                         filled = 0
@@ -143,21 +133,15 @@ def _opened(name: str, path: Path) -> pa_parquet.ParquetFile:
         return pa_parquet.ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False)
 
 
-def _batches(name: str, source: pa_parquet.ParquetFile, columns: list[str]) -> Iterator[Any]:
-    with parquet_faults(name):
-        yield from source.iter_batches(batch_size=_BATCH, columns=columns)
-
-
 def _beginning(name: str, source: pa_parquet.ParquetFile, start_s: float | None) -> tuple[int, Floats]:
     """Row of the first sample at or after ``start_s``, and the first times from there."""
-    row = 0
-    first = 0 if start_s is None else None
-    for batch in _batches(name, source, ["time_s"]):
-        time = batch.column("time_s").to_numpy(zero_copy_only=False)
-        if first is None and start_s is not None and (late := time >= start_s - 1e-9).any():
+    row, first = 0, None
+    for (time,) in (rows.T for rows in parquet_rows(name, source, ["time_s"])):
+        late = time >= (-math.inf if start_s is None else start_s - 1e-9)
+        if first is None and late.any():
             first = row + int(np.argmax(late))
         if first is not None and first < row + time.size - 1:
-            return first, np.asarray(time[max(first - row, 0) :][:1024], float)
+            return first, time[max(first - row, 0) :][:1024]
         row += time.size
     return row, np.empty(0)
 

@@ -67,8 +67,12 @@ class CheckedTable:
         return self._typed(key, bool, "true or false")
 
     def integer(self, key: str) -> int:
-        """Return a whole number."""
-        return self._typed(key, int, "a whole number")
+        """Return a whole number, also of 1.0."""
+        value = self._get(key)
+        whole = int(value) if isinstance(value, float) and value.is_integer() else value
+        if not isinstance(whole, int) or isinstance(whole, bool):
+            raise self._wrong_type(key, value, "a whole number")
+        return whole
 
     def number(self, key: str, default: float | None = None) -> float:
         """Return a finite number."""
@@ -132,7 +136,7 @@ class CheckedTable:
 
     def _typed(self, key: str, kind: type[T], expected: str, default: object = None) -> T:
         value = self._get(key, default)
-        if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        if not isinstance(value, kind):
             raise self._wrong_type(key, value, expected)
         return value
 

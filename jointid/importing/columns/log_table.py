@@ -9,7 +9,7 @@ from pathlib import PurePosixPath
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats
+from jointid.arrays import Floats, set_fields
 from jointid.errors import JointIdError
 from jointid.importing.columns.units import split_unit, unit_of
 from jointid.wording import counted, listed, nearest
@@ -75,8 +75,7 @@ class LogTable:
                 )
         if rows[0] == 0:
             raise JointIdError(f"{self.name} has columns but no rows: export the log again.")
-        object.__setattr__(self, "columns", columns)
-        object.__setattr__(self, "notes", tuple(self.notes))
+        set_fields(self, columns=columns, notes=tuple(self.notes))
 
     @property
     def rows(self) -> int:

@@ -1,59 +1,47 @@
 """Units in their usual spellings, with their factors to SI."""
 
 import re
-from collections.abc import Mapping
-from types import MappingProxyType
 
 import numpy as np
 
-TIME_UNITS: Mapping[str, float] = MappingProxyType({"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9})
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
 """Seconds per unit; "samples" needs a rate instead."""
 SAMPLES = "samples"
 
-ANGLE_UNITS: Mapping[str, float] = MappingProxyType(
-    {
-        "rad": 1.0,
-        "mrad": 1e-3,
-        "deg": np.pi / 180,
-        "rev": 2 * np.pi,
-        "counts": 2 * np.pi,  # over counts per turn
-        "V": np.pi / 180,  # times degrees per volt
-    }
-)
+ANGLE_UNITS = {
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "deg": np.pi / 180,
+    "rev": 2 * np.pi,
+    "counts": 2 * np.pi,  # over counts per turn
+    "V": np.pi / 180,  # times degrees per volt
+}
 """Radians per unit; for "counts" and "V" with the scale of ``POSITION_SCALES``."""
 
-TORQUE_UNITS: Mapping[str, float] = MappingProxyType(
-    {
-        "N·m": 1.0,
-        "mN·m": 1e-3,
-        "kN·m": 1e3,
-        "A": 1.0,  # times torque constant
-        "mA": 1e-3,
-        "%": 1e-2,  # of rated torque
-        "‰": 1e-3,
-        "V": 1.0,  # times N·m per volt
-    }
-)
+TORQUE_UNITS = {
+    "N·m": 1.0,
+    "mN·m": 1e-3,
+    "kN·m": 1e3,
+    "A": 1.0,  # times torque constant
+    "mA": 1e-3,
+    "%": 1e-2,  # of rated torque
+    "‰": 1e-3,
+    "V": 1.0,  # times N·m per volt
+}
 """Newton metres per unit; for all but the first three with the scale of ``TORQUE_SCALES``."""
 
-POSITION_SCALES: Mapping[str, str] = MappingProxyType(
-    {"counts": "counts per turn", "V": "degrees per volt"}
-)
+POSITION_SCALES = {"counts": "counts per turn", "V": "degrees per volt"}
 """Meaning of the scale of a position, by unit; other units have none."""
-TORQUE_SCALES: Mapping[str, str] = MappingProxyType(
-    {
-        "A": "torque constant, N·m/A",
-        "mA": "torque constant, N·m/A",
-        "%": "rated torque, N·m",
-        "‰": "rated torque, N·m",
-        "V": "N·m per volt",
-    }
-)
+TORQUE_SCALES = {
+    "A": "torque constant, N·m/A",
+    "mA": "torque constant, N·m/A",
+    "%": "rated torque, N·m",
+    "‰": "rated torque, N·m",
+    "V": "N·m per volt",
+}
 """Meaning of the scale of a torque, by unit; other units have none."""
 
-QUANTITIES: Mapping[str, tuple[Mapping[str, float], Mapping[str, str]]] = MappingProxyType(
-    {"position": (ANGLE_UNITS, POSITION_SCALES), "torque": (TORQUE_UNITS, TORQUE_SCALES)}
-)
+QUANTITIES = {"position": (ANGLE_UNITS, POSITION_SCALES), "torque": (TORQUE_UNITS, TORQUE_SCALES)}
 """Units and scales of the two channels of a joint."""
 
 _SPELLINGS = {

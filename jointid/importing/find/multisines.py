@@ -12,6 +12,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.importing.find.lines import MOST_LINES, find_lines, fit_lines, in_lines
 from jointid.importing.find.segment import FEWEST_PERIODS, significant_lines
+from jointid.importing.find.sine_candidates import averaged
 from jointid.importing.find.steady_state import SEED_FRAMES, frames_of, grown, weighted
 
 _SHORTEST = 512  # samples of a window
@@ -58,18 +59,12 @@ def excited_lines(time: Floats, signals: Floats, share: float = 0.0) -> list[flo
     Shapes and order as in ``multisines``; long spans are averaged.
     """
     width = max(1, len(time) // _LONGEST)
-    time = _averaged(time, width)
-    theta, tau = np.hsplit(_averaged(signals, width), 2)
+    time = averaged(time, width)
+    theta, tau = np.hsplit(averaged(signals, width), 2)
     lines = find_lines(time, theta, tau)
     if len(lines) > 1 and (len(lines) == MOST_LINES or in_lines(time, theta, lines) < share):
         return []
     return significant_lines(time, theta, tau, lines) if len(lines) > 1 else lines
-
-
-def _averaged(values: Floats, width: int) -> Floats:
-    """Means of ``width`` samples each: a long window shows low frequencies in few samples."""
-    whole = values[: len(values) // width * width]
-    return values if width == 1 else whole.reshape(-1, width, *values.shape[1:]).mean(axis=1)
 
 
 def _free_around(free: np.ndarray, begin: int, end: int) -> slice:

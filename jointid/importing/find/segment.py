@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.arrays import Floats
+from jointid.arrays import Floats, finite_array, set_fields
 from jointid.errors import JointIdError
 from jointid.importing.find.lines import fit_lines
 from jointid.phasors.fitted_sine import sine_basis
-from jointid.wording import listed, shown
+from jointid.wording import listed
 
 FEWEST_PERIODS = 5
 """Fewest periods of a segment that is found automatically, of its lowest line."""
@@ -51,14 +51,11 @@ class Segment:
     def __post_init__(self) -> None:
         band = self.band_hz
         for name in ("start_s", "stop_s", *(() if band else ("frequency_hz",))):
-            value = getattr(self, name)
-            if not isinstance(value, float | int | np.floating) or not np.isfinite(value):
-                raise JointIdError(f"{name} = {shown(value)}: expected a finite number.")
-            object.__setattr__(self, name, float(value))
+            set_fields(self, **{name: float(finite_array(name, getattr(self, name), ndim=0))})
         lines = tuple(sorted(float(line) for line in (self.lines_hz or (self.frequency_hz,))))
         if band is not None:
             lines = ()
-            object.__setattr__(self, "band_hz", (float(band[0]), float(band[1])))
+            set_fields(self, band_hz=(float(band[0]), float(band[1])))
         elif min(lines) <= 0:
             raise JointIdError(f"The frequency of a run is {min(lines):g} Hz: it must be positive.")
         elif self.frequency_hz not in lines:
@@ -70,7 +67,7 @@ class Segment:
             raise JointIdError(
                 f"A run from {self.start_s:g} s to {self.stop_s:g} s is empty: the stop must come later."
             )
-        object.__setattr__(self, "lines_hz", lines)
+        set_fields(self, lines_hz=lines)
 
     @property
     def periods(self) -> float:

@@ -57,16 +57,17 @@ def sine_candidates(signals: Floats, progress: Callable[[float], None]) -> list[
     while frequency > lowest:
         progress(1 - frequency / highest)  # with averaging, the cost is proportional to the frequency
         while frequency * width * 2 * _COARSE_PER_PERIOD <= 1 and len(mean) >= 8:
-            mean, power = _halved(mean), _halved(power)
+            mean, power = averaged(mean, 2), averaged(power, 2)
             width *= 2
         found += _at_frequency(mean, power, width, frequency)
         frequency /= _GRID
     return sorted(found, key=lambda c: -c.score)
 
 
-def _halved(values: Floats) -> Floats:
-    even = len(values) // 2 * 2
-    return np.asarray(0.5 * (values[0:even:2] + values[1:even:2]))
+def averaged(values: Floats, width: int) -> Floats:
+    """Return means of ``width`` samples each: a long span shows low frequencies in few samples."""
+    whole = values[: len(values) // width * width]
+    return values if width == 1 else whole.reshape(-1, width, *values.shape[1:]).mean(axis=1)
 
 
 def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> Iterator[Candidate]:

@@ -30,7 +30,6 @@ _MAX_REST = 0.2  # motion at rest over strong motion, above which all is noise
 _MIN_SPAN_S = 1.0  # shorter spans are not reported
 _MARGIN = 0.5  # of a run to each side, which transients take
 _COARSE_STEPS = 4  # positions of an encoder that are too few for a sine
-_MAX_NAMED = 3  # spans that a note names
 
 _Trend = tuple[Floats, Floats, float]
 """Bends of the phase of a run, their standard errors, rad, and the growth of its amplitude."""
@@ -165,7 +164,8 @@ def unused_spans(
         for first, last in _uncovered(begin, end, covered):
             if last - first >= _MIN_SPAN_S:
                 reasons.setdefault(_reason(log, first, last), []).append((first, last))
-    return [f"{_listed_times(spans)}: {why}" for why, spans in reasons.items()]
+    named = {why: listed((_times(*s) for s in spans), at_most=3) for why, spans in reasons.items()}
+    return [f"{times}: {why}" for why, times in named.items()]
 
 
 def moving_spans(log: MappedLog) -> list[tuple[float, float]]:
@@ -215,12 +215,6 @@ def _reason(log: MappedLog, begin: float, end: float) -> str:
         "motion without a steady sine of five periods. Record each frequency "
         "longer, with rests between, " + _REMEDY
     )
-
-
-def _listed_times(spans: Sequence[tuple[float, float]]) -> str:
-    named = [_times(*span) for span in spans[:_MAX_NAMED]]
-    more = len(spans) - len(named)
-    return listed([*named, f"{more} more spans" if more > 1 else "1 more span"] if more else named)
 
 
 def _times(begin: float, end: float) -> str:

@@ -1,63 +1,35 @@
 """Convert a table to angles and torques in SI units, motor side."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, set_fields
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.map.mapping import Mapping
 from jointid.importing.map.sample_times import on_one_clock, sample_times
 from jointid.importing.map.unwrap import unwrapped
+from jointid.records import JointRecord
 from jointid.wording import counted, listed
 
 
 @dataclass(frozen=True, eq=False)
-class MappedLog:
-    """A log in SI units, motor side."""
+class MappedLog(JointRecord):
+    """A log in SI units, motor side; it may have gaps, so its interval is the median one.
 
-    time_s: Floats
-    """Strictly increasing times, shape (N,), s."""
-    theta_rad: Floats
-    """Motor angles, shape (N, n), rad."""
-    tau_Nm: Floats
-    """Motor torques, shape (N, n), N·m."""
-    torque_hold: bool = False
-    torque_delay_s: float = 0.0
+    Raises JointIdError as the records that are cut from it do.
+    """
+
     name: str = ""
     arm_rad: Floats | None = None
     """Angles behind the gears, shape (N, n), rad; NaN columns for joints without a second sensor."""
     notes: tuple[str, ...] = ()
     """Omissions and repairs, as sentences for the user."""
-    interval_s: float = field(init=False)
-    """Median sample interval, s."""
 
     def __post_init__(self) -> None:
-        time = finite_array("time_s", self.time_s, ndim=1)
-        theta = finite_array("theta_rad", self.theta_rad, ndim=2, order="F")
-        tau = finite_array("tau_Nm", self.tau_Nm, ndim=2, order="F")
-        if theta.shape != tau.shape or len(theta) != time.size or theta.shape[1] == 0:
-            raise JointIdError(
-                f"time_s, theta_rad and tau_Nm have shapes {time.shape}, {theta.shape} and {tau.shape}: "
-                "expected (N,), (N, n) and (N, n)."
-            )
-        steps = np.diff(time)
-        late = np.flatnonzero(steps <= 0)
-        if time.size < 2 or late.size:
-            fault = f"has {counted(time.size, 'value')}"
-            if late.size:
-                before, after = time[late[0] : late[0] + 2]
-                fault = f"goes from {before:.12g} s to {after:.12g} s at index {late[0] + 1}"
-            raise JointIdError(f"time_s {fault}: give two times or more, each above the one before.")
-        for name, value in (("time_s", time), ("theta_rad", theta), ("tau_Nm", tau)):
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "interval_s", float(np.median(steps)))
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return int(self.theta_rad.shape[1])
+        super().__post_init__()
+        set_fields(self, interval_s=float(np.median(np.diff(self.time_s))))
 
     def rows(self, start_s: float, stop_s: float) -> slice:
         """Rows from ``start_s`` to ``stop_s``, both included."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from typing import Any
 
-from jointid.arrays import finite_array
+from jointid.arrays import bounded_number, finite_array, set_fields
 from jointid.errors import JointIdError
 from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, SAMPLES, TIME_UNITS, TORQUE_UNITS
 from jointid.wording import listed, nearest, shown
@@ -40,10 +40,7 @@ class TimeColumn:
                     "time: sample numbers need a rate. Give rate_hz, samples per second: 1000, for "
                     "instance."
                 )
-            rate = float(finite_array("time: rate_hz (Hz)", self.rate_hz, ndim=0))
-            if rate <= 0:
-                raise JointIdError(f"time: rate_hz (Hz) = {rate:g}: must be positive.")
-            object.__setattr__(self, "rate_hz", rate)
+            set_fields(self, rate_hz=bounded_number("time: rate_hz", "Hz", self.rate_hz))
         elif self.rate_hz is not None:
             raise JointIdError(f'time: rate_hz goes with the unit "samples", not with "{self.unit}".')
         elif not self.column:
@@ -93,14 +90,14 @@ class JointMapping:
 
     def __post_init__(self) -> None:
         for what in QUANTITIES:
-            object.__setattr__(self, what, _checked_channel(what, getattr(self, what)))
+            set_fields(self, **{what: _checked_channel(what, getattr(self, what))})
         if self.arm is not None:
             arm = _checked_channel("position", self.arm)
-            object.__setattr__(self, "arm", replace(arm, side=JOINT) if arm.column else None)
+            set_fields(self, arm=replace(arm, side=JOINT) if arm.column else None)
         ratio = float(finite_array("gear_ratio", self.gear_ratio, ndim=0))
         if ratio == 0:
             raise JointIdError("gear_ratio = 0: give motor turns per joint turn, such as 100.")
-        object.__setattr__(self, "gear_ratio", ratio)
+        set_fields(self, gear_ratio=ratio)
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -165,9 +162,8 @@ class Mapping:
         listed = isinstance(self.assumed, list | tuple)
         if not listed or not all(isinstance(what, str) for what in self.assumed):
             raise JointIdError(f"assumed = {shown(self.assumed)}: expected names of entries.")
-        object.__setattr__(self, "assumed", tuple(self.assumed))
-        object.__setattr__(self, "joints", tuple(self.joints))
-        object.__setattr__(self, "torque_delay_s", delay)
+        assumed, joints = tuple(self.assumed), tuple(self.joints)
+        set_fields(self, assumed=assumed, joints=joints, torque_delay_s=delay)
 
     @property
     def n(self) -> int:

@@ -37,11 +37,11 @@ class NamedArray:
     """Arrays of different groups form different tables; only a time may come from a parent group."""
 
 
-def tables_of(file: str, arrays: Iterable[NamedArray], otherwise: str = "") -> tuple[LogTable, ...]:
+def tables_of(file: str, arrays: Iterable[NamedArray], otherwise: str) -> tuple[LogTable, ...]:
     """Put arrays of equal length and group together; tables have two columns or more, the largest first.
 
     Arrays that are not numeric, too short or three-dimensional are left out. Without a table, raises
-    JointIdError with the message ``otherwise``, if it is given.
+    JointIdError with the message ``otherwise``.
     """
     grouped: dict[tuple[str, int], list[LogColumn]] = {}
     held = 0
@@ -61,7 +61,7 @@ def tables_of(file: str, arrays: Iterable[NamedArray], otherwise: str = "") -> t
         columns = [*_time_above(grouped, group, rows), *columns]
         if 2 <= len(columns) <= MAX_COLUMNS:
             found.append(LogTable(f"{file}: {group}" if group else file, tuple(columns)))
-    if otherwise and not found:
+    if not found:
         raise JointIdError(otherwise)
     return most_first(file, found)
 

@@ -28,14 +28,14 @@ class ReaderProcess:
     def __init__(self, limits: Limits = LIMITS) -> None:
         self._limits = limits
         self._child = Child(__name__, limits)
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._folder = tempfile.TemporaryDirectory(prefix="jointid-")
 
     def read_content(self, name: str, data: bytes) -> tuple[LogTable, ...]:
         """Read the content of one file; all but plain text goes through a temporary file."""
         kind = kind_of(name, data[:4096])
         if kind == TEXT:
             return (read_text_table(name, data),)
-        path = Path(self._scratch(), f"log.{kind}")
+        path = Path(self._folder.name, f"log.{kind}")
         path.write_bytes(data)
         try:
             return self.read(kind, name, path)
@@ -47,9 +47,9 @@ class ReaderProcess:
 
         Raises JointIdError when it is no log, crashes the process, or exceeds the limits.
         """
-        request = {"kind": kind, "name": name, "path": str(path.absolute()), "scratch": self._scratch()}
+        place = {"path": str(path.absolute()), "scratch": self._folder.name}
         try:
-            header, body = self._child.ask(request)
+            header, body = self._child.ask({"kind": kind, "name": name} | place)
         except Ended as ended:
             late = f"reading it took more than {self._limits.time_s:g} s"
             fault = late if ended.late else "its content crashes the reader"
@@ -61,16 +61,10 @@ class ReaderProcess:
             raise JointIdError(header["error"])
         return _tables(header, body)
 
-    def _scratch(self) -> str:
-        if self._folder is None:
-            self._folder = tempfile.TemporaryDirectory(prefix="jointid-")
-        return self._folder.name
-
     def close(self) -> None:
         """End the process and remove temporary files."""
         self._child.stop()
-        if self._folder is not None:
-            self._folder.cleanup()
+        self._folder.cleanup()
 
 
 def _tables(header: dict[str, Any], body: bytes) -> tuple[LogTable, ...]:

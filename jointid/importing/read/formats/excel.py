@@ -61,14 +61,8 @@ def _require_small(file: str, path: str) -> None:
 def _cell(cell: Any) -> str:
     if isinstance(cell, bool):
         return str(int(cell))
-    if isinstance(cell, float | int):
-        return repr(cell)
-    if isinstance(cell, datetime.datetime):
-        return cell.isoformat(" ")
-    if isinstance(cell, datetime.time):
-        return cell.isoformat()
     if isinstance(cell, datetime.timedelta):
-        return repr(cell.total_seconds())
+        cell = cell.total_seconds()
     return " ".join(str(cell).split())
 
 

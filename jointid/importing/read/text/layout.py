@@ -16,8 +16,6 @@ from jointid.wording import listed
 
 BLANKS = " "
 """Separator of columns with any number of blanks between them."""
-MAX_LINE = 1 << 16
-"""Longest line of a text table, characters."""
 NO_NUMBER = frozenset(
     {"nan", "inf", "-inf", "+inf", "-nan", "na", "n/a", "null", "none", "-", "--", "1.#qnan", "#n/a", ""}
 )

@@ -2,14 +2,13 @@
 
 import io
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
-import pyarrow as pa  # type: ignore[import-untyped]
-import pyarrow.csv as pa_csv  # type: ignore[import-untyped]
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
+from jointid.files.csv_tables import ARROW_FAULTS, MAX_LINE, parsed_columns
 from jointid.importing.columns.column_words import WORDS, words_of
 from jointid.importing.columns.log_table import (
     MAX_COLUMNS,
@@ -22,7 +21,6 @@ from jointid.importing.columns.log_table import (
 from jointid.importing.read.text.clock_times import ClockCells
 from jointid.importing.read.text.layout import (
     BLANKS,
-    MAX_LINE,
     NO_NUMBER,
     TextLayout,
     decoded,
@@ -32,9 +30,6 @@ from jointid.importing.read.text.layout import (
 )
 from jointid.importing.read.text.numbers import is_number, value_of, without_thousands
 from jointid.wording import counted, listed
-
-_FAULTS = (pa.ArrowException, OSError, ValueError, KeyError, OverflowError)
-"""Exceptions of pyarrow for irregular rows."""
 
 
 def read_text_table(file: str, data: bytes) -> LogTable:
@@ -90,8 +85,9 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
             return None
         body = plain
     try:
-        columns = parsed_columns(body, len(layout.numeric), separator, layout.decimal, wanted)
-    except _FAULTS:
+        data, width = body.encode("utf-8", "replace"), len(layout.numeric)
+        columns = parsed_columns(data, width, wanted, separator, layout.decimal, _NULLS)
+    except ARROW_FAULTS:
         return None
     if quotes and columns[0].size != sum(bool(line.strip()) for line in body.split("\n")):
         return None  # a quote that is not closed swallows the lines up to the next one
@@ -192,8 +188,9 @@ def columns_of(
             f"{MAX_COLUMNS} columns. Export the log again."
         )
     try:
-        return parsed_columns("\n".join(rows), width, separator, decimal, range(width), integers)
-    except _FAULTS as error:
+        text = "\n".join(rows).encode("utf-8", "replace")
+        return parsed_columns(text, width, range(width), separator, decimal, _NULLS, integers)
+    except ARROW_FAULTS as error:
         for number, line in enumerate(lines, start=first_line):
             cells = _row(line, separator, width).split(separator)
             for name, cell in zip(names, map(str.strip, cells), strict=True):
@@ -212,27 +209,3 @@ def _row(line: str, separator: str, width: int) -> str:
     """Return a line with as many cells as the table has columns."""
     lacks = width - 1 - line.count(separator)
     return line + separator * lacks if lacks >= 0 else separator.join(line.split(separator)[:width])
-
-
-def parsed_columns(
-    text: str,
-    width: int,
-    separator: str,
-    decimal: str,
-    wanted: Iterable[int],
-    integers: Collection[int] = (),
-) -> list[Floats]:
-    """Return the wanted columns of regular rows; raises ``_FAULTS``."""
-    kinds = {str(k): pa.int64() if k in integers else pa.float64() for k in wanted}
-    table = pa_csv.read_csv(
-        pa.BufferReader(text.encode("utf-8", "replace")),
-        read_options=pa_csv.ReadOptions(column_names=[str(k) for k in range(width)]),
-        parse_options=pa_csv.ParseOptions(delimiter=separator, ignore_empty_lines=width > 1),
-        convert_options=pa_csv.ConvertOptions(
-            include_columns=[*kinds], column_types=kinds, null_values=_NULLS, decimal_point=decimal
-        ),
-    )
-    return [
-        np.asarray(column.fill_null(0) if int(name) in integers else column.to_numpy())
-        for name, column in zip(kinds, table.columns, strict=True)
-    ]
