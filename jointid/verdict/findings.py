@@ -148,10 +148,10 @@ def wrong_columns(
     misfit = _physical_misfit(evidence.fit)
     if np.any(disagreements(evidence.fit) > _FAR):  # fitted inertias may absorb a wrong scale
         misfit = max(misfit, GOOD)
-    found = wrong_data(phasors, inertias, misfit=misfit)
-    if not found and misfit >= GOOD:
-        found = tuple(axes_exchanged(evidence, Scorer.of(phasors, inertias)))
-    return found
+    if misfit < GOOD:
+        return ()
+    found = wrong_data(phasors, inertias)
+    return found or tuple(axes_exchanged(evidence, Scorer.of(phasors, inertias)))
 
 
 def _physical_misfit(fit: ElasticityFit) -> float:
