@@ -57,7 +57,6 @@ from jointid.uncertainty.sensitivity import prior_influence
 from jointid.uncertainty.torque_prediction import predict_torques
 from jointid.uncertainty.validation import (
     amplitude_dependence,
-    compensated_phasors,
     harmonic_content,
     record_residuals,
 )
@@ -437,7 +436,6 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
     yield "residuals", lambda: _residuals(analysis)
     yield "harmonics", lambda: harmonic_columns(harmonic_content(phasors))
     yield "amplitudes", lambda: amplitude_dependence(fit)
-    yield "freed", lambda: compensated_phasors(phasors, fit)
     yield "plan", lambda: _plan(analysis)
     yield "cut robot", lambda: (reason_unusable(analysis), cut_robot(analysis))
     yield "report", lambda: to_html(make_report(analysis, cut=False))

@@ -34,7 +34,6 @@ from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.torque_prediction import predict_torques
 from jointid.uncertainty.validation import (
     amplitude_dependence,
-    compensated_phasors,
     harmonic_content,
     record_residuals,
 )
@@ -132,10 +131,10 @@ def test_prediction_needs_frequencies() -> None:
         predict_torques(fit)
 
 
-def test_compensated_phasors_obey_the_springs() -> None:
+def test_phasors_without_friction_obey_the_springs() -> None:
     phasors = extract_phasors(rubbing((0.2, 0.04)))
     fit = identify_elasticity(phasors, PARALLELOGRAM, method="maximum-likelihood", friction=True)
-    free = compensated_phasors(phasors, fit)
+    free = fit.phasors
     H = motor_response(free.omega, PARALLELOGRAM, PAPER)
     expected = -(free.omega[:, None] ** 2) * free.q
     found = np.einsum("rij,rj->ri", H, free.tau)

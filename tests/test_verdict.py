@@ -1102,7 +1102,7 @@ def test_a_filter_is_a_wrong_hold_only_where_a_delay_explains_the_data(other: st
     chosen = replace(case.fit.candidates[0], parts=("position_filter",), chosen=True)
     twin = replace(chosen, parts=(other,), chosen=False)
     fit = replace(case.fit, parameters=p, candidates=(chosen, twin))
-    assert bool(half_a_sample(replace(case, fit=fit))) == named
+    assert bool(half_a_sample(replace(case, fit=fit))[0]) == named
 
 
 def test_effects_that_cannot_be_told_apart_are_named_together() -> None:

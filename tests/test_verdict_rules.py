@@ -303,8 +303,7 @@ def limited(misfit: float, left: float, *, inflation: float = 1.0, K: float = 0.
 def test_a_misfit_matters_with_its_share_of_the_torque(
     monkeypatch: pytest.MonkeyPatch, misfit: float, left: float, level: list[str], title: str
 ) -> None:
-    monkeypatch.setattr(rules_model, "half_a_sample", lambda _: "")
-    monkeypatch.setattr(rules_model, "hold_change", lambda _: [])
+    monkeypatch.setattr(rules_model, "half_a_sample", lambda _: ("", []))
     monkeypatch.setattr(rules_model, "distortion", lambda _: 0.9e-3)
     for inflation in (1.0, 4.0):
         given = case(fit=limited(misfit, left, inflation=inflation), has_motions=False)
@@ -347,7 +346,6 @@ def test_a_record_with_five_times_the_misfit_of_the_others_is_named(
 
 def test_usual_causes_are_friction_or_what_a_record_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     def remedy(odd: float, **parts: Any) -> str:
-        monkeypatch.setattr(rules_model, "half_a_sample", lambda _: "")
         monkeypatch.setattr(rules_model, "distortion", lambda _: odd)
         return rules_model._usual_cause(case(fit=two_joints(**parts)), "")
 
@@ -440,12 +438,10 @@ def test_half_a_sample_is_a_hold(samples: float, held: bool, text: str) -> None:
     parameters = case(delay=samples * 1e-3, effect=lambda _: 0.0)
     fit = two_joints(parameters=parameters, candidates=())
     given = case(fit=fit, records=[case(torque_hold=held, interval_s=1e-3)] * 2)
-    remedy = rules_causes.half_a_sample(given)
+    remedy, changes = rules_causes.half_a_sample(given)
     assert text in remedy
     assert bool(remedy) == bool(text)
-    assert [change.values for change in rules_causes.hold_change(given)] == [(float(not held),)] * bool(
-        text
-    )
+    assert [change.values for change in changes] == [(float(not held),)] * bool(text)
 
 
 def test_models_of_as_many_parts_within_six_of_the_criterion_are_alternatives() -> None:

@@ -9,19 +9,18 @@ from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.wording import UNDETERMINED, significant
 
 _PARTS = {
-    "noise": "noise",
-    "prior": "inertias and torque scale",
-    "unseen": "friction harmonics",
-    "choice": "choice of model",
+    "noise": ("noise", "use longer records or a larger motion"),
+    "prior": (
+        "inertias and torque scale",
+        "enter more accurate inertias or torque constants, or add records with a known payload",
+    ),
+    "unseen": ("friction harmonics", "move the joints faster, so that friction matters less"),
+    "choice": (
+        "choice of model",
+        "add records of other amplitudes and frequencies, which decide between the models",
+    ),
 }
-"""Name of each part; the fit holds it as ``noise_error`` and so on."""
-_REMEDIES = {
-    "noise": "use longer records or a larger motion",
-    "prior": "enter more accurate inertias or torque constants, or add records with a known payload",
-    "unseen": "move the joints faster, so that friction matters less",
-    "choice": "add records of other amplitudes and frequencies, which decide between the models",
-}
-"""What reduces each part."""
+"""Name of each part, and what reduces it; the fit holds it as ``noise_error`` and so on."""
 PARTS_MEANING = (
     "Friction harmonics: allowance for the shape of friction beyond the fitted harmonics. Choice of "
     "model: difference from models that fit about as well."
@@ -42,13 +41,10 @@ def largest_part(fit: ElasticityFit) -> str:
     parts, size = error_parts(fit), np.maximum(np.abs(fit.estimate), np.finfo(float).tiny)
     worst = int(np.argmax(fit.standard_error / size))
     main = max(parts, key=lambda key: float(parts[key][worst]))
-    name = elasticity_labels(fit.n)[worst]
+    name, (part, remedy) = elasticity_labels(fit.n)[worst], _PARTS[main]
     if not np.isfinite(fit.standard_error[worst]):
         return f"{name} is {UNDETERMINED}: the findings name the record that is missing."
-    return (
-        f"The largest error is that of {name}; its largest part comes from {_PARTS[main]}: "
-        f"{_REMEDIES[main]}."
-    )
+    return f"The largest error is that of {name}; its largest part comes from {part}: {remedy}."
 
 
 def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> dict[str, list[str]]:
@@ -56,7 +52,7 @@ def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> dict[str,
 
     Parts that are zero throughout are left out; that with the largest share of an error comes first.
     """
-    parts = [(_PARTS[key], error) for key, error in error_parts(fit).items() if np.any(error > 0)]
+    parts = [(_PARTS[key][0], error) for key, error in error_parts(fit).items() if np.any(error > 0)]
     total = fit.standard_error
     known = np.isfinite(total) & (total > 0)
     parts.sort(key=lambda part: -float(np.max(part[1][known] / total[known], initial=0.0)))

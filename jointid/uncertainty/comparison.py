@@ -44,13 +44,11 @@ def compare(
             "choose studies of the same joints."
         )
     shown = map(elasticity_quantities, (first, second), units)
-    pairs = zip(*shown, strict=True)
-    return tuple(_difference(one, other, same_records) for one, other in pairs)
-
-
-def _difference(first: Quantity, second: Quantity, same_records: bool) -> Difference:
-    error = float(np.hypot(first.error, second.error))
-    change = second.value - first.value
-    sigmas = np.nan if same_records or error == 0 else change / error
-    relative = change / first.value if first.value else np.nan
-    return Difference(first, second, relative, float(sigmas))
+    found = []
+    for one, other in zip(*shown, strict=True):
+        error = float(np.hypot(one.error, other.error))
+        change = other.value - one.value
+        sigmas = np.nan if same_records or error == 0 else change / error
+        relative = change / one.value if one.value else np.nan
+        found.append(Difference(one, other, relative, float(sigmas)))
+    return tuple(found)

@@ -1,6 +1,6 @@
 """Model validation: residuals, harmonics, nonlinearity."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,20 +15,6 @@ _DEFLECTION_RATIO = 1.3
 """Smallest ratio of deflections of the records compared for a nonlinear stiffness."""
 _DOUBT = 10.0
 """Difference of the criterion up to which a model is a rival of the chosen one."""
-
-
-def compensated_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
-    """Fundamentals with the identified friction and delay subtracted from the torque.
-
-    Harmonics, which a linear model does not have, are left out.
-    """
-    return replace(
-        phasors,
-        q=fit.phasors.q,
-        tau=fit.phasors.tau,
-        harmonics=fit.phasors.z[:, None],
-        harmonic_covariance=phasors.covariance[:, None],
-    )
 
 
 @dataclass(frozen=True, eq=False)

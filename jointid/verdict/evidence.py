@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -106,25 +107,27 @@ class Evidence:
         return index, self.inertias[int(index[0])]
 
 
-def problem(
-    title: str, detail: str, remedy: str, effect: float, action: Action = "", *changes: Change
+def _finding(
+    level: str,
+    least: float,
+    most: float,
+    title: str,
+    detail: str,
+    remedy: str,
+    effect: float,
+    action: Action = "",
+    *changes: Change,
 ) -> Finding:
-    """Return a finding that makes the answer unusable."""
-    return Finding("problem", title, detail, remedy, 100.0 + _bounded(effect), action, changes)
+    effect = float(np.clip(np.nan_to_num(effect, nan=0.0, posinf=most), 0.0, most))
+    return Finding(level, title, detail, remedy, least + effect, action, changes)
 
 
-def warning(
-    title: str, detail: str, remedy: str, effect: float, action: Action = "", *changes: Change
-) -> Finding:
-    """Return a finding that changes the answer by ``effect``, relative, beyond the error bars."""
-    return Finding("warning", title, detail, remedy, 10.0 + _bounded(effect), action, changes)
-
-
-def note(
-    title: str, detail: str, remedy: str, effect: float, action: Action = "", *changes: Change
-) -> Finding:
-    """Return a finding that the answer accounts for; otherwise it would change by ``effect``."""
-    return Finding("note", title, detail, remedy, min(4.0, _bounded(effect)), action, changes)
+problem = partial(_finding, "problem", 100.0, 80.0)
+"""Return a finding that makes the answer unusable."""
+warning = partial(_finding, "warning", 10.0, 80.0)
+"""Return a finding that changes the answer by ``effect``, relative, beyond the error bars."""
+note = partial(_finding, "note", 0.0, 4.0)
+"""Return a finding that the answer accounts for; otherwise it would change by ``effect``."""
 
 
 def good(title: str, detail: str) -> Finding:
@@ -157,7 +160,3 @@ def relative(change: Floats, p: Floats) -> Floats:
     """Return |change| over |p|; a thousand where p is zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.nan_to_num(np.abs(change / p), nan=0.0, posinf=1e3))
-
-
-def _bounded(effect: float) -> float:
-    return float(np.clip(np.nan_to_num(effect, nan=0.0, posinf=80.0), 0.0, 80.0))

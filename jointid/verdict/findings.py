@@ -33,7 +33,6 @@ from jointid.verdict.rules_model import (
     resonance_missed,
 )
 from jointid.verdict.rules_outlier import (
-    find_outlier,
     foreign_torques,
     motors_take_power,
     one_record_off,
@@ -106,29 +105,25 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     """
     found = [*of_records(evidence), *one_frequency(evidence)]
     judge = _best_fit(evidence)
-    scales = tuple(foreign_torques(replace(evidence, fit=judge)))
-    outlier = None
-    if not scales:
-        outlier = find_outlier(evidence.phasors, list(evidence.inertias), judge)
-    if outlier is not None and outlier.record not in off_frequency(evidence):  # reported with its cause
-        found.append(one_record_off(evidence, outlier))
+    judged = replace(evidence, fit=judge)
+    scales = tuple(foreign_torques(judged))
+    outlier = None if scales else one_record_off(judged)
+    if outlier is not None and outlier[0] not in off_frequency(evidence):  # reported with its cause
+        found.append(outlier[1])
     if outlier is None and not scales:
-        scales = wrong_columns(replace(evidence, fit=judge), evidence.phasors, evidence.inertias)
+        scales = wrong_columns(judged, evidence.phasors, evidence.inertias)
         if not scales and _physical_misfit(judge) >= GOOD:
             scales = tuple(motors_take_power(evidence))
     found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
-        judged = replace(evidence, fit=judge)
         wrong = list(inertias_look_wrong(judged))
         found += wrong
         if not wrong:  # wrong inertias would pass for these
             causes = [*poses_disagree(evidence), *depends_on_amplitude(evidence)]
             doubts = [finding for rule in _OF_ITS_PRECISION for finding in rule(evidence)]
             found += causes + [each for each in doubts if not causes or each.level == "problem"]
-    if not any(finding.level in ("problem", "warning") for finding in found):
-        found.append(all_well(evidence.fit))
-    return tuple(sorted(found, key=lambda finding: -finding.weight))
+    return ranked(found, evidence.fit)
 
 
 def _best_fit(evidence: Evidence) -> ElasticityFit:
@@ -153,10 +148,10 @@ def wrong_columns(
     misfit = _physical_misfit(evidence.fit)
     if np.any(disagreements(evidence.fit) > _FAR):  # fitted inertias may absorb a wrong scale
         misfit = max(misfit, GOOD)
-    found = wrong_data(phasors, inertias, misfit=misfit)
-    if not found and misfit >= GOOD:
-        found = tuple(axes_exchanged(evidence, Scorer.of(phasors, inertias)))
-    return found
+    if misfit < GOOD:
+        return ()
+    found = wrong_data(phasors, inertias)
+    return found or tuple(axes_exchanged(evidence, Scorer.of(phasors, inertias)))
 
 
 def _physical_misfit(fit: ElasticityFit) -> float:
@@ -168,7 +163,14 @@ def of_records(evidence: Evidence) -> list[Finding]:
     return [finding for rule in _OF_RECORDS for finding in rule(evidence)]
 
 
-def all_well(fit: ElasticityFit) -> Finding:
+def ranked(found: Sequence[Finding], fit: ElasticityFit) -> tuple[Finding, ...]:
+    """Findings, most important first, with the one that no action is needed if they leave no doubt."""
+    if not any(finding.level in ("problem", "warning") for finding in found):
+        found = [*found, _all_well(fit)]
+    return tuple(sorted(found, key=lambda finding: -finding.weight))
+
+
+def _all_well(fit: ElasticityFit) -> Finding:
     """The finding that no action is needed."""
     share = relative(fit.standard_error, fit.estimate)
     errors = ", ".join(

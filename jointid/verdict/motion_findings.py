@@ -11,7 +11,7 @@ from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.transfer_matrix import TransferMatrix
 from jointid.verdict.evidence import Evidence, Finding, problem, some, warning
-from jointid.verdict.findings import all_well, of_records, wrong_columns
+from jointid.verdict.findings import of_records, ranked, wrong_columns
 from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import inertias_off, judged
@@ -54,11 +54,10 @@ def motion_findings(
     motions = tuple(record for record in records if isinstance(record, MotionRecord))
     of_motions = Evidence(motions, inertias, phasors.select(np.zeros(0, int)), fit, {})
     found = [*not_physical(evidence), *counted_twice(of_motions)]
-    sines = [k for k, record in enumerate(records) if isinstance(record, SineRecord)]
     if linear := fits.get("weighted"):
-        chosen = tuple(record for record in records if isinstance(record, SineRecord))
-        theirs = [inertias[k] for k in sines]
-        found += of_records(Evidence(chosen, theirs, phasors, linear, {}))
+        pairs = zip(records, inertias, strict=True)
+        theirs = [inertia for record, inertia in pairs if isinstance(record, SineRecord)]
+        found += of_records(Evidence(evidence.sines, theirs, phasors, linear, {}))
     rests = np.mean([share_at_rest(record) for record in motions], axis=0)
     causes: list[Finding] = []
     if matrices and rests.max() < _RESTS:  # friction that holds a motor is like another inertia
@@ -70,9 +69,7 @@ def motion_findings(
         resting = list(_joints_at_rest(fit, rests))
         rules = (model_limits, hardly_tested, hardly_known)[: 2 if resting else 3]
         found += [*resting, *(each for rule in rules for each in rule(evidence))]
-    if not any(finding.level in ("problem", "warning") for finding in found):
-        found.append(all_well(fit))
-    return tuple(sorted(found, key=lambda finding: -finding.weight))
+    return ranked(found, fit)
 
 
 def _responses(

@@ -109,17 +109,18 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     others = " or ".join(alternatives(fit, "delay").values())
     title = f"The torque {'lags' if lag > 0 else 'leads'} by {size}"
     samples = with_error(abs(lag) / interval, fit.delay_error / interval)
+    remedy, changes = half_a_sample(evidence)
     yield note(
         f"{title}, or there is {others}" if others else title,
         f"{CANNOT_TELL if others else ''}That is {samples} samples; the fit includes it. Without it, "
         f"{elasticity_labels(fit.n)[worst]} would be about {percent(share[worst])} too "
         f"{'high' if shift[worst] > 0 else 'low'}.",
-        half_a_sample(evidence)
+        remedy
         or f"If the drive has such a delay, add {_in_a_file(1e3 * lag)} ms to the torque's delay on "
         f"import, or {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml.",
         float(share[worst]),
         "edit mapping",
-        *(hold_change(evidence) or [Change("delay", values=(lag,))]),
+        *(changes or [Change("delay", values=(lag,))]),
     )
 
 
@@ -148,8 +149,8 @@ def alternatives(fit: ElasticityFit, part: str) -> dict[str, str]:
     return found
 
 
-def half_a_sample(evidence: Evidence) -> str:
-    """Remedy for a delay from a missing or wrong statement of the hold; else empty.
+def half_a_sample(evidence: Evidence) -> tuple[str, list[Change]]:
+    """Remedy and change for a delay from a missing or wrong statement of the hold; else empty.
 
     A filter of the torque acts like a delay by its time constant, one of the position like a lead. They
     count where a delay explains the data as well.
@@ -164,19 +165,13 @@ def half_a_sample(evidence: Evidence) -> str:
         return (
             "The torque lags by half a sample. If the controller holds the torque from one sample to "
             "the next, set torque held on import, or torque_hold = true in study.toml."
-        )
+        ), [Change("hold", values=(1.0,))]
     if all(held) and np.all(np.abs(samples + 0.5) < 0.1):
         return (
             "The torque leads by half a sample, so it is probably not held. Set torque not held on "
             "import, or torque_hold = false in study.toml."
-        )
-    return ""
-
-
-def hold_change(evidence: Evidence) -> list[Change]:
-    """The change of the remedy of ``half_a_sample``; empty without one."""
-    hold = float(not evidence.records[0].torque_hold)
-    return [Change("hold", values=(hold,))] if half_a_sample(evidence) else []
+        ), [Change("hold", values=(0.0,))]
+    return "", []
 
 
 def poses_disagree(evidence: Evidence) -> Iterator[Finding]:

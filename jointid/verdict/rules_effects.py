@@ -10,7 +10,7 @@ from jointid.estimation.estimators.parameters import GEAR_LAWS, PARAMETERS
 from jointid.estimation.quantities import Quantity, quantities
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.evidence import Evidence, Finding, note
-from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample, hold_change
+from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample
 from jointid.verdict.rules_model import contradicts
 from jointid.wording import capitalised, enumerated, percent, significant
 
@@ -76,18 +76,17 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         title, remedy = _REMEDIES[name]
         title = re.sub(r"\{(.*)\|(.*)\}", r"\2" if clearest.value < 0 else r"\1", title)
         others = " or ".join(alternatives(fit, name).values())
-        if name in _TIMES:
-            remedy = half_a_sample(evidence) or remedy
+        hold, changes = half_a_sample(evidence) if name in _TIMES else ("", [])
         if name in GEAR_LAWS:
             remedy = f"{remedy} {_settled_by(evidence)}".strip()
         yield note(
             f"{title}, or there is {others}" if others else title,
             f"{capitalised(PARAMETERS[name].name)}: {values}. {CANNOT_TELL if others else ''}"
             "The fit includes it.",
-            remedy,
+            hold or remedy,
             0.01,
             "",
-            *(hold_change(evidence) if name in _TIMES else []),
+            *changes,
         )
 
 

@@ -1,6 +1,6 @@
 """Rules of the verdict on the given inertias and torque scales: wrong, or of other joints."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -24,7 +24,6 @@ from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.prior_rows import PriorRow, disagreements, prior_rows
-from jointid.uncertainty.validation import compensated_phasors
 from jointid.verdict.cause_findings import axes_look_wrong
 from jointid.verdict.evidence import (
     Change,
@@ -76,17 +75,13 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
         return
     inertias = [tried[best].inertia(each) for each in evidence.inertias]
     prior = fit.prior.like(inertias, (len(inertias), fit.n))
-    start = None
-    if not evidence.has_motions:  # a whole fit takes long, and often in vain
-        as_given, start = (_probed(evidence.phasors, each) for each in (fit.prior, prior))
-        if start is None or start.misfit > _enough(as_given.misfit if as_given else np.inf):
-            return
-    other = _refitted(evidence, prior, start)
+    as_given = None if evidence.has_motions else _probed(evidence.phasors, fit.prior)
+    other = _refitted(evidence, prior, as_given.misfit if as_given else np.inf, (_probed,))
     if other is None:
         return
     before, after = (float(disagreements(each).max(initial=0.0)) for each in (fit, other))
     most = min(CLEAR, _NEARER * before) if fit.misfit <= _EXPLAINED else CLEAR
-    if np.any(other.estimate <= 0) or other.misfit > _EXPLAINED or after > most:
+    if np.any(other.estimate <= 0) or after > most:
         return
     texts = [
         times_noise(each.misfit)
@@ -159,47 +154,39 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
 
 def judged(evidence: Evidence) -> ElasticityFit | None:
     """The fit with inertias or torque scales of its own, if it explains the data; exact ones stay."""
-    own, fit = evidence.fit, evidence.fit
-    if "M2" not in fit.parameters.layout:
-        if fit.misfit <= _EXPLAINED:
-            return fit if "torque_scale" in fit.parameters.layout else None
-        loose, start = replace(fit.prior, inertia_std=LOOSE, torque_std=0.0), None
-        if not evidence.has_motions:
-            start = _explained(evidence, loose)
-            if start is None:
-                return None
-        found = _refitted(evidence, loose, start)
-        if found is None:
-            return None
-        own = found
-    return own if own.misfit <= _EXPLAINED else None
+    fit = evidence.fit
+    if "M2" in fit.parameters.layout:
+        return fit if fit.misfit <= _EXPLAINED else None
+    if fit.misfit <= _EXPLAINED:
+        return fit if "torque_scale" in fit.parameters.layout else None
+    loose = replace(fit.prior, inertia_std=LOOSE, torque_std=0.0)
+    return _refitted(evidence, loose, fit.misfit, (_probed, partial(refit, fit=fit)))
 
 
-def _explained(evidence: Evidence, loose: InertiaPrior) -> Estimate | None:
-    """One fit with free inertias that explains far more: a search takes long, and often in vain."""
-    most = _enough(evidence.fit.misfit)
-    for found in (_probed, partial(refit, fit=evidence.fit)):
+def _refitted(
+    evidence: Evidence,
+    prior: InertiaPrior,
+    misfit: float,
+    probes: Sequence[Callable[[Phasors, InertiaPrior], Estimate | None]],
+) -> ElasticityFit | None:
+    """Search for a fit with other inertias that explains the records; None in vain.
+
+    It takes long: one fit, the first of ``probes`` that does, must explain far more than ``misfit``.
+    """
+    found, start = None, None
+    for probe in () if evidence.has_motions else probes:
         with suppress(JointIdError):
-            start = found(evidence.phasors, loose)
-            if start is not None and start.misfit <= most:
-                return start
-    return None
-
-
-def _enough(misfit: float) -> float:
-    """Misfit of a first fit from which a search with other inertias may explain the data."""
-    return max(_EXPLAINED, _FAR_LOWER * misfit)
-
-
-def _refitted(evidence: Evidence, prior: InertiaPrior, start: Estimate | None) -> ElasticityFit | None:
-    """The fit of the same records with other inertias, if there is one."""
+            tried = probe(evidence.phasors, prior)
+            if tried is not None and tried.misfit <= max(_EXPLAINED, _FAR_LOWER * misfit):
+                start = tried.named
+                break
     with suppress(JointIdError):
-        if not evidence.has_motions:
-            near = None if start is None else start.named
-            return identify_each(evidence.phasors, prior, ["auto"], start=near)["auto"]
-        given, std = prior.given, (prior.inertia_std, prior.torque_std)
-        return identify_motion(evidence.records, given, inertia_std=std[0], torque_std=std[1])
-    return None
+        if start is not None:
+            found = identify_each(evidence.phasors, prior, ["auto"], start=start)["auto"]
+        elif evidence.has_motions:
+            given, std = prior.given, (prior.inertia_std, prior.torque_std)
+            found = identify_motion(evidence.records, given, inertia_std=std[0], torque_std=std[1])
+    return found if found is not None and found.misfit <= _EXPLAINED else None
 
 
 def _significance(row: PriorRow, exact: bool) -> float:
@@ -212,14 +199,13 @@ def _significance(row: PriorRow, exact: bool) -> float:
 def _far_off(evidence: Evidence) -> Iterator[Finding]:
     """At low frequency the torques are (M + M2) q̈, which shows inertias of another pose or drive."""
     fit = evidence.fit
-    free = compensated_phasors(evidence.phasors, fit)
     if fit.misfit < 100 or distortion(evidence) > 0.02:
         return
     for pose in dict.fromkeys(evidence.poses):
         index, inertia = evidence.of_pose(pose)
         if _explained_alone(evidence, index, inertia):
             continue
-        measured = low_frequency_inertia(free.select(index), [inertia] * index.size)
+        measured = low_frequency_inertia(fit.phasors.select(index), [inertia] * index.size)
         if measured is None:
             continue
         given = np.diag(inertia.M) + inertia.M2
@@ -227,8 +213,8 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
         off = np.abs((measured + measured.T) / 2 - given) / scale
         i, j = (int(k) for k in np.unravel_index(np.argmax(off), off.shape))
         falling = np.flatnonzero(np.diag(measured) <= 0)
+        where = f" in pose {pose}" if pose else ""
         if falling.size:
-            where = f" in pose {pose}" if pose else ""
             yield problem(
                 f"A spring or gravity acts on joint {falling[0] + 1} at low frequency{where}",
                 "At the lowest frequencies its torque opposes the acceleration, unlike that of an "
@@ -237,9 +223,10 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
                 "pose without gravity torque and without forces from springs and hoses.",
                 1.0,
             )
-        elif off[i, j] > _FAR_OFF > _unexplained(free.select(index), measured):  # no change of scale
+        elif (
+            off[i, j] > _FAR_OFF > _unexplained(fit.phasors.select(index), measured)
+        ):  # no change of scale
             element = f"J_m{i + 1} + J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}"
-            where = f" in pose {pose}" if pose else ""
             yield problem(
                 f"The inertias look wrong{where}",
                 "At low frequency, where the springs have no effect, torque over acceleration gives "

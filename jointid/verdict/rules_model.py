@@ -24,7 +24,7 @@ from jointid.verdict.evidence import (
     times_noise,
     warning,
 )
-from jointid.verdict.rules_causes import distortion, half_a_sample, hold_change
+from jointid.verdict.rules_causes import distortion, half_a_sample
 from jointid.wording import counted, enumerated, percent
 
 EXPLAINED = 3.0
@@ -144,6 +144,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         widened = times_noise(fit.inflation).removesuffix(" × noise")
         left += f". The noise part of the error bars is widened by a factor of {widened}"
     odd_record, changes = _odd_record(evidence)
+    hold, hold_changes = half_a_sample(evidence)
     make = problem if contradicts(fit) and fit.method not in LINEAR else warning
     parts = fitted_parts(fit) if make is problem else []
     if parts:
@@ -151,10 +152,10 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     finding = make(
         "The model does not explain the data" if make is problem else MODEL_LIMITS,
         f"{left}.{odd_record}",
-        _usual_cause(evidence, odd_record),
+        hold or _usual_cause(evidence, odd_record),
         float(relative(fit.standard_error, fit.estimate).max()),
-        "edit mapping" if half_a_sample(evidence) else "edit runs" if changes else "",
-        *hold_change(evidence),
+        "edit mapping" if hold else "edit runs" if changes else "",
+        *hold_changes,
         *changes,
     )
     yield replace(finding, code="model limits")
@@ -178,8 +179,6 @@ def _share_of_angles(fit: ElasticityFit) -> float:
 def _usual_cause(evidence: Evidence, odd_record: str) -> str:
     """Remedy for a residual above the noise."""
     fit = evidence.fit
-    if mended := half_a_sample(evidence):
-        return mended
     if odd_record:
         return (
             "Check the columns, the load and the sample rate of this record, or leave it out. Without "

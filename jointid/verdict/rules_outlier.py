@@ -6,12 +6,10 @@ angles: a factor on angle or torque that corrects the record.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.passivity import taken_power
 from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
@@ -76,64 +74,17 @@ _RESONANCE = 1.5
 _LEAVE_OUT = "untick its run on import, or delete its [[records]] entry in study.toml"
 
 
-@dataclass(frozen=True, eq=False)
-class Outlier:
-    """One record that contradicts the others."""
+def one_record_off(evidence: Evidence) -> tuple[int, Finding] | None:
+    """Record that contradicts all others, with its finding; None unless there is exactly one.
 
-    record: int
-    misfit_with: float
-    """Cost over its expected value with all records; infinite for unphysical K."""
-    misfit_without: float
-    """The same without the record."""
-    stiffness: Floats
-    """Magnitude of its own dynamic stiffness over that of the others, (n,)."""
-    factor: Floats | None
-    """Torque over angle of each joint, measured over expected, (n,); None when no factor mends it."""
-    by_angle: bool
-    """Whether the factor is on the angles rather than on the torques."""
-
-
-def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
-    """Finding on the record that contradicts the others, and the factor that corrects it."""
-    label, n = evidence.phasors.labels[found.record], evidence.fit.n
-    k = int(np.argmax(np.abs(np.log(np.maximum(found.stiffness, 1e-12)))))
-    before = (
-        "the fit has no positive stiffness"
-        if np.isinf(found.misfit_with)
-        else f"the residual is {times_noise(found.misfit_with)}"
-    )
-    detail = (
-        f"With it, {before}; without it, the residual of the other {evidence.phasors.omega.size - 1} "
-        f"records is {times_noise(found.misfit_without)}. Its value for the dynamic stiffness of joint "
-        f"{k + 1} is {number(float(found.stiffness[k]), 2)} times that of the other records. "
-    )
-    title, cause, remedy = _outlier_text(found, label, n)
-    changes = [Change("leave out", (found.record,))]
-    if found.factor is not None and np.isin(found.factor, _KNOWN).all():
-        ones = np.ones(n)
-        scale = np.r_[1 / found.factor, ones] if found.by_angle else np.r_[ones, found.factor]
-        changes.insert(0, Change("scale", (found.record,), tuple(scale.tolist())))
-    return problem(title, detail + cause, remedy, 10.0, "edit runs", *changes)
-
-
-def find_outlier(
-    phasors: Phasors, inertias: list[Inertia], fit: ElasticityFit | None = None
-) -> Outlier | None:
-    """Find the record that contradicts the others; None unless there is exactly one.
-
-    Parameters
-    ----------
-    phasors : Phasors
-    inertias : list of Inertia
-        One per record.
-    fit : ElasticityFit, optional
-        The answer. With a small misfit there is no search.
+    With a small misfit of the answer there is no search.
     """
+    phasors, fit = evidence.phasors, evidence.fit
     count, n = phasors.omega.size, phasors.n
-    sound = fit is not None and bool(np.all(fit.K > 0)) and fit.misfit < GOOD
+    sound = bool(np.all(fit.K > 0)) and fit.misfit < GOOD
     if sound or count - 1 < max(_FEWEST, n + 1):
         return None
-    scorer = Scorer.of(phasors, inertias)
+    scorer = Scorer.of(phasors, evidence.inertias)
     as_logged = [scorer.as_logged()]
     whole = scorer.scores(as_logged)
     if whole.cost[0] < GOOD:
@@ -144,37 +95,58 @@ def find_outlier(
     if not (left < _LEFT * reference and without.cost[second] >= _OTHERS_LEFT * reference):
         return None
     K, D = without.K[first], without.D[first]
-    factor, by_angle = _factor(phasors, inertias[first], K, D, first)
+    factor, by_angle = _factor(phasors, evidence.inertias[first], K, D, first)
     if factor is not None:
-        scale = np.r_[factor, np.ones(n)] if by_angle else np.r_[np.ones(n), 1 / factor]
-        corrected = scorer.corrected(first, 1 / scale).scores(as_logged).cost[0]
+        scale = np.r_[1 / factor, np.ones(n)] if by_angle else np.r_[np.ones(n), factor]
+        corrected = scorer.corrected(first, scale).scores(as_logged).cost[0]
         factor = factor if corrected <= max(3 * left, 0.1 * _LEFT * reference) else None
     if factor is None and not left < GOOD:
         return None  # the others do not fit either
-    own = np.abs(spring_equations(phasors, inertias).stiffness[first])
-    expected = np.abs(K + 1j * phasors.omega[first] * D)
-    return Outlier(first, float(whole.cost[0]), left, own / expected, factor, by_angle)
+    own = np.abs(spring_equations(phasors, evidence.inertias).stiffness[first])
+    stiffness = own / np.abs(K + 1j * phasors.omega[first] * D)
+    k = int(np.argmax(np.abs(np.log(np.maximum(stiffness, 1e-12)))))
+    before = "the fit has no positive stiffness"
+    if np.isfinite(whole.cost[0]):
+        before = f"the residual is {times_noise(float(whole.cost[0]))}"
+    title, cause, remedy = _outlier_text(phasors.labels[first], factor, by_angle)
+    changes = [Change("leave out", (first,))]
+    if factor is not None and np.isin(factor, _KNOWN).all():
+        changes.insert(0, Change("scale", (first,), tuple(scale.tolist())))
+    return first, problem(
+        title,
+        f"With it, {before}; without it, the residual of the other {count - 1} "
+        f"records is {times_noise(left)}. Its value for the dynamic stiffness of joint "
+        f"{k + 1} is {number(float(stiffness[k]), 2)} times that of the other records. {cause}",
+        remedy,
+        10.0,
+        "edit runs",
+        *changes,
+    )
 
 
-def _outlier_text(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
-    if found.factor is None:
+def _outlier_text(label: str, factors: Floats | None, by_angle: bool) -> tuple[str, str, str]:
+    """Title, cause and remedy, for factors on the angles or torques of all joints.
+
+    ``factors`` is None where none corrects the record.
+    """
+    if factors is None:
         return (
             f"{label} contradicts all other records",
             "No factor on its angles or torques corrects it.",
             f"Check the columns, the pose and the load of {label}, or leave it out: {_LEAVE_OUT}.",
         )
-    wrong = np.flatnonzero(~np.isclose(found.factor, 1))
-    signal = "angle" if found.by_angle else "torque"
-    names = ", ".join(f"theta_m{j + 1}_rad" if found.by_angle else f"tau_m{j + 1}_Nm" for j in wrong)
-    joints = "" if wrong.size == n else " of joint " + " and ".join(str(j + 1) for j in wrong)
-    factor = float(found.factor[wrong[0]])
-    scale = 1 / factor if found.by_angle else factor
+    wrong = np.flatnonzero(~np.isclose(factors, 1))
+    signal = "angle" if by_angle else "torque"
+    names = ", ".join(f"theta_m{j + 1}_rad" if by_angle else f"tau_m{j + 1}_Nm" for j in wrong)
+    joints = "" if wrong.size == factors.size else " of joint " + " and ".join(str(j + 1) for j in wrong)
+    factor = float(factors[wrong[0]])
+    scale = 1 / factor if by_angle else factor
     cause = f"The {signal}{joints} is {number(scale)} times the value expected from the other records."
-    unit, alike = _UNITS.get(abs(factor)), np.all(found.factor[wrong] == factor)
+    unit, alike = _UNITS.get(abs(factor)), np.all(factors[wrong] == factor)
     if alike and factor == -1:
         title = f"The {signal}{joints} in {label} looks reversed in sign"
         return title, cause, f"Reverse the sign of {names} in this record."
-    if alike and unit and _usual_on_angle(factor) == found.by_angle:
+    if alike and unit and _usual_on_angle(factor) == by_angle:
         title, sign = f"The {signal}{joints} in {label} {unit.title}", ""
         if factor < 0:
             title, sign = f"{title}, with the sign reversed", " and reverse its sign"

@@ -67,13 +67,8 @@ class Scores:
     """Shape (B, n)."""
     misfit: Floats
     """Cost over its expected value, shape (B,)."""
-    possible: np.ndarray
-    """Whether all K are positive and no D is significantly negative, shape (B,)."""
-
-    @property
-    def cost(self) -> Floats:
-        """The misfit, infinite where K or D is impossible, shape (B,)."""
-        return np.where(self.possible, self.misfit, np.inf)
+    cost: Floats
+    """The misfit, infinite where a K is not positive or a D significantly negative, shape (B,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,4 +181,6 @@ class Scorer:
         excited = (use * np.abs(a) ** 2).sum(axis=-2) / (use * var_a).sum(axis=-2)
         seen = excited > (1 + 3 / np.sqrt(use.sum(axis=-2))) ** 2
         possible = np.all((K > 0) & (-4 * sigma_D < D) & seen, axis=-1) & np.isfinite(misfit)
-        return Scores(K, D, np.where(np.isnan(misfit), np.inf, misfit), possible)
+        return Scores(
+            K, D, np.where(np.isnan(misfit), np.inf, misfit), np.where(possible, misfit, np.inf)
+        )

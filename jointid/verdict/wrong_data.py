@@ -31,9 +31,7 @@ _MOST_JOINTS = 4  # above, the combinations of hypotheses are too many
 _FACTORS = tuple(cause.factor for cause in CAUSES)
 
 
-def wrong_data(
-    phasors: Phasors, inertias: Sequence[Inertia], *, misfit: float | None = None
-) -> tuple[Finding, ...]:
+def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, ...]:
     """Find wrong signs, units, gear ratios and columns.
 
     Parameters
@@ -41,16 +39,12 @@ def wrong_data(
     phasors : Phasors
     inertias : sequence of Inertia
         One per record.
-    misfit : float, optional
-        Of the answer. If it is small, there is no search.
 
     Returns
     -------
     tuple of Finding
         At most one: the best hypothesis. The data as logged need not allow an estimate.
     """
-    if misfit is not None and misfit < GOOD:
-        return ()
     scorer = Scorer.of(phasors, inertias)
     bare = scorer.scores([scorer.as_logged()])
     as_logged = float(bare.cost[0])
