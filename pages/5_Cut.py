@@ -39,7 +39,7 @@ name = NOMINAL_NAMES[settings.assumption]
 with stage:
     st.header(panels.headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)
-    panels.show_gears(page, settings, outcome)
+panels.show_gears(page, settings, outcome)
 panels.show_meaning(outcome, settings)
 
 show_tabs(

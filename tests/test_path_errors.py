@@ -14,12 +14,14 @@ from jointid.cut.rectangle import rectangle
 from jointid.cut.servo import Servo
 from jointid.cut.tracking import track
 from jointid.errors import JointIdError
+from jointid.gears.gear import Gear
 from jointid.joints import Elasticity
 
 DRIVES = ("parallelogram", "serial")
 TRUE = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
 COVARIANCE = np.diag([0.43, 0.075, 0.005, 0.00075]) ** 2
 FRICTION = SimpleNamespace(coulomb=[0.5, 0.25], viscous=[0.004, 0.002])
+GEARS = [Gear(cubic=5e3, K2=60.0, K3=80.0, T1_Nm=0.5, T2_Nm=1.0), Gear(0.0, 0.0, 0.01, 0.02, 0.004)]
 REAL = Servo(
     sample_rate_hz=2000.0,
     delay_samples=1,
@@ -87,11 +89,12 @@ def test_a_certain_fit_promises_the_cut_itself() -> None:
     np.testing.assert_allclose(result.max_contour_error_m, exact.max_contour_error_m, atol=1e-8)
 
 
-def test_each_draw_is_an_arm_whose_servo_assumes_the_fit() -> None:
-    arm = PlanarArm.example("serial")
-    result = path_error_distribution(arm, rectangle(), TRUE, COVARIANCE, samples=4, seed=3)
+@pytest.mark.parametrize("gears", [None, GEARS])
+def test_each_draw_is_an_arm_whose_servo_assumes_the_fit(gears: list[Gear] | None) -> None:
+    arm, path = PlanarArm.example("serial"), rectangle()
+    result = path_error_distribution(arm, path, TRUE, COVARIANCE, samples=2, seed=3, gears=gears)
     for K, D, error in zip(result.K, result.D, result.max_contour_error_m, strict=True):
-        run = track(arm, rectangle(), Elasticity(K=K, D=D), TRUE)
+        run = track(arm, path, Elasticity(K=K, D=D), TRUE, gears=gears, dt=5e-4)
         assert error == pytest.approx(run.max_contour_error_m, abs=1e-7)
 
 

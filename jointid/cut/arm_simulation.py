@@ -128,7 +128,8 @@ class ManyArms:
     """Many arms of one geometry, each with its own K and D, stepped together from rest.
 
     Of the true stiffness and damping ``K`` and ``D``, motor side, shape (2, runs) or (2, 1), in steps of
-    ``dt``, s, from the joint angles at time 0, shape (2,), without deflection.
+    ``dt``, s, from the joint angles at time 0, shape (2,), without deflection. ``gears`` are laws in
+    addition to K and D, joint side, of all arms or of each.
     """
 
     link: Floats
@@ -149,6 +150,7 @@ class ManyArms:
         joint_angle_rad: Floats,
         runs: int,
         friction: MotorFrictionLike | None,
+        gears: GearLaws | None = None,
     ) -> None:
         n2 = arm.gear_ratio[:, None] ** 2
         rotor = arm.rotor_inertia_arm_kgm2[:, None]
@@ -159,6 +161,7 @@ class ManyArms:
         self._kick = dt / rotor
         self._slows = np.abs(arm.gear_ratio * coulomb)[:, None] * self._kick
         self._slides = not coulomb.any()
+        self._gears = None if gears is None else GearState(gears, np.zeros(2))
         self._ab, self._ba = a * b, np.array([[b], [a]])
         self.link = np.repeat(arm.link_angles(joint_angle_rad)[:, None], runs, axis=1)
         self.motor = np.repeat(joint_angle_rad[:, None], runs, axis=1)
@@ -175,7 +178,10 @@ class ManyArms:
             joint, joint_rate = joint.copy(), joint_rate.copy()
             joint[1] -= link[0]
             joint_rate[1] -= rate[0]
-        spring = self._K * (self.motor - joint) + self._D * (self.motor_rate - joint_rate)
+        deflection = self.motor - joint
+        spring = self._K * deflection + self._D * (self.motor_rate - joint_rate)
+        if self._gears is not None:
+            spring += self._gears.torque(deflection)
         load, square, bend = spring.copy(), rate * rate, link[1] - link[0]
         if self._serial:
             load[0] -= spring[1]

@@ -148,6 +148,7 @@ def predicted_cut(
             samples=samples,
             servo=servo,
             friction=friction,
+            gears=robot.laws,
         )
     except JointIdError as error:  # a single cut may still be possible
         problem = str(error)

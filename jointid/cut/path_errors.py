@@ -4,6 +4,7 @@ Mismatches show the required accuracy of K; draws from a fit's covariance give t
 after an identification.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypedDict, Unpack
 
@@ -16,8 +17,9 @@ from jointid.cut.arm_simulation import ManyArms, require_resolved
 from jointid.cut.feedforward import plan_servo
 from jointid.cut.servo import MotorFrictionLike, Servo, run_servo
 from jointid.cut.toolpath import Toolpath
-from jointid.cut.tracking import substeps_per_sample
+from jointid.cut.tracking import gear_laws, substeps_per_sample
 from jointid.errors import JointIdError
+from jointid.gears.gear import Gear
 from jointid.joints import Elasticity
 
 _BATCH_RUNS = 512
@@ -31,6 +33,7 @@ class CutOptions(TypedDict, total=False):
 
     servo: Servo | None
     friction: MotorFrictionLike | None
+    gears: Sequence[Gear] | None
     dt: float  # by default 0.5 ms
 
 
@@ -60,7 +63,7 @@ def errors_of_mismatch(
     """Simulate one cut for each pair of assumed stiffnesses; the assumed damping is the true one.
 
     ``ratios``, shape (2, runs), are K̂1 / K1 and K̂2 / K2 of each cut, ``elasticity`` the true K and D,
-    motor side; ``options`` are servo, friction and dt (by default 0.5 ms) as in
+    motor side; ``options`` are servo, friction, gears and dt (by default 0.5 ms) as in
     :func:`~jointid.cut.tracking.track`. Returns the largest contour error of each cut, shape (runs,), m.
     Raises JointIdError when a ratio is not positive, and as ``track``.
     """
@@ -146,6 +149,7 @@ def _largest_errors(
     *,
     servo: Servo | None = None,
     friction: MotorFrictionLike | None = None,
+    gears: Sequence[Gear] | None = None,
     dt: float = 5e-4,
 ) -> Floats:
     """Largest contour error of each cut, shape (runs,), m.
@@ -163,7 +167,7 @@ def _largest_errors(
         K, D, K_assumed, D_assumed = (x if x.shape[1] == 1 else x[:, part] for x in (*true, *assumed))
         plan = plan_servo(arm, toolpath, servo, K_assumed, D_assumed)
         require_resolved(arm, K.max(axis=1), D.max(axis=1), step, plan.start_angle)
-        arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction)
+        arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction, gear_laws(arm, K, gears))
         with np.errstate(over="ignore", invalid="ignore"):
             run_servo(plan, arms, substeps)
         tool = arm.tool_of_links(np.array([*arms.log, arms.link]).swapaxes(1, 2))

@@ -123,10 +123,10 @@ def track(
     if assumed is not None:
         require_two_joints(assumed, "assumed elasticity")
     K, D = (None, None) if assumed is None else (assumed.K[:, None], assumed.D[:, None])
-    known = None if assumed is None else gear_laws(arm, assumed, assumed_gears)
+    known = None if assumed is None else gear_laws(arm, assumed.K, assumed_gears)
     plan = plan_servo(arm, toolpath, servo, K, D, elbow, known)
     step = servo.interval_s / substeps
-    true = gear_laws(arm, elasticity, gears)
+    true = gear_laws(arm, elasticity.K, gears)
     simulation = ArmSimulation(arm, elasticity, step, plan.start_angle, friction, true)
     held = np.array(run_servo(plan, simulation, substeps, progress))[..., 0]
     angles = np.array([*simulation.log, simulation.angles])
@@ -147,13 +147,14 @@ def track(
     )
 
 
-def gear_laws(arm: PlanarArm, elasticity: Elasticity, gears: Sequence[Gear] | None) -> GearLaws | None:
-    """Laws of the gears seen from the joint side; None of linear ones."""
+def gear_laws(arm: PlanarArm, K: Floats, gears: Sequence[Gear] | None) -> GearLaws | None:
+    """Laws of the gears of one arm or many, K (2,) or (2, runs), joint side; None of linear ones."""
     if gears is None:
         return None
-    whole = gears_with(elasticity.K, gears)
+    of_runs = [gears_with(own, gears) for own in K.reshape(2, -1).T]
+    whole = [gear for of_joint in zip(*of_runs, strict=True) for gear in of_joint]
     linear = all(gear.laws == ("linear",) for gear in whole)
-    return None if linear else GearLaws.of(whole, arm.gear_ratio)
+    return None if linear else GearLaws.of(whole, arm.gear_ratio, len(of_runs))
 
 
 def substeps_per_sample(servo: Servo, dt: float) -> int:

@@ -41,16 +41,20 @@ class GearLaws:
     bent: bool = False
 
     @classmethod
-    def of(cls, gears: Sequence[Gear], ratio: Floats | float = 1.0) -> GearLaws:
-        """Laws of n gears, each array of shape (n, 1), seen from behind gear ratios of shape (n,)."""
-        n = np.abs(np.broadcast_to(np.asarray(ratio, float), (len(gears),)))
+    def of(cls, gears: Sequence[Gear], ratio: Floats | float = 1.0, runs: int = 1) -> GearLaws:
+        """Laws of n gears, or of each in several runs in turn, seen from behind gear ratios (n,).
+
+        Each array has shape (n, runs).
+        """
+        joints = len(gears) // runs
+        n = np.repeat(np.abs(np.broadcast_to(np.asarray(ratio, float), (joints,))), runs)
         names = ("K", "cubic", "backlash_rad", "hysteresis_Nm", "presliding_rad")
         K, cubic, backlash, level, presliding = np.array([[getattr(g, x) for g in gears] for x in names])
         at, bends = np.moveaxis(np.array([knees(gear) for gear in gears]), 0, -1)
         arm = (n**2 * K, n**4 * cubic, backlash / n, n * level, presliding / n)
-        K, cubic, backlash, level, presliding = (v[:, None] for v in arm)
-        at, bends = (at / n)[..., None], (n**2 * bends)[..., None]
-        return cls.made(K, cubic, backlash, level, presliding, (at[0], at[1]), (bends[0], bends[1]))
+        K, cubic, backlash, level, presliding = (v.reshape(joints, runs) for v in arm)
+        at, bends = (v.reshape(2, joints, runs) for v in (at / n, n**2 * bends))
+        return cls.made(K, cubic, backlash, level, presliding, at, bends)
 
     @classmethod
     def made(

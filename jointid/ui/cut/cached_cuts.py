@@ -78,7 +78,8 @@ def offset_costs(page: Page, settings: CutSettings, robot: CutRobot) -> tuple[fl
     signs = np.array([[1, 1], [1, 0], [0, 1]])[:, None, None] * np.array([-1, 1])[:, None]
     ratios = 1 + signs * np.array(OFFSETS)[:, None, None]
     pairs = np.concatenate([np.ones((1, 2)), ratios.reshape(-1, 2)]).T
-    found = _begin(page, "offsets", settings, errors_of_mismatch, robot.arm, robot.elasticity, pairs)
+    cut = partial(errors_of_mismatch, gears=robot.laws)
+    found = _begin(page, "offsets", settings, cut, robot.arm, robot.elasticity, pairs)
     awaited("Cutting", found)
     errors = found.result()
     return float(errors[0]), errors[1:].reshape(ratios.shape[:-1]).max(axis=-1)

@@ -195,10 +195,9 @@ def show_gears(page: Page, settings: CutSettings, outcome: Outcome) -> None:
             st.html(picture([(run, colour)], what, around, "max-width:7rem"))
             st.metric(servo, error)
     st.caption(
-        f"Largest path error of a robot with the identified gears ({laws}), as in all cuts of this page "
-        "except in the tab Accuracy of K. Left: K and D at the 95th percentile of the path error with "
-        "linear gears; right: the identified K and D. Beyond the torques of the records the laws are "
-        "extrapolated."
+        f"Largest path error of a robot with the identified gears ({laws}), as in all cuts of this "
+        "page. Left: K and D at the 95th percentile of the path error; right: the identified K and D. "
+        "Beyond the torques of the records the laws are extrapolated."
     )
 
 

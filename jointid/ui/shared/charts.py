@@ -63,12 +63,12 @@ _scripts = {
         html="<i hidden></i>",
         js=Path(__file__).with_name(f"{name}.js").read_text("utf-8"),
     )
-    for name in ("figure_toolbar", "scroll_regions", "phone_sidebar")
+    for name in ("back_button", "figure_toolbar", "scroll_regions", "phone_sidebar")
 }
 
 
 def equip_page() -> None:
-    """Equip toolbars of figures with SVG and CSV, scrolling regions for the keyboard, phones."""
+    """Equip the Back button, toolbars of figures with SVG and CSV, scrolling regions, phones."""
     for name, script in _scripts.items():
         script(key=name)
 

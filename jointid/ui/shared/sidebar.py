@@ -29,8 +29,6 @@ ESTIMATORS = {DEFAULT_METHOD: METHODS.get(DEFAULT_METHOD, "chosen for these reco
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
 _ARRIVED = "arrived_study"
-FAULTY_SAMPLES = {"exercise 1": " (not usable)", "exercise 2": " (usable with care)"}
-"""What the list says of a sample besides its name."""
 
 
 def choose_study() -> tuple[str, str, str] | None:
@@ -88,13 +86,12 @@ def _choose() -> str | None:
     st.selectbox(
         "Study",
         list(names.values()),
-        format_func=lambda name: name + FAULTY_SAMPLES.get(name, ""),
         key="study",
         on_change=_take_choice,
         disabled=not names,
-        help="Studies opened, simulated or imported at this address, and the samples. The logs "
-        "of the exercises have a fault to find. Commands take the name of a sample with or without "
-        "underscores: six_axes.",
+        help="Studies opened, simulated or imported at this address, and the samples. The two "
+        "exercises have a fault. Commands take the name of a sample with or without underscores: "
+        "six_axes.",
     )
     show_in_address()
     show_recent()

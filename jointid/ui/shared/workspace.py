@@ -52,8 +52,9 @@ def refuse(file: str, error: JointIdError, data: bytes) -> None:
 
 
 def sample_paths() -> dict[str, Path]:
-    """Return the sample studies by key, the paper's first."""
-    return {name.replace("_", " "): path for name, path in sample_studies(SAMPLES).items()}
+    """Return the sample studies by key, the paper's first, the exercises last."""
+    found = {name.replace("_", " "): path for name, path in sample_studies(SAMPLES).items()}
+    return dict(sorted(found.items(), key=lambda item: item[0].startswith("exercise")))
 
 
 def store() -> Store:

@@ -14,13 +14,18 @@ from jointid.figures import compared_responses
 from jointid.ui.shared.entries import choose_from
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.sidebar import ESTIMATORS, FAULTY_SAMPLES
+from jointid.ui.shared.sidebar import ESTIMATORS
 from jointid.ui.shared.workspace import names_by_address, open_study, sample_paths
 from jointid.uncertainty.comparison import Difference, compare
 from jointid.wording import enumerated, signed_percent, significant, unbroken
 
 _CLEAR = 3.0
 """Standard errors beyond which a difference is significant."""
+_SHARED = "Both come from the same records and share their noise: the difference has no standard error."
+_INDEPENDENT = (
+    f"Significant: beyond {_CLEAR:g} σ, the standard error of the difference if both errors are "
+    "independent. A common cause, such as a wrong torque constant of the same robot, changes both alike."
+)
 
 
 def choose_other(page: Page) -> Page:
@@ -50,7 +55,7 @@ def choose_other(page: Page) -> Page:
 def _partner(page: Page) -> str:
     """Name of the newest own study of as many joints, else of a sample, else of the chosen study."""
     names, samples = names_by_address().values(), sample_paths()
-    for name in sorted(names, key=lambda name: (name in samples, name in FAULTY_SAMPLES)):
+    for name in sorted(names, key=lambda name: name in samples):
         with suppress(JointIdError):
             if name != page.key and open_study(name).study.inertia.n == page.study.inertia.n:
                 return name
@@ -83,23 +88,18 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         f"First: {page.key}, {page.method}, {first.state}. "
         f"Second: {other.key}, {other.method}, {second.state}."
     )
-    columns = {
-        "": [f"{row.first.name} ({row.first.unit})" for row in rows],
-        "Difference": ["–" if unusable else signed_percent(100 * row.relative) for row in rows],
-        "Significant": ["–" if unusable else _significance(row) for row in rows],
-        f"{page.key}, {page.method}": [row.first.shown[0] for row in rows],
-        f"{other.key}, {other.method}": [row.second.shown[0] for row in rows],
-    }
+    columns = {"": [f"{row.first.name} ({row.first.unit})" for row in rows]}
+    if not unusable:
+        columns["Difference"] = [signed_percent(100 * row.relative) for row in rows]
+        columns["Significant"] = [_significance(row) for row in rows]
+    columns[f"{page.key}, {page.method}"] = [row.first.shown[0] for row in rows]
+    columns[f"{other.key}, {other.method}"] = [row.second.shown[0] for row in rows]
     show_text_table(columns)
-    st.caption(
-        "Both come from the same records and share their noise: the difference has no standard error."
-        if same
-        else f"Significant: beyond {_CLEAR:g} σ, the standard error of the difference if both errors "
-        "are independent. A common cause, such as a wrong torque constant of the same robot, changes "
-        "both results alike."
-    )
-    why = "" if one_side else ": one of the studies has no gear ratios"
-    st.caption(f"Difference: second study minus first. K and D {units[0].side}{why}.")
+    caption = f"K and D {units[0].side}{'' if one_side else ': one of the studies has no gear ratios'}."
+    if not unusable:
+        caption += " Difference: second study minus first. "
+        caption += _SHARED if same else _INDEPENDENT
+    st.caption(caption)
 
 
 def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> None:

@@ -15,6 +15,7 @@ from jointid import (
     SineRecord,
     TransferMatrix,
 )
+from jointid.arrays import Floats
 from jointid.figures import VIEWS, element_response, single_record
 from jointid.phasors.distortion import distortion
 from jointid.records import JointRecord
@@ -22,7 +23,7 @@ from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, table
 from jointid.ui.shared.messages import show_error, show_info, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
-from jointid.wording import minus, significant, with_error
+from jointid.wording import minus, plain, significant, with_error
 
 _ROUNDING_S = 1e-9
 """Below a nanosecond, uneven time steps are rounding of the times."""
@@ -46,15 +47,14 @@ def show_quality(page: Page) -> None:
         show_error(error)
     with st.expander("What the columns mean"):
         st.markdown(
-            "Values of the joint with the largest motion.\n"
-            "- **θ** is the motor's angle, **τ** its torque.\n"
+            "Values of the joint with the largest motion, of its angle **θ** and torque **τ**.\n"
             "- **S/N**, signal to noise: amplitude of the sine over its own standard error.\n"
             "- **Dist.**, distortion: amplitude of the harmonics over that of the sine, "
             "from friction or a nonlinear gear.\n"
             "- **Settl.**, settling: relative difference of the sine between the first quarter "
             "and the second half. Above 1 % the robot has not settled.\n"
-            "- **Found**: frequency of the motor's angle; it should equal the stated one.\n"
-            "- **Jitter**: largest deviation of a sample time from a uniform grid."
+            "- **Found**, where it is not the stated frequency: that of the motor's angle.\n"
+            "- **Jitter**, where there is any: largest deviation of a sample time from a uniform grid."
         )
 
 
@@ -62,19 +62,23 @@ def quality_table(records: Sequence[SineRecord], phasors: Phasors) -> Table:
     """One row per record: quality of the joint that moves most, and of the clock."""
     n = phasors.n
     rows, mover = np.arange(len(records)), np.argmax(np.abs(phasors.q), axis=1)
-    ratio, distortion = phasors.signal_to_noise, phasors.total_harmonic_distortion
+
+    def both(values: Floats) -> list[str]:
+        pairs = zip(values[rows, mover], values[rows, n + mover], strict=True)
+        return [f"{_figure(angle)}, {_figure(torque)}" for angle, torque in pairs]
+
+    stated, found = [r.frequency_hz for r in records], phasors.frequency_found_hz
+    jitter = [_figure(1e3 * r.jitter_s) if r.jitter_s > _ROUNDING_S else "0" for r in records]
     return {
         "Record": [r.label or f"record {i}" for i, r in enumerate(records, start=1)],
-        "Hz": [r.frequency_hz for r in records],
+        "S/N θ, τ": both(phasors.signal_to_noise),
+        "Dist. θ, τ (%)": both(100 * phasors.total_harmonic_distortion),
+        "Settl. (%)": [_figure(100 * x) for x in phasors.settling[rows, mover]],
+        "Hz": [plain(f) for f in stated],
+        **({} if np.allclose(found, stated, 1e-4) else {"Found (Hz)": [f"{f:.6g}" for f in found]}),
         "Periods": [round(r.periods, 1) for r in records],
         "Samples": [r.samples for r in records],
-        "S/N θ": [_figure(x) for x in ratio[rows, mover]],
-        "S/N τ": [_figure(x) for x in ratio[rows, n + mover]],
-        "Dist. θ (%)": [_figure(100 * x) for x in distortion[rows, mover]],
-        "Dist. τ (%)": [_figure(100 * x) for x in distortion[rows, n + mover]],
-        "Settl. (%)": [_figure(100 * x) for x in phasors.settling[rows, mover]],
-        "Found (Hz)": [f"{x:.6g}" for x in phasors.frequency_found_hz],
-        "Jitter (ms)": [_figure(1e3 * r.jitter_s) if r.jitter_s > _ROUNDING_S else "0" for r in records],
+        **({"Jitter (ms)": jitter} if set(jitter) != {"0"} else {}),
     }
 
 
