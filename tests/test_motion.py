@@ -18,7 +18,7 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.motion import end_terms
 from jointid.motion.noise import repeated_variances, sensor_variances
-from jointid.motion.reversals import reversals
+from jointid.motion.reversals import phasors_of_turns, reversals
 from jointid.motion.sampling import UniformPart, uniform_parts
 from jointid.motion.spectra import motion_phasors
 from jointid.motion.velocity import smooth_velocity
@@ -426,15 +426,25 @@ def test_a_late_reversal_stays_near_the_motor_and_that_of_a_rest_in_its_first_qu
     """Moves between rests: the correction for smoothing holds for motors that turn at once."""
     at_once = np.array([1.0, 0.5, 0.1, -0.1, -0.5, -1.0])
     rest = np.concatenate([[1.0, 0.5, 0.1], np.zeros(99), [-0.1, -0.5, -1.0]])
-    for v, late, turn in (
-        (at_once, 0.0, 2.5),
-        (at_once, 0.04, 2.3),
-        (at_once, 9.0, 0.5),
-        (rest, 9.0, 27.0),
+    for v, late, turn, rested in (
+        (at_once, 0.0, 2.5, 0),
+        (at_once, 0.04, 2.3, 0),
+        (at_once, 9.0, 0.5, 0),
+        (rest, 9.0, 27.0, 100),
     ):
-        turns, signs = reversals(v, blur=0.05, late=late, latest=2.0)
+        turns, rests, signs = reversals(v, blur=0.05, late=late, latest=2.0)
         np.testing.assert_allclose(turns, [turn])
+        np.testing.assert_array_equal(rests, [rested])
         np.testing.assert_array_equal(signs, [1, -1])
+
+
+def test_friction_drops_to_zero_in_a_rest_and_rises_to_the_other_level() -> None:
+    """Phasors of a reversal at once and of a rest of 100 samples, against the sampled waveform."""
+    N, fine, H = 1000, 200, 8
+    t = (np.arange(N * fine) + 0.5) / fine
+    torque = np.where(t < 200.3, 1.0, np.where(t < 600, -1.0, np.clip((t - 600) / 100, 0, 1)))
+    found = phasors_of_turns(np.array([200.3, 625.0]), np.array([0.0, 100.0]), np.array([1, -1, 1]), N, H)
+    np.testing.assert_allclose(found, bins_of(torque, H), atol=2e-4)
 
 
 @pytest.mark.parametrize(

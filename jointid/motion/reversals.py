@@ -20,8 +20,7 @@ _MOST = 0.6
 """Largest share of a joint's equations that shorter stretches take: the longest first, for in the
 shortest the unknown friction is an impulse, like noise."""
 _TURN = 0.25
-"""Place of the change of sign in a rest. Friction drops when the motor stops, to any torque within its
-level, and follows the drive to the other level: its mean is that of a change after a quarter."""
+"""Place of the change of sign in a rest: the mean of ``phasors_of_turns`` is that of a change after a quarter."""
 _MORE = 6
 """Degrees beyond those of a stretch for which a quadrature has twice as many points and is exact."""
 _MARGIN = 4.0
@@ -89,8 +88,8 @@ def _of_signs(
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
     direction = np.zeros((n, N))
     for j in np.flatnonzero(np.isfinite(blur)).tolist():
-        turns, signs = reversals(v[j], blur[j], late[j], latest[j])
-        coulomb[:, j] = _of_steps(turns, signs, N, H)
+        turns, rests, signs = reversals(v[j], blur[j], late[j], latest[j])
+        coulomb[:, j] = phasors_of_turns(turns, rests, signs, N, H)
         direction[j] = signs[np.searchsorted(turns, np.arange(N))]
         if widths.size:
             fades = np.expm1(-np.abs(v[j]) / widths[j][:, None]) * direction[j]
@@ -99,11 +98,12 @@ def _of_signs(
     return coulomb * inside, curve * inside[..., None], direction
 
 
-def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Floats, Floats]:
-    """Samples, with their fraction, at which the direction changes, and the directions (m + 1,).
+def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Floats, Floats, Floats]:
+    """Samples, with their fraction, at which the direction changes (m,), and the directions (m + 1,).
 
-    The velocity is then ``late`` in the direction before, but the motor turned no more than ``latest``
-    samples ago. Where a motor rests, the change is at ``_TURN`` between its last and first clear motion.
+    Between them: samples of rest at each change, (m,), zero where the motor turns at once. The velocity
+    is then ``late`` in the direction before, but the motor turned no more than ``latest`` samples ago.
+    Where a motor rests, the change is at ``_TURN`` between its last and first clear motion.
     """
     clear = np.flatnonzero(np.abs(v) > blur)
     sign = np.sign(v[clear])
@@ -112,14 +112,24 @@ def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Float
     # A straight line between the last and the first clear sample; exact for neighbours.
     samples = (after - before) / (np.abs(v[before]) + np.abs(v[after]))
     at_once = np.abs(v[before]) * samples - np.minimum(late * samples, latest)
-    at = np.where(after - before > _REST, _TURN * (after - before), at_once)
-    return before.astype(float) + at, np.append(sign[:1], sign[turn + 1])
+    rests = np.where(after - before > _REST, after - before, 0.0)
+    at = np.where(rests > 0, _TURN * rests, at_once)
+    return before + at, rests, np.append(sign[:1], sign[turn + 1])
 
 
-def _of_steps(turns: Floats, signs: Floats, N: int, H: int) -> Complexes:
-    """Phasors (H,) of a square wave over N steps that changes its sign at some samples."""
+def phasors_of_turns(turns: Floats, rests: Floats, signs: Floats, N: int, H: int) -> Complexes:
+    """Phasors (H,) of friction over N steps that changes its sign at some samples.
+
+    When a motor stops, friction drops to the torque that holds it, which is 0 on average, and follows the
+    drive from there to the other level.
+    """
     k = 2j * np.pi * np.arange(1, H + 1) / N
-    found = signs[0] - signs[-1] + waves_at(turns / N, H) @ np.diff(signs)
+    jumps, long = np.diff(signs), rests > 0
+    found = signs[0] - signs[-1] + waves_at(turns[~long] / N, H) @ jumps[~long]
+    half, rests = jumps[long] / 2, rests[long]
+    begin = turns[long] - _TURN * rests
+    stops, starts = waves_at(begin / N, H), waves_at((begin + rests) / N, H)
+    found += stops @ half + (stops - starts) @ (half / rests) / k
     return np.asarray(found / k * (2j / N))
 
 
