@@ -159,11 +159,11 @@ class DrivenGears:
                 if np.abs(part._left).max() <= least:
                     break
                 part = part._stepped()
-            if count > _SHORTEST and not np.abs(part._left).max() <= least:
+            if not np.abs(part._left).max() <= least:
+                if count <= _SHORTEST:  # it has no solution, nor have the steps that follow
+                    return replace(self, delta=np.full(delta.shape, np.nan))
                 count = max(count // 8, _SHORTEST)
                 continue
-            if not np.isfinite(part.delta).all():
-                return replace(self, delta=np.full(delta.shape, np.nan))
             delta[:, used], loop[:, used] = part.delta, part.loop
             at, count = used.stop, min(4 * count, _WINDOW)
         return replace(self, delta=delta, loop=loop)
