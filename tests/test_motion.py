@@ -443,7 +443,8 @@ def test_friction_drops_to_zero_in_a_rest_and_rises_to_the_other_level() -> None
     N, fine, H = 1000, 200, 8
     t = (np.arange(N * fine) + 0.5) / fine
     torque = np.where(t < 200.3, 1.0, np.where(t < 600, -1.0, np.clip((t - 600) / 100, 0, 1)))
-    found = phasors_of_turns(np.array([200.3, 625.0]), np.array([0.0, 100.0]), np.array([1, -1, 1]), N, H)
+    turns, rests, signs = np.array([200.3, 625.0]), np.array([0.0, 100.0]), np.array([1.0, -1, 1])
+    found = phasors_of_turns(turns, rests, signs, N, H)
     np.testing.assert_allclose(found, bins_of(torque, H), atol=2e-4)
 
 

@@ -20,7 +20,7 @@ _MOST = 0.6
 """Largest share of a joint's equations that shorter stretches take: the longest first, for in the
 shortest the unknown friction is an impulse, like noise."""
 _TURN = 0.25
-"""Place of the change of sign in a rest: the mean of ``phasors_of_turns`` is that of a change after a quarter."""
+"""Place of a change of sign in a rest that has the same mean as friction in ``phasors_of_turns``."""
 _MORE = 6
 """Degrees beyond those of a stretch for which a quadrature has twice as many points and is exact."""
 _MARGIN = 4.0
@@ -114,14 +114,14 @@ def reversals(v: Floats, blur: float, late: float, latest: float) -> tuple[Float
     at_once = np.abs(v[before]) * samples - np.minimum(late * samples, latest)
     rests = np.where(after - before > _REST, after - before, 0.0)
     at = np.where(rests > 0, _TURN * rests, at_once)
-    return before + at, rests, np.append(sign[:1], sign[turn + 1])
+    return before.astype(float) + at, rests, np.append(sign[:1], sign[turn + 1])
 
 
 def phasors_of_turns(turns: Floats, rests: Floats, signs: Floats, N: int, H: int) -> Complexes:
     """Phasors (H,) of friction over N steps that changes its sign at some samples.
 
-    When a motor stops, friction drops to the torque that holds it, which is 0 on average, and follows the
-    drive from there to the other level.
+    When a motor stops, friction drops to the torque that holds it, which is 0 on average, and follows
+    the drive from there to the other level.
     """
     k = 2j * np.pi * np.arange(1, H + 1) / N
     jumps, long = np.diff(signs), rests > 0
