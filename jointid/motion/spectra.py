@@ -117,6 +117,7 @@ def _segments(
             velocity_blur_s=blur,
             angle_variance=variance[:n],
             repeated_variance=limits[2],
+            torque_variance=variance[n:],
             least_torque_variance=limits[0],
             most_torque_variance=limits[1],
             lowest=lowest,

@@ -67,6 +67,8 @@ class Segment:
     """Variance of each sample of the angles by noise, shape (n,), rad²."""
     repeated_variance: Floats
     """Part of it that the periods of the motion share, times the further periods, shape (n,), rad²."""
+    torque_variance: Floats
+    """Variance of each sample of the torques by noise, shape (n,), (N·m)²."""
     least_torque_variance: Floats
     """Square of the residual torque that sampling itself causes, shape (n,), (N·m)²."""
     most_torque_variance: Floats
