@@ -90,7 +90,7 @@ def test_periods_below_three_are_few(periods: float, told: bool) -> None:
 
 
 @pytest.mark.parametrize(("shared", "told"), [(50, False), (51, True)])
-def test_motions_that_share_half_of_their_samples_are_twice_the_same(shared: int, told: bool) -> None:
+def test_motions_that_share_half_of_their_samples_are_duplicates(shared: int, told: bool) -> None:
     rng = np.random.default_rng(1)
     angle, torque = rng.standard_normal((2, 200, 1))
     first, second = slice(0, 100), slice(100 - shared, 200 - shared)
@@ -129,7 +129,7 @@ def test_records_are_proportional_within_their_noise(
     ("coulomb", "standing", "level"),
     [(0.0299, 1, []), (0.0301, 1, ["note"]), (0.5, 9, ["note"]), (0.5, 10, ["warning"])],
 )
-def test_a_joint_that_stands_in_nearly_all_records_is_a_warning(
+def test_a_joint_at_rest_in_nearly_all_records_is_a_warning(
     monkeypatch: pytest.MonkeyPatch, coulomb: float, standing: int, level: list[str]
 ) -> None:
     stationary = np.zeros((10, 2), bool)
@@ -253,7 +253,7 @@ def test_errors_of_five_and_twenty_per_cent_by_noise_are_large(
     ("freedom", "detail"),
     [(4.0, None), (3.9, "only 3 more"), (1.0, "only 1 more"), (0.9, "no more"), (0.0, "no more")],
 )
-def test_few_further_equations_are_told(freedom: float, detail: str | None) -> None:
+def test_few_degrees_of_freedom_are_reported(freedom: float, detail: str | None) -> None:
     hz = np.array([3.0, 3.1])
     fit = two_joints(fundamental=(1.0, freedom))
     found = list(rules_model.hardly_tested(case(fit=fit, frequency_hz=hz, records=[0, 1])))
@@ -410,7 +410,7 @@ def test_negative_values_beyond_their_errors_are_named(K: float, D: float, title
     ("delay", "error", "text"),
     [(1.1e-5, 1e-6, "0.011 ms"), (0.9e-5, 1e-6, None), (-1e-3, 2.4e-4, "1 ms"), (1e-3, 2.6e-4, None)],
 )
-def test_a_delay_counts_from_four_errors_and_a_hundredth_of_a_sample(
+def test_a_delay_is_reported_from_four_errors_and_a_hundredth_of_a_sample(
     delay: float, error: float, text: str | None
 ) -> None:
     fit = two_joints(delay=delay, delay_error=error)
@@ -470,7 +470,7 @@ def test_models_of_as_many_parts_within_six_of_the_criterion_are_alternatives() 
         (9, 0.1, 1.1e-4, False),
     ],
 )
-def test_poses_disagree_clearly(
+def test_poses_with_different_stiffness_are_reported(
     monkeypatch: pytest.MonkeyPatch,
     significance: float,
     spread: float,
@@ -550,7 +550,7 @@ def row(difference: float, unit: str = "kg·m²") -> Any:
         ([1.4] * 9, [], ""),
     ],
 )
-def test_inertias_are_off_by_what_chance_does_not_explain(
+def test_significant_differences_of_inertias_are_reported(
     monkeypatch: pytest.MonkeyPatch, differences: list[float], level: list[str], others: str
 ) -> None:
     monkeypatch.setattr(rules_inertia, "prior_rows", lambda *_: [row(each) for each in differences])
@@ -564,7 +564,7 @@ def test_inertias_are_off_by_what_chance_does_not_explain(
 
 
 @pytest.mark.parametrize(("change", "level"), [(0.219, "warning"), (0.221, "problem")])
-def test_exact_inertias_that_put_stiffness_a_fifth_off_are_no_answer(
+def test_exact_inertias_that_change_stiffness_by_a_fifth_are_a_problem(
     monkeypatch: pytest.MonkeyPatch, change: float, level: str
 ) -> None:
     """Beyond two standard errors, of one per cent here."""
@@ -582,7 +582,7 @@ def test_exact_inertias_that_put_stiffness_a_fifth_off_are_no_answer(
 def test_a_search_with_free_inertias_follows_a_fit_that_explains_most(
     monkeypatch: pytest.MonkeyPatch, left: float, searches: bool
 ) -> None:
-    """Of a misfit of 100; in vain, it would take several seconds."""
+    """Of a misfit of 100; an unsuccessful search would take several seconds."""
     prior = InertiaPrior.of(Inertia([0.1, 0.1], np.eye(2)), 3, 2)
     fit = two_joints(misfit=100.0, prior=prior, parameters=case(layout={"K": 0}))
     tried = case(misfit=left, named="near")
@@ -624,7 +624,7 @@ def test_a_torque_is_clipped_from_a_tenth_of_the_samples(largest: int, clipped: 
 
 
 @pytest.mark.parametrize(("wrong", "left_out"), [(0, False), (2, True), (3, False)])
-def test_records_that_take_power_can_be_left_out_while_most_remain(
+def test_records_with_negative_power_can_be_left_out_while_most_remain(
     monkeypatch: pytest.MonkeyPatch, wrong: int, left_out: bool
 ) -> None:
     power = np.r_[np.full(wrong, 5.01), np.full(6 - wrong, 4.99)]
@@ -687,7 +687,7 @@ def test_a_motor_rests_where_it_moves_less_than_three_per_cent_of_its_fast_moves
         (0.36, np.inf, ["problem"]),
     ],
 )
-def test_a_joint_that_rests_is_told_where_its_stiffness_is_unknown(
+def test_a_joint_at_rest_is_reported_where_its_stiffness_is_unknown(
     share: float, error: float, level: list[str]
 ) -> None:
     fit = two_joints(friction=case())
@@ -716,7 +716,7 @@ def test_findings_weigh_by_level_and_effect() -> None:
             assert (finding.level, finding.weight) == (level, least + weight)
 
 
-def test_shares_and_multiples_are_rounded_for_people() -> None:
+def test_shares_and_multiples_are_rounded() -> None:
     assert [percent(x) for x in (0.0999, 0.1, 10.0, 10.01, -0.034, 0.00123)] == [
         "10 %", "10 %", "1000 %", "more than 1000 %", "3.4 %", "0.12 %",
     ]  # fmt: skip
@@ -734,7 +734,7 @@ def test_shares_and_multiples_are_rounded_for_people() -> None:
 # --- wrong data
 
 
-def test_factors_near_a_known_one_are_taken_for_it() -> None:
+def test_factors_near_a_known_one_are_recognised() -> None:
     for near, known in ((1.3, DEGREES), (1 / 1.3, DEGREES), (1.4, 0.0), (-1.3, -DEGREES)):
         factor = near * DEGREES
         assert wrong_data._snapped(factor) == (known or factor)
@@ -787,7 +787,7 @@ def test_joints_are_listed_in_words() -> None:
     assert cause_findings._joints([0, 1], 2) == "all joints"
 
 
-def test_a_time_in_milliseconds_is_told_with_the_length_of_the_records() -> None:
+def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
     for title, lasts in (("Time is probably in milliseconds", True), ("M and M2 are probably", False)):
         (cause,) = (each for each in CAUSES if each.title.startswith(title))
         factor = cause.factor * np.array([1.0, 1.09])
