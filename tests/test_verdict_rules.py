@@ -154,7 +154,7 @@ def test_a_constant_torque_of_a_moving_joint_is_named_once() -> None:
     given = case(records=[fine, still, moves], fit=two_joints(), phasors=case(labels="abc"))
     found = list(rules_records.constant_torque(given))
     assert [f.title for f in found] == ["The torque of joint 2 is constant in records"]
-    assert found[0].detail.startswith("b, c: the joint moves while tau_m2_Nm stays at 1.5 N·m")
+    assert found[0].detail.startswith("b and c: the joint moves while tau_m2_Nm stays at 1.5 N·m")
     assert found[0].changes[0].records == (1, 2)
     (alone,) = rules_records.constant_torque(
         case(records=[moves], fit=two_joints(), phasors=case(labels="c"))
@@ -231,7 +231,7 @@ def test_starts_have_a_tenth_of_a_period(hz: float, digits: int) -> None:
         ([0.051, 0.01, 0.19, 0.19], [0.06, 0.01, 0.2, 0.2], "K1 is poorly determined"),
         ([0.01, 0.01, 0.01, 0.21], [0.01, 0.01, 0.01, 0.22], "D2 is poorly determined"),
         ([0.01] * 4, [0.01, 0.31, 0.01, 0.01], "K2 is poorly determined"),
-        ([0.01] * 4, [0.01, 0.31, 0.61, 0.01], "K2, D1 are poorly determined"),
+        ([0.01] * 4, [0.01, 0.31, 0.61, 0.01], "K2 and D1 are poorly determined"),
         ([0.01] * 4, [0.01, np.inf, 0.01, 0.01], "K2 is poorly determined"),
     ],
 )
@@ -545,7 +545,7 @@ def row(difference: float, unit: str = "kg·m²") -> Any:
         ([3.67, 0.1], ["warning"], ""),
         ([9.99, 0.1], ["warning"], ""),
         ([10.01, 0.1], ["problem"], ""),
-        ([4.0, 4.0, 4.0], ["warning"], "Also different: J, J."),
+        ([4.0, 4.0, 4.0], ["warning"], "Also different: J and J."),
         ([2.2] * 9, ["warning"], ""),  # together
         ([1.4] * 9, [], ""),
     ],
@@ -722,7 +722,9 @@ def test_shares_and_multiples_are_rounded() -> None:
     ]  # fmt: skip
     assert evidence.times_noise(999.0**2) == "1000 × noise"
     assert evidence.times_noise(1001.0**2) == "over 1000 × noise"
-    assert evidence.some(["a", "b", "c"]) == "a, b, c"
+    assert evidence.some(["a", "b"]) == "a and b"
+    assert evidence.some(["a", "b", "c", "d"]) == "a, b, c and 1 more"
+    assert evidence.some(["a and b", "c and d"]) == "a and b; c and d"
     assert evidence.some(["a,1", "b", "c", "d", "e"]) == "a,1; b; c and 2 more"
     assert evidence.relative(np.array([1.0, -1.0, 0.0]), np.array([2.0, 0.0, 0.0])).tolist() == [
         0.5,

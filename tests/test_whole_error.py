@@ -114,7 +114,7 @@ def test_links_far_above_the_band_widen_the_errors() -> None:
 
 
 def test_few_frequencies_show_links_as_well() -> None:
-    """Seven frequencies from 0.7 of the resonance: K was up to 6 standard errors off without a warning."""
+    """Seven frequencies from 0.7 of the resonance: K was up to 6 standard errors off, unwarned."""
     kinds = {"links": THIRTEEN["10"], "rigid": Case()}
     seven = {name: replace(case, band=(0.7, 3.0, 7)) for name, case in kinds.items()}
     campaigns = {
