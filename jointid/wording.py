@@ -3,7 +3,7 @@
 import difflib
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _MOST_DIGITS = 7
@@ -22,6 +22,15 @@ def nearest(word: str, words: Iterable[str]) -> str:
 def capitalised(text: str) -> str:
     """Return a text with its first letter in upper case, the others as they are."""
     return text[:1].upper() + text[1:]
+
+
+def free_name(name: str, taken: Container[str]) -> str:
+    """Return the name, or the first of "name (2)", "name (3)" that is not taken."""
+    free, number = name, 1
+    while free in taken:
+        number += 1
+        free = f"{name} ({number})"
+    return free
 
 
 def file_stem(name: str) -> str:

@@ -79,7 +79,7 @@ def test_against_the_nominal_stiffness(K: list[float], nominal: list[float], sai
     assert said in answer_sentence(fit(K), Elasticity(nominal, [0.1] * len(K)))
 
 
-def test_a_difference_within_the_uncertainty_is_none() -> None:
+def test_a_difference_within_the_uncertainty_is_not_reported() -> None:
     sentence = answer_sentence(fit([43.5], error=1.0), Elasticity([42.0], [0.1]))
     assert sentence == "Joint 1 has its nominal stiffness."
 
@@ -92,11 +92,11 @@ def test_without_a_nominal_stiffness() -> None:
 
 
 @pytest.mark.parametrize("K", [-3.0, 0.015, float("nan")])
-def test_what_the_records_do_not_determine_is_not_stated(K: float) -> None:
+def test_undetermined_values_are_left_out_of_the_answer(K: float) -> None:
     assert "do not determine the stiffness of joint 2" in answer_sentence(fit([43.0, K]))
 
 
-def test_an_infinite_error_is_said_in_words() -> None:
+def test_an_infinite_error_is_written_in_words() -> None:
     unknown = fit([43.0, 7.5])
     unknown.standard_error[3] = math.inf
     assert answer_sentence(unknown).endswith("seen from the motor. These records do not determine D2.")
@@ -142,7 +142,7 @@ def with_findings(analysis: Analysis, *levels: str) -> Analysis:
     return replace(analysis, findings=found)
 
 
-def test_an_unusable_answer_says_so_first_everywhere(study: Study) -> None:
+def test_an_unusable_answer_begins_with_that_in_every_output(study: Study) -> None:
     analysis = with_findings(analyse(study), "problem", "warning")
     assert (analysis.state, analysis.state_reason) == ("not usable", "A problem")
     assert analysis.headline == "Not usable: A problem."
@@ -168,7 +168,7 @@ def test_an_unusable_answer_says_so_first_everywhere(study: Study) -> None:
     assert as_table([replace(row, verdict="problem")])["state"].to_pylist() == ["not usable"]
 
 
-def test_one_that_needs_care_says_why(study: Study) -> None:
+def test_an_answer_usable_with_care_states_the_reason(study: Study) -> None:
     analysis = with_findings(analyse(study), "warning", "note")
     assert (analysis.state, analysis.state_reason) == ("usable with care", "A warning")
     assert "times as stiff" in analysis.headline
@@ -177,14 +177,14 @@ def test_one_that_needs_care_says_why(study: Study) -> None:
     assert blocks[1] == Paragraph("Usable with care: A warning.")
 
 
-def test_the_parts_add_up_to_the_whole_error(study: Study) -> None:
+def test_the_parts_of_the_error_add_up_to_the_standard_error(study: Study) -> None:
     for std, method in ((0.05, "auto"), (0.3, "weighted"), (0.0, "least-squares")):
         found = analyse(replace(study, inertia_std=std, torque_std=0.02), method=method).fit
         total = sum(np.square(error) for error in error_parts(found).values())
         assert total == pytest.approx(np.square(found.standard_error))
 
 
-def test_the_part_that_decides_comes_first_in_the_table(study: Study) -> None:
+def test_the_largest_part_of_the_error_comes_first_in_the_table(study: Study) -> None:
     found = analyse(replace(study, torque_std=0.02)).fit
     size = np.abs(found.estimate)
     for choice, decides in ((0.05, "noise"), (0.19, "choice of model")):
@@ -209,7 +209,7 @@ def test_the_parts_of_the_errors_have_the_unit_of_the_answer(study: Study) -> No
 
 
 def test_inertias_are_compared_with_the_given_ones(study: Study) -> None:
-    """J_a1 is given 20 % low with a standard deviation of 10 %: it comes out 2.5 of those above."""
+    """J_a1 is given 20 % low with a standard deviation of 10 %: the fit is 2.5 of these higher."""
     M2 = study.inertia.M2.copy()
     M2[0, 0] *= 0.8
     wrong = replace(study, inertia=Inertia(study.inertia.M, M2), inertia_std=0.1, torque_std=0.0)
@@ -230,7 +230,7 @@ def test_a_linear_estimator_keeps_the_given_inertias(study: Study) -> None:
     assert all(row.cells[2] == "as given" and row.disagreement is None for row in rows)
 
 
-def test_inertias_of_several_poses_carry_the_name_of_theirs(study: Study) -> None:
+def test_inertias_of_several_poses_are_labelled_with_their_pose(study: Study) -> None:
     other = Inertia(study.inertia.M, 1.001 * study.inertia.M2)
     records = [
         replace(record, pose="far" if k % 4 < 2 else None) for k, record in enumerate(study.records[:8])
@@ -240,7 +240,7 @@ def test_inertias_of_several_poses_carry_the_name_of_theirs(study: Study) -> Non
     assert {row.name.partition(", ")[2] for row in rows[2:]} == {"pose far", "pose of [inertia]"}
 
 
-def test_what_nothing_determines_is_said_in_words(study: Study) -> None:
+def test_an_undetermined_parameter_is_written_in_words(study: Study) -> None:
     analysis = analyse(replace(study, inertia_std=math.inf, torque_std=math.inf))
     assert np.all(np.isinf(analysis.fit.standard_error))
     texts = [to_json(analysis), to_toml(analysis), mujoco_snippet(analysis, [100.0])]

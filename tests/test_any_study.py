@@ -46,7 +46,7 @@ def test_any_large_study_is_analysed_or_refused(seed: int) -> None:
 
 
 @pytest.mark.usefixtures("analysed_anew")
-def test_a_study_is_answered_alike_twice_or_refused() -> None:
+def test_two_analyses_of_a_study_agree_or_are_both_refused() -> None:
     """With inertias known to any degree, one in four with many joints; the benchmark tries 10,000."""
     mended = (9104366, 9106792, 71273, 71794, 500149, 9100407, 9101790, 9109096, 500522, 500332, 500968)
     mended = mended[: tries(5, long=11)]
@@ -58,7 +58,7 @@ def test_a_study_is_answered_alike_twice_or_refused() -> None:
         assert table.markdown()
 
 
-def test_seeds_make_the_same_study_again() -> None:
+def test_a_seed_makes_the_same_study_twice() -> None:
     first, second = (random_study(3, small=True) for _ in range(2))
     for a, b in zip(first.records, second.records, strict=True):
         np.testing.assert_array_equal(a.theta_rad, b.theta_rad)

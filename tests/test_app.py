@@ -35,7 +35,7 @@ FIGURES = {
 """How many figures each page shows of two joints."""
 
 
-def test_an_internal_error_is_one_message() -> None:
+def test_an_internal_error_is_shown_as_one_message() -> None:
     def script() -> None:
         from jointid.ui.server.serving import show_internal_error
 
@@ -83,7 +83,7 @@ class TestFirstScreen:
         assert any("nominal values" in html.proto.body for html in at.get("html"))
 
     @pytest.mark.parametrize(("key", "joints"), [("one joint", 1), ("three joints", 3)])
-    def test_it_suits_any_number_of_joints(self, app: AppTest, key: str, joints: int) -> None:
+    def test_the_overview_shows_any_number_of_joints(self, app: AppTest, key: str, joints: int) -> None:
         app.query_params["study"] = key
         at = shown(app.run())
         expected = {f"{q}{j}" for q in "KD" for j in range(1, joints + 1)}
@@ -91,7 +91,7 @@ class TestFirstScreen:
         assert figures(at) == joints
         assert not any("Path error" in s.value for s in at.header)  # no cut applies
 
-    def test_without_samples_it_says_how_to_get_a_study(
+    def test_without_samples_the_overview_shows_how_to_get_a_study(
         self, app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(workspace, "SAMPLES", tmp_path / "nowhere")
@@ -101,13 +101,13 @@ class TestFirstScreen:
 
 @pytest.mark.parametrize("page", TITLES)
 class TestEveryPage:
-    def test_it_opens_alone(self, app: AppTest, page: str) -> None:
+    def test_each_page_opens_alone(self, app: AppTest, page: str) -> None:
         at = shown(app.switch_page(page).run())
         assert at.title[0].value == TITLES[page]
         assert not at.error
         assert figures(at) == FIGURES.get(page, 0)
 
-    def test_it_suits_three_joints(self, app: AppTest, page: str) -> None:
+    def test_each_page_shows_three_joints(self, app: AppTest, page: str) -> None:
         app.query_params["study"] = "three joints"
         at = shown(app.switch_page(page).run())
         assert not at.error
@@ -129,7 +129,7 @@ class TestTheWayThrough:
         assert table.iloc[0, 0] == "least-squares"
 
     def test_the_chosen_record_is_the_one_that_is_drawn(self, app: AppTest) -> None:
-        """One that the next study does not have is no problem."""
+        """A number that the next study lacks selects its first record."""
         at = shown(app.switch_page("pages/1_Records.py").run())
         first = at.get("plotly_chart")[0].proto.spec
         at = shown(at.selectbox(key="record").set_value(11).run())
@@ -151,14 +151,14 @@ class TestTheWayThrough:
 
 
 class TestOpeningAFile:
-    def test_a_study_of_ones_own(self, app: AppTest, studies: dict[int, Study]) -> None:
+    def test_an_uploaded_study_is_analysed(self, app: AppTest, studies: dict[int, Study]) -> None:
         at = upload(shown(app.run()), studies[1])
         assert at.title[0].value == "Test cell with 1 joint(s)"
         assert at.selectbox(key="study").value == "mine.zip"
         at = shown(at.switch_page("pages/4_Elasticity.py").run())
         assert at.selectbox(key="study").value == "mine.zip"
 
-    def test_no_zip_is_refused_and_nothing_is_lost(self, app: AppTest) -> None:
+    def test_a_file_that_is_no_zip_is_refused_and_the_study_stays(self, app: AppTest) -> None:
         at = upload(shown(app.run()), b"this is no archive")
         assert len(at.error) == 1
         assert "mine.zip was not opened" in at.error[0].value
@@ -177,7 +177,7 @@ class TestOpeningAFile:
         assert not at.error
         assert figures(at) == 2
 
-    def test_the_refused_row_is_shown_where_it_stands(
+    def test_the_refused_row_is_shown_with_its_neighbours(
         self, app: AppTest, studies: dict[int, Study]
     ) -> None:
         study = studies[1]
@@ -188,7 +188,7 @@ class TestOpeningAFile:
         assert "records/02.csv, line 100" in at.error[0].value
         assert f"▶    100  {lines[99]}" in at.code[0].value
 
-    def test_the_refusal_follows_to_other_pages(self, app: AppTest, studies: dict[int, Study]) -> None:
+    def test_the_refusal_is_shown_on_other_pages(self, app: AppTest, studies: dict[int, Study]) -> None:
         at = upload(shown(app.run()), repacked(studies[1], {"study.toml": b"format = 1\n"}))
         at = shown(at.switch_page("pages/2_Phasors.py").run())
         assert "mine.zip was not opened" in at.error[0].value
@@ -232,7 +232,7 @@ class TestAnalysisThatFails:
             at = shown(at.switch_page("pages/1_Records.py").run())
             assert (figures(at), at.session_state["records_view"]) == (2, view)
 
-    def test_springs_that_are_none_are_said_to_be_none(
+    def test_unphysical_stiffness_is_reported_as_unusable(
         self, app: AppTest, studies: dict[int, Study]
     ) -> None:
         right = studies[2].inertia
@@ -258,7 +258,7 @@ class TestSimulating:
         at.text_input(key="sim_coulomb").set_value("0")
         return at
 
-    def test_the_robot_becomes_a_study_and_its_springs_are_found(self, form: AppTest) -> None:
+    def test_a_simulated_robot_becomes_a_study_and_gives_its_elasticity(self, form: AppTest) -> None:
         form.text_input(key="sim_K").set_value("30, 12")
         at = shown(form.button[0].click().run())
         assert not at.error
@@ -274,7 +274,7 @@ class TestSimulating:
         assert not at.error
         assert metric(at, "K1")[0] == pytest.approx(43, rel=0.02)
 
-    def test_entries_are_in_the_address_and_come_back_from_it(self, app: AppTest) -> None:
+    def test_entries_are_written_to_the_address_and_read_from_it(self, app: AppTest) -> None:
         app.query_params["sim_K"] = "50, 9"
         app.query_params["sim_count"] = "7"
         app.query_params["sim_torque_std"] = "± 5 %"
@@ -310,7 +310,7 @@ class TestSimulating:
         at = shown(form.button[0].click().run())
         assert {m.label.split()[0] for m in at.metric} == {"K1", "D1"}
 
-    def test_what_is_no_robot_is_said_and_the_entries_stay(self, form: AppTest) -> None:
+    def test_an_impossible_robot_is_refused_and_the_entries_stay(self, form: AppTest) -> None:
         for field, value, said in (
             ("K", "43, -7.5", "must be positive"),
             ("K", "43, soft", '"soft" is not a number'),
@@ -332,7 +332,7 @@ class TestSimulating:
             form.text_input(key=f"sim_{field}").set_value(right)
 
 
-def test_the_terms_of_a_page_are_explained_where_they_stand(app: AppTest) -> None:
+def test_terms_of_a_page_are_explained_on_that_page(app: AppTest) -> None:
     at = shown(app.switch_page("pages/2_Phasors.py").run())
     hint = at.markdown[0].proto.help
     assert "**Phasor**: " in hint

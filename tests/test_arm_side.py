@@ -70,7 +70,7 @@ def fit() -> ArmSideFit:
     return identified([record()], ROBOT)
 
 
-def test_stiffness_and_skew_come_back_with_the_payload_unknown() -> None:
+def test_stiffness_and_skew_are_identified_with_an_unknown_payload() -> None:
     K, error = fit().K[:SENSORS], fit().standard_error[:SENSORS]
     assert np.all(np.abs(K - TRUTH.K) < 3 * error)
     assert np.all(error < 0.06 * K)
@@ -112,7 +112,7 @@ def test_joints_whose_torque_hardly_varies_or_that_rest_are_refused() -> None:
 
 
 def test_without_gravity_a_few_moves_do_not_show_stiffness() -> None:
-    """A move there and back accelerates at the same positions: so does a transmission error."""
+    """A move there and back accelerates at the same positions, as a transmission error does."""
     quiet = Truth(TRUTH.K, TRUTH.skew_s, 150.0, eccentricity=2, ripple=1, teeth=2, vibration=0.3)
     found = identify_arm_side(rows_of(motion_record(quiet, 2, 10.0), slice(1000, 1600)), KNOWN)
     assert np.isnan(found.K[0])
@@ -196,7 +196,7 @@ def test_the_torque_of_a_jumping_motor_is_the_filtered_torque_of_the_links() -> 
 
 
 def test_waves_of_the_transmission_error_end_with_the_range_of_the_fit() -> None:
-    """Their series says nothing beyond it, and would add up to tens of seconds of arc."""
+    """Beyond it their series is not determined, and would add up to tens of seconds of arc."""
     q = np.linspace(-0.3, 0.5, 9)
     ripple = Ripple.over(q, np.array([700.0]))
     at = ripple(np.array([-0.4, -0.3, 0.5, 0.52]))
@@ -222,7 +222,7 @@ def test_a_sum_that_is_not_negative_has_the_moments_of_the_cut_distribution() ->
 
 
 @pytest.mark.parametrize("wrong", [[], ["record"]])
-def test_what_is_no_record_is_refused(wrong: list[str]) -> None:
+def test_a_value_that_is_no_record_is_refused(wrong: list[str]) -> None:
     with pytest.raises(JointIdError, match="MotionRecord"):
         identify_arm_side(wrong, ROBOT)  # type: ignore[arg-type]
 

@@ -97,7 +97,7 @@ def differences(one: Any, other: Any, where: str = "") -> list[str]:
     return [found for name, a, b in parts for found in differences(a, b, f"{where}.{name}")]
 
 
-def test_an_analysis_comes_back_to_the_last_bit(ready: Pool, study: Study) -> None:
+def test_an_analysis_from_another_process_is_identical(ready: Pool, study: Study) -> None:
     found = ready.call(partial(analyse, method="auto"), study)
     assert found.study is study, "what was given comes back as itself"
     assert differences(found, analyse(study)) == []
@@ -105,7 +105,7 @@ def test_an_analysis_comes_back_to_the_last_bit(ready: Pool, study: Study) -> No
         found.fits["auto"] = None
 
 
-def test_errors_and_progress_come_back(ready: Pool, study: Study) -> None:
+def test_errors_and_progress_are_returned_from_the_process(ready: Pool, study: Study) -> None:
     with pytest.raises(JointIdError, match="needs a Study"):
         ready.call(analyse, "no study")
     with pytest.raises(TypeError, match="gave lock, which cannot be sent"):
@@ -118,7 +118,7 @@ def test_errors_and_progress_come_back(ready: Pool, study: Study) -> None:
     assert seen[-1] == 1
 
 
-def test_who_gives_up_does_not_wait(ready: Pool, study: Study) -> None:
+def test_a_cancelled_call_returns_immediately(ready: Pool, study: Study) -> None:
     class ClickedError(BaseException):
         """As the pages' own way to end a script."""
 
@@ -132,20 +132,20 @@ def test_who_gives_up_does_not_wait(ready: Pool, study: Study) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_a_process_that_was_killed_is_begun_anew(ready: Pool) -> None:
+def test_a_killed_process_is_replaced(ready: Pool) -> None:
     before = answers(ready)
     os.kill(before, signal.SIGKILL)
     assert answers(ready) != before
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_a_call_that_ends_its_process_twice_is_given_up(ready: Pool) -> None:
+def test_a_call_that_ends_its_process_twice_is_an_error(ready: Pool) -> None:
     with pytest.raises(JointIdError, match="SIGABRT"):
         ready.call(os.abort)
     assert answers(ready)
 
 
-def test_without_processes_it_is_computed_here(pool: Pool) -> None:
+def test_without_processes_the_call_runs_in_this_process(pool: Pool) -> None:
     with pytest.raises(NoWorkerError):
         pool.call(len, "abc")
     assert run_in_background(os.getpid) == os.getpid()
@@ -155,7 +155,7 @@ def test_without_processes_it_is_computed_here(pool: Pool) -> None:
     "fault",
     [JointIdError("no memory"), pytest.param(OSError(24, "too many files"), marks=pytest.mark.long)],
 )
-def test_a_process_that_cannot_begin_is_done_without_for_a_while(
+def test_after_a_failed_start_calls_run_in_this_process_for_a_while(
     pool: Pool, monkeypatch: pytest.MonkeyPatch, fault: Exception
 ) -> None:
     def fails(_: Child) -> None:
@@ -173,7 +173,7 @@ def test_a_process_that_cannot_begin_is_done_without_for_a_while(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_a_call_whose_process_is_killed_is_made_by_another(pool: Pool) -> None:
+def test_a_call_whose_process_is_killed_is_repeated_in_another(pool: Pool) -> None:
     first = answers(pool)
     with ThreadPoolExecutor(1) as threads:
         call = threads.submit(pool.call, sleep, 1.0)
@@ -197,7 +197,7 @@ def held() -> Iterator[tuple[Callable[[], str], Event, Event]]:
     end.set()
 
 
-def test_the_second_session_has_processes_begin(
+def test_processes_start_with_the_second_session(
     pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(results, "_LONGEST_TURN_S", 0.01)
@@ -219,7 +219,7 @@ def test_the_second_session_has_processes_begin(
 def test_with_processes_one_computation_at_a_time_runs_here(
     pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a queue, one would otherwise run here after the other, and slow the pages of all."""
+    """Otherwise all queued calls would run in this process and slow every page."""
     for name in ("_LONGEST_TURN_S", "_PATIENCE_S"):
         monkeypatch.setattr(results, name, 0.01)
     long, began, end = held
@@ -235,7 +235,7 @@ def test_with_processes_one_computation_at_a_time_runs_here(
         assert first.result(PATIENCE_S) == "long"
 
 
-def test_the_turn_is_free_again_after_an_error(pool: Pool) -> None:
+def test_the_lock_is_released_after_an_error(pool: Pool) -> None:
     def fails() -> None:
         raise ValueError("no")
 
@@ -246,7 +246,7 @@ def test_the_turn_is_free_again_after_an_error(pool: Pool) -> None:
     results._turn.release()
 
 
-def test_equal_computations_are_one_and_failed_ones_are_none(pool: Pool) -> None:
+def test_equal_computations_share_a_result_and_failures_are_not_cached(pool: Pool) -> None:
     kept, calls = ResultCache(most_bytes=0, always_kept=2), list[int]()
 
     def fails() -> None:
@@ -269,7 +269,7 @@ def test_equal_computations_are_one_and_failed_ones_are_none(pool: Pool) -> None
     assert kept.begin("c", counts).result(PATIENCE_S) == 6
 
 
-def test_the_cache_has_a_limit_but_keeps_the_latest() -> None:
+def test_the_cache_drops_the_oldest_results_beyond_its_limit() -> None:
     kept = ResultCache(most_bytes=7 << 19, always_kept=1)
     for key in range(5):
         kept.put(key, np.zeros(1 << 17))  # 1 MiB
@@ -279,7 +279,7 @@ def test_the_cache_has_a_limit_but_keeps_the_latest() -> None:
     assert kept.get(4) is None
 
 
-def test_a_queue_is_said_when_all_processors_are_busy(
+def test_a_queue_is_shown_when_all_processors_are_busy(
     pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said: list[str] = []

@@ -60,7 +60,7 @@ def test_ratios_are_taken_within_a_round() -> None:
     np.testing.assert_allclose(times["b"].against, times["b"].seconds / times["a"].seconds)
 
 
-def test_a_slow_contender_sits_out_and_the_unit_does_not() -> None:
+def test_a_slow_contender_is_skipped_and_the_unit_is_not() -> None:
     calls = {"unit": lambda: None, "slow": lambda: None}
     times = interleaved(calls, against="unit", rounds=4, patience_s=0.0)
     assert times["unit"].seconds.size == 4
@@ -143,7 +143,7 @@ def test_long_parts_are_reached(name: str) -> None:
     assert all(set(row) == set(table.columns) for row in table.rows)
 
 
-def test_one_part_that_fails_stops_no_other(
+def test_a_part_that_fails_does_not_stop_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from benchmarks import phasors, transfer_matrix
@@ -166,7 +166,7 @@ def test_one_part_that_fails_stops_no_other(
     assert "numpy" in found["versions"]
 
 
-def test_a_library_that_is_missing_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_library_is_reported_in_its_row(monkeypatch: pytest.MonkeyPatch) -> None:
     from benchmarks import harness, stiffness, transfer_matrix
 
     monkeypatch.setattr(stiffness, "optional", lambda _name: None)

@@ -82,7 +82,7 @@ def test_a_fresh_server_runs_every_page_first(server: Server, path: str) -> None
 def test_a_fresh_server_opens_a_page_by_its_address(
     server: Server, open_in: Callable[..., Page]
 ) -> None:
-    """The page that needs most modules."""
+    """The page that loads most modules."""
     page = open_in(f"{server.address}/Report")
     finished(page, PAGES["Report"])
     assert not page.get_by_text("Page not found").count()
@@ -232,7 +232,7 @@ def failed(study: Study) -> Study:
 def test_axe_finds_nothing_on_any_page(
     address: str, open_in: Callable[..., Page], path: str, scheme: str
 ) -> None:
-    """The first screen is looked at where its figures are."""
+    """The first screen is checked once its figures are drawn."""
     page = open_in(f"{address}/{path}", scheme=scheme)
     finished(page, PAGES[path])
     assert accessible(page) == []

@@ -69,7 +69,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 # --- identify
 
 
-def test_identify_prints_json_that_is_the_identification(study: Path) -> None:
+def test_identify_prints_the_identification_as_json(study: Path) -> None:
     text = ok("identify", study, "--json")
     document = json.loads(text)
     fit = analyse(load_study(study)).fit
@@ -114,14 +114,16 @@ def test_a_sample_is_a_study_by_its_name(here: Path) -> None:
     assert json.loads(ok("identify", "single joint", "--json")) == document  # as the app shows it
 
 
-def test_a_file_or_folder_goes_before_a_sample_of_its_name(here: Path, one_joint: Path) -> None:
+def test_a_file_or_folder_has_priority_over_a_sample_of_the_same_name(
+    here: Path, one_joint: Path
+) -> None:
     shutil.copytree(one_joint, here / "single_joint")
     document = json.loads(ok("identify", "single_joint", "--json"))
     assert document["K"] == analyse(load_study(one_joint)).fit.K.tolist()
 
 
 @pytest.mark.parametrize("command", ["simulate", "export", "convert", "batch", "setpoints", "cut"])
-def test_help_names_values_plainly(here: Path, command: str) -> None:
+def test_help_names_the_values_of_options(here: Path, command: str) -> None:
     text = ok(command, "--help")
     assert not re.search(r"<[\w\[\] ]+>", text)
     assert ("--output FILE" in text) == (command in ("convert", "export", "setpoints", "batch"))
@@ -151,7 +153,7 @@ def test_bad_input_is_code_1_with_one_message(here: Path, study: Path) -> None:
     assert len(message.splitlines()) == 1
 
 
-def test_a_batch_of_a_missing_study_does_not_begin(here: Path, study: Path) -> None:
+def test_a_batch_with_a_missing_study_is_refused(here: Path, study: Path) -> None:
     said = refused(1, "batch", study, here / "none.zip", "-o", "r.parquet")
     assert said == f"Error: {here / 'none.zip'}: nothing is there. Check the path.\n"
     assert not [*here.glob("r.parquet*")]
@@ -227,7 +229,7 @@ def test_an_error_is_json_too_when_asked(here: Path, code: int, arguments: list[
     assert "".join(document["error"].split()) in said
 
 
-def test_a_fault_of_ours_says_so(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_internal_error_is_reported_as_such(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_: object, **__: object) -> None:
         raise ZeroDivisionError("somewhere deep")
 
@@ -321,7 +323,7 @@ def test_gears_of_all_joints_and_of_one() -> None:
     assert {(gear.K2, gear.K3, gear.T1_Nm, gear.T2_Nm) for gear in found} == {(3, 4, 1, 2)}
 
 
-def test_a_robot_of_ones_own_is_simulated(here: Path) -> None:
+def test_a_user_defined_robot_is_simulated(here: Path) -> None:
     (here / "robot.toml").write_text("M = [0.003]\nM2 = [[0.005]]\n", "utf-8")
     ok("simulate", "s", "--inertia", "robot.toml", "--K", "30", "--D", "0.05", "--count", "3")
     study = load_study(here / "s")
@@ -351,7 +353,7 @@ def test_cut_says_what_its_rule_means(study: Path, one_joint: Path) -> None:
         assert text in ok(*command, "--zones-mm", "5"), text
 
 
-def test_cut_of_six_axes_bends_its_own_robot() -> None:
+def test_cut_of_six_axes_uses_the_robot_of_the_study() -> None:
     document = json.loads(ok("cut", "six_axes", "--zones-mm", "10", "--json"))
     assert document["rule"] == "own robot"
     (row,) = document["cuts"]
@@ -367,7 +369,7 @@ def test_cut_without_a_study_shows_the_papers_values() -> None:
     assert "10 mm" in ok("cut", "--zones-mm", "10")
 
 
-def test_plan_promises_smaller_errors(study: Path) -> None:
+def test_plan_predicts_smaller_errors(study: Path) -> None:
     document = json.loads(ok("plan", study, "--count", "2", "--json"))
     today, after = document["relative_error_today"], document["records"][-1]["relative_error_after"]
     assert max(after) < max(today)
@@ -497,7 +499,9 @@ def test_a_log_is_converted_by_its_mapping(studies: dict[int, Study], here: Path
     assert "--torque-std = -1.0: expected" in refused(1, *stated[:-1], "--torque-std", "-1")
 
 
-def test_a_log_without_a_sine_is_told_from_one_that_has(studies: dict[int, Study], here: Path) -> None:
+def test_a_log_without_a_sine_is_distinguished_from_one_with_a_sine(
+    studies: dict[int, Study], here: Path
+) -> None:
     (here / "log.csv").write_text(log_text(studies[1]), "utf-8")
     noise = np.random.default_rng(3).standard_normal((2000, 2))
     rows = [f"{t:d};{q:.6f};{u:.6f}" for t, (q, u) in enumerate(noise)]
@@ -518,7 +522,7 @@ def test_a_log_without_a_sine_is_told_from_one_that_has(studies: dict[int, Study
 # --- what exists is not lost
 
 
-def test_what_is_read_is_never_written_over(study: Path, here: Path) -> None:
+def test_an_input_file_is_never_overwritten(study: Path, here: Path) -> None:
     copy, log = here / "one.zip", here / "log.csv"
     copy.write_bytes(study.read_bytes())
     log.write_text("time [s],position [rad],torque [Nm]\n" + "0,0,0\n" * 50, "utf-8")
@@ -647,7 +651,7 @@ def test_files_are_written_completely_or_not_at_all(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.txt", "folder"]
 
 
-def test_json_has_null_for_what_is_no_number() -> None:
+def test_json_has_null_for_nan_and_infinity() -> None:
     assert with_infinite_as(None, {"a": [1.0, float("nan")], "b": (float("inf"), "x", 3)}) == {
         "a": [1.0, None],
         "b": [None, "x", 3],

@@ -171,7 +171,7 @@ def test_settling_time_does_not_shift_the_reference():
         np.testing.assert_allclose(one.theta_rad, other.theta_rad, atol=1e-11)
 
 
-def test_an_undeclared_delay_bends_the_response():
+def test_an_undeclared_delay_changes_the_response():
     settings = {"excitation": SHORT, "controller": Controller(torque_delay_s=0.001)}
     silent = simulate_records(SERIAL, PAPER, [20.0], **settings, declare_timing=False)
     assert all(not r.torque_hold and r.torque_delay_s == 0 for r in silent)
@@ -234,7 +234,7 @@ def test_friction_steps_follow_a_tight_integration_through_reversal_and_rest():
     assert worst[4:].max() < 2e-3
 
 
-def test_a_sticking_joint_stands_exactly():
+def test_a_sticking_joint_has_zero_velocity():
     records = simulate_records(
         PARALLELOGRAM,
         PAPER,
@@ -271,7 +271,7 @@ def test_friction_torque_is_the_sign_of_the_velocity():
         assert np.abs((found - wanted) / coulomb).max() < 6e-4
 
 
-def test_energy_fed_in_is_lost_to_friction_and_damping():
+def test_input_energy_equals_the_loss_by_friction_and_damping():
     coulomb, viscous = np.array([0.4, 0.1]), np.array([0.004, 0.002])
     for record in simulate_records(
         SERIAL,
@@ -355,7 +355,7 @@ def test_a_joint_that_would_reverse_is_refused():
 # --- what the log shows ---------------------------------------------------------------------------
 
 
-def test_encoder_counts_and_noise_are_as_asked():
+def test_encoder_counts_and_noise_are_as_specified():
     settings = {
         "excitation": Excitation(duration_s=1.0, settle_s=0.1),
         "friction": MotorFriction(0.02),
@@ -387,7 +387,7 @@ def test_position_noise_passes_through_the_controller():
     assert (noisy.tau_Nm - clean.tau_Nm).std() > 0.05
 
 
-def test_the_seed_decides_the_noise():
+def test_the_seed_determines_the_noise():
     measurement = Measurement(65536, 1e-5, 0.01)
     one, same, other = (
         simulate_records(SERIAL, PAPER, [5.0], excitation=SHORT, measurement=measurement, seed=s)
@@ -459,7 +459,7 @@ def peaks_hz(frequencies, curve):
     ("elbow_deg", "pattern"),
     [(76.0, [[0.5, -1j], [0.5, 1j]]), (60.0, "one-at-a-time"), (60.0, "orthogonal")],
 )
-def test_one_record_alone_shows_the_neighbours_controller(elbow_deg, pattern):
+def test_one_record_shows_the_resonance_of_the_other_joints_controller(elbow_deg, pattern):
     coupling = 14.805 * np.cos(np.radians(elbow_deg)) / (100 * 90)
     inertia = Inertia([0.0025, 0.001], [[0.004104, coupling], [coupling, 0.001889]])
     frequencies = np.geomspace(3, 40, 70)
@@ -497,7 +497,7 @@ def test_progress_rises_to_one():
     assert seen[-1] == 1.0
 
 
-def test_what_progress_raises_stops_the_run():
+def test_an_exception_from_progress_stops_the_run():
     seen: list[float] = []
 
     def stop(fraction):

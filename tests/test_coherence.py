@@ -55,13 +55,13 @@ def test_coherence_is_the_share_of_the_motion_that_the_torques_explain() -> None
     np.testing.assert_allclose(found.coherence.mean(axis=0), [0.8, 0.5], atol=0.02)
 
 
-def test_nothing_in_common_is_no_coherence() -> None:
+def test_independent_signals_have_no_coherence() -> None:
     found = coherence(record(integrated(rng(3).normal(size=(3998, 2))), rng(4).normal(size=(4000, 2))))
     assert np.all(np.median(found.coherence, axis=0) < 0.05)
     assert found.coherence.min() == 0.0
 
 
-def test_what_the_torque_gives_alone_is_all_coherent() -> None:
+def test_motion_caused_by_the_torque_alone_has_coherence_one() -> None:
     """Also where a torque is zero throughout, and where nothing moves there is none."""
     tau = rng(5).normal(size=(4000, 1)) * [1.0, 0.0]
     found = coherence(record(integrated(tau[1:-1] * [1.0, 0.0]), tau))
@@ -70,8 +70,8 @@ def test_what_the_torque_gives_alone_is_all_coherent() -> None:
     assert np.isinf(found.above_floor[:, 1]).all()
 
 
-def test_white_noise_of_the_encoder_is_at_its_floor() -> None:
-    """Of the angle, not of the acceleration, at every frequency; ten times the noise is 100 times it."""
+def test_the_noise_floor_is_that_of_white_encoder_noise() -> None:
+    """As angle, not acceleration, at every frequency; ten times the noise is 100 times the floor."""
     theta = rng(6).normal(size=(4000, 2))
     theta[:, 1] += 10 * banded(20.0, 60.0, 1.0, 1)[:, 0] / banded(20.0, 60.0, 1.0, 1).std()
     found = coherence(record(theta, rng(7).normal(size=(4000, 2))))
@@ -84,7 +84,7 @@ def test_white_noise_of_the_encoder_is_at_its_floor() -> None:
     assert power.mean() == pytest.approx(expected, rel=0.3)
 
 
-def test_rows_before_the_start_do_not_count() -> None:
+def test_rows_before_the_start_are_ignored() -> None:
     theta, tau = rng(8).normal(size=(2, 5000, 1))
     later = coherence(record(theta, tau, start_s=2.0))
     alone = coherence(record(theta[1000:], tau[1000:]))
@@ -106,7 +106,7 @@ def test_the_band_is_that_of_the_motion(low_hz: float, high_hz: float) -> None:
     assert found == pytest.approx((low_hz, high_hz), abs=3.01 * LINE_HZ)
 
 
-def test_of_two_bands_the_one_of_more_octaves() -> None:
+def test_the_band_with_more_octaves_is_chosen() -> None:
     fast = banded(45.0, 80.0, 1e-3, 12)
     assert coherent_band(moved(banded(5.0, 14.0, 1e-3, 11), fast))[1] < 20
     assert coherent_band(moved(banded(25.0, 31.0, 1e-3, 11), fast))[0] > 38
@@ -117,7 +117,7 @@ def test_the_band_ends_at_a_sixth_of_the_sample_rate() -> None:
     assert RATE_HZ / 6 - LINE_HZ < highest <= RATE_HZ / 6
 
 
-def test_slower_motion_than_a_thirtieth_of_the_velocity_is_out() -> None:
+def test_frequencies_below_a_thirtieth_of_the_velocity_are_outside_the_band() -> None:
     """Per octave, over its largest; what moves by more is in."""
     fast = banded(30.0, 60.0, 1e-3, 14)
     for size, low_hz in ((1e-3, 5.0), (2e-5, 30.0)):
@@ -148,7 +148,7 @@ def test_torques_that_follow_the_noise_of_the_encoder_give_no_band() -> None:
         coherent_band(following)
 
 
-def test_fewer_than_five_lines_are_no_band() -> None:
+def test_fewer_than_five_lines_give_no_band() -> None:
     with pytest.raises(JointIdError, match="not coherent"):
         coherent_band(moved(banded(84.0, 95.0, 1e-3, 17)))  # three lines below the highest
     assert coherent_band(moved(banded(80.0, 95.0, 1e-3, 17)))[0] > 74
@@ -181,7 +181,7 @@ def levels(signals: np.ndarray, **more: float) -> tuple[float, np.ndarray, np.nd
     return found.period_s, found.even, found.odd, found.noise
 
 
-def test_levels_of_distortion_are_those_put_in() -> None:
+def test_levels_of_distortion_are_those_simulated() -> None:
     """Root mean square of the empty even and odd lines, and of the lines between, over the excited."""
     size = np.sqrt(np.mean(1 / EXCITED.astype(float) ** 4))
     period_s, even, odd, noise = levels(multisine(even=1e-4, odd=2e-4, between=3e-4))
@@ -192,7 +192,7 @@ def test_levels_of_distortion_are_those_put_in() -> None:
     np.testing.assert_allclose(noise, 3e-4 / size / np.sqrt(lines), rtol=1e-9)
 
 
-def test_part_of_a_period_and_rows_before_the_start_do_not_count() -> None:
+def test_part_of_a_period_and_rows_before_the_start_are_ignored() -> None:
     signals = multisine(even=1e-4, odd=2e-4, periods=REPEATS + 0.8)
     begin = round(0.3 * PERIOD)
     signals[:begin] = 0.0
@@ -203,7 +203,7 @@ def test_part_of_a_period_and_rows_before_the_start_do_not_count() -> None:
     assert noise.max() < 1e-9
 
 
-def test_a_joint_at_rest_has_no_part_in_the_choice_of_lines() -> None:
+def test_a_joint_at_rest_is_ignored_in_the_choice_of_lines() -> None:
     signals = multisine(even=1e-4, odd=2e-4)
     signals[:, 1] *= 1e-6
     np.testing.assert_allclose(levels(signals)[1], levels(multisine(even=1e-4))[1], rtol=1e-6)
@@ -228,12 +228,12 @@ def test_two_periods_are_enough_and_less_are_not() -> None:
 @pytest.mark.parametrize(
     "excited", [[3, 5, 6, 9, 15], [2, 4, 8, 10], [3, 4, 5, 6, 7], [3, 5, 7, 9, 11]], ids=str
 )
-def test_lines_that_are_even_or_have_no_gap_tell_no_distortion(excited: list[int]) -> None:
+def test_lines_without_gaps_or_at_even_numbers_give_no_distortion(excited: list[int]) -> None:
     with pytest.raises(JointIdError, match="not a multisine on odd lines"):
         levels(multisine(np.array(excited)))
 
 
 @pytest.mark.parametrize("samples", [16, 17, 34, 2000])
-def test_noise_does_not_repeat(samples: int) -> None:
+def test_noise_is_the_difference_between_periods(samples: int) -> None:
     with pytest.raises(JointIdError, match="does not repeat"):
         levels(rng(18).normal(size=(samples, 4)))

@@ -73,7 +73,7 @@ def test_stiffness_and_payload_come_back_from_two_poses() -> None:
     assert np.corrcoef(shifts[:, 0, 0], shifts[:, 1, 0])[0, 1] > 0.99
 
 
-def test_a_wrong_payload_does_not_pass_for_another_gravity() -> None:
+def test_a_wrong_payload_does_not_fit_as_another_gravity() -> None:
     """The payload's mass changes the arm's inertia and its weight together."""
     q = np.deg2rad([0.0, -60.0, 100.0, 20.0, 40.0, 10.0])
     true = ROBOT.inertia(q)

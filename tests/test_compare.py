@@ -103,7 +103,7 @@ def test_a_softer_robot_differs_significantly_in_either_order(
     assert said.startswith("soft.zip, compared with paper: joint 1 is 10 % softer")
 
 
-def test_the_partner_is_first_sought_among_own_studies(
+def test_the_default_partner_is_one_of_the_users_studies(
     app: AppTest, studies: dict[int, Study], first: Analysis
 ) -> None:
     """A sample of the same inertias is no better partner than the study opened just before."""

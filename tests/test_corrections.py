@@ -68,7 +68,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_of_all_records_is_taken_out_again(right: Study, name: str) -> None:
+def test_a_fault_of_all_records_is_corrected(right: Study, name: str) -> None:
     wrong = each(right, FAULTS[name])
     before = analyse(wrong)
     assert before.state == "not usable"
@@ -96,7 +96,7 @@ def test_a_record_that_contradicts_the_others_is_corrected_or_left_out(right: St
     assert [r.time_s.size for r in corrected(wrong, out).records] == [r.time_s.size for r in others]
 
 
-def test_a_record_that_is_there_twice_is_left_out_once(right: Study) -> None:
+def test_one_of_two_identical_records_is_left_out(right: Study) -> None:
     twice = replace(right, records=(*right.records, replace(right.sine_records[0], label="again")))
     (change,) = proposed(analyse(twice))
     assert corrected(twice, change).changes == ("Left out: again.",)
@@ -172,7 +172,7 @@ def test_report_and_exports_list_the_changes(right: Study) -> None:
         assert document["obtained"]["changes"] == [sentence]
 
 
-def test_what_cannot_be_changed_is_said(right: Study) -> None:
+def test_an_impossible_change_is_an_error(right: Study) -> None:
     everything = tuple(range(len(right.records)))
     with pytest.raises(JointIdError, match="no records"):
         corrected(right, Change("leave out", everything))
@@ -180,7 +180,7 @@ def test_what_cannot_be_changed_is_said(right: Study) -> None:
         replace(right, changes="a text")  # type: ignore[arg-type]
 
 
-def test_a_finding_is_remedied_and_taken_back_on_the_page(
+def test_a_correction_is_applied_and_undone_on_the_page(
     right: Study, sample_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(workspace, "SAMPLES", sample_folder)

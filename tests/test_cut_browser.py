@@ -172,7 +172,7 @@ def test_it_pauses_scrubs_and_steps(browse: Browse) -> None:
     browse(look)
 
 
-def test_the_keys_mean_the_same_wherever_the_focus_is(browse: Browse) -> None:
+def test_the_keys_work_independently_of_the_focus(browse: Browse) -> None:
     def look(page: Page) -> None:
         playing(page)
         button = page.locator(".cut-animation .play")
@@ -204,7 +204,7 @@ def test_the_keys_mean_the_same_wherever_the_focus_is(browse: Browse) -> None:
     browse(look)
 
 
-def test_no_path_is_magnified_beyond_recognition(browse: Browse) -> None:
+def test_the_magnification_keeps_the_shape_of_the_path(browse: Browse) -> None:
     def look(page: Page) -> None:
         playing(page)
         assert state(page)["factors"] == "1 1"
@@ -220,7 +220,7 @@ def test_no_path_is_magnified_beyond_recognition(browse: Browse) -> None:
     browse(look)
 
 
-def test_errors_are_magnified_about_the_wanted_path(browse: Browse) -> None:
+def test_errors_are_magnified_about_the_reference_path(browse: Browse) -> None:
     def look(page: Page) -> None:
         playing(page)
         page.get_by_role("button", name="Pause", exact=True).click()
@@ -240,7 +240,7 @@ def test_errors_are_magnified_about_the_wanted_path(browse: Browse) -> None:
     browse(look)
 
 
-def test_another_setting_shows_another_path_and_keeps_the_moment(browse: Browse) -> None:
+def test_another_setting_changes_the_path_and_keeps_the_time(browse: Browse) -> None:
     def look(page: Page) -> None:
         playing(page)
         page.get_by_role("button", name="Pause", exact=True).click()
@@ -278,7 +278,7 @@ def test_the_figure_is_saved_as_svg(browse: Browse) -> None:
     browse(look)
 
 
-def test_who_wants_no_motion_sees_the_finished_cut(browse: Browse) -> None:
+def test_with_reduced_motion_the_finished_cut_is_shown(browse: Browse) -> None:
     def look(page: Page) -> None:
         now = state(page)
         assert now["playing"] == "false"

@@ -115,7 +115,7 @@ class TestPage:
         assert not at.exception
 
     @pytest.mark.parametrize("key", ["one joint", "three joints"])
-    def test_of_other_than_two_joints_is_a_demonstration(self, app: AppTest, key: str) -> None:
+    def test_a_study_without_two_joints_shows_a_demonstration(self, app: AppTest, key: str) -> None:
         app.query_params["study"] = key
         at = shown(app.switch_page(PAGE).run())
         assert "needs a study of two joints" in at.info[0].value
@@ -168,7 +168,7 @@ class TestPage:
         assert len(seen) >= 2
         assert len(set(seen)) == 1
 
-    def test_studies_without_nominal_values_have_a_choice_of_their_own(self, app: AppTest) -> None:
+    def test_studies_without_nominal_values_have_other_choices(self, app: AppTest) -> None:
         app.query_params["study"] = "one joint"
         at = shown(app.switch_page(PAGE).run())
         assert control(at, "cut_servo").value == "rigid"
@@ -187,7 +187,7 @@ class TestPage:
         assert len(set(before.values())) == 4
         assert before["soft"] > before["rigid"] > before["stiff"] > 1
 
-    def test_custom_values_are_taken_or_refused_in_words(self, app: AppTest) -> None:
+    def test_custom_values_are_used_or_refused_with_a_message(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
         at = shown(control(at, "cut_nominal").set_value("custom").run())
         assert nominal(at, "K").value == "21.5, 3.75"
@@ -222,7 +222,7 @@ class TestPage:
         at = shown(at.switch_page("app.py").run())
         assert any("because this robot's geometry is not known" in c.value for c in at.caption)
 
-    def test_friction_and_its_compensation_count(self, app: AppTest) -> None:
+    def test_friction_and_its_compensation_change_the_cut(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
         ideal = headline(at)[1]
         at = shown(at.selectbox(key="cut_friction").set_value("Custom").run())
@@ -238,12 +238,12 @@ class TestPage:
         app.query_params["cut_details"] = "Over time"
         assert len(shown(app.switch_page(PAGE).run()).get("plotly_chart")) == 1
 
-    def test_the_drive_may_be_another_and_that_is_said(self, app: AppTest) -> None:
+    def test_another_drive_can_be_chosen_and_is_stated(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
         at = shown(at.selectbox(key="cut_drive").set_value("Serial").run())
         assert "inertias are those of the other drive" in at.info[0].value
 
-    def test_a_path_that_cannot_be_is_refused_with_its_remedy(self, app: AppTest) -> None:
+    def test_an_infeasible_path_is_refused_with_a_remedy(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
         at = shown(at.number_input(key="cut_width").set_value(10.0).run())
         assert "does not fit" in at.error[0].value
@@ -260,7 +260,7 @@ class TestPage:
         assert one < three < ten < thirty < 2
         assert three == pytest.approx(3 * one, rel=0.1)  # in proportion, as long as it is small
 
-    def test_says_what_is_assumed(self, app: AppTest) -> None:
+    def test_the_assumptions_are_listed(self, app: AppTest) -> None:
         app.query_params["cut_details"] = "Assumptions"
         text = words(shown(app.switch_page(PAGE).run()))
         assert "**The paper states**" in text
@@ -291,7 +291,7 @@ class TestWhatTheBrowserIsSent:
                 np.testing.assert_allclose(table[:, first + axis], expected, atol=2e-7)
         assert table[:, 7].max() == pytest.approx(outcome.before_m, rel=1e-3)
 
-    def test_windows_hold_what_is_drawn(self, outcome: Outcome) -> None:
+    def test_axis_ranges_contain_the_drawn_paths(self, outcome: Outcome) -> None:
         data = animation_data(outcome, "0.4 K", dark=True)
         x, y, width, height = data["window_m"]
         for run in (outcome.before, outcome.after):

@@ -44,11 +44,11 @@ def nudged(array: np.ndarray, index: int) -> np.ndarray:
     return copy
 
 
-def test_equal_studies_share_it() -> None:
+def test_equal_studies_have_equal_digests() -> None:
     assert study_digest(study()) == study_digest(study())
 
 
-def test_any_single_difference_changes_it() -> None:
+def test_any_single_difference_changes_the_digest() -> None:
     record = study().records[0]
     others = [
         study(name="cel"),
@@ -83,12 +83,14 @@ def test_any_single_difference_changes_it() -> None:
 
 
 @pytest.mark.parametrize(("first", "second"), [(("ab", "c"), ("a", "bc")), (("", "x"), ("x", ""))])
-def test_texts_do_not_run_into_each_other(first: tuple[str, str], second: tuple[str, str]) -> None:
+def test_adjacent_texts_are_separated_in_the_digest(
+    first: tuple[str, str], second: tuple[str, str]
+) -> None:
     one, two = (study(name=n, description=d) for n, d in (first, second))
     assert study_digest(one) != study_digest(two)
 
 
-def test_the_layout_in_memory_does_not_matter() -> None:
+def test_the_memory_layout_does_not_change_the_digest() -> None:
     record = study().records[0]
     assert study_digest(
         changed_record(theta_rad=np.ascontiguousarray(record.theta_rad))

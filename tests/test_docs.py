@@ -106,7 +106,7 @@ def test_links_have_targets(page: Path) -> None:
             assert (page.parent / target).exists(), target
 
 
-def test_the_page_about_the_code_names_functions_and_rooms_that_exist() -> None:
+def test_functions_and_packages_named_on_the_code_page_exist() -> None:
     text = (ROOT / "docs" / "explanation" / "code.md").read_text("utf-8")
     steps = re.findall(r"(\w+\.py) {2,}(\w+)\(", text)
     assert len(steps) > 4
@@ -182,7 +182,7 @@ def test_the_listed_errors_exist() -> None:
         assert fragment in texts, fragment
 
 
-def test_the_reader_of_contributing_reads_its_format(tmp_path: Path) -> None:
+def test_the_example_reader_in_contributing_reads_its_format(tmp_path: Path) -> None:
     names: dict[str, Any] = {}
     exec(SNIPPET.findall((ROOT / "CONTRIBUTING.md").read_text("utf-8"))[0], names)
     heads = [
@@ -203,7 +203,7 @@ def test_the_reader_of_contributing_reads_its_format(tmp_path: Path) -> None:
         names["READER"].read("run.p7", str(path))
 
 
-def test_the_text_reader_of_contributing_reads_its_format(tmp_path: Path) -> None:
+def test_the_example_text_reader_in_contributing_reads_its_format(tmp_path: Path) -> None:
     names: dict[str, Any] = {}
     for code in SNIPPET.findall((ROOT / "CONTRIBUTING.md").read_text("utf-8")):
         exec(code, names)

@@ -68,7 +68,7 @@ def mild_noise(phasors: Phasors, level: float = 1e-3, unlike: float = 1.0) -> np
 @pytest.mark.parametrize("method", LINEAR)
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_truth_is_found_without_noise(method: str, n: int, count: int) -> None:
+def test_without_noise_the_estimate_is_exact(method: str, n: int, count: int) -> None:
     fit = identify_elasticity(example(n, count=count), ROBOTS[n][0], method=method)
     assert np.allclose(answer(fit), truth(n), rtol=1e-9)
     assert np.allclose(fit.elasticity.K, ROBOTS[n][1].K, rtol=1e-9)
@@ -78,7 +78,7 @@ def test_truth_is_found_without_noise(method: str, n: int, count: int) -> None:
 @pytest.mark.parametrize("method", LINEAR)
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("frequency", [4.0, 17.0])
-def test_one_record_suffices(method: str, n: int, frequency: float) -> None:
+def test_one_record_is_enough(method: str, n: int, frequency: float) -> None:
     """All joints move in it: 2n parameters from n complex equations."""
     fit = identify_elasticity(example(n, np.array([frequency]), 1), ROBOTS[n][0], method=method)
     assert np.allclose(answer(fit), truth(n), rtol=1e-8)
@@ -89,7 +89,7 @@ def test_one_record_suffices(method: str, n: int, frequency: float) -> None:
 @pytest.mark.parametrize("method", LINEAR)
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("periods", [1.0, 6.37, 10.0])
-def test_truth_is_found_from_records_of_any_length(method: str, n: int, periods: float) -> None:
+def test_the_estimate_is_exact_for_records_of_any_length(method: str, n: int, periods: float) -> None:
     inertia, elasticity = ROBOTS[n]
     records = steady_records(
         inertia, elasticity, *campaign(BAND_HZ, n),
@@ -288,7 +288,9 @@ def shared_equations(monkeypatch: pytest.MonkeyPatch) -> None:
         ),
     ],
 )
-def test_errors_are_as_stated(n: int, count: int, freedom: int | None, unlike: float) -> None:
+def test_standard_errors_are_the_scatter_of_the_estimates(
+    n: int, count: int, freedom: int | None, unlike: float
+) -> None:
     """320 realisations in a long run, half in a normal one.
 
     ``freedom`` None knows the noise, else it is estimated from so many draws. The standard deviation of
@@ -319,7 +321,7 @@ def test_errors_are_as_stated(n: int, count: int, freedom: int | None, unlike: f
 
 
 @pytest.mark.usefixtures("shared_equations")
-def test_single_record_errors_are_as_stated() -> None:
+def test_standard_errors_of_a_single_record_are_its_scatter() -> None:
     base = example(2, np.array([11.0]), 1)
     noise = mild_noise(base)
     fits: dict[str, list[ElasticityFit]] = {method: [] for method in LINEAR}
@@ -333,7 +335,7 @@ def test_single_record_errors_are_as_stated() -> None:
         assert np.all((ratio > 0.78) & (ratio < 1.28)), (method, ratio)
 
 
-def test_few_degrees_of_freedom_bias_an_inverse_and_records_alike_share_theirs() -> None:
+def test_few_degrees_of_freedom_bias_an_inverse_and_equal_records_share_them() -> None:
     """Of 2 x 2 matrices of 9 draws, and of the noise of 14 records that have 7 draws each."""
     white = np.eye(2, dtype=complex)[None]
     rng = np.random.default_rng(3)
@@ -348,7 +350,7 @@ def test_few_degrees_of_freedom_bias_an_inverse_and_records_alike_share_theirs()
 
 
 def test_maximum_likelihood_is_unbiased_where_weighting_is_not() -> None:
-    """Noise in the deflection pulls a linear fit off; errors in variables know of it."""
+    """Noise in the deflection biases a linear fit, but not one with errors in variables."""
     base = example()
     noise = mild_noise(base, 0.3)
     found: dict[str, list[np.ndarray]] = {"weighted": [], "maximum-likelihood": []}
@@ -401,7 +403,7 @@ def test_a_lag_is_chosen_where_it_is_significant(standard_errors: int, late: boo
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
-def test_maximum_likelihood_finds_the_truth_without_noise(n: int) -> None:
+def test_without_noise_maximum_likelihood_is_exact(n: int) -> None:
     fit = identify_elasticity(example(n), ROBOTS[n][0], method="maximum-likelihood")
     assert np.allclose(answer(fit), truth(n), rtol=1e-8)
 
@@ -419,7 +421,7 @@ def drawn() -> dict[str, list[ElasticityFit]]:
     return found
 
 
-def test_correlations_are_as_stated(drawn: dict[str, list[ElasticityFit]]) -> None:
+def test_stated_correlations_are_those_of_the_estimates(drawn: dict[str, list[ElasticityFit]]) -> None:
     fits = drawn["weighted"]
     seen = np.corrcoef(np.array([answer(fit) for fit in fits]).T)
     assert np.allclose(seen, np.mean([fit.correlation for fit in fits], axis=0), atol=0.15)
@@ -434,9 +436,7 @@ def test_weighted_is_the_most_accurate_of_the_linear_ones(drawn: dict[str, list[
 
 
 @pytest.mark.parametrize("method", LINEAR)
-def test_residual_is_as_large_as_its_noise_says(
-    method: str, drawn: dict[str, list[ElasticityFit]]
-) -> None:
+def test_residual_has_the_size_of_the_noise(method: str, drawn: dict[str, list[ElasticityFit]]) -> None:
     """Four of 28 real degrees of freedom per joint pair go into the fit."""
     ratio = [np.mean(np.abs(fit.residual) ** 2 / fit.residual_noise**2) for fit in drawn[method]]
     fit = drawn[method][0]
@@ -444,8 +444,8 @@ def test_residual_is_as_large_as_its_noise_says(
     assert 0.85 < np.mean(ratio) < 1.2
 
 
-def test_residual_is_the_torque_that_is_missing() -> None:
-    """A torque put on joint 1 behind the model's back comes out as its residual."""
+def test_residual_is_an_unmodelled_torque() -> None:
+    """A torque on joint 1 that the model does not contain is its residual."""
     base = example()
     fit = identify_elasticity(base, SERIAL, method="least-squares")
     equations = spring_equations(
@@ -510,8 +510,8 @@ def test_answer_does_not_depend_on_amplitude_clock_or_order(method: str) -> None
 # What cannot be done, or should not be believed
 
 
-def test_condition_tells_a_poor_campaign_from_a_good_one() -> None:
-    """At 1 Hz damping makes a thousandth of the spring's torque; over the band a tenth."""
+def test_condition_of_a_poor_campaign_is_larger() -> None:
+    """At 1 Hz damping is a thousandth of the elastic torque; over the band a tenth."""
     good = identify_elasticity(example(), SERIAL).condition
     poor = identify_elasticity(example(2, np.array([0.5, 0.6])), SERIAL).condition
     assert good >= 1
@@ -537,8 +537,8 @@ def test_joints_whose_columns_are_empty_are_named() -> None:
             identify_elasticity(phasors, THREE)
 
 
-def test_joint_lost_in_noise_is_refused_or_given_an_honest_error() -> None:
-    """Noise as large as the deflection of joint 2 biases a linear fit; it must not be sold as exact."""
+def test_joint_below_the_noise_is_refused_or_has_a_large_error() -> None:
+    """Noise as large as the deflection of joint 2 biases a linear fit: its error must include that."""
     apart = Inertia(M=SERIAL.M, M2=np.diag([0.006, 0.002]))
     base = plant_phasors(apart, PAPER, *campaign([3.1, 4.3, 5.5], 2))
     deflection = np.abs(spring_equations(base, apart).deflection[:, 1])
@@ -567,7 +567,7 @@ def active_phasors(K: list[float], D: list[float]) -> Phasors:
 
 
 @pytest.mark.parametrize("method", LINEAR)
-def test_answer_that_is_no_spring_is_shown_but_not_used(method: str) -> None:
+def test_negative_stiffness_is_shown_but_not_usable(method: str) -> None:
     fit = identify_elasticity(active_phasors([43.0, -7.5], [0.1, 0.015]), SERIAL, method=method)
     assert np.allclose(fit.K, [43.0, -7.5], rtol=1e-9)
     with pytest.raises(JointIdError, match=r"K2 is -7.5 N·m/rad.*sign and unit.*joint 2"):
@@ -575,7 +575,7 @@ def test_answer_that_is_no_spring_is_shown_but_not_used(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", LINEAR)
-def test_answer_that_feeds_energy_in_is_shown_but_not_used(method: str) -> None:
+def test_negative_damping_is_shown_but_not_usable(method: str) -> None:
     fit = identify_elasticity(active_phasors([43.0, 7.5], [-0.1, 0.015]), SERIAL, method=method)
     assert np.allclose(fit.D, [-0.1, 0.015], rtol=1e-8)
     with pytest.raises(JointIdError, match=r"D1 is -0.1 N·m·s/rad.*torque_hold"):
@@ -606,7 +606,7 @@ def test_wrong_arguments_are_refused() -> None:
 
 
 @pytest.mark.parametrize("method", LINEAR)
-def test_two_hundred_records_and_one_good_among_bad(method: str) -> None:
+def test_two_hundred_records_and_one_accurate_record_among_inaccurate_ones(method: str) -> None:
     """Signal-to-noise from 1e10 down to 10 in one campaign."""
     base = example(2, np.linspace(3, 30, 100))
     level = np.full(200, 0.1)

@@ -143,7 +143,7 @@ def test_tables_of_laws_hold_their_kinks(result: Analysis) -> None:
         np.testing.assert_allclose(np.interp(at, x, y), gear.torque(at), atol=1e-12)
 
 
-def test_json_is_readable_without_this_software(result: Analysis) -> None:
+def test_json_is_read_by_the_standard_library(result: Analysis) -> None:
     document = json.loads(to_json(result))
     assert document["side"] == "motor"
     assert document["units"]["K"] == "N·m/rad"
@@ -178,7 +178,7 @@ def test_the_table_of_H_holds_H(analyses: dict[int, Analysis]) -> None:
     np.testing.assert_allclose(frequency, matrix.omega, rtol=1e-15)
 
 
-def test_H_without_friction_stands_beside_H_as_measured(analyses: dict[int, Analysis]) -> None:
+def test_H_without_friction_is_exported_beside_H_as_measured(analyses: dict[int, Analysis]) -> None:
     plain = analyses[2]
     raw = plain.transfer_matrices[""]
     assert "without" not in transfer_matrix_table(plain)
@@ -210,7 +210,7 @@ def response(A: Any, B: Any, C: Any, D: Any, s: complex) -> np.ndarray:
 
 
 @pytest.mark.parametrize("n", ROBOTS)
-def test_the_state_space_answers_as_the_robot(n: int) -> None:
+def test_the_state_space_has_the_response_of_the_robot(n: int) -> None:
     inertia, elasticity = ROBOTS[n]
     model = state_space(inertia, elasticity)
     H = motor_response(OMEGA, inertia, elasticity)
@@ -232,7 +232,7 @@ def test_the_state_space_is_minimal_and_finite_at_rest() -> None:
     np.testing.assert_allclose(free[::2] / (2 * np.pi), resonances(PARALLELOGRAM, PAPER), rtol=1e-12)
 
 
-def test_python_control_gets_the_same_model_and_the_measured_H(analyses: dict[int, Analysis]) -> None:
+def test_python_control_receives_the_model_and_the_measured_H(analyses: dict[int, Analysis]) -> None:
     pytest.importorskip("control")
     analysis = analyses[2]
     elasticity = analysis.fit.elasticity
@@ -259,7 +259,7 @@ def test_without_python_control_the_message_says_what_to_install(
 # --- MATLAB
 
 
-def test_matlab_gets_everything(analyses: dict[int, Analysis]) -> None:
+def test_matlab_file_holds_all_results(analyses: dict[int, Analysis]) -> None:
     analysis = analyses[2]
     data = to_mat(analysis)
     assert data == to_mat(analysis)
@@ -283,7 +283,7 @@ def test_matlab_gets_everything(analyses: dict[int, Analysis]) -> None:
 RATIO = np.array([100.0, -90.0])
 
 
-def test_the_arm_side_keeps_the_physics(known: Analysis) -> None:
+def test_arm_side_values_give_the_same_resonances(known: Analysis) -> None:
     arm = arm_side(known, RATIO)
     np.testing.assert_allclose(arm.K, [43.0 * 1e4, 7.5 * 8100], rtol=1e-15)
     seen = resonances(Inertia(M=arm.rotor, M2=arm.M2), Elasticity(K=arm.K, D=arm.D))
@@ -291,7 +291,7 @@ def test_the_arm_side_keeps_the_physics(known: Analysis) -> None:
     np.testing.assert_allclose(arm.coulomb, [0.4 * 100, 0.08 * 90])  # never negative
 
 
-def test_the_serial_example_arm_has_its_own_inertia_back(known: Analysis) -> None:
+def test_the_exported_serial_arm_has_its_original_inertia(known: Analysis) -> None:
     arm = PlanarArm.example("serial")
     angle = arm.inverse((1.15, 0.0))
     records = len(known.study.records)
@@ -305,7 +305,7 @@ def test_the_serial_example_arm_has_its_own_inertia_back(known: Analysis) -> Non
     np.testing.assert_allclose(M2, expected, rtol=1e-12)
 
 
-def test_mujoco_hinges_make_the_robots_resonances(known: Analysis) -> None:
+def test_mujoco_hinges_have_the_resonances_of_the_robot(known: Analysis) -> None:
     """Motor and spring hinge of a joint add up, so the mass matrix is [[rotor + M2, M2], [M2, M2]]."""
     root = ET.fromstring(mujoco_snippet(known, RATIO))
     joints = {j.attrib["name"]: j.attrib for j in root.iter("joint")}
@@ -359,7 +359,7 @@ def test_mujoco_loads_them_as_they_are(snippet: Any, known: Analysis) -> None:
 
 
 @pytest.mark.parametrize("snippet", [mujoco_snippet, urdf_snippet, sdf_snippet])
-def test_snippets_say_that_they_are_no_arm(snippet: Any, known: Analysis) -> None:
+def test_snippets_state_that_they_are_no_complete_arm(snippet: Any, known: Analysis) -> None:
     text = snippet(known, RATIO)
     assert text.index("without couplings J_12") < text.index("joint1_motor")
 
@@ -374,7 +374,7 @@ def test_sdf_has_spring_and_damping(known: Analysis) -> None:
 
 
 @pytest.mark.parametrize("snippet", [mujoco_snippet, urdf_snippet, sdf_snippet])
-def test_snippets_say_which_side_and_refuse_bad_gears(snippet: Any, known: Analysis) -> None:
+def test_snippets_name_the_gear_side_and_refuse_invalid_ratios(snippet: Any, known: Analysis) -> None:
     text = snippet(known, 100.0)
     assert "Joint side" in text
     assert "motor side: K = 43.0 N.m/rad" in text
@@ -413,7 +413,7 @@ def test_structured_text_is_a_global_variable_list(result: Analysis) -> None:
     assert sum(line.startswith(("// K_std", "// D_std")) for line in lines) == 2
 
 
-def test_code_is_read_by_its_language(result: Analysis) -> None:
+def test_exported_code_is_parsed_by_its_language(result: Analysis) -> None:
     listings = {language: code_listing(result, language) for language in LANGUAGES}
     names: dict[str, Any] = {}
     exec(listings["Python"], names)

@@ -129,7 +129,7 @@ def test_an_off_diagonal_element_comes_with_its_mirror_image(analyses: dict[int,
     np.testing.assert_allclose(one.y, other.y, rtol=0.05)
 
 
-def test_where_friction_was_found_the_freed_measurement_stands_beside_the_raw_one(
+def test_with_friction_compensated_and_raw_measurements_are_drawn(
     analyses: dict[int, Analysis],
 ) -> None:
     plain = analyses[2]
@@ -174,7 +174,7 @@ def test_dynamic_stiffness_is_flat_at_k_and_rises_with_omega_d(analyses: dict[in
     assert 0.3 < np.sqrt(np.mean(pull**2)) < 2.5
 
 
-def test_ticks_are_those_of_the_house() -> None:
+def test_ticks_follow_the_common_style() -> None:
     axis = frequency_axis(np.array([3.0, 30.0]))
     low, high = 10 ** np.array(axis["range"])
     assert [t for t in axis["ticktext"] if low <= float(t) <= high] == ["3", "5", "10", "20", "30"]
@@ -223,7 +223,7 @@ def test_the_spectrum_peaks_at_the_marked_excitation(studies: dict[int, Study]) 
 
 
 @pytest.mark.parametrize("periods", [4.0, None])
-def test_the_fit_does_not_hide_the_samples(studies: dict[int, Study], periods: float | None) -> None:
+def test_samples_are_drawn_above_the_fit(studies: dict[int, Study], periods: float | None) -> None:
     record = studies[2].records[0]
     fitted = np.column_stack([record.theta_rad, record.tau_Nm])
     figure = waveforms(record, 0, fitted, periods=periods)
@@ -234,14 +234,14 @@ def test_the_fit_does_not_hide_the_samples(studies: dict[int, Study], periods: f
     assert logged.opacity < 1
 
 
-def test_one_of_many_joints_is_in_the_foreground(analyses: dict[int, Analysis]) -> None:
+def test_the_chosen_joint_is_highlighted_among_many(analyses: dict[int, Analysis]) -> None:
     figure = phasor_plane(analyses[3].phasors, chosen=0, joint=1)
     assert trace(figure, "joint 2").marker.color == LIGHT.measured
     assert trace(figure, "joint 1").marker.color == LIGHT.quiet
     assert [t.name for t in figure.data].count("chosen record") == 1
 
 
-def test_phasors_are_told_with_their_error_in_readable_digits(analyses: dict[int, Analysis]) -> None:
+def test_hover_texts_give_phasors_with_errors_in_rounded_digits(analyses: dict[int, Analysis]) -> None:
     phasors = analyses[2].phasors
     for t in phasor_plane(phasors).data:
         if t.customdata is not None:
@@ -264,7 +264,7 @@ def test_thinning_loses_no_spike() -> None:
     assert np.all(np.diff(few_x) >= 0)
 
 
-def test_raw_columns_show_also_what_is_no_record() -> None:
+def test_raw_columns_are_drawn_for_tables_that_are_no_record() -> None:
     columns = {"t": np.arange(5.0), "a": np.array([1.0, np.nan, 3.0, 4.0, 5.0]), "b": np.zeros(5)}
     figure = raw_columns(columns)
     assert [t.name for t in figure.data] == ["a", "b"]
@@ -303,7 +303,7 @@ def no_spring(analyses: dict[int, Analysis]) -> Analysis:
         lambda a: dynamic_stiffness(a.fit, 0, a.study.nominal),
     ],
 )
-def test_an_estimate_that_is_no_spring_still_shows_the_measurement(
+def test_with_an_unphysical_estimate_the_measurement_is_still_drawn(
     no_spring: Analysis, draw: Callable[[Analysis], go.Figure]
 ) -> None:
     with pytest.raises(JointIdError):
@@ -313,7 +313,7 @@ def test_an_estimate_that_is_no_spring_still_shows_the_measurement(
     assert not any(t.name == "identified model" for t in figure.data)
 
 
-def test_a_joint_at_rest_breaks_no_figure(
+def test_every_figure_is_drawn_with_a_joint_at_rest(
     studies: dict[int, Study], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("jointid.analysis.findings", lambda _: ())  # no figure shows them

@@ -81,7 +81,7 @@ def require_exact(rows: tuple[Row, ...], truth: dict[str, Row]) -> None:
 # --- rows
 
 
-def test_a_row_holds_what_the_analysis_says(paths: list[Path], truth: dict[str, Row]) -> None:
+def test_a_row_holds_the_results_of_the_analysis(paths: list[Path], truth: dict[str, Row]) -> None:
     for path in paths[:4]:
         study, row = load_study(path), truth[str(path)]
         fit = analyse(study).fit
@@ -96,7 +96,7 @@ def test_a_row_holds_what_the_analysis_says(paths: list[Path], truth: dict[str, 
         assert row.findings[0].startswith(row.verdict)
 
 
-def test_a_friction_and_a_delay_stand_in_the_row(sample_folder: Path) -> None:
+def test_friction_and_delay_are_in_the_row(sample_folder: Path) -> None:
     study = load_study(sample_folder / "one_joint")
     analysis = analyse(study)
     from jointid.estimation.elasticity import Friction
@@ -175,7 +175,7 @@ def test_folders_are_searched_at_any_depth_and_links_only_once(tmp_path: Path) -
 
 
 @pytest.mark.usefixtures("here")
-def test_a_study_has_one_row_by_whatever_way_it_is_reached(tmp_path: Path) -> None:
+def test_a_study_found_by_several_paths_has_one_row(tmp_path: Path) -> None:
     (tmp_path / "cells" / "deep").mkdir(parents=True)
     save_study(small_study(0), tmp_path / "cells" / "s")
     (tmp_path / "link").symlink_to(tmp_path / "cells" / "s")
@@ -193,7 +193,7 @@ def test_a_study_has_one_row_by_whatever_way_it_is_reached(tmp_path: Path) -> No
 
 @posix
 @pytest.mark.usefixtures("here")
-def test_two_paths_are_never_shown_alike(tmp_path: Path) -> None:
+def test_different_paths_are_displayed_differently(tmp_path: Path) -> None:
     names = [b"x\xff", b"x\\xff", b"x\\x5cxff", b"x\\\xff", b"x\\x5\xff", "x\u00ff".encode(), b"x\\n"]
     folders = [tmp_path / os.fsdecode(name) for name in names]
     for k, folder in enumerate(folders):
@@ -206,7 +206,7 @@ def test_two_paths_are_never_shown_alike(tmp_path: Path) -> None:
 
 
 @given(st.binary(max_size=12) | st.text("\\x5cf8\u00e4", max_size=12).map(os.fsencode))
-def test_what_a_table_shows_leads_back_to_the_path(name: bytes) -> None:
+def test_a_displayed_path_is_resolved_to_the_file(name: bytes) -> None:
     path = Path(os.fsdecode(b"/" + name.replace(b"\0", b"").replace(b"/", b"")))
     text = path_text(path)
     text.encode()  # a table can hold it
@@ -214,7 +214,7 @@ def test_what_a_table_shows_leads_back_to_the_path(name: bytes) -> None:
     assert back == os.fsencode(path)
 
 
-def test_nothing_to_do_is_said(tmp_path: Path) -> None:
+def test_an_empty_batch_is_an_error(tmp_path: Path) -> None:
     for paths, text in (([tmp_path], "holds no study"), ([f"{tmp_path}/*.zip"], "matches no study")):
         with pytest.raises(JointIdError, match=text):
             find_studies(paths)
@@ -289,7 +289,7 @@ def test_a_study_beyond_the_limits_of_an_archive_is_analysed_anew_when_its_data_
 
 @pytest.mark.usefixtures("scaled_down")
 @pytest.mark.parametrize("limit", ["a long record", "the size of all files"])
-def test_what_is_too_long_to_be_sent_is_refused_and_analysed_here(
+def test_a_study_too_large_to_send_is_refused_and_analysed_locally(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str
 ) -> None:
     path = tmp_path / "long"
@@ -307,7 +307,7 @@ def test_what_is_too_long_to_be_sent_is_refused_and_analysed_here(
     assert study_row(path, "x", "auto", known=refused.content).is_good
 
 
-def test_what_cannot_be_read_counts_as_what_it_is(
+def test_unreadable_files_are_classified_by_their_kind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save_study(small_study(0), tmp_path / "s")
@@ -337,7 +337,7 @@ def test_what_cannot_be_read_counts_as_what_it_is(
         load_study(packed(tmp_path / "s"))
 
 
-def test_what_is_sent_is_the_same_study(paths: list[Path]) -> None:
+def test_a_study_sent_to_a_worker_is_unchanged(paths: list[Path]) -> None:
     for path in paths[:5]:
         assert study_digest(load_study(packed(path))) == study_digest(load_study(path))
 
@@ -376,7 +376,7 @@ def test_every_row_is_exact_and_a_second_run_analyses_only_what_changed(
 
 
 @posix
-def test_six_poisoned_studies_stop_nothing(
+def test_six_faulty_studies_do_not_stop_a_batch(
     paths: list[Path],
     truth: dict[str, Row],
     tmp_path: Path,
@@ -463,7 +463,7 @@ def env(tmp_path: Path) -> Iterator[dict[str, str]]:
         pytest.param(signal.SIGINT, id="Ctrl-C"),
     ],
 )
-def test_what_is_interrupted_goes_on_where_it_stopped(
+def test_an_interrupted_batch_resumes(
     paths: list[Path],
     truth: dict[str, Row],
     tmp_path: Path,
@@ -548,7 +548,7 @@ def test_two_batches_do_not_write_the_same_table(paths: list[Path], tmp_path: Pa
     assert analyse_fleet(paths[:1], out, workers=1).good == 1
 
 
-def test_files_of_others_are_left_alone(paths: list[Path], tmp_path: Path) -> None:
+def test_unrelated_files_are_not_changed(paths: list[Path], tmp_path: Path) -> None:
     out = tmp_path / "mine.parquet"
     out.write_bytes(b"my thesis")
     for fresh in (False, True):
@@ -586,9 +586,7 @@ WRONG = {
 """Values that no batch writes, by field."""
 
 
-def test_a_damaged_line_of_the_journal_costs_that_row_only(
-    truth: dict[str, Row], tmp_path: Path
-) -> None:
+def test_a_damaged_line_of_the_journal_loses_only_its_row(truth: dict[str, Row], tmp_path: Path) -> None:
     rows, path = list(truth.values())[:3], tmp_path / "j"
     journal = Journal(path)
     for row in rows:
@@ -612,7 +610,7 @@ def test_a_damaged_line_of_the_journal_costs_that_row_only(
 
 
 @posix
-def test_a_process_that_was_ended_while_idle_is_begun_anew(paths: list[Path]) -> None:
+def test_a_process_killed_while_idle_is_replaced(paths: list[Path]) -> None:
     child = Child(WORKER, Limits(time_s=30))
     request = {"do": "analyse", "study": "x", "method": "explicit", "known": "", "path": str(paths[0])}
     request["content"] = ""
@@ -625,7 +623,7 @@ def test_a_process_that_was_ended_while_idle_is_begun_anew(paths: list[Path]) ->
 
 
 @posix
-def test_whoever_waits_can_end_a_study_in_the_middle(
+def test_a_running_study_can_be_cancelled(
     paths: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Long before its limit, which is beyond that of this test."""
@@ -650,14 +648,14 @@ def test_whoever_waits_can_end_a_study_in_the_middle(
     assert all(row and row.is_good for row in rows)
 
 
-def test_limits_that_make_no_sense_are_refused() -> None:
+def test_invalid_limits_are_refused() -> None:
     with pytest.raises(JointIdError, match="time_s"):
         Limits(time_s=0)
     with pytest.raises(JointIdError, match="memory_bytes"):
         Limits(memory_bytes=1000)
 
 
-def test_a_process_that_cannot_begin_says_why(
+def test_a_failed_process_start_gives_its_reason(
     paths: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text("import sys; sys.exit('no licence')", "utf-8")
@@ -670,7 +668,9 @@ def test_a_process_that_cannot_begin_says_why(
 
 
 @pytest.mark.parametrize("address", ["x", pytest.param("tls://127.0.0.1:9", marks=pytest.mark.long)])
-def test_an_address_that_is_none_is_one_message(paths: list[Path], tmp_path: Path, address: str) -> None:
+def test_an_invalid_cluster_address_is_one_message(
+    paths: list[Path], tmp_path: Path, address: str
+) -> None:
     pytest.importorskip("distributed")
     command = [sys.executable, "-m", "jointid", "batch", str(paths[0]), "--scheduler", address]
     command += ["-o", str(tmp_path / "r.parquet")]
@@ -681,7 +681,7 @@ def test_an_address_that_is_none_is_one_message(paths: list[Path], tmp_path: Pat
 
 
 def test_every_field_is_in_the_table(truth: dict[str, Row]) -> None:
-    """A field that were forgotten there would be lost when a batch goes on."""
+    """A field missing there would be lost when a batch resumes."""
     from jointid.fleet import table
 
     named = {*table._HEAD, *table._TAIL, *table._JOINTWISE}

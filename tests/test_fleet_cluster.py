@@ -76,7 +76,7 @@ def out(
     return table, summary
 
 
-def test_a_worker_killed_in_the_middle_loses_nothing(
+def test_all_studies_are_analysed_when_a_worker_is_killed(
     out: tuple[Path, Summary], mixed: list[str | Path], truth: dict[str, Row]
 ) -> None:
     table, summary = out
@@ -89,7 +89,7 @@ def test_a_worker_killed_in_the_middle_loses_nothing(
     assert all(row.content for row in rows)
 
 
-def test_cluster_and_computer_go_on_with_each_others_rows(
+def test_a_batch_resumes_on_a_cluster_and_on_one_computer(
     out: tuple[Path, Summary], address: str, mixed: list[str | Path], truth: dict[str, Row]
 ) -> None:
     table, _ = out
@@ -102,7 +102,7 @@ def test_cluster_and_computer_go_on_with_each_others_rows(
     assert good == list(truth.values())
 
 
-def test_a_cluster_that_is_not_there_is_said(
+def test_an_unreachable_cluster_is_an_error(
     truth: dict[str, Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("jointid.fleet.cluster._CONNECT_S", 1.0)

@@ -44,7 +44,7 @@ def test_the_round_trip_is_exact(robot: str, date: datetime.date | None) -> None
     assert study_digest(again) == study_digest(load_study(pack_study(study)))
 
 
-def test_a_study_without_them_has_none() -> None:
+def test_without_robot_and_date_both_are_none() -> None:
     study = load_study(pack_study(PLAIN))
     assert (study.robot, study.date) == ("", None)
     text = zipfile.ZipFile(io.BytesIO(pack_study(PLAIN))).read("study.toml")
@@ -52,7 +52,7 @@ def test_a_study_without_them_has_none() -> None:
     assert b"date" not in text
 
 
-def test_they_are_read_as_a_person_writes_them() -> None:
+def test_robot_and_date_are_read_in_common_spellings() -> None:
     study = load_study(with_head('robot = "cell 7, robot A"\ndate = 2026-11-20\n'))
     assert (study.robot, study.date) == ("cell 7, robot A", datetime.date(2026, 11, 20))
     late = load_study(with_head("date = 2026-11-20T13:05:00+01:00\n")).date
@@ -70,13 +70,13 @@ def test_they_are_read_as_a_person_writes_them() -> None:
         ("robto = 'A'", ['Did you mean "robot"']),
     ],
 )
-def test_what_is_no_robot_or_date_is_refused(line: str, parts: list[str]) -> None:
+def test_an_invalid_robot_or_date_is_refused(line: str, parts: list[str]) -> None:
     with pytest.raises(JointIdError) as error:
         load_study(with_head(line + "\n"))
     assert all(part in str(error.value) for part in parts), error.value
 
 
-def test_the_constructor_refuses_them_too() -> None:
+def test_the_constructor_refuses_an_invalid_robot_or_date() -> None:
     with pytest.raises(JointIdError, match="robot = 7"):
         replace(PLAIN, robot=7)
     with pytest.raises(JointIdError, match="date = '2026-11-20'"):
@@ -86,7 +86,7 @@ def test_the_constructor_refuses_them_too() -> None:
         replace(PLAIN, date=datetime.datetime(1890, 1, 1, tzinfo=odd))
 
 
-def test_the_digest_tells_them_apart_and_keeps_what_it_was_without_them() -> None:
+def test_robot_and_date_change_the_digest_and_without_them_it_is_unchanged() -> None:
     day = datetime.date(2026, 11, 20)
     midnight = datetime.datetime(2026, 11, 20)
     studies = [

@@ -64,7 +64,7 @@ def test_the_robust_spread_is_that_of_the_normal_part() -> None:
     assert np.isnan(robust_spread(values[:4]))
 
 
-def test_what_stands_out_is_far_for_the_fleet_and_for_its_own_error() -> None:
+def test_an_outlier_is_far_from_the_fleet_relative_to_its_own_error() -> None:
     rng = np.random.default_rng(2)
     rows = [row(k, 40 + rng.standard_normal()) for k in range(60)]
     far, unsure = row(60, 50.0), row(61, 50.0, error=4.0)
@@ -90,7 +90,7 @@ def test_a_robot_is_compared_with_itself_on_demand() -> None:
     assert own.centre[25] == pytest.approx(60, abs=0.1)
 
 
-def test_equal_values_do_not_stand_out() -> None:
+def test_equal_values_are_no_outliers() -> None:
     spread = fleet_spread([row(k, 40.0, error=0.0) for k in range(9)], "K", 1)
     assert spread.spread == 0
     assert not spread.outliers.any()
@@ -119,7 +119,7 @@ def test_a_drift_is_found_with_its_error_also_among_broken_studies(broken: int) 
     assert change == pytest.approx(-0.03, abs=0.015)
 
 
-def test_few_dates_tell_no_drift() -> None:
+def test_few_dates_give_no_drift() -> None:
     rows = [row(k, 40.0, date=f"2026-01-0{k + 1}") for k in range(4)] + [row(9, 40.0, date="2026-01-04")]
     assert np.isnan(robot_drift(rows, "K", 1, "A").slope_per_s)
     assert robot_drift([], "K", 1, "A").value.size == 0
@@ -130,7 +130,7 @@ def test_dates_with_and_without_an_offset_are_put_in_order() -> None:
     assert seconds("1970-01-02") == 86400
 
 
-def test_the_figures_show_every_study_and_where_it_lies() -> None:
+def test_the_figures_show_every_study_with_its_path() -> None:
     rng = np.random.default_rng(4)
     rows = [row(k, 40 + rng.standard_normal(), date="2026-01-01") for k in range(50)]
     spread = fleet_spread([*rows, row(50, 90.0, robot="<b>x", date="2026-01-02")], "K", 1)
@@ -217,7 +217,7 @@ def fleet(count: int = 30) -> list[Row]:
     ]
 
 
-def test_an_empty_page_says_what_to_do(app: AppTest) -> None:
+def test_an_empty_page_shows_the_first_step(app: AppTest) -> None:
     at = shown(app.switch_page(PAGE).run())
     assert "jointid batch" in at.code[0].value
     assert not at.get("plotly_chart")
@@ -240,7 +240,7 @@ def test_the_sample_studies_are_analysed_here_and_open_from_their_row(
     assert study_digest(opened)
 
 
-def test_a_table_shows_spread_drift_and_what_stands_out(app: AppTest) -> None:
+def test_a_table_shows_spread_drift_and_outliers(app: AppTest) -> None:
     at = drop(shown(app.switch_page(PAGE).run()), results_parquet=to_parquet(fleet()))
     said = text_of(at)
     assert "32 studies" in said
@@ -282,7 +282,7 @@ def test_a_row_links_to_the_study_that_lies_in_the_workspace(app: AppTest) -> No
     assert "jointid batch" in shown(close.click().run()).code[0].value
 
 
-def test_what_is_no_table_is_said_and_the_rest_is_shown(app: AppTest) -> None:
+def test_an_unreadable_table_is_named_and_the_others_are_shown(app: AppTest) -> None:
     at = shown(app.switch_page(PAGE).run())
     at = drop(at, bad_parquet=b"PAR1", good_zip=pack_study(small_study(1)), broken_zip=b"PK")
     assert "bad.parquet: The table cannot be read" in text_of(at)
@@ -291,7 +291,7 @@ def test_what_is_no_table_is_said_and_the_rest_is_shown(app: AppTest) -> None:
     assert len(frame) == 2
 
 
-def test_studies_without_a_date_say_how_to_state_one(app: AppTest) -> None:
+def test_studies_without_a_date_show_how_to_add_one(app: AppTest) -> None:
     at = drop(
         shown(app.switch_page(PAGE).run()), r_parquet=to_parquet([row(k, 40.0 + k) for k in range(9)])
     )

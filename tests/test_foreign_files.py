@@ -734,7 +734,7 @@ def test_attachments_of_mdf_are_not_opened(server: Server, monkeypatch: pytest.M
     assert not opened
 
 
-def test_soft_links_within_a_log_are_not_followed_and_do_no_harm(server: Server) -> None:
+def test_soft_links_within_a_log_are_not_followed(server: Server) -> None:
     data = hdf5_with(lambda file, _: file.__setitem__("latest", h5py.SoftLink("/position")), server)
     (table,) = read_log(data, "log.h5")
     assert sorted(table.names) == ["position", "time"]
@@ -781,7 +781,7 @@ def test_the_page_shows_no_file_of_the_server(
 # --- Bags and studies in folders
 
 
-def test_a_bag_of_links_is_its_users_own(tmp_path: Path) -> None:
+def test_links_in_a_bag_are_followed_on_the_users_computer(tmp_path: Path) -> None:
     # Who names a folder on the command line may read what its links lead to; data managers store large
     # files that way. An upload has no links: archives with links are refused.
     bag = ros_bag(tmp_path, "mcap")

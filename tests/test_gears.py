@@ -193,7 +193,7 @@ def test_colours_of_the_curve_rise_with_frequency_or_amplitude(stiffening: Elast
     assert float(ends["amplitude"][0].split()[1]) < float(largest.split()[1])
 
 
-def test_backlash_and_damping_are_told_apart() -> None:
+def test_backlash_and_damping_are_distinguished() -> None:
     fit = fitted("play")
     assert [gear.laws for gear in fit.gears] == [("backlash",), ("linear",)]
     assert fit.gears[0].backlash_rad == pytest.approx(0.003, rel=0.02)
@@ -201,7 +201,7 @@ def test_backlash_and_damping_are_told_apart() -> None:
     assert modes == ["markers", "lines"]  # with backlash, the law depends on the waveform as well
 
 
-def test_the_edges_of_a_play_are_followed_between_samples() -> None:
+def test_the_edges_of_the_backlash_are_found_between_samples() -> None:
     """Phasors from a few samples against those from very many, with edges anywhere."""
     gear = Gear(K=43.0, backlash_rad=0.013)
     delta = np.array([[0.003, 0.05 + 0.01j, 0, 0.004 - 0.006j, 0, 0.001j]])
@@ -233,7 +233,7 @@ def test_the_noise_of_a_law_is_that_of_many_draws(gear: Gear) -> None:
     np.testing.assert_allclose((np.abs(left) ** 2).mean(axis=0), rest[0], rtol=0.2, atol=0.01 * size)
 
 
-def test_a_motion_that_leans_has_no_mean_torque() -> None:
+def test_an_asymmetric_motion_has_no_mean_torque() -> None:
     """An even harmonic of the torque moves the gear to one side of its play."""
     gear = Gear(K=43.0, backlash_rad=0.03)
     f = np.array([[[0, 1.0 + 0j, 0.3j, 0]]])
@@ -262,15 +262,15 @@ def test_stiffness_in_a_sine_is_that_of_an_integration() -> None:
             assert found == pytest.approx(2 * (torque * np.sin(turn)).mean() / size, rel=2e-3, abs=1e-4)
 
 
-def test_a_play_of_a_sixth_of_the_deflection_is_found() -> None:
+def test_backlash_of_a_sixth_of_the_deflection_is_found() -> None:
     gears = fitted("wide play").gears
     assert [gear.kind for gear in gears] == ["backlash"] * 2
     assert [gear.backlash_rad for gear in gears] == pytest.approx([0.0138, 0.0465], rel=1e-3)
 
 
 @pytest.mark.long
-def test_a_wide_play_is_found_beside_friction() -> None:
-    """Friction of a fifth of the torque hides the play from a start without friction."""
+def test_wide_backlash_is_found_beside_friction() -> None:
+    """Friction of a fifth of the torque hides the backlash from a start without friction."""
     robot = Robot(
         M=[0.0006, 0.0006], M2=[[0.000562, -0.000052], [-0.000052, 0.000753]], K=[0.375, 11.47],
         D=[0.0022, 0.0072], backlash_rad=[0.2325, 0.0076], coulomb=[0.0068, 0.012],
@@ -282,7 +282,7 @@ def test_a_wide_play_is_found_beside_friction() -> None:
     assert [gear.backlash_rad for gear in fit.gears] == pytest.approx([0.2325, 0.0076], rel=0.02)
 
 
-def test_a_doubt_between_laws_asks_for_a_second_amplitude(stiffening: ElasticityFit) -> None:
+def test_indistinguishable_laws_give_the_remedy_of_a_second_amplitude(stiffening: ElasticityFit) -> None:
     assert second_amplitude(stiffening) == ""
     best, *others = stiffening.candidates
     rival = replace(others[0], name="elasticity + backlash", criterion=best.criterion + 3)
@@ -292,7 +292,7 @@ def test_a_doubt_between_laws_asks_for_a_second_amplitude(stiffening: Elasticity
 
 
 def test_slopes_count_by_their_sum_and_without_what_no_record_shows() -> None:
-    """Two uncertain changes whose sum is certain are a law; an undetermined third slope is none."""
+    """Two uncertain changes with a certain sum are a law; an undetermined third slope is not."""
     layout = ParameterLayout.of(2, effects=["piecewise"])
     values = {"K": [50.0, 50.0], "piecewise": [6.0, 9.0], "second_bend": [-1.0, 25.0]}
     p = layout.named(layout.pack(**values, knee=[0.01, 0.01], second_knee=[0.002, 0.08]))
@@ -308,14 +308,14 @@ def test_slopes_count_by_their_sum_and_without_what_no_record_shows() -> None:
     assert (unseen.K2, unseen.K3, unseen.T2_Nm) == (59.0, 59.0, unseen.T1_Nm)
 
 
-def test_hysteresis_is_no_damping() -> None:
+def test_hysteresis_is_distinguished_from_damping() -> None:
     fit = fitted("hysteresis")
     assert fit.gears[0].kind == "hysteresis"
     assert fit.gears[0].hysteresis_Nm == pytest.approx(0.08, rel=0.15)
 
 
 def test_hysteresis_is_found_beside_a_stiff_gear() -> None:
-    """The models on the way to it leave the stiff gear uncertain."""
+    """The models fitted before it leave the stiff gear uncertain."""
     assert fitted("beside a stiff gear").gears[0].laws == ("hysteresis",)
 
 
@@ -328,14 +328,14 @@ def test_hardening_is_found_beside_a_gear_too_stiff_to_be_known() -> None:
     assert fit.standard_error[1] > 0.1 * fit.K[1]
 
 
-def test_play_is_found_without_any_scale() -> None:
+def test_backlash_is_found_with_unknown_inertias_and_torque_scale() -> None:
     """Inertias and torque constants unknown, K is undetermined, and its ratios are not."""
     fit = identify_elasticity(measured()["play"], INERTIA, inertia_std=np.inf, torque_std=np.inf)
     assert fit.gears[0].laws == ("backlash",)
     assert fit.misfit < 1.5
 
 
-def test_gears_that_harden_far_beyond_their_stiffness_are_found_behind_heavy_rotors() -> None:
+def test_strong_hardening_is_found_behind_heavy_rotors() -> None:
     """Their torque is a small part of the motors' own."""
     gears = fitted("heavy rotors").gears
     assert [gear.laws for gear in gears] == [("hardening",)] * 2
@@ -348,8 +348,8 @@ def test_hysteresis_is_found_beside_much_hardening() -> None:
     assert [gear.hysteresis_Nm for gear in gears] == pytest.approx([0.15, 0.02], rel=0.01)
 
 
-def test_several_laws_are_reached_through_models_that_are_far_off() -> None:
-    """Beside friction, neither hardening nor play alone brings the fit near the data."""
+def test_several_laws_are_found_where_each_alone_fits_badly() -> None:
+    """Beside friction, neither hardening nor backlash alone fits the data."""
     rubbing = replace(
         PAPER, coulomb=[0.2, 0.05], viscous=[2e-3, 4e-4], backlash_rad=[0.01, 0.02], cubic=[9000.0, 0.0]
     )
@@ -360,15 +360,15 @@ def test_several_laws_are_reached_through_models_that_are_far_off() -> None:
 
 
 def test_a_fit_of_backlash_starts_near_it() -> None:
-    """From the deflection over the torque; noise of high harmonics would hide the torque."""
+    """Start values from deflection over torque; noise of high harmonics would hide the torque."""
     phasors = measured()["play"]
     start = with_backlash(phasors, InertiaPrior.of(INERTIA, *phasors.q.shape))
     np.testing.assert_allclose(start.K, PAPER.K, rtol=0.05)
     assert start["backlash"] == pytest.approx([0.003, 0.0], abs=0.0015)
 
 
-def test_a_loop_without_height_starts_again_as_a_usual_one() -> None:
-    """Without a level no width makes a difference."""
+def test_hysteresis_fitted_as_zero_restarts_from_a_usual_level() -> None:
+    """With a level of zero the width has no effect."""
     phasors = measured()["hysteresis"]
     prior = InertiaPrior.of(INERTIA, *phasors.q.shape)
     layout = ParameterLayout.of(2, effects=["hysteresis"])
@@ -385,19 +385,19 @@ def test_a_loop_without_height_starts_again_as_a_usual_one() -> None:
 
 
 @pytest.mark.parametrize("name", ["hardening", "hysteresis"])
-def test_no_fit_has_negative_play(name: str) -> None:
-    """The second joint has no play, and other laws would take a negative one."""
+def test_backlash_is_never_negative(name: str) -> None:
+    """The second joint has no backlash; with other laws a fit could make it negative."""
     found = maximum_likelihood(measured()[name], INERTIA, WORN[name].answer, effects=("backlash",))
     assert np.all(found.named["backlash"] >= 0)
 
 
-def test_a_linear_gear_stays_linear_by_request() -> None:
+def test_with_gear_linear_no_law_is_fitted() -> None:
     fit = identify_elasticity(measured()["hardening"], INERTIA, gear="linear")
     assert [gear.laws for gear in fit.gears] == [("linear",)] * 2
 
 
 @pytest.mark.parametrize("gear", [HARD, PLAY, DAHL, SLOPES], ids=lambda gear: gear.kind)
-def test_simulated_records_obey_their_law(gear: Gear) -> None:
+def test_simulated_records_follow_their_gear_law(gear: Gear) -> None:
     """A single joint in open loop: the logged torque drives an independent integration."""
     inertia, elasticity = Inertia([0.0025], [[0.0041]]), Elasticity([43.0], [0.1])
     gear = replace(gear, K=43.0)
@@ -474,7 +474,7 @@ def test_the_cut_agrees_with_an_independent_integration(gear: Gear, drive: Drive
     assert np.hypot(*gap.T).max() < 5e-6
 
 
-def test_a_servo_that_knows_the_curve_cuts_better() -> None:
+def test_a_servo_with_the_torsion_curve_has_a_smaller_error() -> None:
     arm, elasticity = PlanarArm.example(), Elasticity([43.0, 7.5], [0.10, 0.015])
     gears, path = [HARD, Gear(cubic=250.0)], rectangle(zone_m=0.010)
     linear = track(arm, path, elasticity, elasticity, gears=gears)
@@ -483,7 +483,7 @@ def test_a_servo_that_knows_the_curve_cuts_better() -> None:
 
 
 @pytest.mark.parametrize("seed", [2, 5])
-def test_play_is_not_taken_for_slopes(seed: int) -> None:
+def test_backlash_is_not_identified_as_three_slopes(seed: int) -> None:
     """Three slopes imitate a play of 3 % of the deflection, with a first slope that is no stiffness."""
     inertia = Inertia([0.0028, 0.0012], [[0.0050, 0.0011], [0.0011, 0.0023]])
     play = [9.4e-4, 2.37e-3]
@@ -505,7 +505,7 @@ def test_play_is_not_taken_for_slopes(seed: int) -> None:
 @pytest.mark.parametrize(
     ("K", "cubic", "backlash"), [(5.0, -1e3, 0.0), (0.01, -1e9, 0.1), (50.0, 1e300, 0.0)]
 )
-def test_a_gear_that_runs_away_in_a_motion_has_no_deflection_and_prints_nothing(
+def test_a_diverging_gear_has_no_deflection_and_prints_nothing(
     K: float, cubic: float, backlash: float, capfd: pytest.CaptureFixture[str]
 ) -> None:
     step, N, none = 1e-3, 400, np.zeros((1, 1))

@@ -88,7 +88,7 @@ def drop(page: Page, files: dict[str, bytes]) -> None:
         )
 
 
-def test_no_name_leads_away(
+def test_names_of_studies_make_no_links(
     address: str, open_in: Callable[..., Page], studies: dict[int, Study]
 ) -> None:
     page = open_in("about:blank")

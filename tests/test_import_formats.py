@@ -72,15 +72,15 @@ class TestArchives:
         tables = read_log(zipped(files | {"c.csv": comma_log()}), "all.zip")
         assert [table.source for table in tables] == ["all.zip/a", "all.zip/b", "all.zip/c.csv"]
 
-    def test_what_cannot_be_read_is_said_and_the_rest_is_open(self) -> None:
+    def test_unreadable_members_are_named_and_the_others_are_read(self) -> None:
         tables = read_log(zipped({"bad.csv": b"hello", "good.csv": comma_log()}), "log.zip")
         assert [table.source for table in tables] == ["log.zip/good.csv"]
         assert "1 file of log.zip could not be read. log.zip/bad.csv" in tables[0].notes[0]
 
-    def test_a_workbook_stays_a_workbook(self) -> None:
+    def test_a_workbook_is_not_opened_as_a_zip(self) -> None:
         assert read_log(excel(), "log.zip")[0].source == ""
 
-    def test_what_is_no_archive_of_logs_is_refused(self) -> None:
+    def test_an_archive_without_logs_is_refused(self) -> None:
         assert "holds a study" in refused(zipped({"study.toml": b"format = 1"}))
         assert "no log that can be read" in refused(zipped({"README.md": b"# nothing"}))
         assert "bad.csv is not a table" in refused(zipped({"bad.csv": b"hello"}))
@@ -142,10 +142,10 @@ class TestThousands:
         st.integers(1, 6),
         st.integers(0, 2**32 - 1),
     )
-    def test_numbers_come_through_or_are_refused(
+    def test_numbers_are_read_exactly_or_refused(
         self, marks: tuple[str, str, str], digits: int, seed: int
     ) -> None:
-        """Never another number in silence."""
+        """No number is changed without a message."""
         decimal, thousands, separator = marks
         rng = np.random.default_rng(seed)
         rows = (rng.standard_normal((12, 3)) * 10.0 ** rng.integers(0, 7, 3)).round(digits)
@@ -160,7 +160,7 @@ class TestThousands:
         assert values.shape == rows.shape
         np.testing.assert_allclose(values, rows, atol=0.5 * 10.0**-digits)
 
-    def test_the_reading_is_said(self) -> None:
+    def test_the_assumed_number_format_is_stated(self) -> None:
         (table,) = read_log(b"t;q\n0,5;1.234,5\n1,5;-12.345,25\n", "log.csv")
         assert table.column("q").values.tolist() == [1234.5, -12345.25]
         assert '"1.234,5" is read as 1234.5' in table.notes[0]
@@ -175,19 +175,19 @@ class TestThousands:
             "1,234;2,345\n1,235;3,456\n",
         ],
     )
-    def test_what_has_two_readings_is_refused(self, rows: str) -> None:
+    def test_ambiguous_numbers_are_refused(self, rows: str) -> None:
         said = refused(("t;q\n" + rows).encode(), "log.csv")
         assert "may be" in said
         assert "Export" in said
 
-    def test_points_before_three_digits_are_decimal_and_that_is_said(self) -> None:
+    def test_points_before_three_digits_are_decimal_with_a_note(self) -> None:
         (table,) = read_log(b"t;q\n1.001;2.345\n1.002;3.456\n", "log.csv")
         assert table.column("q").values.tolist() == [2.345, 3.456]
         assert "decimal marks" in table.notes[0]
         (table,) = read_log(b"t;q\n0.001;2.345\n0.002;3.456\n", "log.csv")
         assert table.notes == ()
 
-    def test_marks_that_come_late_are_seen(self) -> None:
+    def test_decimal_marks_far_down_the_file_are_found(self) -> None:
         """A value passes 1000 only far beyond the part that is looked at first."""
         values = np.arange(60_000) * 0.05 + 0.01
         lines = [f"{k};{written(value, ',', '.', 2)}" for k, value in enumerate(values)]

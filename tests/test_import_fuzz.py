@@ -56,7 +56,7 @@ def test_damaged_logs_of_every_format(
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("labview.tdms", 3342)], ids=["values of 1e300"])
-def test_damage_that_once_was_a_fault(kind: str, seed: int, tmp_path: Path) -> None:
+def test_damaged_logs_that_once_caused_internal_errors(kind: str, seed: int, tmp_path: Path) -> None:
     (outcome,) = outcomes(kind, KINDS[kind](tmp_path), [seed])
     assert outcome.said in ("read", "refused")
 

@@ -102,7 +102,7 @@ class TestToml:
             ("M = 0.1\nM2 = 0.1\n[torque]\nstd = -1", "[torque]: std must be"),
         ],
     )
-    def test_what_is_wrong_is_named(self, text: str, said: str) -> None:
+    def test_a_wrong_entry_is_named(self, text: str, said: str) -> None:
         with pytest.raises(JointIdError) as caught:
             robot_from_toml(text)
         assert said in str(caught.value)
@@ -212,7 +212,7 @@ def test_the_page_asks_how_well_inertias_and_torque_scale_are_known(
     assert (study.inertia_std, study.torque_std) == expected
 
 
-def test_what_the_toml_states_is_not_asked(page: AppTest, tmp_path: Path) -> None:
+def test_values_stated_in_the_toml_are_not_asked(page: AppTest, tmp_path: Path) -> None:
     at = source(drop(page, ("one.csv", long_log())), "TOML")
     toml = "M = 0.001\nM2 = 0.003\nstd = 0.02\n[torque]\nstd = 0.04\n[poses.loaded]\nadded = 0.001"
     at.text_area(key="import toml").set_value(toml)
@@ -247,7 +247,7 @@ def test_a_percentage_may_be_typed(text: str, std: float) -> None:
         ("1 2", "2 values"),
     ],
 )
-def test_what_is_no_percentage_is_said(text: str, said: str) -> None:
+def test_an_invalid_percentage_is_an_error(text: str, said: str) -> None:
     with pytest.raises(JointIdError, match=f"M and M2.*{said}"):
         deviation_in("M and M2", text)
 
@@ -296,6 +296,6 @@ def _csv(time: np.ndarray, theta: np.ndarray, tau: np.ndarray) -> bytes:
     return "\n".join(["time_s,theta_m1_rad,theta_m2_rad,tau_m1_Nm,tau_m2_Nm", *lines, ""]).encode()
 
 
-def test_a_sent_form_with_half_of_it_missing(page: AppTest) -> None:
+def test_a_form_with_missing_entries_names_them(page: AppTest) -> None:
     at = send(drop(page, ("one.csv", long_log())), "0.001", "")
     assert "Inertias are missing" in at.error[0].value

@@ -83,7 +83,7 @@ def pair(one: str, two: str, **of_second: float) -> list[LogTable]:
         ("a.csv", "b.csv"),
     ],
 )
-def test_the_same_times_and_sines_are_joints_at_once(one: str, two: str) -> None:
+def test_logs_with_equal_times_and_sines_are_joined_as_joints(one: str, two: str) -> None:
     tables = pair(one, two)
     assert simultaneous_groups(tables) == ((0, 1),)
     joined = joined_table(tables)
@@ -158,7 +158,7 @@ def test_each_run_of_two_axes_is_joined_for_itself() -> None:
     )
 
 
-def test_a_mapping_of_single_logs_and_a_wish_keep_them_apart() -> None:
+def test_a_mapping_of_single_logs_or_the_option_keeps_them_separate() -> None:
     tables = pair("axis1.csv", "axis2.csv")
     single = guess_mapping(tables[0]).mapping
     kept, notes = join_logs([[table] for table in tables], single)

@@ -132,7 +132,7 @@ def test_opening_takes_it_out_of_the_store_and_the_mapping_is_known_from_then_on
     assert widget(stranger, "text_input", "Gear ratios").value == ""
 
 
-def test_what_is_said_to_be_kept_is_kept(kept: Store) -> None:
+def test_logs_reported_as_stored_are_stored(kept: Store) -> None:
     def said(at: AppTest) -> list[bool]:
         place = part_of(place_of(at), "import")
         texts = [caption.value for caption in at.caption]
@@ -152,7 +152,7 @@ def test_what_is_said_to_be_kept_is_kept(kept: Store) -> None:
     assert not any(said(shown(at.run())))
 
 
-def test_two_sessions_at_one_address_do_not_disturb_each_other(kept: Store) -> None:
+def test_two_sessions_at_one_address_keep_separate_entries(kept: Store) -> None:
     one = drop(begun(), ("one.csv", long_log()))
     two = begun(place_of(one))
     widget(two, "button", "Close these logs").click()
@@ -169,7 +169,7 @@ def test_two_sessions_at_one_address_do_not_disturb_each_other(kept: Store) -> N
 
 
 @pytest.mark.parametrize("what", ["log", "entries", "both"])
-def test_what_is_damaged_is_said_and_the_rest_is_open(kept: Store, what: str) -> None:
+def test_damaged_logs_are_named_and_the_others_are_open(kept: Store, what: str) -> None:
     at = drop(begun(), ("one.csv", long_log()), ("two.csv", long_log(ratio=2.0)))
     widget(at, "text_input", "Gear ratios").set_value("7")
     place = place_of(shown(at.run()))
@@ -210,7 +210,7 @@ def test_logs_beyond_their_share_of_the_store_stay_in_the_session(
     assert send(at, "0.001", "0.003").title[0].value == "one"
 
 
-def test_a_store_that_cannot_be_written_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unwritable_store_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("not a folder")
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "file"))
     at = shown(drop(begun(), ("one.csv", long_log())).run())
@@ -218,7 +218,7 @@ def test_a_store_that_cannot_be_written_is_said(tmp_path: Path, monkeypatch: pyt
     assert widget(at, "text_input", "Gear ratios").value == ""
 
 
-def test_parts_of_a_workspace_are_places_of_their_own() -> None:
+def test_parts_of_a_workspace_have_separate_folders() -> None:
     place = new_workspace()
     parts = [part_of(place, part) for part in store_module.PARTS]
     assert len({place, *parts}) == 1 + len(parts)

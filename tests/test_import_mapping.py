@@ -169,7 +169,7 @@ def test_json_round_trip(mapping: Mapping) -> None:
 
 @examples(60, derandomize=True)
 @given(mappings(), st.integers(0, 1000))
-def test_units_there_and_back(mapping: Mapping, seed: int) -> None:
+def test_signals_in_any_unit_and_side_are_converted_back_exactly(mapping: Mapping, seed: int) -> None:
     """Motor-side signals written in any units, on any side, come back as they were."""
     rng = np.random.default_rng(seed)
     n = mapping.n
@@ -193,7 +193,7 @@ def test_units_there_and_back(mapping: Mapping, seed: int) -> None:
     np.testing.assert_allclose(log.time_s, seconds, atol=1e-12)
 
 
-def test_rows_without_a_value_are_left_out_and_said() -> None:
+def test_rows_without_a_value_are_left_out_with_a_note() -> None:
     q = X.copy()
     q[2] = np.nan
     log = apply_mapping(table_of(t=T, q=q, tau=X), one(Channel("q", "rad"), Channel("tau", "N·m")))
@@ -211,7 +211,7 @@ def test_rows_without_a_value_are_left_out_and_said() -> None:
         ([0, np.nan, np.nan, np.nan, np.nan], "1 row"),
     ],
 )
-def test_times_that_cannot_be(time: list[float], said: str) -> None:
+def test_impossible_times_are_refused(time: list[float], said: str) -> None:
     with pytest.raises(JointIdError, match=said):
         apply_mapping(table_of(t=time, q=X, tau=X), one(Channel("q", "rad"), Channel("tau", "N·m")))
 
@@ -249,7 +249,7 @@ def test_missing_column_names_the_nearest() -> None:
         (lambda: Mapping(TimeColumn("t"), ()), "has no joints"),
     ],
 )
-def test_mappings_that_cannot_be(make: object, said: str) -> None:
+def test_invalid_mappings_are_refused(make: object, said: str) -> None:
     with pytest.raises(JointIdError, match=said):
         make()  # type: ignore[operator]
 
@@ -270,7 +270,7 @@ def test_mappings_that_cannot_be(make: object, said: str) -> None:
         ({"torque_hold": 1}, "expected true or false"),
     ],
 )
-def test_json_that_is_no_mapping(change: dict[str, object], said: str) -> None:
+def test_json_without_a_mapping_is_refused(change: dict[str, object], said: str) -> None:
     values = json.loads(mapping_to_json(one(Channel("q", "rad"), Channel("tau", "N·m")))) | change
     with pytest.raises(JointIdError, match=said):
         mapping_from_json(json.dumps(values))
@@ -369,7 +369,7 @@ def test_guess_of_the_cell() -> None:
     assert all(reason.text.endswith(".") for reason in guess.reasons)
 
 
-def test_a_position_without_a_torque_is_said() -> None:
+def test_a_position_without_a_torque_is_reported() -> None:
     names = ("Zeit", "Achse 1 Ist", "Achse 2 Ist", "Moment 1", "Moment 2")
     columns = {
         f"{name}__{unit}": T for name, unit in zip(names, ("ms", "deg", "deg", "%", "%"), strict=True)
@@ -386,7 +386,7 @@ def test_a_position_without_a_torque_is_said() -> None:
         assert said in reason.text
 
 
-def test_a_joint_more_takes_what_is_free_and_never_the_time() -> None:
+def test_an_added_joint_takes_unused_columns_but_never_the_time() -> None:
     table = table_of(Zeit__ms=T, q1=X, tau1=X, speed=X, tau9=X, q9=X)
     like = Channel("q1", "deg", None, "joint"), Channel("tau1", "%", 5.0, "joint")
     joint, why = propose_joint(table, 2, like, {"Zeit", "q1", "tau1"})
@@ -399,7 +399,7 @@ def test_a_joint_more_takes_what_is_free_and_never_the_time() -> None:
     assert (joint.position.column, joint.torque.column) == ("q9", "")
 
 
-def test_guess_of_nameless_signals_says_that_it_is_a_mere_proposal() -> None:
+def test_guess_of_unnamed_signals_is_marked_as_a_proposal() -> None:
     (table,) = read_log(mat_scope(), "scope.mat")
     guess = guess_mapping(table)
     assert guess.mapping.time == TimeColumn("time", "s")
@@ -422,7 +422,7 @@ def test_sample_numbers_and_no_time_at_all() -> None:
     assert "time" in {reason.what for reason in unsure(none)}
 
 
-def test_counts_are_seen() -> None:
+def test_encoder_counts_are_recognised() -> None:
     table = table_of(t=TIME_S, encoder=np.round(65536 * ANGLE), torque=TORQUE)
     joint = guess_mapping(table).mapping.joints[0]
     assert joint.position == Channel("encoder", "counts", 1.0)
@@ -457,7 +457,7 @@ def sines(rows: int = 400, step: float = 0.002) -> dict[str, np.ndarray]:
 
 
 def test_rows_written_twice_are_left_out_with_their_numbers() -> None:
-    """A buffer that is written twice leaves the log as it was, and the time is found all the same."""
+    """A buffer written twice gives the original log, and its time column is found."""
     whole = sines()
     for again in (slice(90, 100), slice(120, 121)):
         order = np.concatenate([np.arange(again.stop), np.arange(again.start, 400)])
@@ -501,7 +501,7 @@ def test_other_rows_at_an_earlier_time_are_refused_with_their_row() -> None:
     ("unit", "step", "turn", "start"),
     [("ms", 2.0, 2.0**16, 65000.0), ("ms", 1.0, 2.0**8, 0.0), ("s", 0.004, 86400.0, 86399.5)],
 )
-def test_clocks_that_begin_anew_go_on(unit: str, step: float, turn: float, start: float) -> None:
+def test_a_clock_that_restarts_is_continued(unit: str, step: float, turn: float, start: float) -> None:
     time = start + step * np.arange(400)
     values = {"q": np.sin(time), "tau": np.cos(time)}
     table = table_of(**{f"time__{unit}": time % turn}, **values)
@@ -512,7 +512,7 @@ def test_clocks_that_begin_anew_go_on(unit: str, step: float, turn: float, start
     assert "restarts" in log.notes[0]
 
 
-def test_gaps_are_said_and_part_the_log() -> None:
+def test_gaps_are_reported_and_split_the_log() -> None:
     whole = {name: np.delete(values, slice(200, 300)) for name, values in sines().items()}
     log = apply_mapping(table_of(**whole), guess_mapping(table_of(**whole)).mapping)
     assert "A gap of 0.202 s, before row 201" in log.notes[0]
@@ -527,13 +527,13 @@ def test_one_gap_for_notes_and_for_segments() -> None:
     assert sample_times.GAP == segments.GAP
 
 
-def test_a_rate_that_no_log_says_is_said() -> None:
+def test_an_assumed_sample_rate_is_reported() -> None:
     table = table_of(q=X, tau=X)
     log = apply_mapping(table, guess_mapping(table).mapping)
     assert "numbered at 1000 Hz; the log does not state this rate" in log.notes[0]
 
 
-def test_a_time_that_stands_still_is_named() -> None:
+def test_a_constant_time_is_named() -> None:
     whole = sines()
     whole["t"] = np.full(400, 1.77e9)
     guess = guess_mapping(table_of(**whole))
@@ -591,10 +591,10 @@ def test_side_of_a_torque_by_its_name(name: str, unit: str, side: str) -> None:
 )
 @pytest.mark.parametrize("low", [0.0, -0.5])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_jumps_of_a_turn_are_taken_out(
+def test_jumps_of_one_turn_are_unwrapped(
     unit: str, scale: float | None, turn: float, low: float, seed: int
 ) -> None:
-    """A motion of a few turns, and one to and fro over the edge, come back but for whole turns."""
+    """A motion of a few turns, and one back and forth over the edge, differ by whole turns at most."""
     rng = np.random.default_rng(seed)
     t = np.arange(3000) * 1e-3
     for motion in (
@@ -622,14 +622,14 @@ def test_jumps_of_a_turn_are_taken_out(
         np.zeros(500),
     ],
 )
-def test_what_is_no_wrap_is_left_alone(values: np.ndarray) -> None:
+def test_other_jumps_are_not_unwrapped(values: np.ndarray) -> None:
     table = table_of(t=np.arange(500) * 1e-3, q=values, tau=np.cos(np.arange(500)))
     log = apply_mapping(table, one(Channel("q", "rad"), Channel("tau", "N·m")))
     np.testing.assert_array_equal(log.theta_rad[:, 0], values)
     assert log.notes == ()
 
 
-def test_a_guess_says_that_an_encoder_shows_one_turn() -> None:
+def test_a_guess_reports_a_single_turn_encoder() -> None:
     t = np.arange(500) * 1e-3
     guess = guess_mapping(table_of(t=t, q__deg=np.mod(400 * np.sin(9 * t), 360), tau=np.cos(t)))
     said = {r.what: r.text for r in guess.reasons}
@@ -671,7 +671,7 @@ def test_columns_are_paired_by_words_and_numbers(
         assert pairs_of(table) == [*zip(table.names[1:3], table.names[3:5], strict=True)]
 
 
-def test_a_pair_by_number_alone_is_to_be_looked_at() -> None:
+def test_a_pair_by_number_alone_must_be_confirmed() -> None:
     names = ("t", "Pos 1", "Pos 1", "Moment 1", "Moment 2")
     values = np.arange(50) * 0.001
     table = LogTable(
@@ -685,8 +685,8 @@ def test_a_pair_by_number_alone_is_to_be_looked_at() -> None:
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("layout", ["blocks", "torques first", "by joint", "by joint, torque first"])
 @pytest.mark.parametrize("timed", [True, False])
-def test_columns_without_names_are_told_by_their_shape(n: int, layout: str, timed: bool) -> None:
-    """Torques of a swept motion are rougher than its positions, whatever order they stand in."""
+def test_columns_without_names_are_recognised_by_their_signals(n: int, layout: str, timed: bool) -> None:
+    """Torques of a swept motion are rougher than its positions, in any order of the columns."""
     rng = np.random.default_rng(n)
     t = np.arange(4000) * 1e-3
     phase = 2 * np.pi * (1.0 + 2.0 * t) * t
@@ -713,7 +713,7 @@ def test_a_name_that_is_only_a_unit_of_time() -> None:
     assert guess_mapping(table).mapping.time == TimeColumn("ms", "ms")
 
 
-def test_huge_numbers_of_damaged_files_are_guessed_at_without_a_fault() -> None:
+def test_huge_numbers_of_damaged_files_do_not_stop_the_guess() -> None:
     huge = np.where(np.arange(50) % 2, 1e307, -1e307)
     table = LogTable("log", tuple(LogColumn("", numbers(v)) for v in (huge, np.sin(np.arange(50)))))
     assert guess_mapping(table).mapping.n == 1
@@ -727,7 +727,7 @@ class TestAssumptions:
         (table,) = read_log(cell_log(), "cell.csv")
         return guess_mapping(table).mapping
 
-    def test_a_guess_names_all_of_it(self, mapping: Mapping) -> None:
+    def test_a_guess_lists_all_assumptions(self, mapping: Mapping) -> None:
         assert assumptions(mapping) == (
             "position measured at the joint (joints 1 and 2)",
             "direction of position as logged (joints 1 and 2)",
@@ -737,18 +737,18 @@ class TestAssumptions:
             "torque not held between samples",
         )
 
-    def test_corrected_entries_are_none(self, mapping: Mapping) -> None:
+    def test_corrected_entries_are_no_assumptions(self, mapping: Mapping) -> None:
         first, second = mapping.joints
         joints = (replace(first, gear_ratio=101.0), second)
         corrected = replace(mapping, joints=joints, torque_hold=True)
         left = set(mapping.assumed) - set(unchanged(corrected, mapping))
         assert left == {"gear ratio of joint 1", "torque hold"}
 
-    def test_they_are_kept_in_a_file(self, mapping: Mapping) -> None:
+    def test_assumptions_are_saved_in_a_file(self, mapping: Mapping) -> None:
         again = mapping_from_json(mapping_to_json(mapping))
         assert again == mapping
         assert again.assumed == mapping.assumed
 
-    def test_entries_that_are_not_there_say_nothing(self, mapping: Mapping) -> None:
+    def test_missing_entries_give_no_assumption(self, mapping: Mapping) -> None:
         names = ("gear ratio of joint 7", "colour of joint 1", "side of spindle of joint 1", "weather")
         assert assumptions(replace(mapping, assumed=names)) == ()

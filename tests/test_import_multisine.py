@@ -117,21 +117,21 @@ def sine(hz: float, harmonics: dict[int, tuple[float, float]], seed: int = 0) ->
         {2: (0.02, 0.05)},
     ],
 )
-def test_harmonics_of_one_sine_are_no_lines(harmonics: dict[int, tuple[float, float]]) -> None:
+def test_harmonics_of_one_sine_are_not_found_as_lines(harmonics: dict[int, tuple[float, float]]) -> None:
     (segment,) = find_segments(sine(6.3, harmonics))
     assert abs(segment.frequency_hz / 6.3 - 1) < 1e-5
     assert not segment.is_multisine
 
 
-def test_hum_of_the_mains_is_no_line() -> None:
+def test_mains_hum_is_not_found_as_a_line() -> None:
     log = sine(6.3, {})
     hum = 0.1 * np.sin(2 * np.pi * 50 * log.time_s)[:, None]
     (segment,) = find_segments(replace(log, tau_Nm=log.tau_Nm + hum))
     assert segment.lines_hz == (segment.frequency_hz,)
 
 
-def test_beats_are_no_sines() -> None:
-    """A multisine too short for its lines to be told apart gives nothing rather than wrong lines."""
+def test_beats_are_not_found_as_sines() -> None:
+    """A multisine too short to separate its lines gives no lines rather than wrong ones."""
     time = np.arange(0, 3, 1e-3)
     theta = sum(np.sin(2 * np.pi * f * time + f * f) for f in (8.0, 8.3, 8.7, 9.0, 9.4))
     log = MappedLog(time, np.asarray(theta)[:, None], np.asarray(theta)[:, None])

@@ -38,7 +38,7 @@ def test_lists(text: str, values: tuple[float, ...]) -> None:
         ("1,2 3,4,5", ("1, 2, 3, 4, 5 (5 numbers)",)),
     ],
 )
-def test_two_readings_are_shown(text: str, readings: tuple[str, ...]) -> None:
+def test_both_readings_of_an_ambiguous_number_are_shown(text: str, readings: tuple[str, ...]) -> None:
     with pytest.raises(JointIdError, match="can be read as") as caught:
         numbers_in("Rotor inertias M", text)
     assert all(reading in str(caught.value) for reading in readings)
@@ -61,16 +61,16 @@ def test_a_matrix_is_square(text: str, rows: list[tuple[float, ...]]) -> None:
 
 
 @pytest.mark.parametrize("text", ["a", "", "1,,a", "1;x", "0,1 y"])
-def test_what_is_no_number_is_said(text: str) -> None:
+def test_an_invalid_number_is_named(text: str) -> None:
     with pytest.raises(JointIdError, match="is not a number"):
         numbers_in("M", text)
 
 
-def test_a_wrong_matrix_is_said_with_the_separator_of_its_rows() -> None:
+def test_an_invalid_matrix_is_reported_with_the_row_separator() -> None:
     with pytest.raises(JointIdError, match=r'"/" is not a number.* A semicolon separates the rows'):
         matrix_in("M2", "0.0074, 0.0017 / 0.0017, 0.0021")
 
 
-def test_rows_of_different_lengths_are_said() -> None:
+def test_rows_of_different_lengths_are_reported() -> None:
     with pytest.raises(JointIdError, match="its rows have 2, 1 values"):
         matrix_in("M2", "1, 2; 3")

@@ -176,7 +176,7 @@ class TestMapping:
         assert not at.error
         assert "missing" in head(at, "3 Drive data")
 
-    def test_a_unit_that_needs_a_scale_asks_for_it(self, page: AppTest) -> None:
+    def test_a_unit_without_a_fixed_scale_has_an_entry_for_it(self, page: AppTest) -> None:
         at = drop(page, ("cell.csv", cell_log()))
         assert widget(at, "selectbox", "Unit of torque 1").value == "%"
         assert widget(at, "text_input", "Rated torque (N·m), one per joint").value == ""
@@ -185,7 +185,7 @@ class TestMapping:
         at = shown(at.run())
         assert widget(at, "text_input", "Torque constant (N·m/A) of joint 2").value == ""
 
-    def test_a_column_used_twice_is_said_and_the_file_stays_visible(self, page: AppTest) -> None:
+    def test_a_column_used_twice_is_reported_and_the_file_stays_visible(self, page: AppTest) -> None:
         at = drop(page, ("log.csv", comma_log()))
         widget(at, "selectbox", "Torque of joint 1").set_value("position")
         at = shown(at.run())
@@ -205,7 +205,7 @@ class TestMapping:
         assert widget(at, "text_input", "Gear ratios").value == ""
         assert not any("again" in info.value for info in at.info)
 
-    def test_entries_and_logs_outlive_a_visit_to_another_page(self, page: AppTest) -> None:
+    def test_entries_and_logs_stay_after_a_visit_to_another_page(self, page: AppTest) -> None:
         at = drop(page, ("one.csv", long_log()))
         widget(at, "text_input", "Gear ratios").set_value("-93.5")
         at.text_input(key="import M").set_value("0.001")
@@ -232,7 +232,7 @@ class TestMapping:
         assert widget(at, "text_input", "Gear ratios").value == "-50"
         assert widget(at, "selectbox", "Torque between").value == "held until the next sample"
 
-    def test_a_torque_that_is_missing_is_said_and_proposed_where_it_can_be(self, page: AppTest) -> None:
+    def test_a_missing_torque_is_reported_and_a_column_is_proposed(self, page: AppTest) -> None:
         lines = cell_log().decode("latin-1").split("\r\n")
         lines = [line.rpartition(";")[0] if line.count(";") == 4 else line for line in lines]
         at = drop(page, ("cell.csv", "\r\n".join(lines).encode("latin-1")))
@@ -279,9 +279,7 @@ class TestMapping:
 
 
 class TestStudy:
-    def test_what_is_entered_of_the_robot_goes_into_the_study(
-        self, page: AppTest, seen: list[Any]
-    ) -> None:
+    def test_robot_entries_are_saved_in_the_study(self, page: AppTest, seen: list[Any]) -> None:
         at = drop(page, ("one.csv", long_log()))
         at.text_input(key="import nominal K").set_value("20,5; ")
         at.text_input(key="import robot").set_value("cell 7")
@@ -306,7 +304,7 @@ class TestStudy:
         assert pytest.approx([1e-3]) == facts["inertia"].M
         assert pytest.approx(np.array([[3e-3]])) == facts["inertia"].M2
 
-    def test_what_was_assumed_is_said_at_the_button_until_it_is_given(self, page: AppTest) -> None:
+    def test_assumptions_are_listed_at_the_button_until_values_are_entered(self, page: AppTest) -> None:
         at = drop(page, ("cell.csv", cell_log()))
         assert "rated torque 1 N·m (joints 1 and 2)" in assumed(at)
         assert "position measured at the joint (joints 1 and 2)" in assumed(at)
@@ -325,7 +323,7 @@ class TestStudy:
         assert "direction of position" in assumed(at)
         assert assumed(confirm(at)) == ""
 
-    def test_what_a_log_cannot_prove_stays_open_until_it_is_confirmed(self, page: AppTest) -> None:
+    def test_unproven_columns_stay_open_until_confirmed(self, page: AppTest) -> None:
         at = drop(page, ("cell.csv", cell_log()))
         assert opened(at) == ["3 Drive data"]
         for label, text in (("Gear ratios", "101; -93,5"), ("Rated torque", "8.2, 2.1")):
@@ -420,7 +418,7 @@ class TestStudy:
         assert at.session_state["chosen"]
         assert at.session_state["report_at_once"] == at.session_state["chosen"]
 
-    def test_the_same_import_again_opens_the_study_that_is_there(self, page: AppTest) -> None:
+    def test_a_repeated_import_opens_the_existing_study(self, page: AppTest) -> None:
         at = send(drop(page, ("one.csv", long_log())), "0.001", "0.003")
         first = at.session_state["chosen"]
         for _ in range(2):
@@ -439,7 +437,7 @@ class TestStudy:
             ("0.001, 0.002", "0.01, 0; 0, 0.01", "step 2 has 1"),
         ],
     )
-    def test_what_is_no_inertia_is_said_and_stays(
+    def test_an_invalid_inertia_is_reported_and_the_entry_stays(
         self, page: AppTest, M: str, M2: str, said: str
     ) -> None:
         at = send(drop(page, ("one.csv", long_log())), M, M2)
@@ -449,7 +447,9 @@ class TestStudy:
         assert figures(at) == 2
 
     @pytest.mark.parametrize("data", [b"", b"\x00\x01\x02", b"hello", b"a,b\nx,y\n", b"PAR1"])
-    def test_what_is_no_log_is_said_and_the_others_open(self, page: AppTest, data: bytes) -> None:
+    def test_a_file_that_is_no_log_is_reported_and_the_others_open(
+        self, page: AppTest, data: bytes
+    ) -> None:
         at = drop(page, ("bad.csv", data), ("good.csv", comma_log()))
         assert len(at.error) == 1
         assert "bad.csv" in at.error[0].value
@@ -473,7 +473,7 @@ class TestCorrectedRuns:
         assert not problems
         return kept["k"]
 
-    def test_untouched_rows_are_the_found_segments(self, rows: list[Row], log: MappedLog) -> None:
+    def test_unchanged_rows_are_the_found_segments(self, rows: list[Row], log: MappedLog) -> None:
         assert self.kept(apply_edits(rows, {}, {"one": "k"}), log) == [row.found for row in rows]
 
     def test_rows_are_dropped_deleted_and_corrected(self, rows: list[Row], log: MappedLog) -> None:
@@ -491,14 +491,12 @@ class TestCorrectedRuns:
         assert segment.share == pytest.approx(1, abs=1e-3)
         assert segment.torque_share == pytest.approx(1, abs=1e-3)
 
-    def test_an_added_row_is_measured_and_stands_in_its_place(
-        self, rows: list[Row], log: MappedLog
-    ) -> None:
+    def test_an_added_row_is_measured_and_sorted_by_time(self, rows: list[Row], log: MappedLog) -> None:
         edits = {"added_rows": [{"Start (s)": 0.6, "Stop (s)": 2.4}], "deleted_rows": [0]}
         kept = self.kept(apply_edits(rows, edits, {"one": "k"}), log)
         assert [s.frequency_hz for s in kept] == pytest.approx(FREQUENCIES_HZ, rel=1e-4)
 
-    def test_an_unfinished_row_waits_and_a_wrong_one_is_said(
+    def test_an_incomplete_row_is_ignored_and_an_invalid_one_is_reported(
         self, rows: list[Row], log: MappedLog
     ) -> None:
         edits = {"added_rows": [{"Start (s)": 0.6}, {"Start (s)": 50.0, "Stop (s)": 60.0}]}
@@ -514,7 +512,7 @@ class TestCorrectedRuns:
 
 
 def test_the_picture_shows_a_torque_of_unknown_scale_as_logged() -> None:
-    """Percent of a rated torque that nobody stated are no newton metres."""
+    """Percent of an unstated rated torque cannot be converted to newton metres."""
     joint = JointMapping(Channel("q", "rad"), Channel("load", "%", 1.0, "joint", -1), gear_ratio=50)
     mapping = Mapping(TimeColumn("t", "s"), (joint,))
     percent = np.linspace(-3, 4, 99)

@@ -120,7 +120,7 @@ class TestTwinCat:
         (table,) = read_log(make.twincat(shared=True, eof=False), "scope.csv")
         check_motion(table, torque_digits=1e-6)
 
-    def test_a_scale_of_unknown_use_is_said(self) -> None:
+    def test_a_scale_of_unknown_use_is_reported(self) -> None:
         data = make.twincat().replace(b"INT16", b"REAL64")
         assert "does not say whether its values include them" in read_log(data, "scope.csv")[0].notes[0]
 
@@ -140,7 +140,7 @@ class TestTwinCat:
         assert log.time_s == pytest.approx(TIME_S[::2], abs=1e-9)
         assert log.tau_Nm[:, 0] == pytest.approx(1e3 * TORQUE[::2], abs=1)
 
-    def test_a_comment_of_several_lines_is_no_row(self) -> None:
+    def test_a_comment_of_several_lines_gives_no_row(self) -> None:
         comment = b"SymbolComment\t(* angle\r\n2\r\n3\t*)\tSymbolComment\t\r\nData-Type"
         (table, *_) = read_log(make.twincat().replace(b"Data-Type", comment, 1), "scope.csv")
         check_motion(table)
@@ -250,7 +250,7 @@ def test_json_as_pandas_writes_it(table: bool) -> None:
     ["t,q" + " " * 30_000 + "b,tau\n", "t," + "_" * 30_000 + ",tau\n", "t" + " " * 30_000 + "q tau\n"],
 )
 @pytest.mark.parametrize("gap", ["", " " * 30_000])
-def test_long_blanks_take_no_square_of_their_length(head: str, gap: str) -> None:
+def test_long_runs_of_blanks_take_linear_time(head: str, gap: str) -> None:
     separator = "," if "," in head else " "
     rows = zip(TIME_S.tolist(), ANGLE.tolist(), TORQUE.tolist(), strict=True)
     body = "\n".join(separator.join([f"{t}", gap + f"{q}", f"{tau}"]) for t, q, tau in rows)
@@ -314,7 +314,7 @@ def test_recordings_without_a_magic_are_named_by_their_ending() -> None:
     assert read_log(make.twincat(), "cell.svdx")
 
 
-def test_a_text_that_begins_like_a_binary_is_a_text() -> None:
+def test_a_text_with_the_first_bytes_of_a_binary_is_read_as_text() -> None:
     (table,) = read_log(b"MZ,ORC\n" + b"".join(b"%d,%d\n" % (k, k % 5) for k in range(50)), "log.csv")
     assert table.names == ("MZ", "ORC")
 
@@ -333,7 +333,7 @@ READER = Reader("a log of plant 7", begins_with(b"PLANT7"), read)
 
 
 @pytest.mark.parametrize("works", [True, False])
-def test_a_plant_adds_its_own_reader(works: bool, tmp_path: Path) -> None:
+def test_an_entry_point_adds_a_reader(works: bool, tmp_path: Path) -> None:
     """Another package with an entry point, without a change of this one."""
     (tmp_path / "plant7.py").write_text(PLUGIN)
     about = tmp_path / "plant7-1.0.dist-info"

@@ -251,7 +251,7 @@ def test_names_of_controllers(names: list[str], expected: list[tuple[str, str]])
     assert pairs(*names) == expected
 
 
-def test_a_rising_position_is_no_clock() -> None:
+def test_a_rising_position_is_not_proposed_as_time() -> None:
     table = table_named("motor position", "motor torque")  # the first column rises evenly
     assert guess_mapping(table).mapping.time == TimeColumn("", "samples", 1000.0)
 
@@ -401,7 +401,7 @@ def test_currents_beside_torques_leave_the_roles_of_a_matrix_open(layout: str) -
 
 
 @pytest.mark.parametrize("name", ["current_pos_x", "torque_z", "tool.position.y", "pos x"])
-def test_a_point_or_a_wrench_in_space_is_no_joint(name: str) -> None:
+def test_a_point_or_a_wrench_is_not_proposed_as_a_joint(name: str) -> None:
     guess = guess_mapping(table_named("t", name, "joint_1", "v2")).mapping
     assert name not in guess.columns
     axis = described(LogColumn("X_ActPos", T))
@@ -437,7 +437,7 @@ def test_signals_with_their_own_clocks_keep_amplitude_and_phase(turn: float) -> 
     assert ratio == pytest.approx(0.4 / 0.7 * -1j, abs=1e-5)
 
 
-def test_pauses_are_not_bridged_and_a_held_torque_keeps_its_value() -> None:
+def test_pauses_are_not_interpolated_and_a_held_torque_keeps_its_value() -> None:
     table = two_clocks()
     time = table.column("t").values
     kept = (time < 2) | (time > 3) | np.isfinite(table.column("tau").values)

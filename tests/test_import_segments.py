@@ -209,7 +209,7 @@ def test_travel_superposed() -> None:
     check(replace(log, theta_rad=log.theta_rad + travel), runs, spans)
 
 
-def test_gap_in_the_log_parts_a_run() -> None:
+def test_gap_in_the_log_splits_a_run() -> None:
     log, _ = log_of([Run(5.0, 40, BOTH)])
     kept = (log.time_s < 4.0) | (log.time_s > 4.6)
     cut = MappedLog(log.time_s[kept], log.theta_rad[kept], log.tau_Nm[kept])
@@ -219,7 +219,7 @@ def test_gap_in_the_log_parts_a_run() -> None:
 
 
 def test_slow_tail_under_the_noise_is_discarded() -> None:
-    """Each period alone drowns it: the first quarter against the second half shows it."""
+    """Noise hides it in each period; the first quarter against the second half shows it."""
     rng = np.random.default_rng(10)
     time = np.arange(0, 12, 1e-3)
     wave = np.exp(2j * np.pi * 5.0 * time)
@@ -256,7 +256,7 @@ def test_beginning_of_a_soft_end_is_left_out() -> None:
 
 
 def test_long_break_in_the_clock() -> None:
-    """The logger was stopped for ten minutes: what is before and after is found as ever."""
+    """The logger was stopped for ten minutes: runs before and after are found."""
     runs = [Run(5.0, 20, BOTH), Run(8.0, 20, OTHER)]
     log, spans = log_of(runs)
     later = log.time_s >= spans[1][0] - 0.2
@@ -264,7 +264,7 @@ def test_long_break_in_the_clock() -> None:
     check(broken, runs, [spans[0], (spans[1][0] + 600, spans[1][1] + 600)])
 
 
-def test_flickering_last_digit_is_no_sine() -> None:
+def test_flicker_of_the_last_digit_is_not_found_as_a_sine() -> None:
     """A resting joint whose encoder flickers in step, while the torque is noise alone."""
     rng = np.random.default_rng(9)
     time = np.arange(4000) * 1e-3
@@ -295,7 +295,7 @@ def test_multisine_gives_one_record_per_line(noise: float) -> None:
         np.testing.assert_allclose(q, expected, atol=(1e-4 + 2 * noise) * np.abs(expected).max())
 
 
-def test_nothing_to_find_is_no_segment() -> None:
+def test_signals_without_a_sine_give_no_segment() -> None:
     rng = np.random.default_rng(4)
     time = np.arange(8_000) * 1e-3
     still = MappedLog(time, np.zeros((time.size, 1)), np.zeros((time.size, 1)))
@@ -325,8 +325,8 @@ def test_any_sequence_of_runs(data: st.DataObject) -> None:
 
 @examples(40, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(st.data())
-def test_any_signals_are_borne(data: st.DataObject) -> None:
-    """Whatever a log holds, segments or none come out; nothing else is raised, nothing overflows."""
+def test_any_signals_give_segments_or_none(data: st.DataObject) -> None:
+    """No log causes an exception or an overflow."""
     samples = data.draw(st.integers(2, 600))
     seed = data.draw(st.integers(0, 99))
     rng = np.random.default_rng(seed)
@@ -376,7 +376,7 @@ def test_user_adds_and_corrects_a_segment() -> None:
         Segment(1.0, 2.0, -3.0)
 
 
-def test_common_frequencies_join_only_what_belongs_together() -> None:
+def test_only_runs_of_nearly_equal_frequency_share_it() -> None:
     segments = [
         Segment(0, 5, 4.00001, frequency_error_hz=1e-5),
         Segment(6, 9, 3.99999, frequency_error_hz=1e-5),
@@ -405,7 +405,7 @@ def test_study_of_many_logs() -> None:
     assert len({record.frequency_hz for record in study.records}) == 6
 
 
-def test_study_refuses_what_it_cannot_use() -> None:
+def test_unusable_segments_are_refused() -> None:
     log, _ = log_of([Run(4.0, 12, BOTH)])
     with pytest.raises(JointIdError, match="No sine runs"):
         study_from_logs(log, [], PARALLELOGRAM)
@@ -421,7 +421,7 @@ def test_one_run_in_a_long_log() -> None:
     check(log, [Run(7.0, 40, BOTH)], spans)
 
 
-def test_a_record_that_still_settles_begins_later_in_the_study() -> None:
+def test_a_record_with_a_transient_starts_later_in_the_study() -> None:
     """The verdict's own test decides; the rows before stay in the file, the inputs unchanged."""
     time = np.arange(0, 6.0, 1e-3)
     wave = np.cos(2 * np.pi * 5.0 * time)

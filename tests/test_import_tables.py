@@ -117,13 +117,13 @@ def test_without_a_header_the_columns_are_numbered() -> None:
     assert any("no line with names" in note for note in table.notes)
 
 
-def test_text_columns_are_left_out_and_said() -> None:
+def test_text_columns_are_left_out_with_a_note() -> None:
     table = text("t,mode,q\n" + "\n".join(f"{k},auto,{k}" for k in range(9)))
     assert table.names == ("t", "q")
     assert any("mode" in note for note in table.notes)
 
 
-def test_cells_that_are_no_numbers_are_missing_and_said() -> None:
+def test_cells_that_are_no_numbers_are_missing_with_a_note() -> None:
     rows = [f"{k},{k},{k}" for k in range(20)]
     rows[7], rows[9] = "7,ERR,7", "9,,9"
     table = text("t,q,tau\n" + "\n".join(rows))
@@ -131,7 +131,7 @@ def test_cells_that_are_no_numbers_are_missing_and_said() -> None:
     assert any("ERR" in note and "line 9" in note for note in table.notes)
 
 
-def test_last_line_cut_short_is_left_out_and_said() -> None:
+def test_incomplete_last_line_is_left_out_with_a_note() -> None:
     table = text("t,q,tau\n" + "\n".join(f"{k},{k},{k}" for k in range(20)) + "\n20,2")
     assert table.rows == 20
     assert any("cut short" in note for note in table.notes)
@@ -180,7 +180,7 @@ def test_leading_plus_and_fortran_exponents() -> None:
     assert table.column("tau").values[0] == 20.0
 
 
-def test_columns_of_one_name_are_told_apart() -> None:
+def test_columns_of_equal_names_are_numbered() -> None:
     assert text("t,q,q\n" + "\n".join(f"{k},{k},{k}" for k in range(9))).names == ("t", "q", "q (2)")
 
 
@@ -195,7 +195,7 @@ def test_columns_of_one_name_are_told_apart() -> None:
         (b"5\n6\n7\n", "not a table of numbers"),
     ],
 )
-def test_what_is_no_table_is_refused(content: bytes, said: str) -> None:
+def test_a_file_without_a_table_is_refused(content: bytes, said: str) -> None:
     with pytest.raises(JointIdError, match=said):
         read_log(content, "x.csv")
 
@@ -209,7 +209,7 @@ def test_what_is_no_table_is_refused(content: bytes, said: str) -> None:
     ),
     st.sampled_from([(",", "."), (";", ","), (";", "."), ("\t", ","), (" ", ".")]),
 )
-def test_numbers_come_through_exactly(rows: list[list[float]], marks: tuple[str, str]) -> None:
+def test_numbers_are_read_exactly(rows: list[list[float]], marks: tuple[str, str]) -> None:
     separator, decimal = marks
     lines = [separator.join(repr(value).replace(".", decimal) for value in row) for row in rows]
     table = text("\n".join([separator.join("abc"), *lines]))
@@ -331,7 +331,7 @@ def test_ros_bag_without_stamps_uses_the_time_of_recording(tmp_path: Path) -> No
     assert any("time of recording" in note for note in table.notes)
 
 
-def test_content_decides_not_the_name() -> None:
+def test_the_content_and_not_the_name_determines_the_format() -> None:
     for content in (mat_scope(), hdf5(), parquet(), excel()):
         assert read_log(content, "log.csv")[0].rows == ROWS
 
@@ -419,7 +419,7 @@ def test_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> 
         import_optional("h5py", "h5py", "HDF5 files")
 
 
-def test_signature_goes_by_names_and_units() -> None:
+def test_signature_depends_on_names_and_units() -> None:
     one, same = text("t [s],q\n1,2\n2,3\n3,4"), text("t [s],q\n5,6\n7,8\n9,9\n10,11")
     other = text("t [ms],q\n1,2\n2,3\n3,4")
     assert one.signature == same.signature != other.signature
@@ -526,7 +526,7 @@ def test_a_table_has_a_row() -> None:
 
 
 @pytest.mark.parametrize("head", ["0,1,2", "1,2,3"])
-def test_a_line_that_counts_the_columns_is_no_row(head: str) -> None:
+def test_a_line_of_column_numbers_is_no_row(head: str) -> None:
     rows = "\n".join(f"{0.002 * k:.3f},{np.sin(k):.6f},{np.cos(k):.6f}" for k in range(50))
     (table,) = read_log(f"{head}\n{rows}\n".encode(), "log.csv")
     assert table.rows == 50
@@ -534,6 +534,6 @@ def test_a_line_that_counts_the_columns_is_no_row(head: str) -> None:
 
 
 @pytest.mark.parametrize("rows", ["1,2,3\n", '"1",2,3\n'])
-def test_one_row_of_numbers_is_no_log(rows: str) -> None:
+def test_one_row_of_numbers_is_refused(rows: str) -> None:
     with pytest.raises(JointIdError, match="has 1 row of numbers"):
         read_log(f"t,q,tau\n{rows}".encode(), "log.csv")

@@ -22,7 +22,7 @@ def rounded(log: MappedLog, step: float) -> MappedLog:
 
 @pytest.mark.parametrize("steps", [3, pytest.param(13, marks=pytest.mark.long)])
 def test_coarse_encoder(steps: int) -> None:
-    """The driven joint moves by a few steps of its encoder: found all the same, as single sines."""
+    """The driven joint moves by a few encoder steps: its runs are found as single sines."""
     runs = [replace(run, size=(run.hz / 3) ** 2) for run in LADDER]
     log, spans = log_of(runs, rate=1000.0, noise=0.0)
     coarse = rounded(log, float(np.abs(log.theta_rad - [0.4, -7.0]).max()) / steps / 1.4)
@@ -30,7 +30,7 @@ def test_coarse_encoder(steps: int) -> None:
     assert not any(segment.is_multisine for segment in found_in(coarse))
 
 
-def test_run_that_the_encoder_does_not_show() -> None:
+def test_run_below_the_encoder_resolution_is_not_found() -> None:
     log, spans = log_of([Run(3.0, 20, BOTH), Run(12.0, 30, BOTH)])
     step = 4 * float(np.abs(log.theta_rad[log.time_s > spans[1][0]] - [0.4, -7.0]).max())
     found = find_segments(rounded(replace(log, theta_rad=log.theta_rad - [0.4, -7.0]), step))
@@ -39,8 +39,8 @@ def test_run_that_the_encoder_does_not_show() -> None:
     assert "the torque oscillates, but the position has" in note
 
 
-def test_noise_hides_no_slow_sweep() -> None:
-    """In pieces of a second the bend of the phase is below the noise; their neighbours show it."""
+def test_a_slow_sweep_is_found_in_noise() -> None:
+    """In pieces of a second the curvature of the phase is below the noise; the neighbours show it."""
     time = np.arange(8500) / 250
     swept = np.clip(time - 2, 0, 30)
     wave = np.sin(2 * np.pi * (4 * swept + swept**2 / 60)) * ((time >= 2) & (time < 32))
@@ -49,7 +49,7 @@ def test_noise_hides_no_slow_sweep() -> None:
     assert find_segments(MappedLog(time, theta[:, None], tau[:, None])) == ()
 
 
-def test_the_ramp_of_a_run_is_no_run_of_its_own() -> None:
+def test_the_ramp_of_a_run_is_not_a_separate_run() -> None:
     """A controller's ramp holds a few periods, of a frequency that the growth biases."""
     time = np.arange(3000) / 1000
     wave = np.clip((time - 0.5) / 0.3, 0, 1) * np.sin(2 * np.pi * 25 * time)
@@ -69,7 +69,7 @@ def test_the_ramp_of_a_run_is_no_run_of_its_own() -> None:
         pytest.param("logarithmic", -1, marks=pytest.mark.long),
     ],
 )
-def test_sweep_gives_no_runs_and_is_told(growth: str, way: int) -> None:
+def test_sweep_gives_no_runs_but_a_note(growth: str, way: int) -> None:
     time = np.arange(0, 40, 2e-3)
     hz = 2 + 20 * time / 40 if growth == "linear" else 2 * 11 ** (time / 40)
     phase = 2 * np.pi * np.cumsum(hz[::way]) * 2e-3
@@ -82,8 +82,8 @@ def test_sweep_gives_no_runs_and_is_told(growth: str, way: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_noise_does_not_hide_a_sweep(seed: int) -> None:
-    """The phase of a short piece bends less than noise: its neighbours prove the drift."""
+def test_a_fast_sweep_is_found_in_noise(seed: int) -> None:
+    """The curvature of the phase of a short piece is below the noise; the neighbours show the drift."""
     rng, time = np.random.default_rng(seed), np.arange(0, 40, 4e-3)
     wave = np.exp(2j * np.pi * np.cumsum(2 + 20 * time / 40) * 4e-3)
     theta = (wave / (2 + 20 * time / 40)).imag + 0.01 * rng.standard_normal(time.size)
@@ -101,8 +101,8 @@ def noisy(hz: np.ndarray, level: float, seed: int) -> MappedLog:
 
 
 @pytest.mark.parametrize("seed", [0, 4, 6])
-def test_pieces_of_a_sweep_prove_together_what_noise_hides_in_each(seed: int) -> None:
-    """The frequencies of the neighbours tell how far the phase of a piece bends."""
+def test_a_sweep_is_found_from_its_noisy_pieces_together(seed: int) -> None:
+    """The frequencies of the neighbours give the curvature of the phase of a piece."""
     log = noisy(2 + 0.25 * np.arange(10_000) / 250, 0.2, seed)
     begins = np.arange(3.0, 38, 3.5)
     pieces = [Segment(t, t + 6 / f, f) for t, f in zip(begins, 2.25 + 0.25 * begins, strict=True)]
@@ -111,7 +111,7 @@ def test_pieces_of_a_sweep_prove_together_what_noise_hides_in_each(seed: int) ->
 
 @pytest.mark.parametrize("rest", [0, 200])
 @pytest.mark.parametrize("seed", [17, 31, 50])
-def test_noise_makes_no_sweep_of_steady_sines(seed: int, rest: int) -> None:
+def test_steady_sines_with_noise_are_not_reported_as_a_sweep(seed: int, rest: int) -> None:
     steps = (3.0, 4.2, 2.5, 6.0, 3.6, 5.0)
     hz = np.concatenate([np.repeat([f, 0.0], [1000 - rest, rest]) for f in steps])
     runs = [Segment(4 * k + 0.3, 4 * k + 0.3 + 6 / f, f) for k, f in enumerate(steps)]
@@ -145,7 +145,7 @@ def test_sines_beside_a_sweep_are_kept() -> None:
     ],
 )
 def test_no_piece_of_a_sweep_is_a_sine(seconds: float, noise: float, growth: str) -> None:
-    """Each piece by itself: between some there are gaps, and noise hides the drift of others."""
+    """There are gaps between some pieces, and noise hides the drift of others."""
     rng = np.random.default_rng(1)
     time = np.arange(0, seconds + 2, 2e-3)
     place = np.clip((time - 1) / seconds, 0, 1)
@@ -160,10 +160,8 @@ def test_no_piece_of_a_sweep_is_a_sine(seconds: float, noise: float, growth: str
 @pytest.mark.parametrize(
     ("hz", "swing", "period_s"), [(8.0, 2.0, 6.0), (12.0, 3.0, 4.0), (10.0, 0.5, 4.0)]
 )
-def test_a_frequency_that_turns_back_is_not_steady_there(
-    hz: float, swing: float, period_s: float
-) -> None:
-    """At its turning points it stands for some periods: the phase bends to both sides alike."""
+def test_a_sweep_is_not_steady_at_its_turning_points(hz: float, swing: float, period_s: float) -> None:
+    """At its turning points the frequency is constant for some periods: the phase is symmetric."""
     time = np.arange(3000) / 250
     phase = 2 * np.pi * np.cumsum(hz + swing * np.sin(2 * np.pi * time / period_s)) / 250
     moved = np.column_stack([0.05 * np.sin(phase), -np.sin(phase - 0.05)])
@@ -181,14 +179,14 @@ def test_frequencies_that_change_without_a_pause_are_runs_of_their_own(step: flo
     np.testing.assert_allclose([s.frequency_hz for s in find_segments(log)], stairs, rtol=1e-4)
 
 
-def test_a_staircase_of_sines_is_no_sweep() -> None:
+def test_stepped_sines_are_not_reported_as_a_sweep() -> None:
     runs = [Run(f, 20, BOTH, rest_s=0.0) for f in (5.0, 5.05, 5.3, 5.6, 6.0, 6.4)]
     log, spans = log_of(runs)
     check(log, runs, spans)
     assert found_in(log).notes == ()
 
 
-def test_sines_that_follow_without_a_ramp_are_told_apart() -> None:
+def test_consecutive_sines_without_a_ramp_are_separated() -> None:
     """Steps of 0.5 % in frequency alone: amplitude and phase continue, so that no frame shows them."""
     steps_hz, rate = 6.0 * 1.005 ** np.arange(3), 500.0
     edges = np.cumsum([0.0, *(30 / steps_hz)])
@@ -202,7 +200,7 @@ def test_sines_that_follow_without_a_ramp_are_told_apart() -> None:
         assert begin - 0.1 < segment.start_s < segment.stop_s < end + 0.1
 
 
-def test_runs_that_are_too_short_are_told() -> None:
+def test_runs_that_are_too_short_are_reported() -> None:
     log, _ = log_of([Run(5.0, 20, BOTH), Run(2.0, 3, BOTH, size=0.2), Run(7.0, 20, BOTH)])
     found = find_segments(log)
     assert len(found) == 2
@@ -211,12 +209,12 @@ def test_runs_that_are_too_short_are_told() -> None:
     assert "mark it" in note
 
 
-def test_nothing_is_told_of_rests_and_noise() -> None:
+def test_rests_and_noise_give_no_note() -> None:
     log, _ = log_of(LADDER, rate=500.0, noise=1e-3, seed=1)
     assert find_segments(log).notes == ()
 
 
-def test_notes_travel_with_the_segments() -> None:
+def test_notes_are_kept_with_the_segments() -> None:
     time = np.arange(0, 40, 2e-3)
     wave = np.sin(2 * np.pi * (2 * time + 0.25 * time**2))[:, None]
     found = find_segments(MappedLog(time, wave, wave))

@@ -44,7 +44,7 @@ def texts(at: AppTest) -> list[str]:
     return [element.value for element in at.markdown]
 
 
-def test_work_is_done_once_and_remembered_for_all_sessions(page: AppTest) -> None:
+def test_a_task_runs_once_for_all_sessions(page: AppTest) -> None:
     calls: list[str] = []
     page.session_state["tasks"] = {"a": lambda _: calls.append("a") or 1, "b": lambda _: 2}
     assert texts(shown(page.run())) == ["a: 1", "b: 2"]
@@ -52,7 +52,7 @@ def test_work_is_done_once_and_remembered_for_all_sessions(page: AppTest) -> Non
     assert calls == ["a"]
 
 
-def test_what_a_task_refuses_is_said_and_the_rest_goes_on(page: AppTest) -> None:
+def test_a_refused_task_is_reported_and_the_others_continue(page: AppTest) -> None:
     def refuse(_: Progress) -> int:
         raise JointIdError("No log.")
 
@@ -62,14 +62,12 @@ def test_what_a_task_refuses_is_said_and_the_rest_goes_on(page: AppTest) -> None
     assert texts(at) == ["b: 2"]
 
 
-def test_a_fault_of_the_program_is_not_hidden(page: AppTest) -> None:
+def test_an_internal_error_is_raised(page: AppTest) -> None:
     page.session_state["tasks"] = {"a": lambda _: 1 // 0}
     assert len(page.run().exception) == 1
 
 
-def test_a_stopped_job_ends_and_goes_on_when_asked(
-    page: AppTest, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stopped_job_ends_and_can_be_resumed(page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importing_work, "SHOWN_AFTER_S", 0.01)
     ended = threading.Event()
     tries: list[int] = []
@@ -97,7 +95,7 @@ def test_a_stopped_job_ends_and_goes_on_when_asked(
     assert not at.info
 
 
-def test_a_job_tells_its_share_and_stops() -> None:
+def test_a_job_reports_progress_and_stops() -> None:
     go, told = threading.Event(), threading.Event()
 
     def task(tell: Progress) -> None:
@@ -114,7 +112,7 @@ def test_a_job_tells_its_share_and_stops() -> None:
     assert isinstance(job.outcome.exception(5), StoppedError)
 
 
-def test_the_search_tells_a_growing_share_and_can_be_ended() -> None:
+def test_the_search_reports_growing_progress_and_can_be_stopped() -> None:
     time_s, theta, tau = runs()
     gap = np.where(time_s > 5.8, 30.0, 0.0)  # two parts
     log = MappedLog(time_s + gap, theta[:, None], tau[:, None])

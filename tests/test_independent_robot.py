@@ -56,7 +56,7 @@ def driven(robot: Robot, state: Array, torque: float, steps: int) -> Array:
 
 
 @pytest.mark.parametrize("robot", [PAPER, MANUTEC, THREE], ids=["paper", "Manutec", "three joints"])
-def test_the_ideal_robot_has_the_models_response(robot: Robot) -> None:
+def test_the_ideal_robot_has_the_response_of_the_model(robot: Robot) -> None:
     (records,) = simulate([(robot, exact(robot, band(robot, count=5)))])
     found = estimate_transfer_matrix(extract_phasors(records, harmonics=1))
     expected = motor_response(found.omega, Inertia(robot.M, robot.M2), Elasticity(robot.K, robot.D))
@@ -126,7 +126,7 @@ def test_friction_levels_add_up() -> None:
     assert driven(robot, np.zeros(4), -0.1301, 50)[-1, 0] < 0
 
 
-def test_bristles_are_a_spring_at_first() -> None:
+def test_presliding_friction_starts_as_a_spring() -> None:
     robot = replace(ROTOR, coulomb=0.4, presliding_rad=1e-3, bristle_damping=1.0)
     states = driven(robot, np.zeros(4), 0.01, 400)
     np.testing.assert_allclose(0.01 / states[-1, 0], 0.4 / 1e-3, rtol=0.05)

@@ -45,7 +45,7 @@ def wrong(inertia: Inertia, by: float, seed: int) -> Inertia:
 
 @pytest.mark.parametrize(("by", "std"), [(0.05, 0.05), (0.3, 0.3), (0.3, math.inf)])
 @pytest.mark.parametrize("inertia", [PARALLELOGRAM, SERIAL])
-def test_k_and_d_are_found_from_wrong_inertias(inertia: Inertia, by: float, std: float) -> None:
+def test_k_and_d_are_identified_with_wrong_inertias(inertia: Inertia, by: float, std: float) -> None:
     fit = identify_elasticity(measured(inertia, 1), wrong(inertia, by, 1), inertia_std=std)
     assert np.abs(fit.estimate / TRUTH - 1).max() < 0.02
     assert np.abs((fit.estimate - TRUTH) / fit.standard_error).max() < 4
@@ -89,7 +89,7 @@ def test_the_error_has_a_part_of_the_noise_and_one_of_the_prior() -> None:
     assert np.all(np.asarray(fit.prior_error) > 0)
 
 
-def test_what_nothing_determines_has_an_infinite_error() -> None:
+def test_undetermined_parameters_have_infinite_errors() -> None:
     """One frequency gives two numbers per joint and record, fewer than the unknowns."""
     phasors = measured(frequencies=np.array([8.7]))
     known = identify_elasticity(phasors, PARALLELOGRAM)
@@ -152,7 +152,7 @@ def with_arm_friction(viscous: np.ndarray) -> Phasors:
     return exact_phasors(frequencies_hz, q + error[:, :2], torques + error[:, 2:], covariance.copy())
 
 
-def test_friction_at_the_arm_is_told_from_friction_at_the_motor() -> None:
+def test_friction_at_the_arm_is_distinguished_from_friction_at_the_motor() -> None:
     viscous = 0.1 * PAPER.D
     fit = identify_elasticity(with_arm_friction(viscous), PARALLELOGRAM, inertia_std=0.05)
     assert "arm-side viscous friction" in next(c.name for c in fit.candidates if c.chosen)
@@ -176,7 +176,7 @@ def test_a_coupling_given_as_zero_stays_free() -> None:
 
 
 @pytest.mark.parametrize("seed", [7777, 7794, 1, 2, 3, 4])
-def test_a_linear_start_from_wrong_inertias_is_no_end(seed: int) -> None:
+def test_the_fit_recovers_from_a_negative_linear_start(seed: int) -> None:
     """Wrong inertias may turn the linear estimate negative."""
     fit = identify_elasticity(measured(SERIAL, seed), wrong(SERIAL, 0.4, seed), inertia_std=math.inf)
     assert np.abs(fit.estimate / TRUTH - 1).max() < 0.02
@@ -221,7 +221,7 @@ def test_an_undetermined_fit_has_a_correlation_and_a_condition() -> None:
     assert np.isfinite(fit.condition)
 
 
-def test_a_position_filter_is_told_from_a_delay() -> None:
+def test_a_position_filter_is_distinguished_from_a_delay() -> None:
     """A first-order filter of 100 Hz on the logged position, which acts like one of the true torque."""
     frequencies_hz, torques = campaign(np.linspace(2, 30, 12), 2)
     time_constant = 1 / (2 * np.pi * 100)
@@ -238,7 +238,7 @@ def test_a_position_filter_is_told_from_a_delay() -> None:
 
 
 @pytest.mark.parametrize(("std", "means"), [(1e-15, 0.0), (0.03, 0.03), (1e9, math.inf)])
-def test_senseless_standard_deviations_are_exact_or_unknown(std: float, means: float) -> None:
+def test_extreme_standard_deviations_count_as_exact_or_unknown(std: float, means: float) -> None:
     assert checked_std("inertia_std", std) == means
 
 

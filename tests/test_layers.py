@@ -164,7 +164,7 @@ def room(file: Path) -> str:
     return file.parent.relative_to(ROOT).as_posix()
 
 
-def test_there_is_something_to_read() -> None:
+def test_the_package_has_modules() -> None:
     assert {
         "jointid.joints",
         "jointid.phasors.extract",
@@ -173,7 +173,7 @@ def test_there_is_something_to_read() -> None:
     assert "jointid.records" in graph()["jointid.phasors.extract"]
 
 
-def test_outside_libraries_stay_at_home() -> None:
+def test_each_outside_library_is_imported_in_one_package() -> None:
     wrong = set()
     for file in FILES:
         where = file.relative_to(ROOT).as_posix()
@@ -197,7 +197,7 @@ def test_imports_point_down() -> None:
     assert not wrong
 
 
-def test_rooms_of_one_floor_import_in_one_direction() -> None:
+def test_packages_of_one_layer_import_in_one_direction() -> None:
     """No circle between rooms, even where every module alone imports downwards."""
     rooms = {name_of(file): room(file) for file in FILES}
     arrows = {(rooms[a], rooms[b]) for a in graph() for b in graph()[a] if rooms[a] != rooms[b]}
@@ -206,7 +206,7 @@ def test_rooms_of_one_floor_import_in_one_direction() -> None:
     assert not {(a, b) for a, b in arrows if (b, a) in arrows}
 
 
-def test_rooms_of_the_user_interface_share_only_what_is_shared() -> None:
+def test_ui_packages_import_only_shared_modules() -> None:
     parts = {module: module.split(".")[2] for module in graph() if module.startswith("jointid.ui.")}
     wrong = {
         f"{a} imports {b}"
@@ -217,19 +217,19 @@ def test_rooms_of_the_user_interface_share_only_what_is_shared() -> None:
     assert not wrong
 
 
-def test_a_room_is_seen_at_a_glance() -> None:
+def test_packages_have_few_modules() -> None:
     sizes = Counter(room(file) for file in FILES)
     assert sizes["jointid"] <= 12
     assert max(sizes.values()) <= 16, sizes.most_common(3)
 
 
-def test_a_module_is_read_in_one_go() -> None:
+def test_modules_are_short() -> None:
     lines = {f.relative_to(ROOT).as_posix(): f.read_text("utf-8").count("\n") for f in FILES}
     longer = {file: count for file, count in lines.items() if count > LINES}
     assert not longer
 
 
-def test_the_library_does_not_go_through_its_own_front_door() -> None:
+def test_library_modules_do_not_import_from_the_package_root() -> None:
     """``from jointid import …`` is for what stands above the library: pages, ui, cli."""
     wrong = set()
     for file in FILES:
@@ -241,7 +241,7 @@ def test_the_library_does_not_go_through_its_own_front_door() -> None:
     assert not wrong
 
 
-def test_importing_the_library_does_no_work() -> None:
+def test_importing_the_library_loads_no_heavy_modules() -> None:
     """What is asked for is imported then; the library loads nothing that only some need."""
     heavy = ("streamlit", "plotly", "pymunk", "pandas", "reportlab")
     program = (
@@ -293,7 +293,7 @@ def test_no_name_is_hidden_by_the_module_it_lives_in() -> None:
     assert not [(p, n) for p in packages for n in p.__all__ if isinstance(getattr(p, n), ModuleType)]
 
 
-def test_packages_import_nothing_of_their_own() -> None:
+def test_packages_import_nothing_in_their_init() -> None:
     """A module loads what it needs, not what its neighbours need."""
     program = (
         "import sys; from importlib import import_module;"

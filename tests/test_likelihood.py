@@ -101,7 +101,7 @@ LAWS: dict[str, Law] = {
 @pytest.mark.parametrize(
     "law", [pytest.param(law, marks=pytest.mark.long) if law == "wide" else law for law in LAWS]
 )
-def test_any_law_of_friction_leaves_the_answer(law: str) -> None:
+def test_the_estimate_is_right_under_any_law_of_friction(law: str) -> None:
     """Coulomb torque of half the smallest torque amplitude, where least squares is 20 to 60 % off."""
     phasors = extract_phasors(prescribed_motion(LAWS[law]))
     fit = identify_elasticity(phasors, PARALLELOGRAM)
@@ -133,7 +133,7 @@ def test_friction_turns_with_the_motor_not_with_its_filtered_position() -> None:
 
 
 def test_reversals_are_those_of_the_motion_before_a_filter() -> None:
-    """A filter shifts harmonics by other times than the fundamental: the reversals move with them."""
+    """A filter delays harmonics by other times than the fundamental, which shifts the reversals."""
     phasors = extract_phasors(prescribed_motion(np.sign))
     n, filter_s = phasors.n, np.array([3e-3, 1e-3])
     z = phasors.harmonics.copy()
@@ -174,7 +174,7 @@ def simulated(
         pytest.param(SERIAL, id="serial", marks=pytest.mark.long),
     ],
 )
-def test_joints_that_stick_leave_the_answer(inertia: Inertia) -> None:
+def test_the_estimate_is_right_when_joints_stick(inertia: Inertia) -> None:
     """Set-valued friction in closed loop: the motors stand for up to a fifth of the period.
 
     What the fit leaves of the torque is what springs and inertias take.
@@ -191,14 +191,14 @@ def test_joints_that_stick_leave_the_answer(inertia: Inertia) -> None:
     assert np.abs(acceleration - measured).max() < 5e-3 * np.abs(measured).max()
 
 
-def test_unknown_delay_of_three_samples_is_found_and_nothing_else() -> None:
+def test_an_unknown_delay_of_three_samples_is_the_only_effect_found() -> None:
     fit = identify_elasticity(extract_phasors(simulated(delay_s=0.0015, told=False)), PARALLELOGRAM)
     assert fit.friction is None
     assert fit.delay == pytest.approx(0.0015 + 0.00025, rel=2e-3)  # the hold lags by half a sample
     assert np.all(errors_percent(fit) < [0.1, 0.1, 0.3, 0.3])
 
 
-def test_nothing_is_found_where_nothing_is() -> None:
+def test_no_effect_is_found_on_an_ideal_robot() -> None:
     fit = identify_elasticity(extract_phasors(simulated()), PARALLELOGRAM)
     assert fit.friction is None
     assert fit.delay is None
@@ -226,7 +226,7 @@ def test_motor_that_never_reverses_has_no_coulomb_phasor() -> None:
     assert np.all(errors_percent(fit) < [0.1, 0.1, 0.5, 0.5])
 
 
-def test_harmonics_within_their_noise_do_not_blur_the_reversals() -> None:
+def test_harmonics_below_the_noise_do_not_change_the_reversals() -> None:
     """Thirty harmonics of noise, a hundredth of the fundamental each, have 72 % of its velocity."""
     rng = np.random.default_rng(0)
     angle = rng.standard_normal(31) + 1j * rng.standard_normal(31)
@@ -240,7 +240,7 @@ def test_harmonics_within_their_noise_do_not_blur_the_reversals() -> None:
     assert abs(waveforms.coulomb[0, 0, 0]) == pytest.approx(4 / np.pi, rel=0.01)
 
 
-def test_a_torque_of_the_wrong_sign_does_not_pass() -> None:
+def test_a_torque_of_the_wrong_sign_gives_a_large_misfit() -> None:
     records = [replace(record, tau_Nm=-record.tau_Nm) for record in simulated()]
     fit = identify_elasticity(extract_phasors(records), PARALLELOGRAM, method="maximum-likelihood")
     assert fit.misfit > 1000
@@ -251,7 +251,7 @@ def test_a_torque_of_the_wrong_sign_does_not_pass() -> None:
     [(-10, 8, 0.1, 0.02), (40, -1, 0.1, 0.02), (3.4, 0.7, -0.07, 0.1), (4000, 1000, -0.1, 1)],
     ids=str,
 )
-def test_a_linear_estimate_that_heavy_friction_throws_off_is_no_end(start: tuple[float, ...]) -> None:
+def test_the_fit_recovers_from_a_linear_start_biased_by_heavy_friction(start: tuple[float, ...]) -> None:
     phasors = extract_phasors(prescribed_motion(np.sign))
     noise = spring_equations(phasors, PARALLELOGRAM).noise
     choice = choose_model(phasors, PARALLELOGRAM, np.array(start), noise, friction=False, delay=False)
@@ -261,7 +261,7 @@ def test_a_linear_estimate_that_heavy_friction_throws_off_is_no_end(start: tuple
     assert np.all(np.abs(found - [*good.K, *good.D]) < 0.05 * good.standard_error)
 
 
-def test_another_beginning_is_found_also_where_the_model_does_not_fit_well() -> None:
+def test_another_start_is_found_where_the_model_fits_badly() -> None:
     """Rotor inertias 2.5 % off under friction."""
     phasors = extract_phasors(prescribed_motion(np.sign))
     wrong = Inertia(1.025 * PARALLELOGRAM.M, PARALLELOGRAM.M2)
@@ -282,7 +282,7 @@ def test_another_beginning_is_found_also_where_the_model_does_not_fit_well() -> 
 @pytest.mark.parametrize(
     "delay_s", [0.013, *(pytest.param(each, marks=pytest.mark.long) for each in (0.008, -0.004))]
 )
-def test_a_long_lag_alone_is_no_friction(delay_s: float) -> None:
+def test_a_long_lag_is_not_identified_as_friction(delay_s: float) -> None:
     fit = identify_elasticity(
         extract_phasors(prescribed_motion(lambda v: 0 * v, delay_s=delay_s)), PARALLELOGRAM
     )
@@ -291,7 +291,7 @@ def test_a_long_lag_alone_is_no_friction(delay_s: float) -> None:
     assert errors_percent(fit).max() < 0.2
 
 
-def test_error_bars_widen_once_by_what_the_model_leaves() -> None:
+def test_error_bars_are_widened_once_by_the_misfit() -> None:
     """Rotor inertias 1 % off: bars grow as the root of the fundamental's misfit, no further."""
     phasors = extract_phasors(prescribed_motion(lambda v: 0 * v))
     right = identify_elasticity(phasors, PARALLELOGRAM, method="maximum-likelihood")
@@ -310,7 +310,7 @@ def test_linear_methods_fit_no_friction() -> None:
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 2e-5, -2e-5])
-def test_what_a_lag_would_gain_is_foretold(delay_s: float) -> None:
+def test_the_score_test_predicts_the_gain_of_a_lag(delay_s: float) -> None:
     """The score test agrees with the fit: nothing to gain without a lag, much with a small one."""
     phasors = extract_phasors(prescribed_motion(lambda v: 0 * v, delay_s=delay_s), harmonics=3)
     equations = spring_equations(phasors, PARALLELOGRAM)
@@ -355,7 +355,7 @@ def test_the_square_of_a_filter_of_the_position_is_positive() -> None:
 
 
 @pytest.mark.parametrize("filter_s", [0.0, 4e-4])
-def test_what_a_filter_beside_a_delay_would_gain_is_foretold(filter_s: float) -> None:
+def test_the_score_test_predicts_the_gain_of_a_filter_beside_a_delay(filter_s: float) -> None:
     """The slope of the cost at no filter is that of the delay; the score is that of the square."""
     motion = prescribed_motion(lambda v: 0 * v, delay_s=0.002, filter_s=filter_s)
     phasors = extract_phasors(motion, harmonics=3)
@@ -377,7 +377,7 @@ def test_what_a_filter_beside_a_delay_would_gain_is_foretold(filter_s: float) ->
 @pytest.mark.parametrize("friction", [False, True])
 @pytest.mark.parametrize("delay", [False, True])
 @pytest.mark.parametrize("rubs", [False, True])
-def test_parts_that_are_demanded_are_fitted_also_where_there_are_none(
+def test_forced_parts_are_fitted_on_an_ideal_robot(
     rubs: bool, method: str, friction: bool, delay: bool
 ) -> None:
     law = np.sign if rubs else lambda v: 0 * v
@@ -572,7 +572,7 @@ def test_an_optional_part_must_differ_from_zero_by_five_standard_errors(
     assert fits.part_is_significant(model, fits.tried[model], "delay") is significant
 
 
-def test_a_search_far_from_the_data_frees_the_reversals_of_friction_that_leads() -> None:
+def test_a_search_with_a_large_misfit_tries_free_reversals() -> None:
     """Joints that stick are far from every model whose reversals are not free."""
     sticking, plain = Model(0.0, delay=False), Model(None, delay=False)
     search: Any = SimpleNamespace(fits=Fits((), 1, dict.fromkeys([plain, sticking], JointIdError(""))))

@@ -33,14 +33,14 @@ def test_the_page_and_the_server_agree_on_the_largest_upload() -> None:
 @pytest.mark.parametrize(
     "text", ["=1+1", "+1", "-1+cmd|' /C calc'!A0", "@SUM(1)", "\tx", "\r=x", "x\r=y"]
 )
-def test_a_text_is_no_formula_in_a_spreadsheet(text: str) -> None:
+def test_texts_are_not_read_as_formulas_by_a_spreadsheet(text: str) -> None:
     header, row = csv.reader(io.StringIO(csv_text([text, "b"], [[text, -1.5]]), newline=""))
     plain = text.replace("\r", " ")
     assert header[0] == row[0] == (plain if text[0] == "x" else f"'{plain}")
     assert row[1] == "-1.5"
 
 
-def test_labels_of_records_are_no_formulas() -> None:
+def test_labels_of_records_are_not_read_as_formulas() -> None:
     from jointid import Inertia, SineRecord, Study, analyse
 
     wave = 0.1 * np.sin(2 * np.pi * 10 * TIME_S)[:, None]
@@ -61,8 +61,8 @@ def test_messages_are_bounded_and_keep_their_remedy() -> None:
 
 
 @pytest.mark.parametrize("at", [1, 150])
-def test_an_open_quote_loses_no_line(at: int) -> None:
-    """In a column that is not used, it would swallow the lines up to the next quote in silence."""
+def test_an_open_quote_is_refused(at: int) -> None:
+    """In an unused column it would drop the lines up to the next quote without a message."""
     lines = [f"{row},ok" for row in ROWS]
     lines[at] = lines[at].replace("ok", '"ok')
     lines[at + 100] = lines[at + 100].replace("ok", '"ok')
@@ -86,7 +86,7 @@ def test_an_open_quote_is_named_by_the_line_on_which_it_opens() -> None:
         read_columns("01.csv", data, *header, [0, 1, 2])
 
 
-def test_many_comments_and_columns_cost_little() -> None:
+def test_many_comments_and_columns_are_read_in_bounded_time() -> None:
     begin = time.process_time()
     with pytest.raises(JointIdError, match="no column names in the first 65537 bytes"):
         read_header("01.csv", b"#\n" * 10_000_000)
@@ -107,7 +107,7 @@ def test_values_that_overflow_are_refused_without_a_warning() -> None:
             apply_mapping(table, mapping)
 
 
-def test_a_workbook_is_judged_by_what_it_unpacks_to() -> None:
+def test_the_limit_of_a_workbook_counts_its_unpacked_size() -> None:
     buffer = io.BytesIO(excel())
     pack = zipfile.ZipFile(buffer, "a", zipfile.ZIP_DEFLATED)
     with pack as archive, archive.open("xl/media/x.bin", "w") as part:

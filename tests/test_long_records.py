@@ -71,7 +71,7 @@ def test_parts_give_the_phasors_of_the_whole(tmp_path: Path, jitter: float) -> N
 
 
 @pytest.mark.usefixtures("short_parts")
-def test_the_noise_of_parts_is_honest(tmp_path: Path) -> None:
+def test_the_noise_of_parts_is_the_scatter_of_the_phasors(tmp_path: Path) -> None:
     """The standard deviation claimed is the one that the phasors of many records have."""
     records = [noisy(9.1, 14_000, seed) for seed in range(60)]
     save_study(Study(records, INERTIA), tmp_path / "study", record_format="parquet")
@@ -82,7 +82,7 @@ def test_the_noise_of_parts_is_honest(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("short_parts")
-def test_a_long_study_is_analysed_like_another(tmp_path: Path) -> None:
+def test_a_long_study_gives_the_elasticity(tmp_path: Path) -> None:
     records = simulate_records(
         INERTIA,
         TRUE,
@@ -144,7 +144,7 @@ def test_faults_are_named_by_their_row(
 
 
 @pytest.mark.usefixtures("short_parts")
-def test_the_digest_is_that_of_the_file_and_a_long_study_is_not_saved_cut(tmp_path: Path) -> None:
+def test_a_long_study_has_the_digest_of_its_file_and_is_saved_complete(tmp_path: Path) -> None:
     save_study(Study([noisy(7.3, 20_000, 1)], INERTIA), tmp_path / "a", record_format="parquet")
     save_study(Study([noisy(7.3, 20_000, 2)], INERTIA), tmp_path / "b", record_format="parquet")
     a, again, b = (load_study(tmp_path / name) for name in ("a", "a", "b"))

@@ -41,7 +41,7 @@ def shown(markdown: str) -> str:
 
 
 @given(st.text(st.characters(codec="utf-8", categories=("L", "N", "P", "S", "Zs")), max_size=60))
-def test_nothing_comes_of_any_text(text: str) -> None:
+def test_escaped_text_has_no_markup(text: str) -> None:
     assert shown(markdown_escape(text)) == "\n".join(
         x for line in text.splitlines() if (x := line.strip())
     )
@@ -52,7 +52,7 @@ def test_marks_are_shown(text: str) -> None:
     assert shown(markdown_escape(text)) == text
 
 
-def test_what_looks_like_no_mark_stays_as_it_is() -> None:
+def test_text_without_markup_is_unchanged() -> None:
     for text in ("theta_m1_rad is 3.2 N·m (±2 %)", "Check M and M2: 1e-3 kg·m²", "C:/logs/a_b.csv"):
         assert markdown_escape(text) == text
 

@@ -149,7 +149,7 @@ def test_one_joint() -> None:
     assert fit.standard_error[0] < 0.002 * fit.K[0]
 
 
-def test_a_joint_at_rest_is_named() -> None:
+def test_a_joint_at_rest_is_refused_by_name() -> None:
     still = [
         cut(r, slice(None), theta_rad=r.theta_rad * [1, 0], tau_Nm=r.tau_Nm * [1, 0])
         for r in records(SHORT)
@@ -159,7 +159,7 @@ def test_a_joint_at_rest_is_named() -> None:
 
 
 def test_a_joint_that_creeps_by_encoder_steps_is_named() -> None:
-    """Friction holds it: its torque shows no spring."""
+    """Friction holds it: its torque holds no information on the stiffness."""
     step = 2 * np.pi / 65536
     creeping = []
     for record in records(SHORT):
@@ -172,7 +172,7 @@ def test_a_joint_that_creeps_by_encoder_steps_is_named() -> None:
 
 
 @pytest.mark.parametrize(("noise_Nm", "warnings"), [(1e-4, 0), (0.05, 1)])
-def test_rounding_within_the_band_is_known_roughly(noise_Nm: float, warnings: int) -> None:
+def test_rounding_within_the_band_gives_a_misfit_near_one(noise_Nm: float, warnings: int) -> None:
     """A misfit of 1.4 is that of a coarse encoder, whose steps hide the torque's noise, or none."""
     coarse = replace(COARSE, noise_Nm=noise_Nm)
     fit = replace(fitted(coarse), fundamental=(1.4, 2000.0))
@@ -228,7 +228,7 @@ def test_bins_are_phasors() -> None:
     assert np.abs(found - expected).max() < 1e-12
 
 
-def test_friction_is_chosen_by_itself() -> None:
+def test_friction_is_chosen_automatically() -> None:
     sweep = replace(SHORT, kind="sweep", duration_s=3.0)
     rubbing = simulate([(replace(CELL, coulomb=[0.05, 0.01]), sweep)])[0]
     fit = identify_motion(rubbing, GIVEN, inertia_std=0.05)
@@ -237,7 +237,7 @@ def test_friction_is_chosen_by_itself() -> None:
     assert np.all(relative_error(fit) < [0.005, 0.005, 0.01, 0.01])
 
 
-def test_friction_that_falls_with_speed_is_found_in_a_sweep() -> None:
+def test_stribeck_friction_is_found_in_a_sweep() -> None:
     """It leaves little more than noise, and would shift D by several errors."""
     given = {"coulomb": (0.15, 0.03), "stribeck": (0.09, 0.018), "stribeck_rad_s": 0.3}
     fit = identify_motion(records(Motion("sweep", duration_s=5.0, seed=1), **given), GIVEN)
@@ -248,7 +248,7 @@ def test_friction_that_falls_with_speed_is_found_in_a_sweep() -> None:
 @pytest.mark.parametrize(
     ("late", "scale", "highest_hz"), [(0, 1.0, 40.0), (0, 1.0, 24.0), (3, 1.0, 40.0), (0, 0.7, 40.0)]
 )
-def test_friction_that_grows_with_load_is_found_in_random_motion(
+def test_load_dependent_friction_is_found_in_random_motion(
     late: int, scale: float, highest_hz: float
 ) -> None:
     """K was 1 to 3 % wrong and D up to 40 %, without a warning.
@@ -288,7 +288,7 @@ def test_friction_that_grows_with_load_is_found_in_random_motion(
 
 
 def test_unknown_friction_is_no_larger_than_coulomb_friction(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a lag and a filter leave, before they are in the model, is no friction."""
+    """Residual of a lag and a filter that are not yet in the model is not counted as friction."""
     found, whole = [], identify_motion_module._with_noise
 
     def bounded(phasors: Phasors, prior: InertiaPrior, model: Model, fit: LikelihoodEstimate) -> Phasors:
@@ -325,7 +325,7 @@ def test_joints_that_move_in_turn_with_friction() -> None:
 
 
 def test_hardening_is_found_under_heavy_friction() -> None:
-    """Noise and free friction explain nearly all that a linear gear leaves: the score tells."""
+    """Noise and free friction explain nearly all that a linear gear leaves; the score test finds it."""
     hard = {"cubic": [20_000.0, 0.0], "coulomb": [0.1, 0.05], "viscous": [2e-3, 4e-4]}
     motion = replace(SHORT, noise_Nm=0.02, duration_s=tries(1.3, long=2.0))
     rubbing = simulate([(replace(CELL, **hard), motion)])[0]

@@ -118,8 +118,8 @@ def test_an_odd_multisine_leaves_even_and_some_odd_lines_empty() -> None:
     assert 0.6 < strong[inside % 2 == 1].mean() < 0.9
 
 
-def test_a_record_with_a_loud_torque_keeps_its_noise_to_itself() -> None:
-    """As of an aliased torque: one noise for all records would hide what the good one shows."""
+def test_a_record_with_a_noisy_torque_has_its_own_noise() -> None:
+    """As of an aliased torque: common noise of all records would reduce the weight of the good one."""
     rng, records = np.random.default_rng(0), moved("random")
     errors = [each.tau_Nm.std(axis=0) * rng.standard_normal(each.tau_Nm.shape) for each in records]
 
@@ -173,7 +173,7 @@ def table(seed: int, n: int, samples: int = 40) -> dict[str, np.ndarray]:
     start=st.sampled_from([None, 0.1]),
     form=st.sampled_from(["csv", "parquet"]),
 )
-def test_a_study_of_sines_and_motions_comes_back_bit_for_bit(
+def test_a_study_of_sines_and_motions_is_saved_and_read_exactly(
     seed: int, n: int, sensors: str, band: tuple[float, float] | None, start: float | None, form: Any
 ) -> None:
     values = table(seed, n)
@@ -274,7 +274,7 @@ def test_sweeps_do_not_become_steady_sines(seconds: float) -> None:
     assert not find_segments(log_of(record))
 
 
-def test_long_rests_separate_motions_and_noise_is_none() -> None:
+def test_long_rests_separate_motions_and_noise_is_no_motion() -> None:
     record = simulate_motion(ROBOT, SPRINGS, Motion("random", 3.0, 30.0, 8.0), seed=2, **REAL)[0]
     count = record.samples
     noise = np.random.default_rng(0).normal(size=(2 * count, 2)) * [1e-5, 2e-2]
@@ -321,7 +321,7 @@ def analyses() -> dict[str, Analysis]:
 
 
 @pytest.mark.parametrize("name", ["motions", "both"])
-def test_a_study_with_motions_gives_the_springs_of_the_robot(
+def test_a_study_with_motions_gives_the_elasticity_of_the_robot(
     analyses: dict[str, Analysis], name: str
 ) -> None:
     analysis = analyses[name]
@@ -334,7 +334,7 @@ def test_a_study_with_motions_gives_the_springs_of_the_robot(
 
 
 def test_the_transfer_matrix_of_motions_agrees_with_the_robot(analyses: dict[str, Analysis]) -> None:
-    """Local polynomials know nothing of the model."""
+    """Local polynomials do not use the model."""
     matrix = analyses["motions"].transfer_matrices[""]
     assert matrix.omega.size > 10
     off = np.abs(matrix.H - motor_response(matrix.omega, ROBOT, SPRINGS))
@@ -344,7 +344,9 @@ def test_the_transfer_matrix_of_motions_agrees_with_the_robot(analyses: dict[str
 
 
 @pytest.mark.parametrize("name", ["motions", "both"])
-def test_everything_is_made_of_a_study_with_motions(analyses: dict[str, Analysis], name: str) -> None:
+def test_a_study_with_motions_has_figures_report_and_exports(
+    analyses: dict[str, Analysis], name: str
+) -> None:
     analysis = analyses[name]
     assert to_document(analysis)["K"] == analysis.fit.K.tolist()
     assert to_mat(analysis).startswith(b"MATLAB 5.0")
@@ -384,7 +386,7 @@ def test_a_reversed_axis_is_named_in_a_study_of_motions() -> None:
     assert found[0].level == "problem"
 
 
-def test_a_motion_that_is_counted_twice_is_named() -> None:
+def test_a_duplicated_motion_is_named() -> None:
     study = motion_study("random")
     (first,) = study.motion_records
     end = first.samples - 500
@@ -401,8 +403,8 @@ def test_a_motion_that_is_counted_twice_is_named() -> None:
     assert "copy" in twice[0].detail
 
 
-def test_torques_of_another_robot_are_no_usable_answer() -> None:
-    """Noise in place of the torque: nothing belongs together."""
+def test_noise_in_place_of_the_torque_gives_no_usable_answer() -> None:
+    """White noise replaces the torque of every record."""
     study = motion_study("random")
     record = study.motion_records[0]
     tau = np.random.default_rng(1).normal(size=record.tau_Nm.shape)
@@ -413,7 +415,7 @@ def test_torques_of_another_robot_are_no_usable_answer() -> None:
     assert analysis.state != "usable"
 
 
-def test_distortion_is_told_from_noise_by_an_odd_multisine() -> None:
+def test_an_odd_multisine_separates_distortion_from_noise() -> None:
     """Coulomb friction is odd; noise does not change its level, which even lines show."""
     motion = Motion("multisine", 3.0, 30.0, 12.0, odd=True)
 
@@ -447,7 +449,7 @@ def test_other_motions_have_no_level_of_distortion(kind: str) -> None:
         distortion(moved(kind)[0])
 
 
-def test_a_planned_motion_keeps_its_limits_and_its_promise(analyses: dict[str, Analysis]) -> None:
+def test_a_planned_motion_keeps_its_limits_and_predicted_errors(analyses: dict[str, Analysis]) -> None:
     analysis = analyses["motions"]
     interval = analysis.study.records[0].interval_s
     noise = sensor_noise(analysis.fit, interval)

@@ -55,7 +55,7 @@ def scaled(ratio: float) -> Elasticity:
     return Elasticity(ratio * PAPER.K, PAPER.D)
 
 
-def test_both_cuts_have_the_nonlinear_gears_and_a_servo_may_know_them() -> None:
+def test_both_cuts_have_the_nonlinear_gears_and_a_servo_may_compensate_them() -> None:
     hard = replace(robot(), gears=(Gear(cubic=9000.0), Gear()))
     outcome = cut_outcome(hard, PATH, PAPER, samples=2)
     known = cut_with_laws(hard, outcome.toolpath).max_contour_error_m
@@ -78,7 +78,7 @@ class TestTheArm:
         at_cut = found.arm.inertia(found.arm.inverse(CUTTING_POINT_M))
         np.testing.assert_allclose(at_cut.M2, inertia.M2, rtol=2e-3)
 
-    def test_the_other_drive_is_said_to_be_another_robot(self) -> None:
+    def test_the_other_drive_is_stated_to_be_another_robot(self) -> None:
         found = cut_robot(analysis_of(PARALLELOGRAM), drive="serial")
         assert (found.rule, found.arm.drive) == ("springs", "serial")
         np.testing.assert_array_equal(found.elasticity.D, PAPER.D)
@@ -95,7 +95,7 @@ class TestTheArm:
         analysis.study.poses = {"cutting": PARALLELOGRAM}
         assert cut_robot(analysis).rule == "direct"
 
-    def test_of_another_robot_the_ratios_stay(self) -> None:
+    def test_gear_ratios_of_another_robot_are_kept(self) -> None:
         identified = Elasticity([8.0, 58.0], [0.01, 0.04])
         nominal = Elasticity([10.0, 50.0], [0.02, 0.03])
         friction = SimpleNamespace(coulomb=np.array([0.08, 0.58]), viscous=np.array([-1e-6, 2e-3]))
@@ -114,7 +114,7 @@ class TestTheArm:
         np.testing.assert_allclose(found.of_the_study(found.nominal).D, nominal.D)
 
     def test_custom_values_are_in_the_studys_units(self) -> None:
-        """A servo that is given the identified values is the one after the identification."""
+        """A servo with the identified values cuts as after the identification."""
         identified = Elasticity([55.0, 11.0], [0.12, 0.02])
         found = cut_robot(analysis_of(OTHER, identified, None, 1e-4))
         assumed = assumed_elasticity(found, "custom", identified)
@@ -130,7 +130,7 @@ class TestTheArm:
     @pytest.mark.parametrize(
         ("inertia", "springs"), [(ONE, Elasticity([43], [0.1])), (THREE, THREE_SPRINGS)]
     )
-    def test_other_than_two_joints_say_nothing_of_a_plane(
+    def test_studies_without_two_joints_do_not_mention_a_plane(
         self, inertia: Inertia, springs: Elasticity
     ) -> None:
         analysis = analysis_of(inertia, springs, nominal=springs)
@@ -142,7 +142,7 @@ class TestTheArm:
 
 
 class TestTheServoBefore:
-    def test_its_choices(self) -> None:
+    def test_the_options_depend_on_the_study(self) -> None:
         found = cut_robot(analysis_of(nominal=scaled(0.5)))
         assert assumed_elasticity(found, "rigid") is None
         np.testing.assert_allclose(assumed_elasticity(found, "study").K, 0.5 * PAPER.K)
@@ -155,14 +155,14 @@ class TestTheServoBefore:
         ("assumption", "said"),
         [("study", r"\[nominal\] of the study"), ("custom", "custom gives no"), ("best", '"soft"')],
     )
-    def test_what_is_missing_is_said(self, assumption: Any, said: str) -> None:
+    def test_missing_values_are_stated(self, assumption: Any, said: str) -> None:
         with pytest.raises(JointIdError, match=said):
             assumed_elasticity(robot(), assumption)
 
 
 class TestKnownAnswers:
     @pytest.mark.parametrize("drive", ["parallelogram", "serial"])
-    def test_a_servo_that_knows_the_springs_leaves_nothing(self, drive: str) -> None:
+    def test_a_servo_with_the_true_elasticity_has_no_path_error(self, drive: str) -> None:
         outcome = cut_outcome(robot(drive=drive), PATH, PAPER, servo=IDEAL, samples=3)
         assert outcome.before_m < 2 * MICROMETRE
         assert outcome.after_m < 2 * MICROMETRE
@@ -192,7 +192,7 @@ class TestThePromise:
         assert outcome.after.max_contour_error_m == pytest.approx(outcome.after_m, rel=0.05)
         assert np.any(np.all(outcome.distribution.K == outcome.p95.K, axis=1))
 
-    def test_without_a_promise_the_cut_is_still_made(self) -> None:
+    def test_without_the_95th_percentile_the_cut_is_still_simulated(self) -> None:
         outcome = cut_outcome(robot(5.0), PATH, None, servo=IDEAL)
         assert outcome.distribution is None
         assert "not determined well enough" in outcome.problem
@@ -206,7 +206,7 @@ class TestThePromise:
         assert with_friction.after_m > without.after_m + 1e-4
         assert not np.array_equal(with_friction.before.tool_m, without.before.tool_m)
 
-    def test_where_friction_sets_the_error_the_springs_do_not_matter(self) -> None:
+    def test_where_friction_dominates_the_elasticity_does_not_change_the_error(self) -> None:
         friction = SimpleNamespace(coulomb=[0.5, 0.25], viscous=[0.0, 0.0])
         rough = cut_outcome(robot(1e-4), PATH, None, friction=friction, samples=30)
         drawn = rough.distribution.max_contour_error_m
@@ -221,7 +221,7 @@ class TestThePromise:
         assert unknown.depends_on_elasticity
         assert not unknown.not_better
 
-    def test_a_result_that_is_not_better_says_so(self) -> None:
+    def test_a_result_that_is_not_better_is_stated(self) -> None:
         """With the true K before, the 95th percentile of the uncertain robots is worse."""
         right = cut_outcome(robot(0.02), PATH, robot(0.02).elasticity, samples=30)
         assert right.before_m < right.after_m
@@ -231,8 +231,10 @@ class TestThePromise:
 
 class TestAStudy:
     @pytest.mark.parametrize(("error", "told"), [(0.3, False), (0.4, True), (200.0, True)])
-    def test_whose_springs_are_hardly_known_gets_no_millimetres(self, error: float, told: bool) -> None:
-        """K = 0 ± 7000 and "3.1 mm → under 0.001 mm" must not stand on one page."""
+    def test_a_study_with_undetermined_elasticity_gets_no_path_error(
+        self, error: float, told: bool
+    ) -> None:
+        """K = 0 ± 7000 and "3.1 mm → under 0.001 mm" must not be on one page."""
         analysis = analysis_of(relative_error=error)
         if not told:
             assert cut_robot(analysis).rule == "direct"
@@ -240,13 +242,13 @@ class TestAStudy:
         with pytest.raises(JointIdError, match=r"K1, K2, D1, D2 are not known.*more than a third"):
             study_outcome(analysis)
 
-    def test_with_a_problem_gets_no_millimetres_and_says_which(self) -> None:
+    def test_a_study_with_a_problem_gets_no_path_error_and_names_it(self) -> None:
         analysis = analysis_of()
         analysis.findings = (SimpleNamespace(level="problem", title="The sign looks reversed"),)
         with pytest.raises(JointIdError, match="The sign looks reversed"):
             cut_robot(analysis)
 
-    def test_error_told_is_that_of_the_cut_shown(self, studies: dict[int, Study]) -> None:
+    def test_the_stated_error_is_that_of_the_cut_shown(self, studies: dict[int, Study]) -> None:
         outcome = study_outcome(analyse(studies[2], method="weighted"))
         assert outcome.after_m == outcome.after.max_contour_error_m
 

@@ -49,7 +49,7 @@ def test_parameters_of_section_4_2_are_recovered(campaign: Study, method: str) -
 
 
 def test_parameters_are_recovered_under_friction() -> None:
-    """Friction of 0.05 and 0.02 N·m pulls plain least squares off by a tenth; the default stands."""
+    """Friction of 0.05 and 0.02 N·m biases least squares by a tenth; the default method stays exact."""
     records = simulate_records(
         PARALLELOGRAM,
         PAPER,
@@ -66,8 +66,8 @@ def test_parameters_are_recovered_under_friction() -> None:
     assert np.allclose(analysis.fit.D, PAPER.D, rtol=0.01)
 
 
-def test_torque_hold_matters_as_much_as_measured() -> None:
-    """Ignoring it biases the damping by per cents at 4 kHz; telling it leaves nothing of that."""
+def test_ignoring_the_torque_hold_biases_damping_by_per_cents() -> None:
+    """Ignoring it biases the damping by per cents at 4 kHz; stating it removes the bias."""
     error = {}
     for told in (True, False):
         records = simulate_records(

@@ -43,7 +43,7 @@ def test_mismatches_are_single_cuts(drive, zone) -> None:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_and_with_every_option_of_the_servo(drive) -> None:
+def test_mismatches_are_single_cuts_with_every_option_of_the_servo(drive) -> None:
     arm, path = PlanarArm.example(drive), rectangle()
     ratios = np.array([[0.4, 1.0, 0.4, 1.0], [0.4, 0.4, 1.0, 1.0]])
     errors = errors_of_mismatch(arm, path, TRUE, ratios, servo=REAL, friction=FRICTION, dt=2.5e-4)
@@ -57,7 +57,7 @@ def test_and_with_every_option_of_the_servo(drive) -> None:
 @pytest.mark.parametrize("lag", [0.0, 0.003, -0.004])
 @pytest.mark.parametrize("zone", [0.001, 0.010])
 def test_the_largest_contour_error_is_that_of_all_instants(lag, zone) -> None:
-    """Tools that swing around the path, ahead of it or behind: nothing large is passed over."""
+    """Tools that oscillate around the path, ahead of it or behind it."""
     path, step = rectangle(zone_m=zone), 5e-4
     time = np.arange(0.0, path.end_s + 0.05, step)
     across = np.random.default_rng(3).normal(0, 1, (time.size, 4, 2)) * [[1e-7], [1e-5], [1e-4], [2e-3]]
@@ -82,7 +82,7 @@ def test_about_three_percent_of_stiffness_is_enough_for_a_tenth_of_a_millimetre(
         assert 3e-5 < errors.max() < 1.3e-4
 
 
-def test_a_certain_fit_promises_the_cut_itself() -> None:
+def test_a_fit_without_uncertainty_predicts_the_cut_itself() -> None:
     arm = PlanarArm.example()
     result = path_error_distribution(arm, rectangle(), TRUE, np.zeros((4, 4)), samples=3)
     exact = track(arm, rectangle(), TRUE, TRUE)
@@ -98,7 +98,7 @@ def test_each_draw_is_an_arm_whose_servo_assumes_the_fit(gears: list[Gear] | Non
         assert error == pytest.approx(run.max_contour_error_m, abs=1e-7)
 
 
-def test_the_promise_grows_with_the_uncertainty_and_repeats() -> None:
+def test_the_95th_percentile_grows_with_the_uncertainty_and_is_repeatable() -> None:
     one, again, other, third = (
         path_error_distribution(PlanarArm.example(), rectangle(), TRUE, C, samples=25, seed=seed)
         for C, seed in ((COVARIANCE, 1), (COVARIANCE, 1), (COVARIANCE, 2), (COVARIANCE / 9, 1))

@@ -58,7 +58,7 @@ def test_a_known_payload_fixes_the_absolute_scale(seed: int) -> None:
     assert pytest.approx(PAYLOAD, rel=1e-9) == fit.inertias[-1].M2 - fit.inertias[0].M2
 
 
-def test_the_uncertain_rest_of_a_loaded_inertia_is_named() -> None:
+def test_the_uncertain_part_of_a_loaded_inertia_is_named() -> None:
     analysis = analyse(unknown(campaign(0)))
     rows = {row.name: row for row in analysis.priors}
     rest = [f"{name} without addition" for name in ("J_a1", "J_12", "J_a2")]
@@ -82,12 +82,12 @@ def test_unknown_inertias_and_torques_are_exported_in_words() -> None:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_without_a_payload_nothing_fixes_it(seed: int) -> None:
+def test_without_a_payload_the_absolute_scale_is_undetermined(seed: int) -> None:
     fit = analyse(unknown(campaign(seed, added=None))).fit
     assert np.all(np.isinf(fit.standard_error))
 
 
-def test_a_payload_that_is_not_known_fixes_nothing() -> None:
+def test_an_unknown_payload_does_not_determine_the_scale() -> None:
     """The same records, with the payload in M2 but not as its exact part."""
     made = campaign(0)
     loaded = made.poses["loaded"]
@@ -129,7 +129,7 @@ def test_the_gradient_is_that_of_the_cost() -> None:
         assert (ahead - behind) / (4e-5 * p[k]) == pytest.approx(gradient[k], rel=1e-4)
 
 
-def test_given_inertias_are_off_as_asked() -> None:
+def test_simulated_inertia_errors_are_as_specified() -> None:
     for seed in range(5):
         given = with_inertia_error(PARALLELOGRAM.with_added(PAYLOAD), 0.3, seed)
         assert np.abs(given.M / PARALLELOGRAM.M - 1) == pytest.approx(0.3)
@@ -163,7 +163,7 @@ def test_the_records_are_those_of_the_robot_not_of_the_study() -> None:
         ("heavy", "added .* expected real numbers"),
     ],
 )
-def test_a_known_part_that_is_none(added: object, said: str) -> None:
+def test_an_impossible_payload_is_refused(added: object, said: str) -> None:
     with pytest.raises(JointIdError, match=said):
         Inertia(PARALLELOGRAM.M, PARALLELOGRAM.M2, added=added)  # type: ignore[arg-type]
 

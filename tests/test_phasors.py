@@ -39,7 +39,7 @@ def sine(
     )
 
 
-def test_convention() -> None:
+def test_phasor_convention() -> None:
     """f = a sin ωt + b cos ωt gives y = a + ib, and its derivative is iω y."""
     time = np.arange(2000) / 1000.0
     omega = 2 * np.pi * 4.5
@@ -143,7 +143,7 @@ def test_hold_attenuates_the_noise_as_well() -> None:
 
 
 @pytest.mark.parametrize("periods", [5.3, 31.3])
-def test_signal_to_noise_is_as_put_in(periods: float) -> None:
+def test_signal_to_noise_is_as_simulated(periods: float) -> None:
     """White noise of deviation σ gives a phasor a complex deviation of 2σ/√N."""
     found = []
     for seed in range(40):
@@ -153,13 +153,13 @@ def test_signal_to_noise_is_as_put_in(periods: float) -> None:
     assert np.allclose(np.mean(found, axis=0) / expected, 1, atol=0.15)
 
 
-def test_signal_to_noise_without_noise_is_immense() -> None:
+def test_signal_to_noise_without_noise_is_very_large() -> None:
     phasors = extract_phasors([sine(5.0, np.arange(4000) / 1000)])
     assert phasors.signal_to_noise.min() > 1e10
 
 
 @pytest.mark.parametrize("periods", [6.4, 20.0, 33.3])
-def test_distortion_is_as_put_in(periods: float) -> None:
+def test_distortion_is_as_simulated(periods: float) -> None:
     time = np.arange(int(periods * 200)) / 1000.0
     angle = 2 * np.pi * 5 * time
     theta = np.sin(angle) + 0.03 * np.cos(3 * angle) + 0.04 * np.sin(5 * angle + 1)
@@ -169,13 +169,13 @@ def test_distortion_is_as_put_in(periods: float) -> None:
     assert np.abs(phasors.harmonics[0, :, 0]) == pytest.approx([1, 0, 0.03, 0, 0.04, 0, 0], abs=1e-9)
 
 
-def test_distortion_that_was_not_looked_for_is_not_claimed_to_be_zero() -> None:
+def test_distortion_without_harmonics_is_nan() -> None:
     time = np.arange(2000) / 1000.0
     record = SineRecord(5.0, time, np.sin(2 * np.pi * 5 * time) ** 3, np.cos(2 * np.pi * 5 * time))
     assert np.isnan(extract_phasors([record], harmonics=1).total_harmonic_distortion).all()
 
 
-def test_distortion_is_found_without_being_asked_for() -> None:
+def test_distortion_is_found_by_default() -> None:
     """The default fit looks for harmonics and goes up far enough when it sees some."""
     time = np.arange(8000) / 2000.0
     angle = 2 * np.pi * 5 * time
@@ -187,7 +187,7 @@ def test_distortion_is_found_without_being_asked_for() -> None:
 
 
 @pytest.mark.parametrize("periods", [8.3, 20.37, 64.0])
-def test_decaying_transient_is_seen_and_noise_is_not(periods: float) -> None:
+def test_decaying_transient_is_found_and_noise_is_not(periods: float) -> None:
     time = np.arange(int(periods * 100)) / 500.0
     clean = sine(5.0, time)
     transient = 0.3 * np.exp(-time * 8 / time[-1])[:, None] * np.sin(2 * np.pi * 5.2 * time)[:, None]
@@ -227,14 +227,14 @@ def test_frequency_of_the_data_is_found(periods: float, error: float, jitter: fl
 
 
 def test_frequency_is_found_under_travel() -> None:
-    """A joint that turns on while it swings."""
+    """A joint with constant velocity and a sine."""
     time = np.arange(8000) / 1000.0
     swing = 10.0 * time + 0.2 * np.sin(2 * np.pi * 5 * time)
     record = SineRecord(10.0, time, swing, np.cos(2 * np.pi * 5 * time))
     assert extract_phasors([record]).frequency_found_hz[0] == pytest.approx(5.0, rel=0.01)
 
 
-def test_motors_that_stand_still_do_not_contradict_their_frequency() -> None:
+def test_motors_at_rest_do_not_contradict_the_frequency() -> None:
     time = np.arange(2000) / 1000.0
     locked = SineRecord(5.0, time, np.full(2000, 0.7), np.sin(2 * np.pi * 5 * time))
     assert extract_phasors([locked]).frequency_found_hz[0] == pytest.approx(5.0)
@@ -253,7 +253,7 @@ def test_order_labels_and_selection_are_kept() -> None:
         assert chosen.covariance.shape == (1, 2, 2)
 
 
-def test_records_do_not_influence_each_other() -> None:
+def test_phasors_of_a_record_do_not_depend_on_the_others() -> None:
     frequencies, torques = campaign(BAND_HZ, 2)
     records = steady_records(SERIAL, PAPER, frequencies, torques, noise=(1e-4, 1e-2), seed=5)
     together = extract_phasors(records, harmonics=3)

@@ -64,7 +64,7 @@ def test_records_are_a_steady_state_of_equation_1(n: int) -> None:
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_response_does_not_depend_on_the_controllers(n: int) -> None:
-    """The paper's central claim: the loop moves the joints, H tells the robot."""
+    """The paper's central claim: H depends on the robot and not on the controllers."""
     inertia, elasticity = ROBOTS[n]
     frequencies = [4.0, 9.7, 17.0, 26.0]
     curves, alone = [], []
@@ -133,8 +133,8 @@ def test_linear_system_answers_in_proportion() -> None:
     assert np.allclose(motion(SERIAL, PAPER, f, one + 2 * two), sums, rtol=1e-10)
 
 
-def test_springs_do_not_feed_the_arm() -> None:
-    """Over a period the motors put in exactly what the dampers take out."""
+def test_motors_supply_the_power_that_the_dampers_dissipate() -> None:
+    """Over a period the work of the motors equals the loss of the dampers."""
     frequencies, torques = campaign(BAND_HZ, 2)
     omega = 2 * np.pi * frequencies
     q = motion(SERIAL, PAPER, frequencies, torques)

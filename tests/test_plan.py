@@ -75,7 +75,7 @@ def test_torque_and_motion_are_two_views_of_one_plan(n: int) -> None:
     assert np.allclose(by_torque.velocity_rad_s, speed)
 
 
-def test_a_plan_without_sense_is_refused() -> None:
+def test_an_invalid_plan_is_refused() -> None:
     with pytest.raises(JointIdError, match="one of the two"):
         planned_records(SERIAL, PAPER, [3.0])
     with pytest.raises(JointIdError, match="one period"):
@@ -88,7 +88,7 @@ def test_a_plan_without_sense_is_refused() -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
-def test_today_is_what_the_fit_says(n: int) -> None:
+def test_present_errors_are_those_of_the_fit(n: int) -> None:
     phasors, fit = base(n)
     inertia, _ = ROBOTS[n]
     plan = planned_records(inertia, fit.elasticity, [9.0], torque_Nm=np.ones(n))
@@ -97,7 +97,7 @@ def test_today_is_what_the_fit_says(n: int) -> None:
     assert np.all(predicted.together < predicted.today)
 
 
-def test_the_same_again_makes_it_root_two_better() -> None:
+def test_repeated_records_reduce_errors_by_root_two() -> None:
     phasors, fit = base()
     frequencies, torques = campaign(BAND_HZ, 2)
     plan = planned_records(SERIAL, fit.elasticity, frequencies, torque_Nm=torques, duration_s=3.0)
@@ -222,7 +222,7 @@ def test_friction_by_load_is_followed_to_other_poses_and_records() -> None:
     assert np.all(np.diff(plan.worst) < 0)
 
 
-def test_what_a_plan_cannot_tell_is_infinite() -> None:
+def test_parameters_that_a_plan_does_not_determine_have_infinite_errors() -> None:
     phasors, fit = base()
     rigid = Inertia(M=SERIAL.M, M2=np.diag(np.diag(SERIAL.M2)))
     plan = planned_records(rigid, fit.elasticity, [9.0], torque_Nm=[1, 0])
@@ -236,7 +236,7 @@ def test_what_a_plan_cannot_tell_is_infinite() -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
-def test_suggestion_cuts_the_worst_error(n: int) -> None:
+def test_suggestion_reduces_the_worst_error(n: int) -> None:
     phasors, fit = base(n)
     inertia, _ = ROBOTS[n]
     suggestion = suggest_records(phasors, inertia, fit, count=3, duration_s=3.0)
@@ -261,7 +261,7 @@ def test_suggestion_cuts_the_worst_error(n: int) -> None:
         assert (other.together / fit.estimate).max() > suggestion.worst[-1]
 
 
-def test_suggested_records_do_what_was_promised() -> None:
+def test_suggested_records_reach_the_predicted_errors() -> None:
     phasors, fit = base()
     suggestion = suggest_records(phasors, SERIAL, fit, count=2, duration_s=3.0)
     promised = suggestion.relative_error[-1] * np.abs(np.r_[fit.K, fit.D])
@@ -286,7 +286,7 @@ def test_suggested_records_do_what_was_promised() -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2])
-def test_suggestion_finds_the_record_that_is_missing(n: int) -> None:
+def test_suggestion_adds_the_record_that_determines_the_parameters(n: int) -> None:
     """Unknown inertias at one frequency: nothing is determined until another one is added."""
     inertia, _ = ROBOTS[n]
     phasors = run(inertia, *campaign([6.0], n), 3.0, 1)
@@ -304,7 +304,7 @@ def test_suggestion_finds_the_record_that_is_missing(n: int) -> None:
     worst_error(suggestion)
 
 
-def test_harmonics_within_their_noise_determine_nothing() -> None:
+def test_harmonics_below_the_noise_give_no_information() -> None:
     inertia, _ = ROBOTS[1]
     phasors = run(inertia, *campaign([6.0], 1), 3.0, 1)
     fit = identify_elasticity(phasors, inertia, method="maximum-likelihood", inertia_std=np.inf)
@@ -339,7 +339,7 @@ def test_suggestion_stays_within_the_limits(torque: float, velocity: float) -> N
     assert np.allclose(np.maximum(torques, speeds).max(axis=1), 1)  # and uses them
 
 
-def test_suggestion_leaves_torque_for_friction() -> None:
+def test_suggestion_reserves_torque_for_friction() -> None:
     phasors, fit = under_friction()
     assert fit.friction is not None
     suggestion = suggest_records(phasors, PARALLELOGRAM, fit, torque_limit_Nm=[1.0, 0.5])
@@ -362,7 +362,7 @@ def test_settings_out_of_range_are_refused() -> None:
 
 
 def test_suggested_frequencies_stay_in_a_sensible_band() -> None:
-    """Springs that are hardly known have resonances anywhere; records there would tell nothing."""
+    """Resonances of an uncertain stiffness may be anywhere; records there would not help."""
     records = steady_records(SERIAL, PAPER, *campaign(BAND_HZ, 2), noise=(1e-5, 3e-3), seed=1)
     phasors = extract_phasors(records)
     fit = identify_elasticity(phasors, SERIAL, method="weighted")

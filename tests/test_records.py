@@ -21,7 +21,7 @@ def record(**changes: Any) -> SineRecord:
     return SineRecord(**{**settings_, **changes})
 
 
-def test_a_single_joint_may_be_a_plain_list() -> None:
+def test_signals_of_a_single_joint_may_be_a_list() -> None:
     assert record().theta_rad.shape == (1000, 1)
     assert record().n == 1
     assert record(theta_rad=np.c_[SINE, SINE], tau_Nm=np.c_[SINE, SINE]).n == 2
@@ -44,7 +44,7 @@ def test_start_counts_from_the_clock_of_the_record() -> None:
     assert record(start_s=-3.0).start == 0
 
 
-def test_clock_of_the_year_2026_keeps_its_sample_rate() -> None:
+def test_clock_in_seconds_since_1970_gives_the_sample_rate() -> None:
     """Seconds since 1970 leave a quarter of a microsecond of resolution."""
     unix = record(time_s=TIME + 1.79e9)
     assert unix.interval_s == pytest.approx(1e-3, rel=1e-6)
@@ -144,7 +144,7 @@ FIELDS = ["frequency_hz", "time_s", "theta_rad", "tau_Nm", "torque_hold", "torqu
 
 @examples(400)
 @given(st.dictionaries(st.sampled_from(FIELDS), WILD, min_size=1, max_size=3))
-def test_wild_input_never_raises_anything_else(changes: dict[str, Any]) -> None:
+def test_arbitrary_input_raises_only_jointiderror(changes: dict[str, Any]) -> None:
     try:
         made = record(**changes)
     except JointIdError:

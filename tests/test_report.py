@@ -96,7 +96,7 @@ def html(report: Report) -> str:
     return to_html(report)
 
 
-def test_html_needs_nothing_from_outside(html: str) -> None:
+def test_html_loads_nothing_from_the_network(html: str) -> None:
     seen = outline(html)
     assert seen.fetched == []
     assert "@import" not in html
@@ -198,7 +198,7 @@ def test_other_numbers_of_joints_have_no_cut(analyses: dict[int, Analysis], n: i
     assert to_pdf(made).startswith(b"%PDF")
 
 
-def test_every_name_of_a_study_stays_text_on_screen_and_on_paper(studies: dict[int, Study]) -> None:
+def test_names_of_a_study_are_escaped_in_html_and_pdf(studies: dict[int, Study]) -> None:
     made = make_report(analyse(hostile_study(studies[2])))
     html = to_html(made)
     assert outline(html).fetched == []
@@ -209,7 +209,7 @@ def test_every_name_of_a_study_stays_text_on_screen_and_on_paper(studies: dict[i
     assert b"/Subtype /Image" not in pdf
 
 
-def test_texts_of_the_user_stay_texts(analyses: dict[int, Analysis]) -> None:
+def test_texts_of_the_user_are_escaped(analyses: dict[int, Analysis]) -> None:
     hostile = 'A <script>alert("1")</script> & <b>cell</b> \x00 Ж 漢 --'
     study = replace(analyses[1].study, name=hostile, description=hostile)
     made = make_report(replace(analyses[1], study=study))
@@ -225,7 +225,7 @@ def test_without_nominal_values_there_is_nothing_to_compare(analyses: dict[int, 
     assert ">change<" not in made
 
 
-def test_a_study_that_is_no_spring_is_reported_as_such() -> None:
+def test_an_unphysical_study_is_reported_as_unusable() -> None:
     records = simulate_records(PARALLELOGRAM, PAPER, [3.0, 12.0], excitation=Excitation(duration_s=1.0))
     turned = [replace_torque(record, -1.0) for record in records]
     analysis = analyse(Study(turned, PARALLELOGRAM))
@@ -264,17 +264,17 @@ def left_empty(data: bytes, folder: Path) -> list[float]:
 def test_no_page_but_the_last_is_mostly_empty(
     analyses: dict[int, Analysis], pdf: bytes, n: int, tmp_path: Path
 ) -> None:
-    """Figures give way a little, tables break."""
+    """Figures shrink a little, tables break."""
     empty = left_empty(pdf if n == 2 else to_pdf(make_report(analyses[n])), tmp_path)
     assert len(empty) > 1
     assert max(empty[:-1]) < 0.35
 
 
 @pytest.mark.parametrize("lines", [0, 20, 35, 38, 42, 50])
-def test_a_figure_gives_way_before_it_leaves_a_page_empty(
+def test_a_figure_shrinks_before_it_leaves_a_page_empty(
     analyses: dict[int, Analysis], lines: int, tmp_path: Path
 ) -> None:
-    """Wherever the figures come to stand."""
+    """For any position of the figures."""
     figure = Figure((element_figure(analyses[2], 0, width=PAGE_WIDTH),), "Figure.")
     text = tuple(Paragraph("A line.") for _ in range(lines))
     made = Report("Figures", "", (Section("Here", (*text, *([figure] * 6))),), "foot")
@@ -294,7 +294,7 @@ def test_a_caption_stays_with_the_end_of_its_table(tmp_path: Path) -> None:
         assert last.count("record ") >= 4
 
 
-def test_a_drawing_made_lower_keeps_what_is_to_scale() -> None:
+def test_a_drawing_of_smaller_height_keeps_its_scale() -> None:
     line = Line(np.array([[0.0, 0.0], [30.0, 40.0]]), "#000000")
     shapes = (line, Text(10, 20, "here", 7))
     for to_scale, end in ((True, (24, 32)), (False, (30, 32))):
@@ -323,7 +323,7 @@ def marks(drawing: Drawing) -> list[Marks]:
     return [shape for shape in drawing.shapes if isinstance(shape, Marks) and len(shape.points) > 1]
 
 
-def test_points_stand_where_the_measurement_says(analyses: dict[int, Analysis]) -> None:
+def test_points_are_drawn_at_the_measured_values(analyses: dict[int, Analysis]) -> None:
     """On logarithmic axes the place is linear in log f and log |H|, and linear in the phase."""
     analysis = analyses[2]
     matrix = analysis.transfer_matrices[""]
@@ -356,7 +356,7 @@ def test_every_record_alone_is_drawn(analyses: dict[int, Analysis]) -> None:
     assert all(len(m.points) == 6 for m in drawn)
 
 
-def test_points_freed_of_friction_are_full_and_lie_on_the_line() -> None:
+def test_friction_compensated_points_are_filled_and_lie_on_the_line() -> None:
     records = simulate_records(
         PARALLELOGRAM,
         PAPER,

@@ -51,7 +51,7 @@ def test_the_report_is_made_on_demand_and_kept(
     assert not [button for button in again.button if button.key == "make_report"]
 
 
-def test_the_report_of_a_fresh_import_needs_no_click(app: AppTest) -> None:
+def test_the_report_of_a_new_import_is_made_automatically(app: AppTest) -> None:
     result_cache.clear()
     app.session_state["report_at_once"] = KEYS[1]
     at = opened(app, "pages/7_Report.py", 2)
@@ -60,7 +60,7 @@ def test_the_report_of_a_fresh_import_needs_no_click(app: AppTest) -> None:
     assert "Report as PDF" in offered(at.run())
 
 
-def test_a_stiffness_goes_through_the_gear_by_its_square(app: AppTest) -> None:
+def test_stiffness_is_converted_by_the_squared_gear_ratio(app: AppTest) -> None:
     at = opened(app, "pages/7_Report.py", 2)
     at = at.text_input(key="gears").set_value("100, -80").run()
     assert not at.exception
@@ -77,7 +77,7 @@ def test_a_stiffness_goes_through_the_gear_by_its_square(app: AppTest) -> None:
 @pytest.mark.parametrize(
     ("entered", "said"), [("100, 80, 60", "3 values"), ("0, 80", "is 0"), ("hundred", "not a number")]
 )
-def test_what_is_no_gear_ratio_is_said(app: AppTest, entered: str, said: str) -> None:
+def test_an_invalid_gear_ratio_is_an_error(app: AppTest, entered: str, said: str) -> None:
     at = opened(app, "pages/7_Report.py", 2)
     at = at.text_input(key="gears").set_value(entered).run()
     assert not at.exception

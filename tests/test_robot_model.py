@@ -292,7 +292,7 @@ def test_mjcf_without_gravity_has_none() -> None:
     assert RobotModel.parse("arm.xml", MJCF.encode()).gravity_stiffness(np.full(free.n, 0.3)).any()
 
 
-def test_mujoco_sees_no_file_of_the_users_mjcf(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_named_in_an_mjcf_are_not_opened_by_mujoco(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nor plugins, textures or scripts: only known elements and attributes are handed on."""
     import mujoco
 

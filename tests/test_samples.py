@@ -13,7 +13,7 @@ from jointid.fleet.table import read_fleet
 SAMPLES = Path(__file__).parents[1] / "sample_data"
 
 
-def test_the_failed_study_names_its_cause_and_the_remedy_mends_it() -> None:
+def test_the_failed_study_names_its_cause_and_the_remedy_corrects_it() -> None:
     study = load_study(SAMPLES / "exercise_1.zip")
     analysis = analyse(study)
     assert analysis.state == NOT_USABLE
@@ -23,7 +23,7 @@ def test_the_failed_study_names_its_cause_and_the_remedy_mends_it() -> None:
     assert np.all(np.abs(mended.fit.K - [43.0, 7.5]) < 4 * mended.fit.standard_error[:2])
 
 
-def test_a_record_twice_makes_the_answer_usable_with_care_until_one_is_left_out() -> None:
+def test_a_duplicated_record_makes_the_answer_usable_with_care_until_left_out() -> None:
     study = load_study(SAMPLES / "exercise_2.zip")
     analysis = analyse(study)
     assert analysis.state == WITH_CARE

@@ -24,7 +24,7 @@ def test_the_step_is_the_common_divisor(step: float, multiples: list[int], offse
     assert quantum(signal) == pytest.approx(step * divisor, rel=1e-6)
 
 
-def test_what_has_no_steps_has_none() -> None:
+def test_signals_without_steps_give_zero() -> None:
     rng = np.random.default_rng(0)
     assert quantum(rng.standard_normal(1000)) == 0
     assert quantum(np.sin(0.1 * np.arange(1000))) == 0
@@ -33,7 +33,7 @@ def test_what_has_no_steps_has_none() -> None:
 
 @pytest.mark.parametrize("dither", [0.0, 0.1, 0.5])
 @pytest.mark.parametrize(("hertz", "rate", "periods"), [(10.0, 1000.0, 30), (3.1, 4000.0, 12)])
-def test_the_error_of_a_coarse_encoder_is_claimed(
+def test_the_error_of_a_coarse_encoder_is_included(
     hertz: float, rate: float, periods: int, dither: float
 ) -> None:
     """Thirteen steps of amplitude; most of the error comes back with every period."""
@@ -111,7 +111,7 @@ def test_rounding_that_records_share_does_not_average() -> None:
 @pytest.mark.parametrize("rest", [0.0, 0.3])
 @pytest.mark.parametrize("amplitude", [1.5, 10.0, 300.0])
 @pytest.mark.parametrize("samples", [401.37, 67.0])
-def test_rounding_of_slow_and_sticking_motion_is_claimed(
+def test_rounding_of_slow_and_sticking_motion_is_in_the_error(
     samples: float, amplitude: float, rest: float
 ) -> None:
     """The joint rests at both ends for a share of the period; the error repeats in all ten periods."""
@@ -135,7 +135,7 @@ def test_rounding_of_slow_and_sticking_motion_is_claimed(
 
 @pytest.mark.parametrize("rate", [1000.0, 617.3])
 def test_a_motion_below_one_step_has_the_error_of_a_step(rate: float) -> None:
-    """The log stands still; that is no proof of rest, where other records show the encoder's step."""
+    """The logged angle is constant, but other records show the encoder's step."""
     rng = np.random.default_rng(2)
     time = np.arange(3000) / rate
     off, claimed = [], []

@@ -152,8 +152,8 @@ CLIENTS: dict[str, tuple[Callable[[Server], float], float, float]] = {
 """Clients, and between which figures the answer of each must be."""
 
 
-def test_clients_that_stall_are_ended(server: Server) -> None:
-    """All at once: each waits for the server's patience to end."""
+def test_stalled_clients_are_disconnected(server: Server) -> None:
+    """All clients at once: each waits for the time-out of the server."""
     with ThreadPoolExecutor(len(CLIENTS)) as pool:
         found = {name: pool.submit(client, server) for name, (client, _, _) in CLIENTS.items()}
     shown = {name: future.result() for name, future in found.items()}
@@ -161,7 +161,7 @@ def test_clients_that_stall_are_ended(server: Server) -> None:
     assert not wrong
 
 
-def test_it_follows_no_files(server: Server) -> None:
+def test_the_server_watches_no_files(server: Server) -> None:
     with visiting(server):
         links = [os.readlink(link) for link in Path(f"/proc/{server.process.pid}/fd").iterdir()]
     assert links
@@ -169,7 +169,7 @@ def test_it_follows_no_files(server: Server) -> None:
 
 
 def test_a_simulated_session_chooses_the_default_again(server: Server) -> None:
-    """As the client does, it takes a default out of the address and puts any other value there."""
+    """Like the browser, it removes a default from the address and writes any other value there."""
     with closing(Session(server.address)) as session:
         session.run("Glossary")
         for method in ("weighted", "auto"):
@@ -177,7 +177,7 @@ def test_a_simulated_session_chooses_the_default_again(server: Server) -> None:
             assert ("estimator=weighted" in session.query) == (method == "weighted")
 
 
-def test_descriptors_come_back_after_visitors_leave(server: Server) -> None:
+def test_descriptors_are_released_after_sessions_end(server: Server) -> None:
     with visiting(server):
         pass
     wait_for(lambda: sessions(server) == 0)

@@ -79,7 +79,7 @@ def test_deflection_without_damping_is_the_limit_of_little_damping() -> None:
 @pytest.mark.parametrize("drive", DRIVES)
 @pytest.mark.parametrize("damping", [[0.10, 0.015], [0.0, 0.0]])
 def test_feedforward_alone_follows_the_path(drive, damping) -> None:
-    """The arm is flat: the right torque needs no feedback."""
+    """With the right torque no feedback is needed."""
     true = Elasticity(K=ELASTICITY.K, D=damping)
     run = track(PlanarArm.example(drive), rectangle(), true, true, servo=Servo(bandwidth_hz=1e-3))
     assert run.max_tracking_error_m < 2e-5
@@ -109,8 +109,8 @@ def test_with_a_perfect_model_no_option_costs_accuracy(drive, option) -> None:
     assert not run.torque_limit_hit
 
 
-def test_mismatch_shows_that_delay_and_difference_are_really_there() -> None:
-    """The options change what feedback does, so they must show where feedback has work to do."""
+def test_options_change_the_error_under_a_mismatch() -> None:
+    """The options change the feedback, so they change the error where feedback acts."""
     plain = cut(Servo(sample_rate_hz=1000.0), assumed=None)
     for option in ({"delay_samples": 1}, {"differentiated_velocity": True}, {"encoder_bits": 8}):
         other = cut(Servo(sample_rate_hz=1000.0, **option), assumed=None)
@@ -253,7 +253,7 @@ def test_friction_may_be_zero_and_the_torque_limit_small() -> None:
 
 
 @pytest.mark.parametrize("away", [2.999, 3.0, np.nan])
-def test_a_motor_three_radians_off_is_lost(away) -> None:
+def test_a_motor_three_radians_off_stops_the_run(away) -> None:
     require_tracking(np.array([[-2.999], [0.0]]))
     if away < 3:
         require_tracking(np.array([[0.0], [away]]))

@@ -67,7 +67,7 @@ def crowd(new_server: Callable[[], Server]) -> Iterator[list[tuple[Session, str]
         server.kill()
 
 
-def test_everybody_sees_their_own_study_only(crowd: list[tuple[Session, str]]) -> None:
+def test_each_session_shows_only_its_own_study(crowd: list[tuple[Session, str]]) -> None:
     together = threading.Barrier(PERSONS)
 
     def walk(person: int) -> list[tuple[str, str]]:

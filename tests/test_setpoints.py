@@ -111,7 +111,7 @@ def test_the_plans_sines_are_there_at_full_amplitude() -> None:
         assert np.allclose(made.motion(time).position, expected, atol=1e-12)
 
 
-def test_a_superposed_velocity_goes_forth_and_back() -> None:
+def test_a_superposed_velocity_alternates() -> None:
     still, moving = experiment(), experiment(velocity_rad_s=[3.0, -1.0])
     assert len(moving.runs) == 2 * len(still.runs)
     (run, begin, end), (back, after, _) = list(moving.spans())[:2]
@@ -210,7 +210,7 @@ def test_friction_adds_to_the_torque() -> None:
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_a_file_read_back_is_the_motion(name: str) -> None:
+def test_a_saved_file_holds_the_motion(name: str) -> None:
     text = set_points(played(), WIDE, name, study="Paper").text()
     found = read(name, text, START_DEG)
     made = played().experiment
@@ -225,7 +225,7 @@ def test_a_file_read_back_is_the_motion(name: str) -> None:
         assert said in found.head, said
 
 
-def test_ros_gets_velocities_and_accelerations() -> None:
+def test_the_ros_file_holds_velocities_and_accelerations() -> None:
     lines = set_points(played(), WIDE, "ros2").text().splitlines()
     points = [json.loads(re.sub(r"(\w+):", r'"\1":', line[2:])) for line in lines if line[:2] == "- "]
     times = np.array(
@@ -260,8 +260,8 @@ def test_the_played_motion_gives_k_and_d_back(kind: str) -> None:
 
 
 @pytest.mark.long
-def test_a_rest_without_any_noise_does_not_stop_the_importer() -> None:
-    """Only the arm rings down, by 1e-12 N·m, while the angles are constant to the last bit."""
+def test_a_rest_without_noise_is_imported() -> None:
+    """The torque of the arm decays below 1e-12 N·m while the angles are constant to the last bit."""
     found = read("csv", set_points(played(), WIDE, "csv").text(), START_DEG)
     theta = np.radians(found.position_deg[:, [2, 4]] - START_DEG[[2, 4]]) * RATIO
     torque, _ = followed(found.time_s, theta, PARALLELOGRAM, PAPER)
@@ -313,7 +313,7 @@ def test_a_planned_motion_is_played_and_gives_k_and_d_back(kind: str) -> None:
     assert f"{kind} 2 (3 to 30 Hz): " in text
 
 
-def test_texts_of_a_user_do_not_end_the_comment() -> None:
+def test_texts_of_a_user_cannot_close_the_comment() -> None:
     evil = replace(
         WIDE, robot="x\nmovej([0,0,0,0,0,0])\u2028y", joint_names=tuple("a: ]\nb" + c for c in "123456")
     )
@@ -388,7 +388,7 @@ def test_no_scale_helps_where_rest_exceeds_the_limit() -> None:
         set_points(made, replace(WIDE, torque_Nm=np.array([0.3, 9.0])), "csv").text()
 
 
-def test_a_plan_without_motion_is_still() -> None:
+def test_a_plan_without_motion_is_constant() -> None:
     none = planned_records(PARALLELOGRAM, PAPER, [4.0, 9.0], torque_Nm=[0.0, 0.0])
     for kind in KINDS:
         still = planned_experiment(none, PARALLELOGRAM, PAPER, kind=kind)
@@ -420,12 +420,12 @@ def test_no_file_of_a_random_plan_exceeds_a_limit(seed: int) -> None:
         ({"velocity_rad_s": [1, 2, 3]}, "3 values"),
     ],
 )
-def test_settings_without_sense_are_refused(settings: dict[str, object], said: str) -> None:
+def test_invalid_settings_are_refused(settings: dict[str, object], said: str) -> None:
     with pytest.raises(JointIdError, match=said):
         experiment(**settings)
 
 
-def test_a_format_refuses_what_it_cannot_hold() -> None:
+def test_a_format_refuses_unsupported_motions() -> None:
     with pytest.raises(JointIdError, match="start angles of 6 axes"):
         set_points(played(), replace(WIDE, start_deg=START_DEG[:5], joint_names=()), "ur")
     with pytest.raises(JointIdError, match="expected 4 and 12 ms"):

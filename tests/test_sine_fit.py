@@ -107,7 +107,7 @@ def test_few_samples_per_period(samples_per_period: float) -> None:
     assert np.allclose(fit.fundamental, reference(record, 1)[0][0], rtol=0, atol=1e-9)
 
 
-def test_huge_offset_and_travel_leave_the_small_sine_intact() -> None:
+def test_a_small_sine_is_exact_under_huge_offset_and_travel() -> None:
     """A microradian on a joint that stands at 100 rad and travels 1000 more: found to 1e-12 of that."""
     time = np.arange(20_000) / 4000.0
     y = 1e-6 * np.exp(0.7j)
@@ -143,7 +143,7 @@ def test_time_shift_is_phase() -> None:
     )
 
 
-def test_jitter_below_notice_takes_the_fast_path_and_visible_jitter_does_not() -> None:
+def test_negligible_jitter_uses_the_uniform_fit() -> None:
     rng = np.random.default_rng(5)
     steady = messy(rng, frequency=5.0, periods=20, samples_per_period=50, jitter=1e-9)
     loose = messy(rng, frequency=5.0, periods=20, samples_per_period=50, jitter=0.2)
@@ -214,7 +214,7 @@ def test_stated_covariance_is_the_scatter_of_the_phasors(case: str) -> None:
     assert np.allclose(error.mean(axis=0), 0, atol=5 * np.sqrt(np.diag(stated).real.max() / runs))
 
 
-def test_deviations_sum_to_nothing() -> None:
+def test_deviations_sum_to_zero() -> None:
     for periods in (9.3, 33.7):
         fit = fit_sines(
             [messy(np.random.default_rng(8), frequency=2.0, periods=periods, samples_per_period=60)], 3
@@ -232,7 +232,7 @@ def test_noise_free_record_has_next_to_no_noise() -> None:
 
 
 @pytest.mark.parametrize("samples", [10, 12, 17])
-def test_one_period_of_few_samples_does_not_claim_to_be_exact(samples: int) -> None:
+def test_one_period_of_few_samples_has_a_finite_error(samples: int) -> None:
     """Seven harmonics would fit ten noisy samples perfectly and leave no residual to see noise in."""
     time = np.arange(samples) / samples
     rng = np.random.default_rng(9)

@@ -34,8 +34,8 @@ FRICTION = MotorFriction(coulomb=[1.0, 1.2, 1.0, 0.35, 0.35, 0.3], viscous=0.004
 
 
 @pytest.mark.parametrize(("frequencies", "rate_hz"), [(7, 1000.0), (14, 2000.0)])
-def test_heavy_friction_does_not_hide_the_springs(frequencies: int, rate_hz: float) -> None:
-    """Plain least squares is off by tens of per cent; the start is not."""
+def test_start_values_are_near_k_under_heavy_friction(frequencies: int, rate_hz: float) -> None:
+    """Least squares is off by tens of per cent; the start values are not."""
     records = simulate_records(
         INERTIA,
         ELASTICITY,

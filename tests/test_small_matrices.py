@@ -28,7 +28,7 @@ def test_inverse_and_whitener(n: int, seed: int) -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
-def test_what_cannot_be_inverted_is_refused(n: int) -> None:
+def test_a_singular_matrix_is_refused(n: int) -> None:
     with pytest.raises(np.linalg.LinAlgError):
         inverse(np.zeros((2, n, n)))
     with pytest.raises(np.linalg.LinAlgError):
@@ -37,7 +37,7 @@ def test_what_cannot_be_inverted_is_refused(n: int) -> None:
 
 @pytest.mark.parametrize("bounded", [0, 1])
 @given(seed=st.integers(0, 2**32 - 1))
-def test_free_shapes_are_taken_out_whatever_their_number(seed: int, bounded: int) -> None:
+def test_free_shapes_of_any_number_are_projected_out(seed: int, bounded: int) -> None:
     """What is left is orthogonal to every shape in units of noise; records without shapes keep all.
 
     So it is as columns and, with shapes of bounded size beside them, in the complement.
@@ -126,6 +126,6 @@ def test_a_parameter_without_effect_has_an_infinite_variance() -> None:
     np.testing.assert_allclose(covariance[kept], np.linalg.inv((J.T @ J)[kept]), rtol=1e-9)
 
 
-def test_parameters_that_cannot_be_told_apart_have_huge_variances() -> None:
+def test_indistinguishable_parameters_have_huge_variances() -> None:
     J = np.array([[1.0, 1.0], [2.0, 2.0]])
     assert np.all(np.diag(positive_inverse(J.T @ J)) > 1e12)

@@ -41,7 +41,7 @@ def test_jitter_does_not_hide_the_sine() -> None:
     assert largest_line_hz(time, np.sin(2 * np.pi * time)) == pytest.approx(1.0, abs=0.01)
 
 
-def test_what_does_not_move_has_no_frequency() -> None:
+def test_a_constant_signal_has_no_frequency() -> None:
     time = np.arange(100) / 100.0
     with pytest.raises(JointIdError, match="does not move"):
         largest_line_hz(time, np.zeros(100))

@@ -45,7 +45,7 @@ def aged(file: Path, seconds: float) -> None:
 
 
 class TestKeeping:
-    def test_what_was_put_is_read_by_another_store_of_the_folder(self, kept: Store, mine: str) -> None:
+    def test_a_saved_study_is_read_by_another_store_of_the_folder(self, kept: Store, mine: str) -> None:
         data = bytes(range(256)) * 100
         entry = kept.put(mine, "cell 7.zip", "abc", data)
         other = Store(kept.folder)
@@ -53,7 +53,7 @@ class TestKeeping:
         assert other.read(mine, entry.id) == data
         assert (entry.name, entry.digest, entry.size_bytes) == ("cell 7.zip", "abc", len(data))
 
-    def test_nothing_is_written_before_something_is_kept(self, kept: Store, mine: str) -> None:
+    def test_no_folder_is_created_before_the_first_study(self, kept: Store, mine: str) -> None:
         assert not kept.known(mine)
         assert kept.entries(mine) == ()
         assert kept.size_bytes() == 0
@@ -67,7 +67,7 @@ class TestKeeping:
         assert [entry.name for entry in kept.entries(mine)] == ["a again", "b"]
         assert len(files(kept, "*.data")) == 2
 
-    def test_the_same_again_moves_to_the_front_under_its_new_name(self, kept: Store, mine: str) -> None:
+    def test_a_repeated_study_moves_to_the_front_with_its_new_name(self, kept: Store, mine: str) -> None:
         first = kept.put(mine, "a", "1", b"data")
         kept.rename(mine, first.id, "renamed")
         kept.put(mine, "b", "2", b"other")
@@ -109,7 +109,7 @@ class TestKeeping:
         assert kept.entries(mine)[0].opened_s == pytest.approx(time.time(), abs=60)
 
     @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
-    def test_other_users_cannot_read_it(self, kept: Store, mine: str) -> None:
+    def test_other_users_cannot_read_the_store(self, kept: Store, mine: str) -> None:
         kept.put(mine, "a", "1", b"data")
         for file in [*files(kept, "*.data"), *files(kept, "*.json")]:
             assert stat.S_IMODE(file.stat().st_mode) == 0o600
@@ -117,7 +117,7 @@ class TestKeeping:
 
 
 class TestStrangers:
-    def test_a_workspace_does_not_see_another(self, kept: Store, mine: str) -> None:
+    def test_a_workspace_does_not_list_studies_of_another(self, kept: Store, mine: str) -> None:
         entry = kept.put(mine, "a", "1", b"data")
         stranger = new_workspace()
         assert kept.entries(stranger) == ()
@@ -126,7 +126,7 @@ class TestStrangers:
         kept.delete(stranger, entry.id)
         assert kept.read(mine, entry.id) == b"data"
 
-    def test_ids_are_random_and_do_not_stand_on_the_disk(self, kept: Store) -> None:
+    def test_ids_are_random_and_not_stored_on_disk(self, kept: Store) -> None:
         ids = {new_workspace() for _ in range(1000)}
         assert len(ids) == 1000
         assert all(len(workspace) == 32 for workspace in ids)
@@ -138,7 +138,9 @@ class TestStrangers:
     @given(
         text=some.text() | some.sampled_from(["../" * 8, "..", "/etc/passwd", "a/../../b", "\0", "C:\\"])
     )
-    def test_no_id_leaves_the_folder(self, text: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    def test_no_id_leads_outside_the_folder(
+        self, text: str, tmp_path_factory: pytest.TempPathFactory
+    ) -> None:
         kept, mine = Store(tmp_path_factory.getbasetemp() / "untouched"), new_workspace()
         assert not kept.known(text)
         for call in (
@@ -190,7 +192,7 @@ class TestCrashes:
         assert len(files(kept, "*.data")) == 2
         assert [e.name for e in kept.entries(mine)] == ["next", "old"]
 
-    def test_a_disk_that_is_full_is_said_and_leaves_nothing(
+    def test_a_full_disk_is_reported_and_leaves_no_file(
         self, kept: Store, mine: str, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         def full(_: int) -> None:
@@ -201,7 +203,7 @@ class TestCrashes:
             kept.put(mine, "a", "1", b"data")
         assert [file for file in files(kept, "*") if file.is_file()] == []
 
-    def test_a_folder_that_is_a_file_is_said(self, tmp_path: Path, mine: str) -> None:
+    def test_a_folder_that_is_a_file_is_reported(self, tmp_path: Path, mine: str) -> None:
         (tmp_path / "data").write_text("not a folder")
         with pytest.raises(JointIdError, match="JOINTID_DATA_DIR"):
             Store(tmp_path / "data").put(mine, "a", "1", b"data")
@@ -221,7 +223,7 @@ class TestDamage:
             (".data", None),
         ],
     )
-    def test_is_set_aside_and_told_once(
+    def test_a_damaged_study_is_set_aside_and_reported_once(
         self, kept: Store, mine: str, ending: str, content: bytes | None
     ) -> None:
         good = kept.put(mine, "good", "1", b"good")
@@ -239,7 +241,7 @@ class TestDamage:
         assert kept.notes(mine) == ()
         assert kept.read(mine, good.id) == b"good"
 
-    def test_hides_no_others_where_nothing_can_be_written(
+    def test_a_damaged_study_in_a_read_only_store_does_not_hide_others(
         self, kept: Store, mine: str, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         good, bad = kept.put(mine, "good", "1", b"good"), kept.put(mine, "bad", "2", b"bad")
@@ -268,7 +270,9 @@ class TestDamage:
 
 
 class TestBound:
-    def test_the_longest_unopened_go_first_with_a_note(self, tmp_path: Path, mine: str) -> None:
+    def test_the_least_recently_opened_studies_are_removed_with_a_note(
+        self, tmp_path: Path, mine: str
+    ) -> None:
         kept = Store(tmp_path, limit_bytes=50_000)
         other = new_workspace()
         old = [kept.put(who, f"{k}", f"{k}", bytes(10_000)) for k, who in enumerate([mine, other, mine])]
@@ -281,7 +285,7 @@ class TestBound:
         assert ["1 was deleted" in note.text for note in kept.notes(other)] == [True]
         assert ["2 was deleted" in note.text for note in kept.notes(mine)] == [True]
 
-    def test_what_was_set_aside_goes_before_any_study(self, tmp_path: Path, mine: str) -> None:
+    def test_damaged_files_are_removed_before_any_study(self, tmp_path: Path, mine: str) -> None:
         kept = Store(tmp_path, limit_bytes=50_000)
         bad = kept.put(mine, "bad", "1", bytes(20_000))
         good = kept.put(mine, "good", "2", bytes(20_000))
@@ -290,7 +294,7 @@ class TestBound:
         assert good.id in [found.id for found in kept.entries(mine)]
         assert not list((tmp_path / "damaged").glob("*.data"))
 
-    def test_more_than_the_whole_store_is_refused_and_nothing_dropped(
+    def test_a_study_larger_than_the_store_is_refused_and_no_other_removed(
         self, tmp_path: Path, mine: str
     ) -> None:
         kept = Store(tmp_path, limit_bytes=10_000)
@@ -344,7 +348,7 @@ class TestManyAtOnce:
 
 
 class TestNames:
-    def test_a_damaged_name_is_no_name(self, kept: Store, mine: str) -> None:
+    def test_a_damaged_name_is_replaced(self, kept: Store, mine: str) -> None:
         entry = kept.put(mine, "first name", "1", b"data")
         kept.rename(mine, entry.id, "second name")
         (renamed,) = files(kept, "*.name")
@@ -379,7 +383,7 @@ def test_the_folder_of_a_user_without_a_home_is_absolute(
     assert store_files.user_folder() == Path(pwd.getpwuid(os.getuid()).pw_dir, ".local/share/jointid")
 
 
-def test_what_a_killed_write_left_is_removed_by_a_later_one(tmp_path: Path) -> None:
+def test_remains_of_a_killed_write_are_removed_later(tmp_path: Path) -> None:
     left, fresh, own, held = (tmp_path / f".{c * 16}.new" for c in "abxc")
     for file in (left, fresh, own, held):
         file.write_bytes(b"half")
@@ -395,7 +399,7 @@ def test_what_a_killed_write_left_is_removed_by_a_later_one(tmp_path: Path) -> N
     assert not held.exists()
 
 
-def test_a_study_that_a_killed_write_moved_away_comes_back(tmp_path: Path) -> None:
+def test_a_study_moved_by_a_killed_write_is_restored(tmp_path: Path) -> None:
     target, old = tmp_path / "cell", tmp_path / f".cell.{'0' * 16}.old"
     study = load_study(ROOT / "sample_data" / "paper.zip")
     save_study(study, target)

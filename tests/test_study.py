@@ -35,7 +35,7 @@ RECORDS = steady_records(SERIAL, PAPER, *campaign(BAND_HZ, 2), noise=(1e-5, 3e-3
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("method", METHODS)
-def test_truth_is_found_without_noise(n: int, method: str) -> None:
+def test_without_noise_the_analysis_is_exact(n: int, method: str) -> None:
     inertia, elasticity = ROBOTS[n]
     records = steady_records(inertia, elasticity, *campaign(BAND_HZ, n), periods=9.37, hold=True)
     analysis = analyse(Study(records, inertia), method=method)
@@ -60,7 +60,7 @@ def test_analysis_is_its_steps() -> None:
         assert analysis.fits[method].method == method
 
 
-def test_same_study_same_analysis() -> None:
+def test_two_analyses_of_a_study_are_equal() -> None:
     first, second = (analyse(Study(RECORDS, SERIAL)) for _ in range(2))
     assert np.array_equal(first.fit.K, second.fit.K)
     assert np.array_equal(first.fit.covariance, second.fit.covariance)
@@ -100,7 +100,7 @@ def test_a_single_record_is_a_study() -> None:
 
 @pytest.mark.parametrize("name", ["", " "])
 def test_a_pose_has_a_name(name: str) -> None:
-    """Without one its records would pass for those without a pose, which have another inertia."""
+    """Without a name its records would count as those without a pose, which have another inertia."""
     with pytest.raises(JointIdError, match="A pose has no name"):
         Study(RECORDS, SERIAL, poses={name: PARALLELOGRAM})
 
@@ -132,7 +132,7 @@ ONE_JOINT = SineRecord(5.0, np.arange(1000) / 1000, np.zeros(1000), np.zeros(100
         ({"origin": "dreamt"}, 'origin = "dreamt".*simulated.*measured'),
     ],
 )
-def test_study_that_does_not_hold_together_is_refused(changes: dict[str, Any], message: str) -> None:
+def test_an_inconsistent_study_is_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(JointIdError, match=message):
         Study(**{"records": RECORDS, "inertia": SERIAL, **changes})
 
@@ -149,6 +149,6 @@ def test_unknown_method_is_refused_before_any_work() -> None:
 
 
 @pytest.mark.parametrize("wrong", [None, 3, "study", RECORDS])
-def test_what_is_no_study_is_refused(wrong: object) -> None:
+def test_a_value_that_is_no_study_is_refused(wrong: object) -> None:
     with pytest.raises(JointIdError):
         analyse(wrong)  # type: ignore[arg-type]

@@ -88,7 +88,7 @@ def test_wrong_facts_are_refused(paper: Study, facts: dict[str, object], said: s
         replace(paper, **facts)  # type: ignore[arg-type]
 
 
-def test_remarks_travel_with_the_answer(analysis: Analysis) -> None:
+def test_remarks_are_shown_with_the_answer(analysis: Analysis) -> None:
     texts = [
         to_json(analysis),
         code_listing(analysis, "Python").replace("\n# ", " "),
@@ -101,7 +101,7 @@ def test_remarks_travel_with_the_answer(analysis: Analysis) -> None:
 
 class TestUnits:
     @pytest.mark.parametrize("name", STIFFNESS_UNITS)
-    def test_each_unit_is_the_same_spring(self, analysis: Analysis, name: str) -> None:
+    def test_each_unit_gives_the_same_torque_per_degree(self, analysis: Analysis, name: str) -> None:
         """The torque for one degree of the joint's deflection, from each of the units."""
         side, angle = STIFFNESS_UNITS[name]
         shown = analysis.shown_in(name).quantities
@@ -121,14 +121,14 @@ class TestUnits:
         assert "at the joint" in sentence
         assert "seen from the motor" in analysis.headline
 
-    def test_the_nominal_values_have_it_too(self, paper: Study) -> None:
+    def test_the_nominal_values_have_the_chosen_unit(self, paper: Study) -> None:
         found = analyse(replace(paper, gear_ratio=RATIO)).shown_in("N·m/rad at the joint")
         assert paper.nominal is not None
         assert found.nominal == pytest.approx(
             [*(paper.nominal.K * np.square(RATIO)), *(paper.nominal.D * np.square(RATIO))]
         )
 
-    def test_every_table_of_the_report_has_it(self, analysis: Analysis) -> None:
+    def test_every_table_of_the_report_has_the_chosen_unit(self, analysis: Analysis) -> None:
         shown = analysis.shown_in("N·m/arcmin at the joint")
         blocks = [b for s in make_report(shown, cut=False).sections for b in s.blocks]
         tables = {b.caption.split()[0]: b for b in blocks if isinstance(b, Table) and b.caption}
@@ -138,7 +138,7 @@ class TestUnits:
         )
         assert tables["Estimators,"].rows[0][:2] == ("K1 (N·m/arcmin)", shown.quantities[0].shown[0])
 
-    def test_exports_stay_at_the_motor(self, analysis: Analysis) -> None:
+    def test_exports_are_motor_side_values(self, analysis: Analysis) -> None:
         shown = analysis.shown_in("N·m/° at the joint")
         assert answer_text(shown) == answer_text(analysis)
 

@@ -154,7 +154,7 @@ def test_upload_stays_open_and_reads_twice() -> None:
     assert not upload.closed
 
 
-def test_zip_of_the_folder_itself_with_clutter_from_a_mac() -> None:
+def test_zip_of_the_folder_with_macos_files_is_read() -> None:
     content = {f"cell 1/{name}": data for name, data in files().items()}
     content |= {"__MACOSX/cell 1/._study.toml": b"\0", "cell 1/.DS_Store": b"\0", ".DS_Store": b"\0"}
     check_hand_written(load_study(zipped(content)))
@@ -341,7 +341,7 @@ def test_equal_studies_give_equal_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["cell", "cell.zip"])
-def test_nothing_is_overwritten_unasked(tmp_path: Path, name: str) -> None:
+def test_nothing_is_overwritten_by_default(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     save_study(a_study(1.0), path)
     with pytest.raises(JointIdError, match=r"exists.*overwrite=True"):
@@ -365,7 +365,7 @@ def test_a_folder_with_other_files_is_never_replaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["cell", "cell.zip"])
-def test_a_failed_save_leaves_what_was_there(tmp_path: Path, name: str, monkeypatch) -> None:
+def test_a_failed_save_keeps_the_previous_study(tmp_path: Path, name: str, monkeypatch) -> None:
     path = tmp_path / name
     save_study(a_study(1.0), path)
     before = load_study(path)
@@ -693,7 +693,7 @@ def test_huge_directory_is_not_loaded() -> None:
 
 
 @pytest.mark.parametrize("size", [4 << 20, pytest.param(100 << 20, marks=pytest.mark.long)])
-def test_garbage_of_megabytes(size: int) -> None:
+def test_megabytes_of_random_bytes_are_refused(size: int) -> None:
     garbage = np.random.default_rng(0).integers(0, 256, 1 << 20, dtype=np.uint8).tobytes() * (size >> 20)
     assert "not a readable zip" in failure(garbage)
     assert "01.csv" in failure(zipped(files(first=garbage)))
@@ -703,7 +703,7 @@ def test_garbage_of_megabytes(size: int) -> None:
     assert "line 2: longer than" in failure(zipped(files(first=one_line)))
 
 
-def test_links_that_leave_the_folder(tmp_path: Path) -> None:
+def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
     outside = tmp_path / "outside.csv"
     outside.write_text(csv_text())
     folder = written(tmp_path / "cell", files())
@@ -724,7 +724,7 @@ def test_links_that_leave_the_folder(tmp_path: Path) -> None:
     assert "link that leaves cell" in failure(folder)
 
 
-def test_paths_that_are_no_study(tmp_path: Path) -> None:
+def test_paths_without_a_study_are_refused(tmp_path: Path) -> None:
     assert "nothing is there" in failure(tmp_path / "none")
     assert "study.toml is missing" in failure(written(tmp_path / "empty", {"a.txt": b""}))
     assert "Files found: a.txt" in failure(tmp_path / "empty")
@@ -759,7 +759,9 @@ def test_format_1_may_be_written_as_a_decimal() -> None:
     assert "whole number" in failure(zipped(files(toml=edited("format = 1", "format = 1.5"))))
 
 
-def test_study_toml_stands_for_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_path_of_study_toml_opens_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = written(tmp_path / "cell", files())
     check_hand_written(load_study(folder / "study.toml"))
     monkeypatch.chdir(folder)
@@ -859,7 +861,7 @@ SMALL = files(first=csv_text(5.0, rows=310), second=csv_text(10.0, rows=120))
 PARQUET = pd.read_csv(io.StringIO(csv_text(rows=310))).to_parquet(None)
 
 
-def test_what_is_mutated_is_a_valid_study() -> None:
+def test_the_study_before_mutation_is_valid() -> None:
     check_hand_written(load_study(zipped(SMALL)))
     assert load_study(parquet_study(PARQUET)).records[0].time_s.size == 310
 

@@ -19,7 +19,7 @@ ELASTICITY = Elasticity(JOINT_K / ROBOT.gear_ratio**2, 0.002 * JOINT_K / ROBOT.g
 
 
 @pytest.mark.parametrize("drive", ["parallelogram", "serial"])
-def test_planar_arm_gives_way_as_its_statics_say(drive: str) -> None:
+def test_compliance_of_a_planar_arm_is_that_of_its_statics(drive: str) -> None:
     """The arm's angles under a small force, from the balance of torques at the deflected arm."""
     arm = PlanarArm.example(drive)  # type: ignore[arg-type]
     q = arm.inverse([1.15, 0.0])
@@ -31,7 +31,7 @@ def test_planar_arm_gives_way_as_its_statics_say(drive: str) -> None:
         np.testing.assert_allclose(found.deflection(force), arm.tool(q + moved) - arm.tool(q), rtol=1e-3)
 
 
-def test_the_worst_direction_is_the_worst() -> None:
+def test_no_direction_is_softer_than_the_stated_one() -> None:
     arm = PlanarArm.example()
     found = planar_tool_stiffness(arm, arm.inverse([1.15, 0.0]), Elasticity([43.0, 7.5], [0.1, 0.01]))
     angle = np.linspace(0, 2 * np.pi, 721)
@@ -58,7 +58,7 @@ def test_six_axes_under_load_and_gravity() -> None:
     np.testing.assert_allclose(found.resonances_hz, locked_resonances(ROBOT.inertia(POSE), ELASTICITY))
 
 
-def test_tool_bends_along_a_path_by_gravity_and_inertia() -> None:
+def test_deflection_along_a_path_is_that_of_gravity_and_inertia() -> None:
     """The sag from the joints' statics; the rest from the work of a force at the tool."""
     path = rectangle(zone_m=0.005, centre_m=(0.0, 0.0))
     found = joint_path(ROBOT, POSE, path)
@@ -76,7 +76,7 @@ def test_tool_bends_along_a_path_by_gravity_and_inertia() -> None:
         joint_path(ROBOT, POSE, far)
 
 
-def test_a_slow_tool_bends_by_gravity_alone() -> None:
+def test_deflection_of_a_slow_tool_is_that_of_gravity() -> None:
     quick, slow = (
         joint_path(ROBOT, POSE, rectangle(zone_m=0.005, centre_m=(0.0, 0.0), speed_m_s=speed))
         for speed in (0.3, 0.03)

@@ -67,7 +67,7 @@ def test_limits_are_kept(zone, speed, size, acceleration) -> None:
 
 @examples(100, derandomize=True)
 @given(zone=st.floats(0.0, 0.014), rounds=st.integers(1, 3), flat=st.booleans())
-def test_the_rectangle_is_the_one_asked_for(zone, rounds, flat) -> None:
+def test_the_rectangle_has_the_specified_size(zone, rounds, flat) -> None:
     width, height = (0.045, 0.028) if flat else (0.028, 0.045)
     path = rectangle(
         zone_m=zone, width_m=width, height_m=height, repetitions=rounds, centre_m=(1.0, 0.2)
@@ -116,7 +116,7 @@ def test_the_paper_cut_runs_at_full_speed_in_the_largest_zone() -> None:
     assert path.peak_acceleration_m_s2 == pytest.approx(13.92, abs=0.01)
 
 
-def test_turned_and_moved() -> None:
+def test_a_path_is_rotated_and_shifted() -> None:
     plain = rectangle(centre_m=(0.0, 0.0))
     turned = rectangle(centre_m=(0.9, -0.3), angle_rad=0.7)
     time = np.linspace(0, plain.end_s, 500)
@@ -171,7 +171,7 @@ def test_distance_agrees_with_brute_force(x, y, zone) -> None:
         ({"acceleration_m_s2": -1.0}, "acceleration_m_s2 = -1"),
     ],
 )
-def test_infeasible_rectangles_say_what_would_do(settings_, message) -> None:
+def test_infeasible_rectangles_name_a_feasible_speed(settings_, message) -> None:
     with pytest.raises(JointIdError, match=message):
         rectangle(**settings_)
 
@@ -183,7 +183,7 @@ def test_the_speed_that_the_message_names_is_feasible() -> None:
     assert top_speed(rectangle(speed_m_s=named, zone_m=0.004)) == pytest.approx(named, rel=1e-9)
 
 
-def test_a_path_of_ones_own() -> None:
+def test_a_user_defined_path_is_tracked() -> None:
     path = Toolpath(start_m=[1.0, 0.0], velocity_m_s=[[0, 0], [0.1, 0], [0, 0]], duration_s=[0.2, 0.2])
     np.testing.assert_allclose(path.position([path.end_s]), [[1.02, 0.0]])
     with pytest.raises(JointIdError, match="rest to rest"):

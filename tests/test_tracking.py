@@ -87,7 +87,7 @@ def test_pymunk_agrees_with_an_independent_integration(drive, zone) -> None:
 
 
 @pytest.mark.parametrize("drive", ONE_DRIVE)
-def test_and_so_it_does_with_the_default_servo(drive) -> None:
+def test_pymunk_agrees_with_an_independent_integration_with_the_default_servo(drive) -> None:
     run = track(PlanarArm.example(drive), rectangle(), TRUE)
     assert deviation(drive, run) < 3e-7
 
@@ -126,7 +126,7 @@ def test_identified_parameters_cut_within_hundredths_of_a_millimetre(drive, zone
 
 
 @pytest.mark.parametrize("drive", ONE_DRIVE)
-def test_wrong_parameters_cost_millimetres_and_the_largest_zone_is_worst(drive) -> None:
+def test_wrong_parameters_give_errors_of_millimetres_largest_in_the_largest_zone(drive) -> None:
     arm = PlanarArm.example(drive)
     for name, least in (("0.4 K", 2.5e-3), ("3 K", 1.2e-3), ("rigid", 2e-3)):
         worst = [
@@ -169,7 +169,7 @@ def test_a_real_controller(drive) -> None:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_errors_are_what_they_say(drive) -> None:
+def test_contour_and_tracking_errors_match_their_definitions(drive) -> None:
     path = rectangle(zone_m=0.005)
     run = track(PlanarArm.example(drive), path, TRUE)
     np.testing.assert_allclose(run.tracking_error_m, np.hypot(*(run.tool_m - run.reference_m).T))
@@ -227,7 +227,7 @@ def test_steps_above_a_millisecond_are_refused(dt) -> None:
         track(PlanarArm.example(), rectangle(), TRUE, dt=dt)
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_inputs_for_another_number_of_joints_are_refused() -> None:
     arm, path = PlanarArm.example(), rectangle()
     three = Elasticity(K=[1.0] * 3, D=[0.0] * 3)
     with pytest.raises(JointIdError, match="3 joint"):

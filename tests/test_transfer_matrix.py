@@ -107,7 +107,7 @@ def test_covariance_is_the_scatter_of_the_elements(n: int, count: int) -> None:
     assert whole.mean() == pytest.approx(n * n, rel=0.12)
 
 
-def test_one_record_shows_the_neighbours_torque() -> None:
+def test_one_record_includes_the_effect_of_the_other_joints_torque() -> None:
     """H11 + H12 τ2/τ1, what Figure 3 plots."""
     phasors = two_joints()
     H = motor_response(phasors.omega, SERIAL, PAPER)
@@ -134,7 +134,7 @@ def test_the_same_experiment_twice_is_refused_with_the_remedy(repeated: list[com
         estimate_transfer_matrix(phasors)
 
 
-def test_the_same_experiment_twice_is_refused_when_noise_tells_them_apart() -> None:
+def test_the_same_experiment_twice_is_refused_when_only_noise_differs() -> None:
     twice = np.array([[1.0, 0.3j]] * 2)
     records = steady_records(
         SERIAL, PAPER, np.array([5.0, 5.0]), twice, noise=(1e-5, 1e-2), periods=20.3
@@ -170,7 +170,7 @@ def test_too_few_records_are_named_with_the_remedy() -> None:
         estimate_transfer_matrix(phasors)
 
 
-def test_a_single_joint_lost_in_noise_is_not_called_a_repetition() -> None:
+def test_a_single_joint_below_the_noise_is_not_reported_as_a_repetition() -> None:
     base = plant_phasors(*ROBOTS[1], np.array([5.0]), np.array([[1e-3 + 0j]]))
     noise = np.diag([1e-12, 1.0]).astype(complex)[None]
     with pytest.raises(JointIdError) as caught:
@@ -189,7 +189,7 @@ def test_good_frequencies_are_kept_and_bad_ones_listed() -> None:
     assert "7 Hz" in found.rejected[0]
 
 
-def test_units_of_a_joint_change_nothing_but_units() -> None:
+def test_units_of_a_joint_only_scale_H() -> None:
     """Joints a million times apart in scale: H scales, condition and verdict stay."""
     frequencies, torques = campaign(BAND_HZ, 2)
     base = plant_phasors(SERIAL, PAPER, frequencies, torques)
@@ -200,7 +200,7 @@ def test_units_of_a_joint_change_nothing_but_units() -> None:
     assert np.allclose(bent.condition, straight.condition, rtol=1e-8)
 
 
-def test_reciprocity_error_is_as_put_in_whatever_the_units() -> None:
+def test_reciprocity_error_is_as_simulated_in_any_units() -> None:
     """H12 and H21 one per cent apart, measured in the joints' own scales."""
     frequencies, torques = campaign(BAND_HZ[:3], 2)
     H = motor_response(2 * np.pi * frequencies, SERIAL, PAPER)
@@ -215,7 +215,7 @@ def test_reciprocity_error_is_as_put_in_whatever_the_units() -> None:
     assert np.allclose(errors[0], errors[1], rtol=1e-6)
 
 
-def test_a_joint_whose_encoder_shows_no_sine_has_a_response_of_nothing() -> None:
+def test_a_joint_with_a_constant_encoder_has_zero_response() -> None:
     """Coarse encoders hide high frequencies: that row of H is zero, and H is as far from reciprocal."""
     frequencies, torques = campaign(BAND_HZ[:3], 2)
     base = plant_phasors(SERIAL, PAPER, frequencies, torques)

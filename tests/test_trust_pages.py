@@ -56,7 +56,7 @@ JOINTS = [pytest.param(1, marks=pytest.mark.long), 2, pytest.param(3, marks=pyte
 
 @pytest.mark.parametrize("joints", JOINTS)
 class TestErrorBars:
-    def test_the_error_its_parts_and_the_papers_answer_are_shown(
+    def test_the_error_its_parts_and_the_paper_method_are_shown(
         self, app: AppTest, analyses: dict[int, Analysis], joints: int
     ) -> None:
         at = opened(app, ELASTICITY, joints)
@@ -70,7 +70,7 @@ class TestErrorBars:
             assert parts == pytest.approx(np.asarray(errors).tolist(), rel=0.06)
         assert any("torque scale is not stated" in caption.value for caption in at.caption)
 
-    def test_inertias_stand_as_given_as_fitted_and_with_their_influence(
+    def test_given_and_fitted_inertias_are_listed_with_their_influence(
         self, app: AppTest, analyses: dict[int, Analysis], joints: int
     ) -> None:
         at = opened(app, ELASTICITY, joints, details="Inertias")
@@ -81,7 +81,7 @@ class TestErrorBars:
         names = list(prior_influence(analyses[joints].fit).names)
         assert any(list(t.value["Quantity"]) == names for t in at.table if "Quantity" in t.value)
 
-    def test_closed_parts_cost_nothing_and_open_ones_show_their_figures(
+    def test_closed_panels_are_not_computed_and_open_ones_show_their_figures(
         self, app: AppTest, joints: int
     ) -> None:
         closed = len(opened(app, ELASTICITY, joints).get("plotly_chart"))
@@ -155,7 +155,7 @@ class TestTheNextExperiment:
         assert len(today) == 2 * joints
         assert len(column(at, "Both together")) == 2 * joints
 
-    def test_of_an_unusable_answer_no_gain_is_promised(
+    def test_an_unusable_answer_has_no_predicted_gain(
         self, app: AppTest, studies: dict[int, Study]
     ) -> None:
         torques = [replace(r, tau_Nm=r.tau_Nm[:, ::-1]) for r in studies[2].records]
@@ -193,7 +193,7 @@ class TestTheNextExperiment:
     @pytest.mark.parametrize(
         ("text", "said"), [("1, 2, 3", "3 values for 2"), ("much", "not a number"), ("-1", "positive")]
     )
-    def test_what_is_no_limit_is_said(self, app: AppTest, text: str, said: str) -> None:
+    def test_an_invalid_limit_is_reported(self, app: AppTest, text: str, said: str) -> None:
         at = opened(app, PLAN)
         field = next(w for w in at.text_input if w.label.startswith("Torque amplitudes"))
         field.set_value(text)

@@ -113,7 +113,7 @@ def test_exact_values_have_no_influence_and_unknown_ones_neither() -> None:
     assert np.isinf(np.linalg.norm(linear.shift, axis=1)).all()
 
 
-def test_influence_tells_poses_apart() -> None:
+def test_influences_of_inertias_belong_to_their_pose() -> None:
     """Rotors belong to all poses, arm inertias to one; a coupling of zero has an influence as well."""
     uncoupled = Inertia(M=SERIAL.M, M2=np.diag(np.diag(SERIAL.M2)))
     frequencies, torques = campaign(BAND_HZ, 2)
@@ -184,7 +184,7 @@ def test_undetermined_parameters_stay_undetermined() -> None:
 
 
 def test_bootstrap_sees_the_bias_of_least_squares() -> None:
-    """Noise in the angles pulls least squares; truth, bootstrap and theory have the same sign."""
+    """Noise in the angles biases least squares; scatter, bootstrap and theory have the same sign."""
     clean = plant_phasors(SERIAL, PAPER, *campaign(BAND_HZ, 2))
     rng = np.random.default_rng(3)
     size = 0.05 * np.abs(clean.z).mean(axis=0)

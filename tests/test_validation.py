@@ -54,7 +54,7 @@ def drawn(n: int, seed: int, relative: float = 1e-3, elasticity: Elasticity | No
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("method", ["least-squares", "maximum-likelihood"])
-def test_prediction_errs_as_stated(n: int, method: str) -> None:
+def test_prediction_errors_have_the_stated_size(n: int, method: str) -> None:
     inertia, _ = ROBOTS[n]
     scores = []
     for seed in range(6):
@@ -131,7 +131,7 @@ def test_prediction_needs_frequencies() -> None:
         predict_torques(fit)
 
 
-def test_phasors_without_friction_obey_the_springs() -> None:
+def test_friction_compensated_phasors_satisfy_the_model() -> None:
     phasors = extract_phasors(rubbing((0.2, 0.04)))
     fit = identify_elasticity(phasors, PARALLELOGRAM, method="maximum-likelihood", friction=True)
     free = fit.phasors
@@ -156,7 +156,7 @@ def test_residuals_have_their_expected_size() -> None:
     assert np.mean(squares) == pytest.approx(1.0, abs=0.35)
 
 
-def test_residuals_name_the_bad_record() -> None:
+def test_the_largest_residual_is_that_of_the_bad_record() -> None:
     phasors = drawn(2, 1)
     error = np.zeros(phasors.z.shape, complex)
     error[5, 3] = 0.1 * phasors.tau[5, 1]
@@ -200,7 +200,7 @@ def two_amplitudes(harder: float) -> Phasors:
     return extract_phasors(records)
 
 
-def test_hardening_shows_against_amplitude() -> None:
+def test_stiffness_rises_with_amplitude_for_a_hardening_gear() -> None:
     found = amplitude_dependence(identify_elasticity(two_amplitudes(0.02), SERIAL, method="weighted"))
     ends = found.deflection_rad[0]
     whole = np.log(ends[1] / ends[0]) / np.log(3)  # the step of 2 % is per factor three
@@ -209,13 +209,13 @@ def test_hardening_shows_against_amplitude() -> None:
     assert abs(found.change[1]) < 0.2 * found.change[0]
 
 
-def test_linear_springs_do_not_harden() -> None:
+def test_stiffness_of_linear_joints_does_not_depend_on_amplitude() -> None:
     found = amplitude_dependence(identify_elasticity(two_amplitudes(0.0), SERIAL, method="weighted"))
     assert np.all(np.abs(found.change) < 4 * found.standard_error)
     assert np.all(found.standard_error < 0.01)
 
 
-def test_one_amplitude_tells_nothing() -> None:
+def test_one_amplitude_gives_no_trend() -> None:
     found = amplitude_dependence(identify_elasticity(drawn(2, 0), SERIAL, method="weighted"))
     assert np.all(np.isinf(found.standard_error))
     assert np.isnan(found.deflection_rad).all()
@@ -248,7 +248,7 @@ def test_poses_agree_within_their_errors() -> None:
     assert np.allclose(fits.estimates[0], np.r_[alone.K, alone.D])
 
 
-def test_poses_disagree_on_what_differs() -> None:
+def test_poses_disagree_on_the_joint_that_differs() -> None:
     phasors, inertias, poses = two_poses(Elasticity(K=[43.0, 7.7], D=PAPER.D))
     fit = identify_elasticity(phasors, inertias, method="weighted")
     fits = fits_by_pose(phasors, inertias, poses, fit)
@@ -258,7 +258,7 @@ def test_poses_disagree_on_what_differs() -> None:
     assert fits.probability < 1e-6
 
 
-def test_a_pose_that_cannot_stand_alone_is_named() -> None:
+def test_a_pose_with_too_few_records_is_named() -> None:
     phasors, inertias, poses = two_poses()
     fit = identify_elasticity(phasors, inertias, method="weighted")
     q, tau = phasors.q.copy(), phasors.tau.copy()

@@ -108,15 +108,15 @@ def unsound(analysis: Analysis) -> list[Finding]:
     + [long(3.3, 2), long(3.3, 3), long(8.6, 0), long(8.6, 1), long(8.6, 3)]
     + [long(20.37, seed) for seed in range(3)],
 )
-def test_sound_data_raise_no_alarm(periods: float, seed: int) -> None:
-    """Short records measure their own frequency badly; that is no contradiction."""
+def test_good_data_give_no_warning(periods: float, seed: int) -> None:
+    """Short records estimate their frequency inaccurately, which must not be reported."""
     analysis = analysed(sound(periods=periods, seed=seed, noise=(1e-4, 1e-2)), method="weighted")
     assert not unsound(analysis), titles(analysis)
     assert analysis.findings
     assert analysis.findings[0].level == "good"
 
 
-def test_joints_that_are_held_raise_no_alarm() -> None:
+def test_held_joints_give_no_warning() -> None:
     """Their remnants are below an encoder step; the joints move far in other records."""
     records = simulate_records(
         PARALLELOGRAM,
@@ -130,12 +130,12 @@ def test_joints_that_are_held_raise_no_alarm() -> None:
     assert not unsound(analysis), titles(analysis)
 
 
-def test_data_without_noise_raise_no_alarm() -> None:
+def test_data_without_noise_give_no_warning() -> None:
     analysis = analysed(sound(noise=(0.0, 0.0)), method="weighted")
     assert not unsound(analysis), titles(analysis)
 
 
-def test_friction_of_records_without_noise_raises_no_alarm() -> None:
+def test_friction_in_records_without_noise_gives_no_warning() -> None:
     """Its waveforms leave some 10⁻⁵ of the torque: far above such noise, and of no consequence."""
     friction = MotorFriction(coulomb=[0.03, 0.01], viscous=[2e-3, 5e-4])
     length = Excitation(duration_s=1.0)
@@ -170,7 +170,7 @@ def test_record_with_most_of_the_misfit_is_named() -> None:
 
 
 @pytest.mark.parametrize("inertia_std", [0.0, 0.05])
-def test_torque_scale_far_from_the_stated_one_is_told(inertia_std: float) -> None:
+def test_a_torque_scale_far_from_the_stated_one_is_reported(inertia_std: float) -> None:
     records = [remade(record, tau_Nm=record.tau_Nm * [0.75, 1.0]) for record in sound()]
     found = analyse(Study(records, SERIAL, inertia_std=inertia_std, torque_std=0.05))
     (wrong,) = said(found.findings, "torque scales or inertias look wrong")
@@ -216,7 +216,7 @@ def test_transient_is_found_and_the_record_named() -> None:
     assert found[0].action == "edit runs"
 
 
-def test_the_time_from_which_a_record_is_steady_is_proposed_and_mends_it() -> None:
+def test_the_proposed_start_removes_the_transient() -> None:
     """Begun there, the record raises no alarm, and its phasor comes near the one without transient."""
     records, begin = sound(), 100.0
     true = extract_phasors([remade(records[k], time_s=records[k].time_s + begin) for k in (6, 11)])
@@ -270,7 +270,7 @@ def test_all_records_that_settle_are_named_up_to_three() -> None:
             assert ("and 2 more" in found[0].detail) == (k == 4)
 
 
-def test_untold_delay_is_found() -> None:
+def test_unstated_delay_is_found() -> None:
     for records in (sound(delay_s=0.004, told=False), six(delay_s=0.004, told=False)):
         analysis = analysed(records, method="weighted")
         assert any("delay" in (f.remedy + f.title + f.detail).lower() for f in unsound(analysis))
@@ -356,8 +356,8 @@ def test_time_in_milliseconds_is_named(scale: Any) -> None:
 
 
 @pytest.mark.long
-def test_mended_data_that_do_not_fit_are_not_called_good() -> None:
-    """Degrees on top of inertias that are wrong: the unit is named, and that this is not all."""
+def test_corrected_data_that_do_not_fit_are_not_reported_as_good() -> None:
+    """Degrees and wrong inertias: the finding names the unit and states a further fault."""
     found = scales(scaled(180 / np.pi), Inertia(SERIAL.M, SERIAL.M2 * [[1.3, 1], [1, 1]]))
     assert found is not None
     assert "degrees" in found.title + found.remedy
@@ -374,14 +374,14 @@ def test_arm_inertia_on_the_arm_side_is_named() -> None:
 
 @pytest.mark.parametrize("band", [BAND_HZ, BAND_HZ[3:], BAND_HZ[:2], BAND_HZ[4:5]])
 @pytest.mark.parametrize("n", [1, 2, 3])
-def test_right_scales_are_left_alone(band: np.ndarray, n: int) -> None:
-    """Above a resonance angles oppose torques: no reason to call a sign reversed."""
+def test_right_scales_give_no_finding(band: np.ndarray, n: int) -> None:
+    """Above a resonance angles oppose torques, which must not be reported as a reversed sign."""
     inertia, elasticity = ROBOTS[n]
     records = steady_records(inertia, elasticity, *campaign(band, n), noise=(1e-6, 1e-3))
     assert scales(records, inertia) is None
 
 
-def test_scales_of_wrong_inertia_or_friction_are_left_alone() -> None:
+def test_wrong_inertias_or_friction_give_no_finding_about_scales() -> None:
     assert scales(sound(), Inertia(SERIAL.M, SERIAL.M2 * 1.1)) is None
     assert scales(list(rubbing()), PARALLELOGRAM) is None
 
@@ -395,7 +395,7 @@ def test_scales_of_wrong_inertia_or_friction_are_left_alone() -> None:
         long(1.0, -1.0, "sign of the torque", "least-squares"),
     ],
 )
-def test_wrong_scale_comes_first_and_hides_what_follows_from_it(
+def test_a_wrong_scale_comes_first_and_suppresses_its_consequences(
     angle: float, torque: float, title: str, method: str
 ) -> None:
     analysis = analysed(scaled(angle, torque), method=method)
@@ -445,7 +445,7 @@ def by_the_paper(case: Evidence) -> ElasticityFit:
     return identify_elasticity(case.phasors, case.inertias, method="least-squares")
 
 
-def test_wrong_inertias_are_no_effect_of_friction() -> None:
+def test_wrong_inertias_are_not_attributed_to_friction() -> None:
     """The fit corrects M2 and finds friction; the note states the share of the friction only."""
     wrong = Inertia(PARALLELOGRAM.M, 1.05 * PARALLELOGRAM.M2)
     shares = [
@@ -456,7 +456,7 @@ def test_wrong_inertias_are_no_effect_of_friction() -> None:
     assert other == pytest.approx(right, rel=0.1)
 
 
-def test_friction_is_weighed_against_the_paper() -> None:
+def test_friction_finding_states_the_difference_to_the_paper_method() -> None:
     case = of_rubbing(friction=True)
     found = findings(case)
     (friction,) = said(found, "Friction matters")
@@ -468,7 +468,7 @@ def test_friction_is_weighed_against_the_paper() -> None:
     assert found[0].level == "good"
 
 
-def test_friction_that_is_ignored_is_a_warning() -> None:
+def test_ignored_friction_is_a_warning() -> None:
     found = findings(of_rubbing(method="weighted"))
     (limits,) = said(found, "model, not the noise")
     assert "odd harmonics" in limits.remedy
@@ -482,7 +482,7 @@ def test_friction_that_is_ignored_is_a_warning() -> None:
     [(-7.5, 9.0, "K2 is negative"), (7.5, -2.5, "D2 is negative"), (7.5, -1.5, None)],
 )
 def test_negative_springs_and_dampers_are_named(K2: float, D2_errors: float, title: str | None) -> None:
-    """A damper only where noise does not make it so."""
+    """A damper only where noise does not explain it."""
     case = evidence(sound(), SERIAL, method="weighted")
     D2 = D2_errors * case.fit.standard_error[3]
     fit = replace(case.fit, K=np.array([43.0, K2]), D=np.array([0.1, D2]))
@@ -491,13 +491,13 @@ def test_negative_springs_and_dampers_are_named(K2: float, D2_errors: float, tit
     assert all(f.level == ("problem" if K2 < 0 else "warning") for f in found)
 
 
-def test_without_friction_nothing_is_said_of_it() -> None:
+def test_without_friction_there_is_no_finding_about_it() -> None:
     case = evidence(sound(), SERIAL)
     assert not said(findings(case), "riction")
     assert not said(findings(case), "paper")
 
 
-def test_noise_that_biases_least_squares_is_told() -> None:
+def test_noise_that_biases_least_squares_is_reported() -> None:
     case = evidence(sound(noise=(5e-3, 0.1)), SERIAL)
     rule = list(against_the_paper(case))
     paper = by_the_paper(case)
@@ -511,7 +511,7 @@ def test_noise_that_biases_least_squares_is_told() -> None:
     ("delay_s", "verb"),
     [(0.0015, "lags by 1.5 ms"), (-0.0004, "leads by 0.4 ms"), (5.4e-5, "lags by 0.05")],
 )
-def test_lag_of_the_torque_is_told(delay_s: float, verb: str) -> None:
+def test_lag_of_the_torque_is_reported(delay_s: float, verb: str) -> None:
     case = evidence(sound(delay_s=delay_s, told=False), SERIAL, delay=True)
     (lag,) = said(findings(case), verb)
     assert lag.level == "note"
@@ -526,7 +526,7 @@ def test_lag_of_a_hold_is_recognised() -> None:
     assert "torque_hold = true" in lag.remedy
 
 
-def test_joint_that_stands_is_named() -> None:
+def test_a_joint_at_rest_is_named() -> None:
     records = rubbing((0.4, 0.08), "one-at-a-time", 2.5e-4, every=1)
     case = evidence(records, PARALLELOGRAM, friction=True)
     (standing,) = stationary_joint(case)
@@ -539,7 +539,7 @@ def test_joint_that_stands_is_named() -> None:
 
 
 @pytest.mark.parametrize("factor", [0.97, long(1.03)])
-def test_wrong_inertias_are_told_with_the_right_ones(factor: float) -> None:
+def test_wrong_inertias_are_reported_with_the_right_ones(factor: float) -> None:
     found = findings(evidence(sound(), Inertia(SERIAL.M, SERIAL.M2 * factor)))
     (wrong,) = said(found, "inertias look wrong")
     assert wrong.level == "warning"
@@ -551,13 +551,13 @@ def test_wrong_inertias_are_told_with_the_right_ones(factor: float) -> None:
 
 
 def test_exact_inertias_that_contradict_the_records_make_the_answer_unusable() -> None:
-    """K and D of inertias 30 % off are tens of per cent off, however wide their errors are."""
+    """With inertias 30 % off, K and D are tens of per cent off, whatever their stated errors."""
     found = findings(evidence(sound(), Inertia(SERIAL.M, SERIAL.M2 * [[1.3, 1], [1, 1]])))
     (wrong,) = said(found, "inertias look wrong")
     assert wrong.level == "problem"
 
 
-def test_wrong_inertias_do_not_hide_behind_friction() -> None:
+def test_wrong_inertias_are_found_beside_friction() -> None:
     given = Inertia(PARALLELOGRAM.M, PARALLELOGRAM.M2 * 1.03)
     found = findings(evidence(rubbing(), given, friction=True))
     assert len(said(found, "inertias look wrong")) == 1
@@ -569,7 +569,7 @@ def test_inertias_of_another_drive_are_a_finding(truth: Inertia, given: Inertia)
     assert said(findings(evidence(records, given, method="weighted")), "inertias look wrong")
 
 
-def test_right_inertias_are_not_blamed() -> None:
+def test_right_inertias_give_no_finding() -> None:
     for case in (
         evidence(sound(), SERIAL),
         of_rubbing(friction=True),
@@ -591,7 +591,7 @@ def test_poses_that_disagree_are_a_finding() -> None:
 
 
 @pytest.mark.parametrize("harder", [0.03, 0.0])
-def test_gear_that_hardens_is_a_finding(harder: float) -> None:
+def test_a_hardening_gear_is_a_finding(harder: float) -> None:
     stiffer = Elasticity(K=[43.0 * (1 + harder), 7.5], D=PAPER.D)
     records = in_two_parts(stiffer, amplitude=3)
     found = said(findings(evidence(records, SERIAL, method="weighted")), "rises with the deflection")
@@ -601,10 +601,10 @@ def test_gear_that_hardens_is_a_finding(harder: float) -> None:
 @pytest.mark.parametrize(
     ("band", "coulomb"), [(BAND_HZ[:3], [0.1, 0.02]), long(BAND_HZ[4:], [0.03, 0.006])]
 )
-def test_friction_that_is_ignored_does_not_pass_for_other_causes(
+def test_ignored_friction_is_not_attributed_to_other_causes(
     band: np.ndarray, coulomb: list[float]
 ) -> None:
-    """With few frequencies it looks much like a gear that hardens, or like other inertias."""
+    """With few frequencies it resembles a hardening gear or other inertias."""
     records = [
         record
         for speed in (2.0, 8.0)
@@ -628,7 +628,7 @@ def test_friction_that_is_ignored_does_not_pass_for_other_causes(
 # ------------------------------------------------------------------------------------------ the records
 
 
-def test_record_that_is_there_twice_is_named() -> None:
+def test_a_duplicated_record_is_named() -> None:
     records = sound()
     twice = [*records, remade(records[2], label="copy.csv")]
     (double,) = said(analysed(twice, method="weighted").findings, "in the study twice")
@@ -649,12 +649,12 @@ def test_two_records_of_one_experiment_are_named() -> None:
 
 
 @pytest.mark.parametrize(("periods", "told"), [(2.2, True), (5.0, False)])
-def test_few_periods_are_told(periods: float, told: bool) -> None:
+def test_few_periods_are_reported(periods: float, told: bool) -> None:
     found = analysed(sound(periods=periods), method="weighted").findings
     assert bool(said(found, "few periods")) == told
 
 
-def test_frequencies_that_miss_the_resonances() -> None:
+def test_frequencies_far_from_the_resonances_are_reported() -> None:
     low = steady_records(
         SERIAL, PAPER, *campaign([1.0, 1.5, 2.0, 2.7, 3.5], 2), noise=(1e-4, 1e-2), seed=1
     )
@@ -665,7 +665,7 @@ def test_frequencies_that_miss_the_resonances() -> None:
 
 
 @pytest.mark.parametrize(("count", "level"), [(1, "problem"), (2, "warning")])
-def test_one_frequency_is_told_and_no_senseless_one_suggested(count: int, level: str) -> None:
+def test_a_single_frequency_is_reported_and_a_useful_one_suggested(count: int, level: str) -> None:
     found = analysed(sound()[:count], method="weighted").findings
     (alone,) = said(found, "at one frequency cannot confirm K and D")
     assert alone.level == level
@@ -675,7 +675,7 @@ def test_one_frequency_is_told_and_no_senseless_one_suggested(count: int, level:
     )
 
 
-def test_value_that_is_hardly_known_is_a_warning() -> None:
+def test_a_large_standard_error_is_a_warning() -> None:
     torques = 0.2 * TORQUES
     wild = steady_records(SERIAL, PAPER, FREQUENCIES, torques, noise=(0.02, 0.4), periods=9.3)
     (vague,) = said(analysed(wild, method="weighted").findings, "poorly determined")
@@ -683,7 +683,7 @@ def test_value_that_is_hardly_known_is_a_warning() -> None:
     assert not said(of_sound_data(), "poorly determined")
 
 
-def test_noise_is_no_contradiction_to_the_frequency() -> None:
+def test_noise_does_not_contradict_the_frequency() -> None:
     loud = analysed(sound(noise=(0.05, 3.0), periods=6.3), method="weighted")
     assert not said(loud.findings, "frequency")
 
@@ -706,7 +706,7 @@ def test_hysteresis_below_the_steps_of_the_encoder_is_named(
 
 
 @pytest.mark.parametrize("counts", [4096, 2**22])
-def test_coarse_encoder_is_told(counts: int) -> None:
+def test_coarse_encoder_is_reported(counts: int) -> None:
     step = 2 * np.pi / counts
     records = [remade(r, theta_rad=np.rint(r.theta_rad / step) * step) for r in sound()]
     found = said(analysed(records, method="weighted").findings, "encoder of joint")
@@ -726,7 +726,7 @@ def test_rounding_of_the_smallest_motions_is_a_note() -> None:
     assert levels == {"note"}
 
 
-def test_rounding_that_repeats_is_no_settling() -> None:
+def test_repeated_rounding_is_not_reported_as_settling() -> None:
     """A change that is as large as the rounding of either part says nothing, without other noise."""
     phasors = extract_phasors(sound())
     shape = phasors.settling.shape
@@ -741,7 +741,7 @@ def test_rounding_that_repeats_is_no_settling() -> None:
 # ------------------------------------------------------------------------------ the story of the figures
 
 
-def test_peak_of_the_other_joints_controller_is_told_apart() -> None:
+def test_a_peak_from_the_other_joints_controller_is_recognised() -> None:
     """Weakly damped control: one record shows its resonance, H11 and H22 do not."""
 
     def campaign_with(damping_ratio: float) -> tuple[SineRecord, ...]:
@@ -797,7 +797,7 @@ def one_scaled(
     + [long(k, "weighted") for k in range(5)]
     + [long(k, "least-squares") for k in (0, 1, 2, 4, 5)],
 )
-def test_one_record_in_degrees_is_named_and_no_inertia_blamed(k: int, method: str) -> None:
+def test_one_record_in_degrees_is_named_without_a_finding_about_inertia(k: int, method: str) -> None:
     analysis = analysed(one_scaled(six(), k, angle=180 / np.pi), method=method)
     first = analysis.findings[0]
     assert first.level == "problem"
@@ -844,7 +844,7 @@ def test_record_of_another_robot_is_named_without_a_factor() -> None:
     + [long(sound, factor) for factor in (0.5, 0.8, 1.1, 1.5)]
     + [long(six, factor) for factor in (0.5, 0.97, 1.1, 1.5)],
 )
-def test_what_is_wrong_in_every_record_accuses_none(records: Any, factor: float) -> None:
+def test_a_fault_in_every_record_names_no_single_record(records: Any, factor: float) -> None:
     """Wrong inertias, units or signs of all records are not one record's fault."""
     for case in (
         evidence(records(), Inertia(SERIAL.M, SERIAL.M2 * factor), method="weighted"),
@@ -856,7 +856,7 @@ def test_what_is_wrong_in_every_record_accuses_none(records: Any, factor: float)
         assert any("inertia" in f.remedy.lower() for f in found if f.level in ("problem", "warning"))
 
 
-def test_wrong_frequency_is_told_alone() -> None:
+def test_wrong_frequency_is_the_only_finding() -> None:
     records = sound()
     records[4] = remade(records[4], frequency_hz=records[4].frequency_hz * 1.05, label="five.csv")
     found = findings(evidence(records, SERIAL, method="weighted"))
@@ -893,7 +893,7 @@ def test_friction_and_lag_together_are_both_named() -> None:
         (np.inf, 2, "∞"),
     ],
 )
-def test_numbers_in_findings_are_for_people(value: float, digits: int, text: str) -> None:
+def test_numbers_in_findings_are_rounded(value: float, digits: int, text: str) -> None:
     assert number(value, digits) == text
 
 
@@ -909,7 +909,7 @@ def test_numbers_in_findings_are_for_people(value: float, digits: int, text: str
         long([1 / 20, 1 / 12], [20, 12], "points to both"),
     ],
 )
-def test_side_of_the_gear_is_told_by_the_coupling(angle: Any, torque: Any, seen: str) -> None:
+def test_side_of_the_gear_is_found_from_the_coupling(angle: Any, torque: Any, seen: str) -> None:
     found = scales(scaled(angle, torque))
     assert found is not None
     assert "gear ratio" in found.title
@@ -929,7 +929,7 @@ def test_rate_of_sampling_is_named_where_all_joints_agree() -> None:
 
 
 @pytest.mark.parametrize("factor", [1e9, long(1e-9), long(1e7)])
-def test_no_gear_that_cannot_be(factor: float) -> None:
+def test_impossible_gear_ratios_are_not_suggested(factor: float) -> None:
     found = scales(scaled(1, [factor, 3 * factor]))
     assert found is None or "gear ratio of" not in found.detail
 
@@ -952,7 +952,7 @@ def of_the_arm(n: int, *, noise: float, seed: int = 5) -> tuple[Phasors, Inertia
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
-def test_angles_of_the_arm_are_told(n: int, noise: float) -> None:
+def test_angles_measured_at_the_arm_are_recognised(n: int, noise: float) -> None:
     phasors, inertia, elasticity = of_the_arm(n, noise=noise)
     inertias = [inertia] * phasors.omega.size
     scorer = Scorer.of(phasors, inertias)
@@ -968,7 +968,7 @@ def of_arm(found: Sequence[Finding]) -> list[Finding]:
 
 
 @pytest.mark.parametrize("n", [long(1), 2, long(3)])
-def test_angles_of_the_motors_are_not_called_the_arms(n: int) -> None:
+def test_motor_angles_are_not_reported_as_arm_angles(n: int) -> None:
     """Nor with inertias that are wrong, friction, or another scale."""
     inertia, elasticity = ROBOTS[n]
     records = steady_records(inertia, elasticity, *campaign(BAND_HZ, n), noise=(1e-6, 1e-3))
@@ -981,7 +981,7 @@ def test_angles_of_the_motors_are_not_called_the_arms(n: int) -> None:
         assert not of_arm(wrong_data(turned, [inertia] * len(records)))
 
 
-def test_friction_is_not_called_the_arms_angle() -> None:
+def test_friction_is_not_reported_as_arm_angles() -> None:
     records = list(rubbing())
     assert not of_arm(wrong_data(extract_phasors(records), [PARALLELOGRAM] * len(records)))
 
@@ -1011,7 +1011,7 @@ def exchanged(*order: int) -> list[SineRecord]:
         ),
     ],
 )
-def test_exchanged_joints_and_units_that_inertias_absorb(
+def test_exchanged_joints_and_wrong_units_are_found_with_uncertain_inertias(
     records: Any, inertia: Inertia, title: str
 ) -> None:
     """Uncertain inertias could explain some of them; K and D would then be wrong."""
@@ -1050,7 +1050,7 @@ def of_rubbing_arm() -> Phasors:
         (Inertia(SERIAL.M * [1.6, 0.7], SERIAL.M2), None),
     ],
 )
-def test_friction_does_not_hide_exchanged_or_reversed_axes(
+def test_exchanged_or_reversed_axes_are_found_beside_friction(
     given: Inertia, title: str | None, std: float
 ) -> None:
     """A whole fit decides; other wrong inertias are neither exchanged nor reversed."""
@@ -1064,7 +1064,7 @@ def test_friction_does_not_hide_exchanged_or_reversed_axes(
 
 
 def test_torques_behind_the_gears_are_named() -> None:
-    """What a sensor at the joint shows: the motor's torque without that of its rotor."""
+    """A torque sensor at the joint measures the motor's torque without that of its rotor."""
     phasors = extract_phasors(sound())
     square = phasors.omega[:, None] ** 2
     gear = replace(phasors, tau=phasors.tau + square * SERIAL.M * phasors.q)
@@ -1073,7 +1073,7 @@ def test_torques_behind_the_gears_are_named() -> None:
 
 
 @pytest.mark.parametrize(("factor", "level"), [(1.3, "warning"), (2.2, "problem")])
-def test_inertias_beyond_belief_make_the_answer_unusable(factor: float, level: str) -> None:
+def test_implausible_inertias_make_the_answer_unusable(factor: float, level: str) -> None:
     study = Study(sound(), Inertia(SERIAL.M, SERIAL.M2 * factor), inertia_std=0.05)
     (found,) = said(analyse(study).findings, "inertias look wrong")
     assert found.level == level
@@ -1105,7 +1105,7 @@ def test_a_filter_is_a_wrong_hold_only_where_a_delay_explains_the_data(other: st
     assert bool(half_a_sample(replace(case, fit=fit))[0]) == named
 
 
-def test_effects_that_cannot_be_told_apart_are_named_together() -> None:
+def test_indistinguishable_effects_are_named_together() -> None:
     case = evidence(sound(delay_s=0.0005, told=False), SERIAL, method="auto")
     assert case.fit.delay is not None
     (chosen,) = (c for c in case.fit.candidates if c.chosen)
@@ -1119,7 +1119,7 @@ def test_effects_that_cannot_be_told_apart_are_named_together() -> None:
     assert lag.title == "The torque lags by 0.5 ms"
 
 
-def test_a_joint_alone_does_not_show_its_link() -> None:
+def test_a_single_joint_does_not_separate_gear_and_link() -> None:
     """The answer is the spring of both, which a link of 12 times the resonance puts 10 errors off."""
     inertia, elasticity = ROBOTS[1]
     frequencies, torques = campaign(BAND_HZ, 1)
@@ -1168,8 +1168,8 @@ def test_torques_of_other_motions_are_named_without_a_long_search(
     assert len(analysis.fit.candidates) <= 4 or change == "clipped"
 
 
-def test_a_torque_in_coarse_steps_is_not_clipped() -> None:
-    """A sine spends much of its time on the outer step; the angles in degrees are the fault."""
+def test_a_torque_in_coarse_steps_is_not_reported_as_clipped() -> None:
+    """A sine spends much of its time on the outer step; the fault is the angles in degrees."""
     step = max(np.abs(record.tau_Nm).max() for record in sound()) / 5
     records = [
         remade(
@@ -1184,8 +1184,8 @@ def test_a_torque_in_coarse_steps_is_not_clipped() -> None:
     assert "in degrees" in found
 
 
-def test_a_misfit_without_bound_is_a_problem_beside_any_cause() -> None:
-    """A stiffness that seems to depend on the amplitude does not make such an answer usable."""
+def test_a_very_large_misfit_is_a_problem_beside_any_cause() -> None:
+    """An apparent dependence of the stiffness on the amplitude does not make the answer usable."""
     records = in_two_parts(Elasticity(K=[56.0, 9.7], D=PAPER.D), amplitude=3)
     analysis = analysed(records, method="maximum-likelihood")
     assert said(analysis.findings, "with the deflection"), titles(analysis)
@@ -1193,8 +1193,8 @@ def test_a_misfit_without_bound_is_a_problem_beside_any_cause() -> None:
 
 
 @pytest.mark.long
-def test_inertias_in_grams_are_named_beside_positions_in_mrad() -> None:
-    """Both make the same factor, and K and D with it: only who wrote them knows."""
+def test_both_inertias_in_grams_and_positions_in_mrad_are_named() -> None:
+    """Both give the same factor, and the same K and D: the data cannot decide."""
     grams = scales(sound(), Inertia(M=SERIAL.M * 1e3, M2=SERIAL.M2 * 1e3))
     for found in (grams, scales(scaled(1e3))):
         assert found is not None

@@ -90,7 +90,7 @@ def test_periods_below_three_are_few(periods: float, told: bool) -> None:
 
 
 @pytest.mark.parametrize(("shared", "told"), [(50, False), (51, True)])
-def test_motions_that_share_half_of_their_samples_are_twice_the_same(shared: int, told: bool) -> None:
+def test_motions_that_share_half_of_their_samples_are_duplicates(shared: int, told: bool) -> None:
     rng = np.random.default_rng(1)
     angle, torque = rng.standard_normal((2, 200, 1))
     first, second = slice(0, 100), slice(100 - shared, 200 - shared)
@@ -129,7 +129,7 @@ def test_records_are_proportional_within_their_noise(
     ("coulomb", "standing", "level"),
     [(0.0299, 1, []), (0.0301, 1, ["note"]), (0.5, 9, ["note"]), (0.5, 10, ["warning"])],
 )
-def test_a_joint_that_stands_in_nearly_all_records_is_a_warning(
+def test_a_joint_at_rest_in_nearly_all_records_is_a_warning(
     monkeypatch: pytest.MonkeyPatch, coulomb: float, standing: int, level: list[str]
 ) -> None:
     stationary = np.zeros((10, 2), bool)
@@ -154,7 +154,7 @@ def test_a_constant_torque_of_a_moving_joint_is_named_once() -> None:
     given = case(records=[fine, still, moves], fit=two_joints(), phasors=case(labels="abc"))
     found = list(rules_records.constant_torque(given))
     assert [f.title for f in found] == ["The torque of joint 2 is constant in records"]
-    assert found[0].detail.startswith("b, c: the joint moves while tau_m2_Nm stays at 1.5 N·m")
+    assert found[0].detail.startswith("b and c: the joint moves while tau_m2_Nm stays at 1.5 N·m")
     assert found[0].changes[0].records == (1, 2)
     (alone,) = rules_records.constant_torque(
         case(records=[moves], fit=two_joints(), phasors=case(labels="c"))
@@ -231,7 +231,7 @@ def test_starts_have_a_tenth_of_a_period(hz: float, digits: int) -> None:
         ([0.051, 0.01, 0.19, 0.19], [0.06, 0.01, 0.2, 0.2], "K1 is poorly determined"),
         ([0.01, 0.01, 0.01, 0.21], [0.01, 0.01, 0.01, 0.22], "D2 is poorly determined"),
         ([0.01] * 4, [0.01, 0.31, 0.01, 0.01], "K2 is poorly determined"),
-        ([0.01] * 4, [0.01, 0.31, 0.61, 0.01], "K2, D1 are poorly determined"),
+        ([0.01] * 4, [0.01, 0.31, 0.61, 0.01], "K2 and D1 are poorly determined"),
         ([0.01] * 4, [0.01, np.inf, 0.01, 0.01], "K2 is poorly determined"),
     ],
 )
@@ -253,7 +253,7 @@ def test_errors_of_five_and_twenty_per_cent_by_noise_are_large(
     ("freedom", "detail"),
     [(4.0, None), (3.9, "only 3 more"), (1.0, "only 1 more"), (0.9, "no more"), (0.0, "no more")],
 )
-def test_few_further_equations_are_told(freedom: float, detail: str | None) -> None:
+def test_few_degrees_of_freedom_are_reported(freedom: float, detail: str | None) -> None:
     hz = np.array([3.0, 3.1])
     fit = two_joints(fundamental=(1.0, freedom))
     found = list(rules_model.hardly_tested(case(fit=fit, frequency_hz=hz, records=[0, 1])))
@@ -410,7 +410,7 @@ def test_negative_values_beyond_their_errors_are_named(K: float, D: float, title
     ("delay", "error", "text"),
     [(1.1e-5, 1e-6, "0.011 ms"), (0.9e-5, 1e-6, None), (-1e-3, 2.4e-4, "1 ms"), (1e-3, 2.6e-4, None)],
 )
-def test_a_delay_counts_from_four_errors_and_a_hundredth_of_a_sample(
+def test_a_delay_is_reported_from_four_errors_and_a_hundredth_of_a_sample(
     delay: float, error: float, text: str | None
 ) -> None:
     fit = two_joints(delay=delay, delay_error=error)
@@ -470,7 +470,7 @@ def test_models_of_as_many_parts_within_six_of_the_criterion_are_alternatives() 
         (9, 0.1, 1.1e-4, False),
     ],
 )
-def test_poses_disagree_clearly(
+def test_poses_with_different_stiffness_are_reported(
     monkeypatch: pytest.MonkeyPatch,
     significance: float,
     spread: float,
@@ -545,12 +545,12 @@ def row(difference: float, unit: str = "kg·m²") -> Any:
         ([3.67, 0.1], ["warning"], ""),
         ([9.99, 0.1], ["warning"], ""),
         ([10.01, 0.1], ["problem"], ""),
-        ([4.0, 4.0, 4.0], ["warning"], "Also different: J, J."),
+        ([4.0, 4.0, 4.0], ["warning"], "Also different: J and J."),
         ([2.2] * 9, ["warning"], ""),  # together
         ([1.4] * 9, [], ""),
     ],
 )
-def test_inertias_are_off_by_what_chance_does_not_explain(
+def test_significant_differences_of_inertias_are_reported(
     monkeypatch: pytest.MonkeyPatch, differences: list[float], level: list[str], others: str
 ) -> None:
     monkeypatch.setattr(rules_inertia, "prior_rows", lambda *_: [row(each) for each in differences])
@@ -564,7 +564,7 @@ def test_inertias_are_off_by_what_chance_does_not_explain(
 
 
 @pytest.mark.parametrize(("change", "level"), [(0.219, "warning"), (0.221, "problem")])
-def test_exact_inertias_that_put_stiffness_a_fifth_off_are_no_answer(
+def test_exact_inertias_that_change_stiffness_by_a_fifth_are_a_problem(
     monkeypatch: pytest.MonkeyPatch, change: float, level: str
 ) -> None:
     """Beyond two standard errors, of one per cent here."""
@@ -582,7 +582,7 @@ def test_exact_inertias_that_put_stiffness_a_fifth_off_are_no_answer(
 def test_a_search_with_free_inertias_follows_a_fit_that_explains_most(
     monkeypatch: pytest.MonkeyPatch, left: float, searches: bool
 ) -> None:
-    """Of a misfit of 100; in vain, it would take several seconds."""
+    """Of a misfit of 100; an unsuccessful search would take several seconds."""
     prior = InertiaPrior.of(Inertia([0.1, 0.1], np.eye(2)), 3, 2)
     fit = two_joints(misfit=100.0, prior=prior, parameters=case(layout={"K": 0}))
     tried = case(misfit=left, named="near")
@@ -624,7 +624,7 @@ def test_a_torque_is_clipped_from_a_tenth_of_the_samples(largest: int, clipped: 
 
 
 @pytest.mark.parametrize(("wrong", "left_out"), [(0, False), (2, True), (3, False)])
-def test_records_that_take_power_can_be_left_out_while_most_remain(
+def test_records_with_negative_power_can_be_left_out_while_most_remain(
     monkeypatch: pytest.MonkeyPatch, wrong: int, left_out: bool
 ) -> None:
     power = np.r_[np.full(wrong, 5.01), np.full(6 - wrong, 4.99)]
@@ -687,7 +687,7 @@ def test_a_motor_rests_where_it_moves_less_than_three_per_cent_of_its_fast_moves
         (0.36, np.inf, ["problem"]),
     ],
 )
-def test_a_joint_that_rests_is_told_where_its_stiffness_is_unknown(
+def test_a_joint_at_rest_is_reported_where_its_stiffness_is_unknown(
     share: float, error: float, level: list[str]
 ) -> None:
     fit = two_joints(friction=case())
@@ -716,13 +716,15 @@ def test_findings_weigh_by_level_and_effect() -> None:
             assert (finding.level, finding.weight) == (level, least + weight)
 
 
-def test_shares_and_multiples_are_rounded_for_people() -> None:
+def test_shares_and_multiples_are_rounded() -> None:
     assert [percent(x) for x in (0.0999, 0.1, 10.0, 10.01, -0.034, 0.00123)] == [
         "10 %", "10 %", "1000 %", "more than 1000 %", "3.4 %", "0.12 %",
     ]  # fmt: skip
     assert evidence.times_noise(999.0**2) == "1000 × noise"
     assert evidence.times_noise(1001.0**2) == "over 1000 × noise"
-    assert evidence.some(["a", "b", "c"]) == "a, b, c"
+    assert evidence.some(["a", "b"]) == "a and b"
+    assert evidence.some(["a", "b", "c", "d"]) == "a, b, c and 1 more"
+    assert evidence.some(["a and b", "c and d"]) == "a and b; c and d"
     assert evidence.some(["a,1", "b", "c", "d", "e"]) == "a,1; b; c and 2 more"
     assert evidence.relative(np.array([1.0, -1.0, 0.0]), np.array([2.0, 0.0, 0.0])).tolist() == [
         0.5,
@@ -734,7 +736,7 @@ def test_shares_and_multiples_are_rounded_for_people() -> None:
 # --- wrong data
 
 
-def test_factors_near_a_known_one_are_taken_for_it() -> None:
+def test_factors_near_a_known_one_are_recognised() -> None:
     for near, known in ((1.3, DEGREES), (1 / 1.3, DEGREES), (1.4, 0.0), (-1.3, -DEGREES)):
         factor = near * DEGREES
         assert wrong_data._snapped(factor) == (known or factor)
@@ -787,7 +789,7 @@ def test_joints_are_listed_in_words() -> None:
     assert cause_findings._joints([0, 1], 2) == "all joints"
 
 
-def test_a_time_in_milliseconds_is_told_with_the_length_of_the_records() -> None:
+def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
     for title, lasts in (("Time is probably in milliseconds", True), ("M and M2 are probably", False)):
         (cause,) = (each for each in CAUSES if each.title.startswith(title))
         factor = cause.factor * np.array([1.0, 1.09])

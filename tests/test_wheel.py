@@ -46,7 +46,7 @@ def files(folder: Path) -> set[Path]:
     }
 
 
-def test_it_holds_the_package_the_app_and_the_samples_and_nothing_else(installed: Path) -> None:
+def test_the_wheel_holds_only_the_package_the_app_and_the_samples(installed: Path) -> None:
     app = {Path("app.py"), Path(".streamlit/config.toml"), Path("docs/reference/glossary.md")}
     app |= {"pages" / file for file in files(ROOT / "pages")}
     samples = files(ROOT / "sample_data") - {Path("make_samples.py"), Path("README.md")}
@@ -59,7 +59,7 @@ def test_it_holds_the_package_the_app_and_the_samples_and_nothing_else(installed
     assert f"\nVersion: {__version__}\n" in (installed / about / "METADATA").read_text("utf-8")
 
 
-def test_what_is_installed_finds_its_own_app_and_samples(installed: Path, tmp_path: Path) -> None:
+def test_an_installation_finds_its_app_and_samples(installed: Path, tmp_path: Path) -> None:
     program = (
         f"import sys; sys.path.insert(0, {str(installed)!r});"
         "from jointid.files.application import application_folder, sample_studies;"

@@ -100,13 +100,13 @@ def told(found: list[Outcome]) -> str:
 
 
 @pytest.mark.parametrize("name", KINDS["cases"])
-def test_no_deviation_is_silently_wrong(name: str) -> None:
+def test_every_deviation_is_within_the_error_or_warned(name: str) -> None:
     found = analysed("cases", name)
     assert not any(each.silent_wrong for each in found), told(found)
 
 
 def test_links_far_above_the_band_widen_the_errors() -> None:
-    """K and M2 imitate the links: no significance shows them, while K is up to 8 standard errors off."""
+    """K and M2 imitate the links: they are not significant, while K is up to 8 standard errors off."""
     campaigns = [replace(THIRTEEN["10"], band=(0.3, 3.0, 18)).campaign(run) for run in (0, 1)]
     found = outcomes(campaigns)
     assert max(np.abs(each.z).max() for each in found) < 3, told(found)
@@ -114,7 +114,7 @@ def test_links_far_above_the_band_widen_the_errors() -> None:
 
 
 def test_few_frequencies_show_links_as_well() -> None:
-    """Seven frequencies from 0.7 of the resonance on: K was up to 6 standard errors off, silently."""
+    """Seven frequencies from 0.7 of the resonance: K was up to 6 standard errors off, unwarned."""
     kinds = {"links": THIRTEEN["10"], "rigid": Case()}
     seven = {name: replace(case, band=(0.7, 3.0, 7)) for name, case in kinds.items()}
     campaigns = {
@@ -144,13 +144,13 @@ def test_play_and_hysteresis_are_found_together(share: float, run: int) -> None:
 
 
 @pytest.mark.parametrize("name", KINDS["others"])
-def test_no_further_deviation_is_silently_wrong(name: str) -> None:
+def test_every_further_deviation_is_within_the_error_or_warned(name: str) -> None:
     found = analysed("others", name)
     assert not any(each.silent_wrong for each in found), told(found)
 
 
 @pytest.mark.parametrize("name", KINDS["perfect"])
-def test_studies_that_fit_the_model_raise_no_alarm(name: str) -> None:
+def test_studies_that_fit_the_model_give_no_warning(name: str) -> None:
     found = analysed("perfect", name)
     bounds = [least(campaign) for campaign, _ in logs()["perfect", name]]
     assert not any(e.false_alarm(b) for e, b in zip(found, bounds, strict=True)), told(found)
@@ -159,7 +159,7 @@ def test_studies_that_fit_the_model_raise_no_alarm(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", KINDS["sticking"])
-def test_sticking_friction_is_not_silently_wrong(name: str) -> None:
+def test_sticking_friction_is_within_the_error_or_warned(name: str) -> None:
     found = analysed("sticking", name)
     assert not any(each.silent_wrong for each in found), told(found)
 
@@ -183,7 +183,7 @@ def combined(robots: tuple[str, ...], inertias: tuple[str, ...]) -> list[Any]:
     ("robot", "inertias"),
     combined(("paper", "Manutec", "random"), ("up to 5 %", "up to 50 %, unknown", "up to 30 %")),
 )
-def test_wrong_inertias_cost_little(robot: str, inertias: str) -> None:
+def test_uncertain_inertias_widen_the_error_little(robot: str, inertias: str) -> None:
     """K and D as exact as the noise allows, and a stated error that is no wider than it must be."""
     campaigns, bounds = inertia_campaigns(robot, inertias, tries(2, long=4))
     found = outcomes(campaigns, inertia_std=INERTIAS[inertias][1])
@@ -208,7 +208,7 @@ def test_tables_have_their_columns() -> None:
 
 
 def test_an_insignificant_part_of_the_only_model_that_explains_the_data_is_left_out() -> None:
-    """Heavy friction leads all fits astray but that with a delay, which this robot lacks."""
+    """Heavy friction biases every fit except the one with a delay, which this robot does not have."""
     robot = varied(PAPER, np.random.default_rng(1))
     experiment = paper_motions(robot, band(robot, 0.3, 3, 12), seed=1, noise=0.01, **STEP)
     least = Loads.of(robot, experiment).least

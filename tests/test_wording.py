@@ -46,9 +46,7 @@ def test_known_cases(value: float, error: float, text: str) -> None:
     st.floats(1e-2, 1e4) | st.floats(-1e4, -1e-2),
     st.floats(1e-5, 1.0),
 )
-def test_what_is_written_is_the_value_to_within_a_fraction_of_its_error(
-    value: float, relative: float
-) -> None:
+def test_written_values_are_right_within_a_fraction_of_the_error(value: float, relative: float) -> None:
     error = relative * abs(value)
     text = with_error(value, error)
     assume("×" not in text)
@@ -60,7 +58,7 @@ def test_what_is_written_is_the_value_to_within_a_fraction_of_its_error(
     assert len(re.sub(r"^[0.]+|[.]", "", bar).rstrip("0") or "0") <= 2
 
 
-def test_a_negative_error_is_a_fault_of_the_program() -> None:
+def test_a_negative_error_raises_value_error() -> None:
     with pytest.raises(ValueError, match="standard error"):
         with_error(1.0, -1.0)
 

@@ -64,8 +64,8 @@ def test_another_session_at_the_address_continues(studies: dict[int, Study], joi
     assert [m.value for m in again.metric] == [m.value for m in at.metric]
 
 
-def test_who_lacks_the_address_sees_nothing(studies: dict[int, Study]) -> None:
-    """Not even what is sent names the study."""
+def test_without_the_address_no_study_is_visible(studies: dict[int, Study]) -> None:
+    """The data sent to the browser do not name the study either."""
     mine, theirs = upload(begun(), studies[1]), upload(begun(), studies[3], "theirs.zip")
     address, other = address_of(mine), address_of(theirs)
     assert address["w"] != other["w"]
@@ -91,7 +91,7 @@ def test_a_simulated_study_is_kept() -> None:
     assert again.title[0].value.startswith("Simulated robot")
 
 
-def test_an_address_survives_renaming(studies: dict[int, Study], folder: Path) -> None:
+def test_an_address_is_valid_after_renaming(studies: dict[int, Study], folder: Path) -> None:
     at = upload(begun(), studies[1])
     address = address_of(at)
     (entry,) = Store(folder).entries(address["w"])
@@ -106,7 +106,7 @@ def test_a_sample_is_found_by_the_name_of_its_file() -> None:
     assert not any("in this workspace" in info.value for info in at.info)
 
 
-def test_what_is_deleted_is_gone_for_every_session(studies: dict[int, Study]) -> None:
+def test_a_deleted_study_is_removed_from_every_session(studies: dict[int, Study]) -> None:
     at = upload(begun(), studies[1])
     other = begun(**address_of(at))
     (delete,) = [button for button in at.button if button.label == "Delete"]
@@ -118,14 +118,16 @@ def test_what_is_deleted_is_gone_for_every_session(studies: dict[int, Study]) ->
 
 
 @pytest.mark.parametrize("place", ["x", "../../etc", "A" * 32, "\0", "", "é" * 32])
-def test_an_address_of_no_workspace_is_said_and_not_taken(place: str, studies: dict[int, Study]) -> None:
+def test_an_unknown_workspace_address_is_reported_and_not_used(
+    place: str, studies: dict[int, Study]
+) -> None:
     at = begun(w=place)
     assert at.title[0].value == studies[2].name
     at = upload(at, studies[1])
     assert address_of(at)["w"] != place
 
 
-def test_what_the_store_cannot_take_stays_in_the_session(
+def test_a_study_too_large_for_the_store_stays_in_the_session(
     studies: dict[int, Study], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("not a folder")
@@ -150,7 +152,7 @@ def test_a_note_of_the_store_is_shown_until_it_is_read(studies: dict[int, Study]
     assert not any("mine.zip" in warning.value for warning in again.warning)
 
 
-def test_a_study_that_is_there_already_is_opened_again(studies: dict[int, Study]) -> None:
+def test_an_existing_study_is_opened_again(studies: dict[int, Study]) -> None:
     at = upload(begun(), studies[1])
     first = address_of(at)
     assert first["study"] == study_digest(studies[1])  # the digest that reports and files state

@@ -142,19 +142,14 @@ def _identified(
         choice = search(phasors, prior, start, noise=_noise(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
-    estimate = choice.estimate
+    estimate, noise = choice.estimate, _noise(phasors, prior)
     if len(phasors.omega) < len(whole[0].omega):
-        torques = {
-            segment.record: np.diag(covariance[0]).real[phasors.n :] * segment.samples / 4
-            for segment, covariance in zip(again.segments, again.harmonic_covariance, strict=True)
-            if segment is not None
-        }
+        torques = {each.record: each.torque_variance for each in again.segments if each is not None}
         prior = whole[1]
         phasors = _with_torque_noise(*whole, torques, motors_of(*whole, estimate.named))
         phasors = _with_noise(phasors, prior, choice.model, estimate)  # of every record
-        given_noise = _noise(phasors, prior)
-        estimate = fit_model(phasors, prior, estimate.named, given_noise, choice.model, is_near=True)
-    noise = _noise(phasors, prior)
+        noise = _noise(phasors, prior)
+        estimate = fit_model(phasors, prior, estimate.named, noise, choice.model, is_near=True)
     fitted = evaluated(phasors, prior, choice.model, estimate, noise, estimate.scale)
     lines, inertias = _lines(estimate, phasors, noise)
     noise = Noise(lines.harmonic_covariance, lines.degrees_of_freedom)
@@ -259,7 +254,7 @@ def _with_torque_noise(
             covariance[row] = 4 / segment.samples * np.diag(variance)
             braked = np.maximum(segment.friction_at_reversals(motors[row]), 0)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
-            segments[row] = replace(segment, turn_rad_s=late, unknown_Nm=braked)
+            segments[row] = replace(segment, torque_variance=torque, turn_rad_s=late, unknown_Nm=braked)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
 

@@ -134,6 +134,16 @@ def fit_model(
         ) from error
 
 
+def freest(phasors: Phasors, base: Model, optional: Sequence[str]) -> Model:
+    """The model with friction and a delay that wrong inertias and start values affect least.
+
+    ``base`` where friction is not optional, or there are no harmonics, which free friction needs.
+    """
+    if "friction" in optional and phasors.harmonics.shape[1] > 1:
+        return Model(0.03, base.delay or "delay" in optional)
+    return base
+
+
 def fit_without_inertias(
     phasors: Phasors, prior: InertiaPrior, start: Floats | Parameters, noise: Noise, model: Model
 ) -> LikelihoodEstimate | None:

@@ -24,7 +24,7 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.model_average import spread, spread_of_unseen
-from jointid.estimation.model_fits import fit_without_inertias, stepped
+from jointid.estimation.model_fits import fit_without_inertias, freest, stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
 from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, Search
 from jointid.estimation.motion_start import motion_start
@@ -139,7 +139,8 @@ def _inertias_are_wrong(search: Search) -> bool:
     """Whether the inertias, given as exact, keep the models from the data."""
     if search.prior.inertia_std or search.has_motions:
         return False
-    prior, model = replace(search.prior, inertia_std=LOOSE), _freest(search)
+    prior = replace(search.prior, inertia_std=LOOSE)
+    model = freest(search.phasors, search.base, search.fits.optional)
     probed = fit_without_inertias(search.phasors, prior, search.start, search.noise, model)
     if probed is None or not probed.misfit < min(LOST, _FAR_BETTER * search.fits.least_misfit):
         return False
@@ -147,16 +148,9 @@ def _inertias_are_wrong(search: Search) -> bool:
     return _FAR_BETTER * search.fits.least_misfit > probed.misfit
 
 
-def _freest(search: Search) -> Model:
-    """The model with friction and a delay that leaves the least by wrong start values."""
-    if "friction" in search.fits.optional and search.phasors.harmonics.shape[1] > 1:
-        return Model(0.03, search.base.delay or "delay" in search.fits.optional)
-    return search.base
-
-
 def _other_start(search: Search) -> Search:
     """The search from the other start values from which a model with much freedom comes nearest."""
-    probe, others = _freest(search), []
+    probe, others = freest(search.phasors, search.base, search.fits.optional), []
     for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
         others.append(search.again(start))
         others[-1].fit(probe, start)

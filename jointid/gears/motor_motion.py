@@ -45,7 +45,7 @@ class MotorMotion:
         parts: dict[int, list[tuple[int, Segment]]] = {}
         for row, each in enumerate(segments):
             if each is not None:
-                parts.setdefault(id(each.whole), []).append((row, each))
+                parts.setdefault(id(each.uniform_velocity), []).append((row, each))
         angles, rises, steps, starts, poses, torques, rows, count = [], [], [], [], [], [], [], 0
         for members in parts.values():
             own = [each for _, each in members]
@@ -55,7 +55,7 @@ class MotorMotion:
                 * max(each.highest / each.duration_s for each in own)
             )
             time, grid = np.arange(end) * T, np.arange(0, (end - 0.5) * T, step)
-            angle = CubicSpline(time, own[0].whole[:, :end], axis=1).antiderivative()(grid)
+            angle = CubicSpline(time, own[0].uniform_velocity[:, :end], axis=1).antiderivative()(grid)
             rise = np.zeros(angle.shape)
             rise[:, 2:] = np.diff(angle, 2, axis=1)
             angles.append(angle - angle.mean(axis=1, keepdims=True))

@@ -162,8 +162,8 @@ def with_load(
             mean = motors[row].torque_scale * phasors.mean_torque[row]
             mean -= motors[row].viscous * phasors.drift[row]
             mean -= motors[row].coulomb * direction.mean(axis=1)
-            whole = mean[:, None] + samples_of(left[row].T, direction.shape[1])
-            gear = motors[row].passed(whole, direction, clear)
+            total = mean[:, None] + samples_of(left[row].T, direction.shape[1])
+            gear = motors[row].without_load_friction(total, direction, clear)
         else:
             gear, bins = segment.gear_torque(motors[row], direction), segment.highest
         found[row, :bins] = phasors_of(np.abs(gear) * direction, bins).T

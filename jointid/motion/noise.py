@@ -1,7 +1,7 @@
 """Noise of the sensors from the spectrum beyond the motion's band.
 
-A rotor under a held torque obeys (τ_k + τ_{k−1})/2 = M (θ_{k+1} − 2θ_k + θ_{k−1})/T² exactly, but for
-what springs and friction add, which is small at high frequencies. The difference of both sides is noise:
+A rotor under a held torque obeys (τ_k + τ_{k−1})/2 = M (θ_{k+1} − 2θ_k + θ_{k−1})/T² except for
+spring torque and friction, which are small at high frequencies. The difference of both sides is noise:
 that of the torque falls with frequency, that of the angle rises with its fourth power.
 """
 

@@ -42,7 +42,7 @@ def segment_friction(
     everywhere. ``widths``, shape (n, c), are decay velocities w of a friction curve, rad/s. Returns the
     transforms of sign θ̇, shape (H, n), and of sign θ̇ · exp(−|θ̇|/w), shape (H, n, c); sign θ̇ at the
     samples, (n, N); polynomials over the stretches with unknown friction, those of the shorter ones
-    bounded; and whether a joint's motion is within its noise, but for short moves, shape (n,).
+    bounded; and whether a joint's motion, except short moves, is within its noise, shape (n,).
     """
     v = segment.velocity
     blur, largest = _MARGIN * segment.velocity_noise, np.abs(v).max(axis=1)
@@ -187,7 +187,7 @@ def _quadrature(doublings: int) -> tuple[Floats, Floats, Floats]:
     """Positive points of Gauss's quadrature (p,), and weights times Legendre's polynomials (p, p).
 
     The polynomials of even and those of odd degree, each 0 in place of the others: on the other half,
-    they are the same but for the sign of the odd ones.
+    only the sign of the odd ones differs.
     """
     x, weights = np.polynomial.legendre.leggauss(2 ** (doublings + 1))
     x, weights = x[x > 0], weights[x > 0]

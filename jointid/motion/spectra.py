@@ -1,10 +1,10 @@
 """Any motion as phasors: a record is cut into segments, and each is a Fourier series over its length.
 
-Equation (1) holds for the Fourier integral over a finite time as well, but for a polynomial in iω with
-real coefficients: the difference of the states at both ends (Pintelon and Schoukens, System
-Identification, 2nd ed. 2012, section 6.3.2). The estimators eliminate it. The bins are the harmonics of
-a segment's length. Segments keep time and memory linear in the samples, and their scatter checks the
-error bars.
+Equation (1) also holds for the Fourier integral over a finite time if a polynomial in iω with real
+coefficients is added, from the difference of the states at both ends (Pintelon and Schoukens, System
+Identification, 2nd ed. 2012, section 6.3.2). The estimators eliminate this polynomial. The bins are the
+harmonics of a segment's length. Segments keep time and memory linear in the samples, and their scatter
+checks the error bars.
 """
 
 from collections.abc import Sequence
@@ -65,8 +65,8 @@ def _band_and_noise(
     if record.band_hz is not None:
         return record.band_hz, *_noise(parts, record.band_hz, M)
     variance, _ = sensor_variances(parts, 0.25 / record.interval_s, M)
-    variance[M.size :] = 0.0  # far above the motion, the angle's noise hides the torque's
-    for _ in range(2):  # the noise beyond the band decides on the band
+    variance[M.size :] = 0.0  # far above the band, noise of the angle exceeds that of the torque
+    for _ in range(2):  # the band depends on the noise beyond it, and the reverse
         band = proposed_band(parts, variance)
         variance, _ = sensor_variances(parts, band[1], M)
     band = proposed_band(parts, variance)
@@ -92,11 +92,11 @@ def _segments(
     (n, N), fixed = part.theta.shape, record.band_hz is not None
     samples = np.concatenate([part.theta, part.tau])
     velocity, noise, blur = smooth_velocity(part.theta, part.interval_s, variance[:n])
-    whole = N * part.interval_s
+    duration_s = N * part.interval_s
     length = max(_SEGMENT_S, _PERIODS / band[1])
     if fixed:
-        length = max(length, _CYCLES / max(band[0], _CYCLES / whole))
-    count = max(1, round(whole / length))
+        length = max(length, _CYCLES / max(band[0], _CYCLES / duration_s))
+    count = max(1, round(duration_s / length))
     edges = np.linspace(0, N, count + 1).astype(int)
     found = []
     for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
@@ -108,7 +108,7 @@ def _segments(
         segment = Segment(
             record=part.record,
             interval_s=part.interval_s,
-            whole=velocity,
+            uniform_velocity=velocity,
             torque=part.tau,
             held=part.held,
             begin=begin,
@@ -117,6 +117,7 @@ def _segments(
             velocity_blur_s=blur,
             angle_variance=variance[:n],
             repeated_variance=limits[2],
+            torque_variance=variance[n:],
             least_torque_variance=limits[0],
             most_torque_variance=limits[1],
             lowest=lowest,

@@ -1,4 +1,4 @@
-"""A stretch of any motion, whose Fourier bins are phasors at the harmonics of its length."""
+"""A part of any motion, whose Fourier bins are phasors at the harmonics of its length."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -29,10 +29,12 @@ class Motors(NamedTuple):
     torque_scale: Floats
     """Torque over that logged."""
 
-    def passed(self, torque: Floats, direction: Floats, smooth: Callable[[Floats], Floats]) -> Floats:
-        """Torques through the gears from those with their part of the friction, both (n, N).
+    def without_load_friction(
+        self, torque: Floats, direction: Floats, smooth: Callable[[Floats], Floats]
+    ) -> Floats:
+        """Torques through the gears from their sum with the friction by load, both (n, N).
 
-        ``smooth`` leaves the harmonics that are known of both, of which the torque consists.
+        ``smooth`` keeps the harmonics that are known of both, and removes the others.
         """
         found, share = np.zeros_like(torque), np.minimum(self.load, _MOST)[:, None]
         for _ in range(_REFINED):
@@ -44,13 +46,13 @@ class Motors(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Samples of a stretch, for friction, which its phasors do not hold."""
+    """Samples of a part of a motion, from which its friction is computed."""
 
     record: int
     """Index of the motion record that it comes from."""
     interval_s: float
-    whole: Floats
-    """Smoothed velocities of the motors in the part of the record without a gap, rad/s; (n, samples)."""
+    uniform_velocity: Floats
+    """Smoothed velocities in the uniformly sampled part of the record, rad/s, shape (n, samples)."""
     torque: Floats
     """Torques of the motors there, N·m, shape (n, samples)."""
     held: bool
@@ -67,6 +69,8 @@ class Segment:
     """Variance of each sample of the angles by noise, shape (n,), rad²."""
     repeated_variance: Floats
     """Part of it that the periods of the motion share, times the further periods, shape (n,), rad²."""
+    torque_variance: Floats
+    """Variance of each sample of the torques by noise, shape (n,), (N·m)²."""
     least_torque_variance: Floats
     """Square of the residual torque that sampling itself causes, shape (n,), (N·m)²."""
     most_torque_variance: Floats
@@ -85,7 +89,7 @@ class Segment:
     @property
     def velocity(self) -> Floats:
         """Smoothed velocities of the motors, shape (n, N), rad/s."""
-        return self.whole[:, self.begin : self.end]
+        return self.uniform_velocity[:, self.begin : self.end]
 
     def gear_torque(self, motors: Motors, direction: Floats) -> Floats:
         """Torque through the gears, shape (n, N), N·m, by the balance at motors moving in a direction.
@@ -107,7 +111,7 @@ class Segment:
             lines[:, 4 * self.highest :] = 0.0  # two lines of a cosine transform per bin
             return np.asarray(idct(lines, axis=1))
 
-        return motors.passed(left, direction, low)
+        return motors.without_load_friction(left, direction, low)
 
     def friction_at_reversals(self, motors: Motors) -> Floats:
         """Coulomb friction and the root mean square of that by load there, shape (n,), N·m."""

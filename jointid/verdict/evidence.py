@@ -13,7 +13,7 @@ from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.transfer_matrix import TransferMatrix
-from jointid.wording import minus, significant
+from jointid.wording import enumerated, minus, significant
 
 Action = Literal["", "edit columns", "edit mapping", "edit runs", "edit inertias"]
 """Part of the import that a remedy edits; the app maps it to a page."""
@@ -151,9 +151,11 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def some(names: Sequence[str]) -> str:
-    """List three names, and the number of the others; semicolons separate names with commas."""
-    mark = "; " if any("," in name for name in names) else ", "
-    return mark.join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    """List three names, and the number of the others; semicolons separate names that are lists."""
+    shown, more = list(names[:3]), [f"{len(names) - 3} more"] * (len(names) > 3)
+    if any("," in name or " and " in name for name in shown):
+        shown = ["; ".join(shown)]
+    return enumerated(shown + more)
 
 
 def relative(change: Floats, p: Floats) -> Floats:

@@ -18,7 +18,7 @@ from jointid.estimation.estimators.linear_fit import Estimate, weighted
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_each
 from jointid.estimation.identify_motion import identify_motion
-from jointid.estimation.model_fits import fit_without_inertias
+from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_selection import LOOSE
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
@@ -95,7 +95,7 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
 def _probed(phasors: Phasors, prior: InertiaPrior) -> Estimate | None:
     """Fit with free friction and a delay, which hide wrong inertias and exchanged axes; None without."""
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
-    free = Model(0.03 if phasors.harmonics.shape[1] > 1 else None, delay=True)
+    free = freest(phasors, Model(None, delay=True), ("friction",))
     for model in (free, Model(None, delay=False)):  # few records do not determine the first
         found = fit_without_inertias(phasors, prior, weighted(equations).p, equations.noise, model)
         if found is not None:

@@ -33,6 +33,21 @@ _ROUNDING = 1e-9
 """Difference between inertias, over the largest element, that counts as rounding."""
 
 
+def inertia_of_each(
+    inertia: Inertia | Sequence[Inertia], records: int, joints: int
+) -> Sequence[Inertia]:
+    """One inertia per record, from one for all or a sequence of as many."""
+    each = [inertia] * records if isinstance(inertia, Inertia) else inertia
+    if not isinstance(each, Sequence) or not all(isinstance(one, Inertia) for one in each):
+        raise JointIdError(f"inertia = {inertia!r:.60}: expected an Inertia, or one per record.")
+    if len(each) != records:
+        raise JointIdError(f"{len(each)} inertias for {records} records: give one, or one per record.")
+    for one in each:
+        if one.n != joints:
+            raise JointIdError(f"The records have {counted(joints, 'joint')}, the inertia has {one.n}.")
+    return each
+
+
 @dataclass(frozen=True, eq=False)
 class InertiaPrior:
     """Rotor inertias M, arm inertias M2 of each pose, and torque scales, with standard deviations.
@@ -88,18 +103,7 @@ class InertiaPrior:
         """
         if isinstance(inertia, InertiaPrior):
             return inertia
-        each = [inertia] * records if isinstance(inertia, Inertia) else inertia
-        if not isinstance(each, Sequence) or not all(isinstance(one, Inertia) for one in each):
-            raise JointIdError(f"inertia = {inertia!r:.60}: expected an Inertia, or one per record.")
-        if len(each) != records:
-            raise JointIdError(
-                f"{len(each)} inertias for {records} records: give one, or one per record."
-            )
-        for one in each:
-            if one.n != joints:
-                raise JointIdError(
-                    f"The records have {counted(joints, 'joint')}, the inertia has {one.n}."
-                )
+        each = inertia_of_each(inertia, records, joints)
         M, rotor = _distinct([one.M for one in each])
         parts, pose = _distinct([_parts(one) for one in each])
         rest, part = _distinct(list(parts[:, 0]))

@@ -18,12 +18,12 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.held_torque import HeldTorque
+from jointid.estimation.estimators.inertia_prior import inertia_of_each
 from jointid.estimation.estimators.noise import Noise, moderated_noise
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.joints import Inertia, dynamic_arm_inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import lifted
-from jointid.wording import counted
 
 LEAST, LARGEST = 1e-30, 1e30
 """Range of signals and inertias in SI units; products of several of them do not overflow."""
@@ -232,12 +232,8 @@ def pseudo_inverse(
 def inertia_arrays(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> tuple[Floats, Floats]:
     """M (r, n) and M2⁻¹ (r, n, n) of every record, with gravity at its fundamental."""
     r, n = phasors.q.shape
-    inertias = [inertia] * r if isinstance(inertia, Inertia) else list(inertia)
-    if len(inertias) != r:
-        raise JointIdError(f"{len(inertias)} inertias for {r} records: give one, or one per record.")
+    inertias = inertia_of_each(inertia, r, n)
     for each in inertias:
-        if each.n != n:
-            raise JointIdError(f"The records have {counted(n, 'joint')}, the inertia has {each.n}.")
         sizes = np.concatenate([each.M, np.diag(each.M2)])
         if sizes.min() < LEAST or sizes.max() > LARGEST:
             wrong = sizes.min() if sizes.min() < LEAST else sizes.max()

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats, set_fields
 from jointid.errors import JointIdError
 from jointid.importing.columns.units import split_unit, unit_of
-from jointid.wording import counted, listed, nearest
+from jointid.wording import counted, free_name, listed, nearest
 
 MAX_LOG_BYTES = 256 << 20
 """Largest file; at 1 kHz and ten text columns about forty minutes."""
@@ -178,9 +178,5 @@ def distinct_names(names: Iterable[str]) -> list[str]:
     """Return names with a number, "speed (2)", where they repeat."""
     taken: dict[str, None] = {}
     for plain in names:
-        name, count = plain, 1
-        while name in taken:
-            count += 1
-            name = f"{plain} ({count})"
-        taken[name] = None
+        taken[free_name(plain, taken)] = None
     return list(taken)

@@ -21,6 +21,7 @@ from jointid.files.store import Store, new_workspace
 from jointid.files.store_files import Entry, part_of, user_folder
 from jointid.files.study_files import lines_around, load_study, pack_study
 from jointid.ui.shared.method_steps import Step
+from jointid.wording import free_name
 
 SAMPLES = application_folder() / "sample_data"
 _MOST_OPENED = 12
@@ -127,7 +128,7 @@ def recent() -> dict[str, Entry]:
     with noting_problems():
         entries = store().entries(place)
     for entry in reversed(entries):
-        found[_free(entry.name, {*taken, *found})] = entry
+        found[free_name(entry.name, {*taken, *found})] = entry
     return dict(reversed(found.items()))
 
 
@@ -273,18 +274,9 @@ def _in_session() -> dict[str, Opened]:
 def _keep_in_session(study: Study, name: str, digest: str) -> None:
     opened = _in_session()
     taken = {*sample_paths(), *(key for key, other in opened.items() if other.digest != digest)}
-    key = _free(name, taken)
+    key = free_name(name, taken)
     opened.pop(key, None)
     opened[key] = Opened(key, digest, study)
     while len(opened) > _MOST_OPENED:
         del opened[next(iter(opened))]
     st.session_state["chosen"] = key
-
-
-def _free(name: str, taken: set[str]) -> str:
-    """Return the name, or the first of "name (2)", "name (3)" that is free."""
-    free, number = name, 1
-    while free in taken:
-        number += 1
-        free = f"{name} ({number})"
-    return free
