@@ -389,18 +389,21 @@ def test_a_resonance_is_missed_beyond_a_factor_of_1_4(
 
 
 @pytest.mark.parametrize(
-    ("K", "D", "titles"),
+    ("K", "D", "found"),
     [
         (1.0, -0.019, []),
-        (1.0, -0.021, ["D2 is negative"]),
-        (0.0, 0.1, ["K2 is negative"]),
-        (-1.0, -9.0, ["K2 is negative"]),
+        (1.0, -0.021, [("warning", "D2 is negative")]),
+        (1.0, -0.041, [("problem", "D2 is negative")]),
+        (0.0, 0.1, [("problem", "K2 is negative")]),
+        (-1.0, -9.0, [("problem", "K2 is negative")]),
     ],
 )
-def test_negative_values_beyond_their_errors_are_named(K: float, D: float, titles: list[str]) -> None:
+def test_negative_values_beyond_their_errors_are_named(
+    K: float, D: float, found: list[tuple[str, str]]
+) -> None:
     fit = two_joints(estimate=np.array([20.0, K, 0.1, D]))
     fit.errors = case(D=np.full(2, 0.01))
-    assert [finding.title for finding in rules_model.not_physical(case(fit=fit))] == titles
+    assert [(each.level, each.title) for each in rules_model.not_physical(case(fit=fit))] == found
 
 
 # --- causes

@@ -45,6 +45,8 @@ _LOWEST = 0.1
 """Lowest suggested frequency over the lowest of the records."""
 _GAP = 1.4
 """Factor within which a frequency covers a resonance."""
+_SEEN, _CERTAIN = 2.0, 4.0
+"""Standard errors below zero from which a damping is called negative, and from which no robot has it."""
 _FINE = 0.01
 """Relative standard error of K and D that needs no further frequency."""
 
@@ -61,8 +63,9 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
                 2.0,
                 "edit mapping",
             )
-        elif fit.D[j] < -2 * fit.errors.D[j]:
-            yield warning(
+        elif fit.D[j] < -_SEEN * fit.errors.D[j]:
+            level = problem if fit.D[j] < -_CERTAIN * fit.errors.D[j] else warning
+            yield level(
                 f"D{j + 1} is negative",
                 f"The estimate is {number(fit.D[j])} N·m·s/rad; a damper has a positive D.",
                 "The torque probably leads or lags. Check its hold and delay on import, or torque_hold "
