@@ -12,7 +12,7 @@ from jointid.ui.study import overview
 from jointid.ui.study.elasticity_figures import show_prediction
 
 page = open_page("Study", heading=False)
-overview.show_heading(page.study)
+overview.show_heading(page)
 overview.show_changes(page)
 analysis = page.analysis()
 

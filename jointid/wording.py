@@ -72,12 +72,13 @@ def shown(value: object) -> str:
     return f"{value!r:.60}"
 
 
-def with_error(value: float, error: float) -> str:
+def with_error(value: float, error: float, *, finest: int | None = None) -> str:
     """Format a value with its standard error, not negative, for instance "43.02 ± 0.03".
 
     The error gets one digit, two when it begins with 1; the value ends at the same place. Very small and
     very large values read "(1.20 ± 0.03)×10⁻⁷"; an infinite error gives "not determined", an unknown one
-    (NaN) "± ?".
+    (NaN) "± ?". ``finest`` is the power of ten of the last digit that has a meaning: with -1, an error
+    of 0.006 reads "± <0.1".
     """
     if error == math.inf:
         return UNDETERMINED
@@ -90,15 +91,25 @@ def with_error(value: float, error: float) -> str:
     if value == 0 and error == 0:
         return "0 ± 0"
     exponent = decimal_place(max(abs(value), error))
-    if not -3 <= exponent < 6 and exponent > -300:
+    if not -3 <= exponent < 6 and exponent > -300 and finest is None:
         inner = with_error(value / 10.0**exponent, error / 10.0**exponent)
         return f"({inner})×10{str(exponent).translate(_SUPERSCRIPTS)}"
     place = exponent + 1 - _MOST_DIGITS  # power of ten of the last digit that is ever shown
+    if finest is not None:
+        place = max(place, finest)
     if error < 0.5 * 10.0**place:
         known = f"{_fixed(value, place)} ± "
         return known + (f"<{_fixed(10.0**place, place)}" if error > 0 else "0")
     place = max(place, _last_place(error))
     return f"{_fixed(value, place)} ± {_fixed(error, place)}"
+
+
+def length_with_error(length_m: float, error_m: float) -> str:
+    """Format a length on the tool's path in mm, below 0.1 mm in µm; to 0.1 µm at the finest."""
+    if error_m == math.inf:
+        return UNDETERMINED
+    unit, times, finest = ("mm", 1e3, -4) if max(abs(length_m), error_m) >= 1e-4 else ("µm", 1e6, -1)
+    return f"{with_error(times * length_m, times * error_m, finest=finest)} {unit}"
 
 
 def significant(value: float, digits: int = 4) -> str:

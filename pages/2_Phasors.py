@@ -50,6 +50,7 @@ st.caption(
     "is the phase against sin ωt on the record's clock. Two records of one frequency must differ to "
     "add information."
 )
-table(phasor_table(phasors, joint))
+columns = phasor_table(phasors, joint)
+table(columns, phone=[*columns][::2])  # amplitudes
 records = page.study.sine_records
 download("Save the phasors (.csv)", lambda: phasors_csv(phasors, records), "phasors.csv")

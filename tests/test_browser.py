@@ -140,7 +140,7 @@ def test_a_form_is_filled_by_keys_and_a_long_simulation_can_be_stopped(
     page.get_by_test_id("stButton").get_by_role("button", name="Stop", exact=True).click()
     expect(page.get_by_text("Simulating 100 records")).to_have_count(0)
     finished(page, PAGES["Simulate"])
-    expect(page.get_by_role("combobox", name="Study")).to_have_value("paper")
+    expect(page.get_by_role("combobox", name="Study")).to_have_value(PAGES[""])
 
 
 def test_nothing_is_wider_than_a_phone(address: str, open_in: Callable[..., Page]) -> None:
@@ -177,7 +177,7 @@ def test_the_study_that_stands_out_in_a_fleet_opens_from_its_row(
     page = open_in(f"{address}/Import_a_log")
     finished(page, "Import a log")
     open_file(page, "odd.zip", pack_study(studies[1]))
-    choose(page, "Study", "paper")
+    choose(page, "Study", PAGES[""])
     follow(page, "Fleet", "Fleet")
     uploader = page.get_by_test_id("stMain").locator("input[type=file]")
     file = {"name": "results.parquet", "mimeType": "", "buffer": to_parquet(rows)}

@@ -50,7 +50,7 @@ def test_other_joints_are_refused(studies: dict[int, Study], first: Analysis) ->
 
 def test_the_page_compares_two_studies(app: AppTest) -> None:
     app.query_params["study"] = "paper"
-    app.query_params["compare_study"] = "one joint"  # as after F5
+    app.query_params["compare_study"] = "Test cell with 1 joint(s)"  # as after F5
     at = app.switch_page("pages/11_Compare.py").run()
     assert not at.exception, at.exception[0].stack_trace
     assert at.selectbox(key="compare_study").value == "one joint"
@@ -90,17 +90,20 @@ def test_a_softer_robot_differs_significantly_in_either_order(
     at = at.selectbox(key="compare_study").set_value("paper").run()
     assert not at.exception, at.exception[0].stack_trace
     said = at.header[0].value.replace("\N{NO-BREAK SPACE}", " ")
-    assert said.startswith("paper, compared with soft.zip: joint 1 is 11 % stiffer")
+    assert said.startswith(f"{first.study.name}, compared with soft.zip: joint 1 is 11 % stiffer")
     assert said.endswith("(significant), if the torque scales are exact")
     table = at.table[0].value
     assert list(table.columns[:3]) == ["Quantity", "Difference", "Significant"]
     assert table.loc[table.Quantity == "K1 (N·m/rad)", "Significant"].item() == "yes, over 100 σ"
     states = [caption.value for caption in at.caption if caption.value.startswith("First: ")]
-    assert re.fullmatch(r"First: soft\.zip, auto, usable.*\. Second: paper, auto, usable.*\.", states[0])
+    name = re.escape(first.study.name)
+    assert re.fullmatch(
+        rf"First: soft\.zip, auto, usable.*\. Second: {name}, auto, usable.*\.", states[0]
+    )
     at = next(button for button in at.button if button.label == "Swap").click().run()
     assert not at.exception, at.exception[0].stack_trace
     said = at.header[0].value.replace("\N{NO-BREAK SPACE}", " ")
-    assert said.startswith("soft.zip, compared with paper: joint 1 is 10 % softer")
+    assert said.startswith(f"soft.zip, compared with {first.study.name}: joint 1 is 10 % softer")
 
 
 def test_the_default_partner_is_one_of_the_users_studies(

@@ -81,7 +81,7 @@ def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
     assert "w=" not in page.url
     open_file(page, "bad.zip", b"no archive")
     expect(page.get_by_text("bad.zip was not opened")).to_be_visible()
-    chosen(page, "paper")
+    chosen(page, studies[2].name)
     open_file(page, "mine.zip", pack_study(studies[1]))
     place = workspace_of(page)
     reload(page, "Records")

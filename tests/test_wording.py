@@ -10,7 +10,7 @@ from examples import examples
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from jointid.wording import plain, significant, unbroken, with_error
+from jointid.wording import length_with_error, plain, significant, unbroken, with_error
 
 
 @pytest.mark.parametrize(
@@ -39,6 +39,21 @@ from jointid.wording import plain, significant, unbroken, with_error
 )
 def test_known_cases(value: float, error: float, text: str) -> None:
     assert with_error(value, error) == text
+
+
+@pytest.mark.parametrize(
+    ("length_m", "error_m", "text"),
+    [
+        (34.675e-6, 6e-9, "34.7 ± <0.1 µm"),
+        (34.675e-6, 1.2e-6, "34.7 ± 1.2 µm"),
+        (2.9e-3, 3e-5, "2.90 ± 0.03 mm"),
+        (2.9e-3, 3e-9, "2.9000 ± <0.0001 mm"),
+        (2e-5, 3e-4, "0.0 ± 0.3 mm"),
+        (1e-4, math.inf, "not determined"),
+    ],
+)
+def test_a_length_ends_at_a_tenth_of_a_micrometre(length_m: float, error_m: float, text: str) -> None:
+    assert length_with_error(length_m, error_m) == text
 
 
 @examples(300, derandomize=True)

@@ -1,5 +1,6 @@
 """Style of all figures: one colour per meaning (Okabe-Ito), axes with quantity and unit."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -193,19 +194,24 @@ def frequency_axis(frequency_hz: Floats, **more: Any) -> Axis:
 
 
 def log_axis(title: str, **more: Any) -> Axis:
-    """Return a logarithmic axis with plain numbers at 1, 2, 5 of every decade, more if short."""
+    """Return a logarithmic axis with ticks at 1, 2, 5 of every decade, more if short, fewer if long."""
     low, high = more.get("range") or (0.0, 2.0)
     if high - low > _MOST_DECADES:
-        powers = {"dtick": -(-(high - low) // 6), "exponentformat": "power"}
-        return linear_axis(title, type="log", **powers, **more)
+        decades = range(math.floor(low), math.ceil(high) + 1, math.ceil((high - low) / 6))
+        return _ticked(title, (1,), decades) | more
     return _ticked(title, (1, 2, 5) if high - low > 1 else (1, 1.5, 2, 3, 4, 5, 7)) | more
 
 
 def _ticked(title: str, steps: Sequence[float], decades: range = range(-12, 10)) -> Axis:
-    """Logarithmic axis with plain numbers at some places of every decade."""
+    """Logarithmic axis with ticks at some places of every decade."""
     ticks = [m * 10.0**d for d in decades for m in steps]
-    text = [f"{tick:g}" if 1e-4 < tick < 1e6 else significant(tick, 1) for tick in ticks]
-    return linear_axis(title, type="log", tickvals=ticks, ticktext=text)
+    return linear_axis(title, type="log", tickvals=ticks, ticktext=[_tick_text(t) for t in ticks])
+
+
+def _tick_text(tick: float) -> str:
+    """The same text of a number on every axis: plain from 0.0001 to 50000, else as 2×10⁵."""
+    text = f"{tick:g}" if 9e-5 < tick < 9e4 else significant(tick, 1)
+    return text.removeprefix("1×")
 
 
 def linear_axis(title: str, **more: Any) -> Axis:

@@ -52,7 +52,7 @@ from jointid.robot_models.model import MAX_FILE_BYTES
 from jointid.study import Study
 from jointid.wording import listed, nearest, shown
 
-__all__ = ["lines_around", "load_study", "pack_study", "save_study"]
+__all__ = ["lines_around", "load_study", "pack_study", "save_study", "study_name"]
 
 _ABOVE, _BELOW = 6, 6
 """Lines shown around a refused one."""
@@ -102,6 +102,13 @@ def load_study(path_or_file: Source) -> Study:
         ]
     with in_place(STUDY_FILE, STUDY_FILE):
         return Study(records=tuple(records), pose_angles_rad=angles, **known)
+
+
+def study_name(path_or_file: Source) -> str:
+    """Return the name that a study states, without reading its records; errors as ``load_study``."""
+    with open_container(path_or_file, marker=STUDY_FILE) as container:
+        top = parse_toml(STUDY_FILE, container.read(STUDY_FILE, at_most=MAX_TOML_BYTES + 1), STUDY_KEYS)
+        return str(read_values(top, STUDY_VALUES).get("name", ""))
 
 
 def lines_around(path_or_file: Source, refusal: JointIdError) -> str:

@@ -16,7 +16,7 @@ from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import NO_POSE, choose_segment, side_by_side
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.wording import minus, significant, three_digits, with_error
+from jointid.wording import length_with_error, minus, significant, three_digits
 
 
 def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> None:
@@ -99,14 +99,13 @@ def _stiffnesses(
 
 def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where: str) -> None:
     values, directions = of.principal
-    millimetres = 1e3 * force * values
-    errors = 1e3 * force * of.standard_error(covariance)
-    texts = [with_error(*pair) for pair in zip(millimetres.tolist(), errors.tolist(), strict=True)]
-    st.write(f"**{force:.0f} N move the tool by up to {texts[0]} mm** ({where}).")
+    errors = of.standard_error(covariance)
+    texts = [length_with_error(force * x, force * e) for x, e in zip(values, errors, strict=True)]
+    st.write(f"**{force:.0f} N move the tool by up to {texts[0]}** ({where}).")
     show_text_table(
         {
             "Direction": [", ".join(minus(f"{part:+.2f}") for part in row) for row in directions],
-            "Deflection (mm)": texts,
+            "Deflection": texts,
             "Stiffness (N/mm)": [significant(1e-3 / value, 3) for value in values],
         }
     )

@@ -83,7 +83,7 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
         "Path error: largest simulated distance of the tool from the reference path.\n"
         f"- **Before, {before}**: {_robot(outcome.robot)} {_servo(outcome)}\n"
         f"- **After, {after}**: the servo assumes the identified values. "
-        f"{accuracy_text(outcome, settings.servo, settings.friction)}\n"
+        f"{accuracy_text(outcome, settings.servo, settings.friction, 'The tab Accuracy of K')}\n"
         f"- **Both**: {_conditions(settings)}"
     )
 
@@ -117,13 +117,18 @@ def _springs(elasticity: Elasticity) -> str:
     return f"K = {three_digits(elasticity.K)} N·m/rad, D = {three_digits(elasticity.D)} N·m·s/rad"
 
 
-def accuracy_text(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str:
-    """Explain the path error after the identification."""
+def accuracy_text(
+    outcome: Outcome,
+    servo: Servo,
+    friction: CutFriction | None,
+    where: str = "The page Cut, tab Accuracy of K,",
+) -> str:
+    """Explain the path error after the identification; ``where`` an error of K is examined."""
     if outcome.distribution is None:
         return "The robot has exactly the identified springs; their error is not known."
     if not outcome.depends_on_elasticity:
         text = remaining_error_text(outcome, servo, friction)
-        return f"{text} The page Cut, tab Accuracy of K, shows the effect of an error of K."
+        return f"{text} {where} shows the effect of an error of K."
     return (
         "K and D of the simulated robot are drawn from the error bars: the path error "
         f"stays {at_most(outcome.after_m)} with a probability of 95 %, "

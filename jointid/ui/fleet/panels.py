@@ -20,6 +20,7 @@ from jointid.ui.shared.workspace import go_to, keep, recent
 from jointid.wording import counted, listed, minus, significant, with_error
 
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
+_WIDE_TABLE = "wide table of studies"
 _MOST_REASONS, _MOST_NAMES = 20, 5
 """Reasons of failed studies that are listed, and studies named with each."""
 
@@ -113,7 +114,7 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
         "z": [minus(f"{s.z[k]:+.1f}") for s, k in found],
         "State": [SIGNS[row.state] for row in rows],
     }
-    table(columns, height=300)
+    table(columns, height=300, phone=["Study", "Value", "z"])
 
 
 SIGNS = {USABLE: "✓ usable", WITH_CARE: "△ usable with care", NOT_USABLE: "✕ not usable", "": "— failed"}
@@ -140,18 +141,22 @@ def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
     st.header("Every study", anchor=False)
     if not fleet.columns:
         fleet.columns = _columns(rows)
+    height = min(36 + 35 * len(rows), 400)
     st.dataframe(
         fleet.columns,
         hide_index=True,
-        height=min(36 + 35 * len(rows), 400),
-        key="fleet_table",
+        height=height,
+        key=_WIDE_TABLE,
         on_select=_take_selection,
         selection_mode="single-row",
         column_config={"Study": st.column_config.Column(pinned=True)},
     )
+    narrow = {name: fleet.columns[name] for name in ("Study", "State")}
+    with st.container(key="narrow table of studies"):
+        st.dataframe(narrow, hide_index=True, height=height)
     st.caption(
         f"K in {PARAMETERS['K'].unit}, D in {PARAMETERS['D'].unit}, seen from the motor, ± one standard "
-        "error. A table of many joints scrolls sideways."
+        "error, in a window that is wide enough. A table of many joints scrolls sideways."
     )
     st.selectbox(
         "Study to show",
@@ -159,7 +164,7 @@ def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
         index=None,
         format_func=lambda k: f"{k + 1}: {label(rows[k])}",
         key="fleet_study",
-        placeholder="Choose here, or tick a row of the table",
+        placeholder="Choose here, or tick a row of a wide table",
     )
     chosen = st.session_state.get("fleet_study")
     if chosen is not None and chosen < len(rows):
@@ -183,7 +188,7 @@ def _columns(rows: Sequence[Row]) -> dict[str, list[str]]:
 
 
 def _take_selection() -> None:
-    selected = st.session_state["fleet_table"]["selection"]["rows"]
+    selected = st.session_state[_WIDE_TABLE]["selection"]["rows"]
     if selected:
         st.session_state["fleet_study"] = selected[0]
 

@@ -25,17 +25,16 @@ def show_summary(spreads: Sequence[Spread], drifts: Drifts) -> None:
     """Stiffness of the fleet, its outliers and its clearest drift, in a sentence."""
     if not (stiffness := spreads[0]).value.size:
         return
-    outliers = [
-        f"{counted(int(s.outliers.sum()), 'outlier')} of {s.name}"
-        for s in spreads
-        if np.isfinite(s.z).any()
-    ]
+    counts = [(int(s.outliers.sum()), s.name) for s in spreads if np.isfinite(s.z).any()]
+    outliers = [f"{counted(count, 'outlier')} of {name}" for count, name in counts if count]
+    if counts and not outliers:
+        outliers = ["no outliers"]
     parts = [f"{stiffness.name}: {spread_in_words(stiffness)}"]
     if outliers:
         parts.append(enumerated(outliers))
     name, (clearest, *_) = next(iter(drifts.items()))
     if name and _is_clear(clearest):
-        parts.append(f"{clearest.name} of {markdown_escape(name)} {_drift_in_words(clearest)}")
+        parts.append(f"{clearest.name} of {markdown_escape(name)} {_trend(clearest)}")
     st.header(unbroken("; ".join(parts)), anchor=False)
 
 
@@ -53,14 +52,14 @@ def show_robots(spreads: Sequence[Spread], drifts: Drifts) -> None:
         columns[f"{spread.name} ({unit})"] = [
             significant(float(np.median(spread.value[mask])), 4) if mask.any() else "" for mask in own
         ]
-        columns[f"Drift of {spread.name} (% per year)"] = [
+        columns[f"Drift of {spread.name} (%/year)"] = [
             _per_year(of_robot[k]) for of_robot in drifts.values()
         ]
         columns[f"Outliers of {spread.name}"] = [
             str((mask & spread.outliers).sum()) if np.isfinite(spread.z[mask]).any() else "–"
             for mask in own
         ]
-    table(columns, height=300)
+    table(columns, height=330, phone=[*columns][:1] + [*columns][2:4])
     st.caption(
         "Median of each robot's studies. Drift: Theil–Sen slope over the dated studies, relative to the "
         "trend at the median date, ± one standard error. Scatter alone can look like drift: a drift "
@@ -121,8 +120,12 @@ def _drift_in_words(drift: Drift) -> str:
         return f": at least {MIN_VALUES} dates are needed for a trend"
     if not _is_clear(drift):
         return f"has no drift beyond its scatter, ± {significant(error, 2)} % per year"
-    by = f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % per year"
-    return f"{by}, relative to the trend at the median date"
+    return f"{_trend(drift)}, relative to the trend at the median date"
+
+
+def _trend(drift: Drift) -> str:
+    change, error = (100 * value for value in drift.per_year)
+    return f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % per year"
 
 
 def _is_clear(drift: Drift) -> bool:

@@ -105,10 +105,13 @@ def show_tabs(key: str, panels: Mapping[str, Callable[[], object]]) -> None:
                 show()
 
 
-def table(columns: Table, *, height: int | None = None, exact: str = "") -> None:
+def table(
+    columns: Table, *, height: int | None = None, exact: str = "", phone: Sequence[str] = ()
+) -> None:
     """Show a table that scrolls within its own frame; a wide one keeps its first column in view.
 
-    ``exact`` is the column whose numbers keep all their digits; the others have four decimals.
+    ``exact`` is the column whose numbers keep all their digits; the others have four decimals. On a
+    phone only the columns ``phone`` are shown, by default all.
     """
     first = next(iter(columns))
     fitting = min(36 + 35 * len(columns[first]), height or 430)
@@ -116,7 +119,15 @@ def table(columns: Table, *, height: int | None = None, exact: str = "") -> None
     settings: dict[str, Any] = {first: st.column_config.Column(pinned=True)} if wide else {}
     if exact:
         settings[exact] = st.column_config.NumberColumn(format="%.15g", pinned=wide or None)
-    st.dataframe(dict(columns), hide_index=True, height=fitting, column_config=settings)
+    about: dict[str, Any] = {"hide_index": True, "height": fitting, "column_config": settings}
+    if not phone:
+        st.dataframe(dict(columns), **about)
+        return
+    # page.css shows one of them by the width of the window, which the server does not know.
+    shown = {"wide": columns, "narrow": {name: columns[name] for name in phone}}
+    for width, each in shown.items():
+        with st.container(key=f"{width} table {' '.join(columns)}"):
+            st.dataframe(dict(each), **about)
 
 
 def choose_segment(

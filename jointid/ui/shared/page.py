@@ -18,7 +18,7 @@ from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.results import awaited, note_session, result_cache
 from jointid.ui.shared.sidebar import DEFAULT_METHOD, choose_study
-from jointid.ui.shared.workspace import Refused, link_to, open_sample, open_study, sample_paths
+from jointid.ui.shared.workspace import Refused, label, link_to, open_sample, open_study, sample_paths
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -43,6 +43,11 @@ class Page:
     """Unit of K and D, one of ``STIFFNESS_UNITS``."""
     dark: bool
     """Whether the theme is dark."""
+
+    @property
+    def label(self) -> str:
+        """The study's name as the list shows it."""
+        return label(self.key)
 
     def analysis(self) -> Analysis:
         """Return the result of the whole method; without one, show the reason and end the page."""

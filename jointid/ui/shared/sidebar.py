@@ -15,6 +15,7 @@ from jointid.ui.shared.recent_studies import show_recent
 from jointid.ui.shared.workspace import (
     follow_address,
     keep,
+    label,
     link_to,
     names_by_address,
     refuse,
@@ -86,12 +87,13 @@ def _choose() -> str | None:
     st.selectbox(
         "Study",
         list(names.values()),
+        format_func=label,
         key="study",
         on_change=_take_choice,
         disabled=not names,
-        help="Studies opened, simulated or imported at this address, and the samples. The two "
-        "exercises have a fault. Commands take the name of a sample with or without underscores: "
-        "six_axes.",
+        help="Studies opened, simulated or imported at this address by their file, and the samples by "
+        "their name. The two exercises have a fault. Commands take a sample by the name in the address "
+        "of this page, for instance six_axes.",
     )
     show_in_address()
     show_recent()

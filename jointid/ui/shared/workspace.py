@@ -19,7 +19,7 @@ from jointid.files.application import application_folder, sample_studies
 from jointid.files.digest import study_digest
 from jointid.files.store import Store, new_workspace
 from jointid.files.store_files import Entry, part_of, user_folder
-from jointid.files.study_files import lines_around, load_study, pack_study
+from jointid.files.study_files import lines_around, load_study, pack_study, study_name
 from jointid.ui.shared.method_steps import Step
 from jointid.wording import free_name
 
@@ -56,6 +56,25 @@ def sample_paths() -> dict[str, Path]:
     """Return the sample studies by key, the paper's first, the exercises last."""
     found = {name.replace("_", " "): path for name, path in sample_studies(SAMPLES).items()}
     return dict(sorted(found.items(), key=lambda item: item[0].startswith("exercise")))
+
+
+def label(key: str) -> str:
+    """Return a study's name as the list shows it: of a sample the study's own, else the file's."""
+    path = sample_paths().get(key)
+    return key if path is None or key in _in_session() else _sample_name(key, path, *_stamp(path))
+
+
+@st.cache_data(max_entries=32, show_spinner=False)
+def _sample_name(key: str, _path: Path, changed_ns: int, size: int) -> str:
+    try:
+        return study_name(_path) or key
+    except JointIdError:
+        return key  # the reason is shown when it is opened
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    stamp = (path / "study.toml" if path.is_dir() else path).stat()
+    return stamp.st_mtime_ns, stamp.st_size
 
 
 def store() -> Store:
@@ -123,7 +142,7 @@ def recent() -> dict[str, Entry]:
     if place is None:
         return {}
     found: dict[str, Entry] = {}
-    taken = {*sample_paths(), *_in_session()}
+    taken = {*sample_paths(), *map(label, sample_paths()), *_in_session()}
     entries: tuple[Entry, ...] = ()
     with noting_problems():
         entries = store().entries(place)
@@ -243,8 +262,7 @@ def open_study(key: str) -> Opened:
 def open_sample(key: str) -> Opened:
     """Return a sample study. Raises JointIdError when it cannot be read."""
     path = sample_paths()[key]
-    stamp = (path / "study.toml" if path.is_dir() else path).stat()
-    return _load_sample(key, str(path), stamp.st_mtime_ns, stamp.st_size)
+    return _load_sample(key, str(path), *_stamp(path))
 
 
 @st.cache_resource(max_entries=8, show_spinner=False)

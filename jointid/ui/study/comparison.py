@@ -15,7 +15,7 @@ from jointid.ui.shared.entries import choose_from
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.sidebar import ESTIMATORS
-from jointid.ui.shared.workspace import names_by_address, open_study, sample_paths
+from jointid.ui.shared.workspace import label, names_by_address, open_study, sample_paths
 from jointid.uncertainty.comparison import Difference, compare
 from jointid.wording import enumerated, signed_percent, significant, unbroken
 
@@ -32,9 +32,10 @@ def choose_other(page: Page) -> Page:
     """Ask for the second study and its estimator; end the page where it cannot be opened."""
     addresses = {name: address for address, name in names_by_address().items()}
     partner = _partner(page)
-    show_note(f"First study, chosen in the sidebar: {page.key}, estimator {page.method}.")
+    show_note(f"First study, chosen in the sidebar: {page.label}, estimator {page.method}.")
     left, right, beside = st.columns([5, 5, 2], vertical_alignment="bottom")
-    key = choose_from(left, "compare_study", "Second study", list(addresses), first=partner)
+    second = "compare_study", "Second study", list(addresses)
+    key = choose_from(left, *second, label, first=partner)
     # Without a partner, the paper's estimator is compared.
     alone = partner == page.key and page.method != "least-squares"
     paper = "least-squares" if alone else None
@@ -78,22 +79,22 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     pairs = ((page, first), (other, second))
     unusable = [pair for pair in pairs if pair[1].state == NOT_USABLE]
     if not unusable:
-        doubtful = [markdown_escape(p.key) for p, each in pairs if each.state == WITH_CARE]
+        doubtful = [markdown_escape(p.label) for p, each in pairs if each.state == WITH_CARE]
         doubts = [f"{name} is usable with care only" for name in dict.fromkeys(doubtful)]
         said = [_sentence(rows, page, other), *([enumerated(doubts)] if doubts else [])]
         st.header(unbroken(", but ".join(said)), anchor=False)
     for whose, each in unusable:
-        show_error(f"{whose.key}: {each.headline}")
+        show_error(f"{whose.label}: {each.headline}")
     show_note(
-        f"First: {page.key}, {page.method}, {first.state}. "
-        f"Second: {other.key}, {other.method}, {second.state}."
+        f"First: {page.label}, {page.method}, {first.state}. "
+        f"Second: {other.label}, {other.method}, {second.state}."
     )
     columns = {"": [f"{row.first.name} ({row.first.unit})" for row in rows]}
     if not unusable:
         columns["Difference"] = [signed_percent(100 * row.relative) for row in rows]
         columns["Significant"] = [_significance(row) for row in rows]
-    columns[f"{page.key}, {page.method}"] = [row.first.shown[0] for row in rows]
-    columns[f"{other.key}, {other.method}"] = [row.second.shown[0] for row in rows]
+    columns["First"] = [row.first.shown[0] for row in rows]
+    columns["Second"] = [row.second.shown[0] for row in rows]
     show_text_table(columns)
     caption = f"K and D {units[0].side}{'' if one_side else ': one of the studies has no gear ratios'}."
     if not unusable:
@@ -107,7 +108,7 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
     if not (first.transfer_matrices and second.transfer_matrices):
         show_info(first.transfer_problem or second.transfer_problem)
         return
-    names = (page.method, other.method) if page.digest == other.digest else (page.key, other.key)
+    names = (page.method, other.method) if page.digest == other.digest else ("first", "second")
     st.header("Both models", anchor=False)
     page.show_per_joint(
         f"compare {page.key} {other.key} {other.digest} {other.method}",
@@ -122,7 +123,7 @@ def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
         largest = max(abs(row.relative) for row in stiffness)
         between = f"between {page.method} and {other.method}"
         return f"The stiffnesses differ by at most {significant(100 * largest, 2)} % {between}"
-    names = [markdown_escape(name) for name in (other.key, page.key)]
+    names = [markdown_escape(name) for name in (other.label, page.label)]
     clear = [row for row in stiffness if abs(row.sigmas) > _CLEAR]
     if not clear:
         return f"No stiffness of {names[0]} differs significantly from {names[1]}"

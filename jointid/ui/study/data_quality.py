@@ -42,7 +42,8 @@ def show_quality(page: Page) -> None:
     if not page.study.sine_records:
         return
     try:
-        table(quality_table(page.study.sine_records, page.sine_phasors()))
+        columns = quality_table(page.study.sine_records, page.sine_phasors())
+        table(columns, phone=[*columns][:3])
     except JointIdError as error:
         show_error(error)
     with st.expander("What the columns mean"):
@@ -220,7 +221,8 @@ def show_how_well_known(matrix: TransferMatrix, i: int, j: int) -> None:
         )
     for text in matrix.rejected:
         show_info(text)
-    table(element_table(matrix, i, j))
+    columns = element_table(matrix, i, j)
+    table(columns, phone=[*columns][:4])
     st.caption("The chosen element as measured. |H| in 1/(kg·m²) with ± one standard error.")
 
 

@@ -134,11 +134,13 @@ _TILE_GAP = 16  # px, streamlit's
 _TILE_WIDTH = 214  # px: room for "0.015006 ± 0.000007", and four in a row at 1366 px
 
 
-def show_heading(study: Study) -> None:
-    """Name, origin and contents."""
+def show_heading(page: Page) -> None:
+    """Name, origin and contents; the name in the list where it is another."""
+    study = page.study
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
     badge = f":gray-badge[{study.origin or 'origin not stated'}]"
-    st.markdown(" &nbsp;·&nbsp; ".join([badge, *study.facts]))
+    file = [] if page.label == study.name else [markdown_escape(page.label)]
+    st.markdown(" &nbsp;·&nbsp; ".join([badge, *file, *study.facts]))
     for text in (study.description, *study.remarks):
         if text:
             st.caption(markdown_escape(text))
