@@ -139,8 +139,8 @@ def show_heading(page: Page) -> None:
     study = page.study
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
     badge = f":gray-badge[{study.origin or 'origin not stated'}]"
-    file = [] if page.label == study.name else [markdown_escape(page.label)]
-    st.markdown(" &nbsp;·&nbsp; ".join([badge, *file, *study.facts]))
+    listed = [] if page.label == study.name else [markdown_escape(page.label)]
+    st.markdown(" &nbsp;·&nbsp; ".join([badge, *listed, *study.facts]))
     for text in (study.description, *study.remarks):
         if text:
             st.caption(markdown_escape(text))
