@@ -113,6 +113,7 @@ def sine(hz: float, harmonics: dict[int, tuple[float, float]], seed: int = 0) ->
     [
         {3: (0.003, 0.3), 5: (0.001, 0.18), 7: (0.0, 0.12)},  # friction under a stiff controller
         {3: (0.03, 0.02), 5: (0.02, 0.01)},  # friction under a soft one
+        {3: (0.032, 0.81), 5: (0.0086, 0.37), 7: (0.003, 0.17)},  # heavy, near the locked resonance
         {5: (0.01, 0.0), 7: (0.005, 0.0)},  # rounding of the position
         {2: (0.02, 0.05)},
     ],

@@ -20,6 +20,7 @@ MIN_SNR = 5.0
 
 _MIN_SHARE = 0.03  # amplitude over the largest, in position or torque, of a line that is excited
 _ODD_HARMONIC = 0.25  # torque or acceleration over the fundamental's, below which friction explains it
+_IN_A_SERIES = 0.5  # the same where the next odd multiple is a line, too, and smaller
 _OTHER_HARMONIC = 0.1  # the same at even multiples, and beside lines that are no multiples
 _MIN_MOTION = 0.02  # motion of a joint over the largest, below which its lines are ignored
 _FLOOR_BINS = 20  # spectral bins to each side of a line that give its noise floor
@@ -136,14 +137,19 @@ def significant_lines(time: Floats, theta: Floats, tau: Floats, lines: Sequence[
 
 def _is_harmonic(k: int, g: int, hz: Floats, position: Floats, torque: Floats, span: float) -> bool:
     """Whether line ``k`` is a harmonic of line ``g`` due to friction or rounding."""
+    if position[g] == 0 or torque[g] == 0:
+        return False
     orders = hz / hz[g]
     multiples = np.abs(orders - np.round(orders)) < 1.5 / span / hz[g]
     order = round(orders[k])
-    if order < 2 or not multiples[k] or position[g] == 0 or torque[g] == 0:
+    if order < 2 or not multiples[k]:
         return False
-    acceleration = order**2 * position[k] / position[g]
-    least = _ODD_HARMONIC if multiples.all() and order % 2 else _OTHER_HARMONIC
-    return bool(min(acceleration, torque[k] / torque[g]) < least)
+    share = np.minimum(orders**2 * position / position[g], torque / torque[g])
+    if not multiples.all() or order % 2 == 0:
+        return bool(share[k] < _OTHER_HARMONIC)
+    following = share[np.round(orders) == order + 2]
+    falls = following.size > 0 and following.max() < share[k]  # as the series of friction does
+    return bool(share[k] < (_IN_A_SERIES if falls else _ODD_HARMONIC))
 
 
 def line_sizes(time: Floats, signals: Floats, hz: Floats) -> tuple[Floats, Floats, Floats]:
