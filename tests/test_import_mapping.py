@@ -15,6 +15,7 @@ from log_makers import ANGLE, ROWS, TIME_S, TORQUE, cell_log, comma_log, mat_sco
 from jointid import Inertia, JointIdError
 from jointid.importing import (
     Channel,
+    Guess,
     JointMapping,
     LogColumn,
     LogTable,
@@ -655,6 +656,7 @@ def pairs_of(table: LogTable) -> list[tuple[str, str]]:
         (("q1", "q2"), ("trq axis1", "trq axis2")),
         (("Pos 1", "Pos 1"), ("Moment 1", "Moment 2")),
         (("Pos 1", "Pos 2"), ("Moment", "Moment")),
+        (("Axis 2.ActPos", "Axis 3.ActPos"), ("Drive 3.Torque", "Drive 4.Torque")),
     ],
 )
 def test_columns_are_paired_by_words_and_numbers(
@@ -680,6 +682,23 @@ def test_a_pair_by_number_alone_must_be_confirmed() -> None:
     asked = {r.what: r.text for r in unsure(guess_mapping(table))}
     assert "by its number alone" in asked["position of joint 2"]
     assert "position of joint 1" not in asked
+
+
+def test_pairs_by_order_must_be_confirmed_and_numbers_with_gaps_make_none() -> None:
+    t = np.arange(50) * 0.001
+
+    def guessed(*names: str) -> Guess:
+        columns = [LogColumn(n, numbers(np.sin(t * k))) for k, n in enumerate(names, start=1)]
+        return guess_mapping(LogTable("log", (LogColumn("t", numbers(t)), *columns)))
+
+    by_order = guessed("Axis 2.ActPos", "Axis 3.ActPos", "Drive 4.Torque", "Drive 5.Torque")
+    asked = {r.what: r.text for r in unsure(by_order)}
+    assert all("the order of the numbers" in asked[f"torque of joint {k}"] for k in (1, 2))
+    with_gap = guessed("Axis 2.ActPos", "Axis 3.ActPos", "Drive 4.Torque", "Drive 6.Torque")
+    assert "the order" not in " ".join(r.text for r in with_gap.reasons)
+    (left,) = (r.text for r in with_gap.reasons if r.what == "joints")
+    assert "Axis" in left
+    assert "Drive" in left
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])

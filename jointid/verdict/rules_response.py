@@ -77,18 +77,19 @@ def _controller_peak(
     true = _peaks(H)
     of_model = [int(np.argmin(np.abs(np.log(frequency / f)))) for f in own_hz]
     foreign = [p for p in _peaks(alone) if all(abs(p - t) > 1 for t in [*true, *of_model])]
-    if not foreign or not true:
+    elastic = [t for t in true if any(abs(t - m) <= 1 for m in of_model)]  # others are of friction
+    if not foreign or not elastic:
         return None
     worst = max(foreign, key=lambda p: alone[p] / H[p])
     others = [i + 1 for i in range(evidence.fit.n) if i != j]
     whose = f"joint {others[0]}" if len(others) == 1 else "the other joints"
-    elastic = some([number(frequency[t]) for t in true])
     return note(
         f"The peak of joint {j + 1} at {number(frequency[worst])} Hz belongs to the controller "
         f"of {whose}",
         f"In the record {evidence.phasors.labels[records[worst]]} alone, acceleration over torque peaks "
         f"there at {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak. "
-        f"The elastic resonance is the peak at {elastic} Hz, which both show.",
+        f"The elastic resonance is the peak of H{j + 1}{j + 1} at "
+        f"{some([number(frequency[t]) for t in elastic])} Hz.",
         "No action needed: K and D are fitted jointly. Do not read them off the response of a single "
         "record.",
         0.3,

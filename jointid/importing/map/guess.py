@@ -1,20 +1,27 @@
 """Guess which columns are positions and torques, each guess with its reason."""
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
 from jointid.importing.columns.column_words import (
     WORDS,
-    NamedColumn,
     described,
     drive_object,
     words_of,
 )
 from jointid.importing.columns.log_table import LogColumn, LogTable
 from jointid.importing.columns.units import POSITION_SCALES, QUANTITIES
+from jointid.importing.map.column_pairs import (
+    NO_COLUMN,
+    Pair,
+    behind_gear,
+    best_column,
+    clearest_pair,
+    pairs_by_name,
+)
 from jointid.importing.map.guess_time import guess_time
 from jointid.importing.map.mapping import (
     ARM,
@@ -28,19 +35,8 @@ from jointid.importing.map.mapping import (
 from jointid.importing.map.reasons import Reason
 from jointid.importing.map.unnamed_columns import pairs_by_shape
 from jointid.importing.map.unwrap import unwrapped
-from jointid.wording import counted
 
-NO_COLUMN = LogColumn("", np.zeros(0))
-"""In the place of a column that nothing indicates."""
-_OTHER = {"position": "torque", "torque": "position"}
-_CLEAR = 1.5  # score of a position whose name or unit says so
 _ALIKE = 0.9  # range of one position over that of another from which they move alike
-_MAX_LESS_CLEAR = 0.5  # score below the least clear pair, up to which an unpaired column is reported
-_Group = dict[str, NamedColumn]
-"""The clearest column of each role of one joint."""
-_Groups = dict[str, _Group]
-_Pair = tuple[LogColumn, LogColumn]
-"""Position and torque."""
 _Said = tuple[str, bool, str]
 """A guess, whether the file states it, and why."""
 _ODRIVE = re.compile(r"(?i)\bpos_(?:rel|abs|estimate)\b|odrive")
@@ -69,11 +65,11 @@ def guess_mapping(table: LogTable) -> Guess:
     reasons: list[Reason] = []
     time = guess_time(table, reasons)
     columns = [described(c) for c in table.columns if c.name != time.column]
-    pairs = _pairs(columns, reasons)
+    pairs = pairs_by_name(columns, reasons)
     if not pairs:
         pairs = pairs_by_shape(table, time, [c.column for c in columns], reasons)
     if not pairs:
-        pairs = _first_two(columns, reasons)
+        pairs = clearest_pair(columns, reasons)
     if len(pairs) > MAX_JOINTS:
         reasons.append(Reason("joints", f"{len(pairs)} pairs fit; the first {MAX_JOINTS} are proposed."))
     pairs = pairs[:MAX_JOINTS]
@@ -81,7 +77,7 @@ def guess_mapping(table: LogTable) -> Guess:
     groups = {c.column.name: c.group for c in columns}
     arms = {
         entry.group: entry.column
-        for entry in reversed(_behind(columns))
+        for entry in reversed(behind_gear(columns))
         if guess_unit("position", entry.column)[0] not in POSITION_SCALES
     }
     joints = tuple(
@@ -94,83 +90,8 @@ def guess_mapping(table: LogTable) -> Guess:
     return Guess(Mapping(time, joints, assumed=tuple(unproven)), tuple(reasons))
 
 
-def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
-    """Position and torque of each joint, joints in the order of their numbers, else of the file."""
-    best: _Groups = {}
-    behind = {id(entry) for entry in _behind(columns)}
-    for entry in columns:
-        for role in _OTHER:
-            if not _fits(entry, role) or id(entry) in behind:
-                continue
-            group = best.setdefault(entry.group, {})
-            if role not in group or entry.score[role] > group[role].score[role]:
-                group[role] = entry
-    complete = {key: group for key, group in best.items() if len(group) == 2}
-    by_their_number = _join_by_number(best, complete)
-    keys = [*complete]
-    numbers = {key: complete[key]["position"].number for key in keys}
-    if None not in numbers.values():
-        keys.sort(key=lambda key: (numbers[key] or 0, key))
-    pairs = []
-    for number, key in enumerate(keys, start=1):
-        group = complete[key]
-        for role in _OTHER:
-            column = group[role].column
-            clear = group[role].score[role] >= 2 and key not in by_their_number
-            said = f'"{column.name}"' + (f" [{column.unit}]" if column.unit else "")
-            why = f"{said} fits best, but neither name nor unit is clear."
-            if key in by_their_number:
-                why = f"{said} is paired by its number alone: check that both belong to one joint."
-            elif clear:
-                why = f"The name or unit of {said} indicates {role}."
-            reasons.append(Reason(f"{role} of joint {number}", why, clear))
-        pairs.append((group["position"].column, group["torque"].column))
-    reasons += _lone_columns(best.values(), complete.values())
-    return pairs
-
-
-def _fits(entry: NamedColumn, role: str) -> bool:
-    return entry.score[role] > max(0.0, entry.score[_OTHER[role]])
-
-
-def _best(columns: Iterable[NamedColumn], role: str) -> LogColumn:
-    """Column that fits a role best; ``NO_COLUMN`` where none fits."""
-    fit = max(columns, key=lambda column: column.score[role], default=None)
-    return NO_COLUMN if fit is None or not _fits(fit, role) else fit.column
-
-
-def _behind(columns: Sequence[NamedColumn]) -> list[NamedColumn]:
-    """Clear positions behind the gear, each beside a position of the same joint at the motor."""
-    positions = [c for c in columns if _fits(c, "position") and c.score["position"] >= _CLEAR]
-    found = []
-    for entry in positions:
-        words = set(words_of(entry.column.name))
-        beside = [set(words_of(c.column.name)) for c in positions if c.group == entry.group]
-        link = words & WORDS["link"] and any(not other & WORDS["link"] for other in beside)
-        angle = "q" in words and any("theta" in other for other in beside)
-        found += [entry] if (link or angle) and not words & WORDS["motor"] else []
-    return found
-
-
-def _first_two(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[_Pair]:
-    """Return one joint when no two columns belong together: the clearest column of each role, if any."""
-    moves = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)]
-    varying = moves or [*columns]
-    if len(varying) < 2:
-        text = f"{counted(len(varying), 'column')} of changing values beside the time: a log needs two."
-        reasons.append(Reason("joints", text))
-    pair: list[LogColumn] = []
-    for role in _OTHER:
-        pair.append(_best(varying, role))
-        why = f'"{pair[-1].name}" fits best as {role}; no name pairs it with another column.'
-        if pair[-1] is NO_COLUMN:
-            why = f"No name or unit identifies the {role}: choose its column."
-        reasons.append(Reason(f"{role} of joint 1", why))
-    return [(pair[0], pair[1])]
-
-
 def _joint(
-    number: int, pair: _Pair, behind: LogColumn | None, degrees: bool, reasons: list[Reason]
+    number: int, pair: Pair, behind: LogColumn | None, degrees: bool, reasons: list[Reason]
 ) -> JointMapping:
     """Mapping of a joint, with the sensor behind its gear if there is one."""
     sides = {role: _side(role, pair) for role in QUANTITIES}
@@ -254,7 +175,7 @@ def _torque_unit(column: LogColumn) -> _Said:
     return "N·m", False, "The file names no unit; newton metres are assumed."
 
 
-def _side(role: str, pair: _Pair) -> _Said:
+def _side(role: str, pair: Pair) -> _Said:
     """Side of the gear on which a position or torque is measured: the first rule that fits."""
     column, is_effort = pair[role == "torque"], "effort" in words_of(pair[1].name)
     unit, words = column.unit, set(words_of(column.name))
@@ -284,44 +205,6 @@ def _side(role: str, pair: _Pair) -> _Said:
     return MOTOR, False, "The name does not state the side; the motor's is assumed."
 
 
-def _join_by_number(best: _Groups, complete: _Groups) -> set[str]:
-    """Pair unpaired positions and torques that share a number, in both; return the new keys."""
-    lone: dict[str, dict[int, list[str]]] = {role: {} for role in _OTHER}
-    for key, group in best.items():
-        number = next(iter(group.values())).number
-        if len(group) == 1 and number is not None:
-            (role,) = group
-            lone[role].setdefault(number, []).append(key)
-    if (0 in lone["position"]) != (0 in lone["torque"]):
-        if all(lone.values()):
-            complete.clear()  # one kind counts from 0, the other from 1
-        return set()
-    taken = {group["position"].number for group in complete.values()}
-    joined = set()
-    for number in [k for k in lone["position"] if k in lone["torque"] and k not in taken]:
-        pair: _Group = {}
-        for role in _OTHER:
-            clearest = max(lone[role][number], key=lambda key, r=role: best[key][r].score[r])  # type: ignore[misc]
-            pair |= best.pop(clearest)
-        best[str(number)] = complete[str(number)] = pair
-        joined.add(str(number))
-    return joined
-
-
-def _lone_columns(groups: Iterable[_Group], pairs: Collection[_Group]) -> list[Reason]:
-    """Report clear positions without a torque and torques without a position, beside pairs."""
-    lone = [
-        f'"{entry.column.name}" has no {_OTHER[role]} beside it'
-        for group in groups
-        for role, entry in group.items()
-        if len(group) == 1
-        and pairs
-        and entry.score[role] >= min(pair[role].score[role] for pair in pairs) - _MAX_LESS_CLEAR
-    ]
-    text = f"{'; '.join(lone)}: left out. If the log has both, add a joint and choose its columns."
-    return [Reason("joints", text)] if lone else []
-
-
 def propose_joint(
     table: LogTable, number: int, like: tuple[Channel, Channel], used: Collection[str]
 ) -> tuple[JointMapping, list[Reason]]:
@@ -334,7 +217,7 @@ def propose_joint(
     channels: list[Channel] = []
     reasons: list[Reason] = []
     for role, first in zip(QUANTITIES, like, strict=True):
-        column = _best(free, role)
+        column = best_column(free, role)
         free = [other for other in free if other.column is not column]
         text = f'"{column.name}" is only a proposal from the unused columns.'
         if column is NO_COLUMN:
