@@ -179,10 +179,22 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
     if gear.hysteresis_Nm:
         terms["Hysteresis (± torque)"] = torques(gear.hysteresis_Nm)
     lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0
-    noise = curve.deflection_noise_rad
-    known = f", deflection known to ± {wind_up(float(np.median(noise)), 1)}" if noise.size else ""
-    terms["Lost motion"] = wind_up(lost) if lost else f"none found{known}"
+    noise, found = curve.deflection_noise_rad, "not measured"
+    if noise.size:
+        found = f"none found, deflection known to ± {wind_up(float(np.median(noise)), 1)}"
+    terms["Lost motion"] = wind_up(lost) if lost else found
     return terms
+
+
+def without_curve(fit: ElasticityFit) -> str:
+    """Say which joints have no measured torsion curve, and why; empty if all have one."""
+    names = [f"joint {j}" for j, c in enumerate(fit.torsion_curves, start=1) if not c.torque_Nm.size]
+    if not names:
+        return ""
+    return (
+        f"The motion measures no torsion curve of {enumerated(names)}: a curve needs motion above the "
+        "resonance with locked motors. The line is the fitted law up to the largest torque."
+    )
 
 
 def gear_text(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -> str:

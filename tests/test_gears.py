@@ -28,6 +28,7 @@ from jointid import (
     simulate_records,
     track,
 )
+from jointid.answer import gear_terms, without_curve
 from jointid.cut.arm import Drive
 from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -179,6 +180,27 @@ def test_the_band_of_a_torsion_curve_holds_harmonics_that_noise_hides() -> None:
     (curve,) = torsion_curves(s, *both, noise, both, np.ones(torque.shape, bool))
     missed = curve.torque_Nm - samples_of(torque[..., 0], curve.torque_Nm.shape[1])
     assert 0.02 < missed.std() < curve.torque_noise_Nm[0] < 2 * missed.std()
+
+
+def test_a_gear_without_a_curve_is_valid_up_to_the_torque_of_the_motion(
+    stiffening: ElasticityFit,
+) -> None:
+    """Point-to-point moves stay below the locked resonance, where no deflection is measured."""
+    order = np.arange(1, 32)
+    torque = np.where(order % 2, 2.0 / order**2, 0)[None, :, None].astype(complex)
+    both, noise = np.stack([torque, torque]), np.full((2, *torque.shape), 1e-12)
+    nowhere = np.zeros(torque.shape, bool)
+    (curve,) = torsion_curves(10j * np.pi * order[None], *both, noise, both, nowhere)
+    assert curve.torque_Nm.size == 0
+    layout = ParameterLayout.of(1, effects=["cubic"])
+    p = layout.named(layout.pack(K=[43.0], cubic=[9000.0]))
+    gears = fitted_gears(p, 1e-9 * np.eye(layout.size), [curve])
+    assert gears[0].tried_Nm == pytest.approx(np.abs(samples_of(torque[..., 0], 256)).max(), rel=1e-6)
+    assert gears[0].torque(gears[0].tried_rad) == pytest.approx(gears[0].tried_Nm)
+    fit = replace(stiffening, torsion_curves=(curve, stiffening.torsion_curves[1]), gears=gears * 2)
+    assert gear_terms(fit, 0)["Lost motion"] == "not measured"
+    assert "no torsion curve of joint 1:" in without_curve(fit)
+    assert without_curve(stiffening) == ""
 
 
 def test_colours_of_the_curve_rise_with_frequency_or_amplitude(stiffening: ElasticityFit) -> None:

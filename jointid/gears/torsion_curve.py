@@ -38,6 +38,8 @@ class TorsionCurve:
     """The same of the torque, shape (records,), N·m."""
     frequency_hz: Floats
     """Frequency of the sine, or of the strongest line of a motion, shape (records,), Hz."""
+    largest_Nm: float = 0.0
+    """Largest amplitude of the torque in any record, also in motions without a curve, N·m."""
 
     @property
     def amplitude_rad(self) -> Floats:
@@ -79,9 +81,11 @@ def torsion_curves(
     """
     clear = np.abs(torque) ** 2 > _CLEAR**2 * variance[1]
     clear[:, 0] = True
+    points = max(_POINTS, _PER_HARMONIC * s.shape[1])
+    whole = samples_of(np.where(clear, torque, 0).swapaxes(1, 2), points)  # (r, n, t)
+    largest = 0.5 * np.ptp(whole, axis=2).max(axis=0, initial=0.0)
     unclear = ~clear & resolved
     clear &= resolved
-    points = max(_POINTS, _PER_HARMONIC * s.shape[1])
     signals = np.stack([deflection, torque])
     # Harmonics that a curve omits are an error of it. The fitted law gives their size.
     left_out = np.where(unclear, np.abs(fitted) ** 2, 0).sum(axis=2)
@@ -96,6 +100,7 @@ def torsion_curves(
             deflection_noise_rad=sigma[0, rows, j],
             torque_noise_Nm=sigma[1, rows, j],
             frequency_hz=np.abs(s[rows, main[rows]]) / (2 * np.pi),
+            largest_Nm=float(largest[j]),
         )
         for j, rows in enumerate(np.flatnonzero(each) for each in clear.any(axis=1).T)
     )

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.analysis import NOT_USABLE, Analysis
-from jointid.answer import gear_text
+from jointid.answer import gear_text, without_curve
 from jointid.cut.outcome import (
     TYPICAL_SERVO,
     ZONES_M,
@@ -77,7 +77,7 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
     yield Paragraph(
         "Torque through each gear over its deflection, from motor data alone. The blue line is the "
         "fitted elastic law; damping and hysteresis open the measured loops. The mean deflection of a "
-        "record is not observable and set to 0."
+        f"record is not observable and set to 0. {without_curve(fit)}"
     )
     for joints, width in _pairs(fit.n):
         terms = [f" {gear_text(fit, j, analysis.unit)}." for j in joints]

@@ -1,6 +1,7 @@
 """Gears as fitted: the laws that are significant at each joint."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,15 +37,17 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
             found[target] = np.where(clear, p[name], 0.0).tolist()
     if "piecewise" in p.layout:
         found |= _slopes(p, covariance)
-    return tuple(
-        Gear(
-            K=max(float(p.K[j]), 0.0),
-            tried_rad=float(curve.amplitude_rad.max(initial=0.0)),
-            tried_Nm=float(curve.amplitude_Nm.max(initial=0.0)),
-            **{field: values[j] for field, values in found.items()},
+    gears = []
+    for j, curve in enumerate(curves):
+        gear = Gear(K=max(float(p.K[j]), 0.0), **{field: values[j] for field, values in found.items()})
+        tried_rad, tried_Nm = (
+            amplitude.max(initial=0.0) for amplitude in (curve.amplitude_rad, curve.amplitude_Nm)
         )
-        for j, curve in enumerate(curves)
-    )
+        if tried_rad == 0.0 and gear.K > 0:  # motions without a curve: by the law
+            tried_Nm = curve.largest_Nm
+            tried_rad = gear.deflection(tried_Nm)
+        gears.append(replace(gear, tried_rad=float(tried_rad), tried_Nm=float(tried_Nm)))
+    return tuple(gears)
 
 
 def _slopes(p: Parameters, covariance: Floats) -> dict[str, list[float]]:

@@ -10,7 +10,7 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError, RobotModel
 from jointid.analysis import NOT_USABLE, analyse_arm_side
-from jointid.answer import gear_terms
+from jointid.answer import gear_terms, without_curve
 from jointid.exporting import torsion_table
 from jointid.figures import (
     dynamic_stiffness,
@@ -93,6 +93,8 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         "stiffness. Damping and hysteresis open the loops, one per record, drawn with ± two standard "
         "errors. Motions appear as dots."
     )
+    if missing := without_curve(analysis.fit):
+        show_info(missing)
     by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
     joints = page.show_per_joint(
         f"torsion {by}",
