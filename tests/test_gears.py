@@ -20,11 +20,15 @@ from jointid import (
     Inertia,
     JointIdError,
     Measurement,
+    Motion,
+    MotorFriction,
     Phasors,
     PlanarArm,
     extract_phasors,
     identify_elasticity,
+    identify_motion,
     rectangle,
+    simulate_motion,
     simulate_records,
     track,
 )
@@ -253,6 +257,26 @@ def test_the_noise_of_a_law_is_that_of_many_draws(gear: Gear) -> None:
     left = (with_noise.beyond - found.beyond)[..., 1:] - own * noise
     size = (np.abs(own) ** 2 * variance + rest).max()
     np.testing.assert_allclose((np.abs(left) ** 2).mean(axis=0), rest[0], rtol=0.2, atol=0.01 * size)
+
+
+@pytest.mark.long
+def test_three_slopes_of_a_random_motion_are_no_cubic_law() -> None:
+    """A cubic law leaves little more than noise there, with a K that is 2.5 % off."""
+    gear = Gear(K=43.0, K2=55.0, K3=65.0, T1_Nm=0.5, T2_Nm=1.0)
+    inertia, motion = Inertia(M=[0.0025], M2=[[0.0041]]), Motion("random", 3.0, 30.0, 5.0)
+    records = simulate_motion(
+        inertia,
+        Elasticity(K=[43.0], D=[0.1]),
+        motion,
+        records=1,
+        friction=MotorFriction(coulomb=[0.02]),
+        gears=[gear],
+        seed=2,
+    )
+    fit = identify_motion(records, inertia, inertia_std=0.05)
+    assert fit.gears[0].kind == "piecewise"
+    assert abs(fit.K[0] - 43.0) < min(3 * fit.standard_error[0], 0.2)
+    assert fit.gears[0].K3 == pytest.approx(65.0, rel=0.02)
 
 
 def test_an_asymmetric_motion_has_no_mean_torque() -> None:

@@ -134,12 +134,14 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         wider = [*sharper, *wider]
     elif search.has_motions and _friction_varies_with_speed(search, model, found):
         wider = [replace(model, curve=True), *wider]
-    curved = "cubic" in model.effects and not search.fits.is_certain(model, "cubic", _INIMITABLE)
-    if curved and (may_be_richer or not search.has_motions):
+    imitable = search.has_motions or not search.fits.is_certain(model, "cubic", _INIMITABLE)
+    if "cubic" in model.effects and imitable and found.misfit < LOST:
         plain = model.without("cubic")  # slopes may explain as well as it, with another K
         others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
+        others = others[::-1] if search.has_motions else others  # their fits are few
         instead_of_cubic = [plain.with_part(law) for law in others]
-        wider = [*wider, *instead_of_cubic] if highest > NEARLY_ALL else [*instead_of_cubic, *wider]
+        later = highest > NEARLY_ALL and not search.has_motions
+        wider = [*wider, *instead_of_cubic] if later else [*instead_of_cubic, *wider]
     return wider
 
 
