@@ -142,7 +142,9 @@ class Runs:
     def __init__(self, page: Page) -> None:
         self.asked = 0
         """Number of runs that the page has requested after user input."""
-        self._waits, self._runs, self._asks_again = True, False, False
+        self.waits = True
+        """Whether the latest of them has not begun."""
+        self._runs = self._asks_again = False
         self._heard = time.monotonic()
         page.on("request", self._request)
         page.on("websocket", self._listen)
@@ -151,11 +153,11 @@ class Runs:
     def over(self) -> bool:
         """Whether the page is idle until the next input."""
         quiet = time.monotonic() - self._heard > self.QUIET_S
-        return quiet and not (self._waits or self._runs or self._asks_again)
+        return quiet and not (self.waits or self._runs or self._asks_again)
 
     def _request(self, request: Request) -> None:
         if request.is_navigation_request():
-            self._waits, self._runs, self._asks_again = True, False, False
+            self.waits, self._runs, self._asks_again = True, False, False
             self._heard = time.monotonic()
 
     def _listen(self, connection: WebSocket) -> None:
@@ -166,7 +168,7 @@ class Runs:
         message = BackMsg.FromString(frame) if isinstance(frame, bytes) else BackMsg()
         if message.HasField("rerun_script") and not message.rerun_script.is_auto_rerun:
             self.asked += 1
-            self._waits = True
+            self.waits = True
             self._heard = time.monotonic()
 
     def _received(self, frame: bytes | str) -> None:
@@ -175,7 +177,7 @@ class Runs:
             case "new_session":
                 self._runs = True
                 if not message.metadata.run.fragment_ids:
-                    self._waits = self._asks_again = False
+                    self.waits = self._asks_again = False
             case "auto_rerun":
                 self._asks_again = True
             case "script_finished":
@@ -228,11 +230,14 @@ def rested(page: Page) -> None:
 
 @contextmanager
 def heard(page: Page) -> Iterator[None]:
-    """Act on an idle page, and wait until the server has received it."""
+    """Act on an idle page, and wait until the server has begun to run for it.
+
+    What the page has only sent is lost if it asks for another page before the run begins.
+    """
     rested(page)
-    before = _runs[page].asked
+    runs, before = _runs[page], _runs[page].asked
     yield
-    _wait(page, lambda: _runs[page].asked > before, "The server heard nothing of it.")
+    _wait(page, lambda: runs.asked > before and not runs.waits, "The server heard nothing of it.")
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""How many random cases tests try: with ``--long`` all, else a seventh."""
+"""How many random cases tests try: with ``--long`` all, else a tenth."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from hypothesis import settings
 
 T = TypeVar("T")
-ALL, NORMAL = 100, 15
+ALL, NORMAL = 100, 10
 """Examples of a test that names no number."""
 FEWEST = 10
 

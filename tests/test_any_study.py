@@ -2,8 +2,8 @@
 
 Studies come from seeds (``any_study.random_study``): robots at any scale, repeated, collinear, constant,
 clipped, tiny and huge signals. A failure names its seed; ``faults(seed, small=True)`` repeats it. With
-``--long`` there are ten times as many. The environment sets the number of larger studies with every use
-of an analysis, for a nightly run:
+``--long`` there are thirty times as many. The environment sets the number of larger studies with every
+use of an analysis, for a nightly run:
 
     JOINTID_LONG=3000 python -m pytest -n 0 --timeout 0 tests/test_any_study.py
 """
@@ -32,7 +32,7 @@ def told(seed: int, found: list[tuple[str, Exception]]) -> str:
     return "\n".join(lines)
 
 
-@pytest.mark.parametrize("first", range(*tries((5, 10), long=(0, 150)), AT_ONCE))
+@pytest.mark.parametrize("first", range(*tries((13, 18), long=(0, 150)), AT_ONCE))
 def test_any_study_is_analysed_or_refused(first: int) -> None:
     for seed in range(first, first + AT_ONCE):
         found = faults(seed, small=True, every=EVERY)

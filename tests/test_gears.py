@@ -11,7 +11,7 @@ import pytest
 from examples import tries
 from scipy.integrate import solve_ivp
 
-from benchmarks.independent_robot import Robot, paper_motions, simulate
+from benchmarks.independent_robot import MAX_STEP_S, Robot, paper_motions, simulate
 from jointid import (
     Elasticity,
     ElasticityFit,
@@ -81,7 +81,7 @@ WORN = {
         PAPER, K=[43.0, 2000.0], D=[0.10, 0.25], hysteresis_Nm=[0.08, 0.0], hysteresis_rad=0.003
     ),
 }
-MOTIONS = {"noise": 0.003, "periods": 4.5}
+MOTIONS = {"noise": 0.003, "periods": 4.5, "max_step_s": tries(5e-4, long=MAX_STEP_S)}
 LATER = ("heavy rotors", "wide loops", "beside a stiff gear")
 """Those that only a long run fits."""
 

@@ -10,7 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from examples import examples, share
+from examples import examples, share, tries
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from log_makers import cell_log, comma_log
@@ -32,7 +32,7 @@ from jointid.importing import (
     read_logs,
 )
 
-TRIES = share(100)
+TRIES = tries(15, long=100)
 
 
 def tell(capsys: pytest.CaptureFixture[str], text: str) -> None:
@@ -65,13 +65,13 @@ def test_damaged_text_logs(capsys: pytest.CaptureFixture[str]) -> None:
     rng = random.Random(3)
     outcome: Counter[str] = Counter()
     samples = [cell_log("utf-16", 60), cell_log(rows=60), comma_log(60)]
-    tries = share(600)
-    for _ in range(tries):
+    count = share(600)
+    for _ in range(count):
         try:
             outcome[check(read_log(mutated(rng.choice(samples), rng), "log.csv"))] += 1
         except JointIdError as error:
             outcome[check(error)] += 1
-    tell(capsys, f"text: {tries} mutations, {dict(outcome)}")
+    tell(capsys, f"text: {count} mutations, {dict(outcome)}")
     assert outcome["refused"] > 0
     assert outcome["read"] > 0
 

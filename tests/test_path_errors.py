@@ -62,7 +62,7 @@ def test_the_largest_contour_error_is_that_of_all_instants(lag, zone) -> None:
     time = np.arange(0.0, path.end_s + 0.05, step)
     across = np.random.default_rng(3).normal(0, 1, (time.size, 4, 2)) * [[1e-7], [1e-5], [1e-4], [2e-3]]
     tool = path.position(time - lag)[:, None] + across
-    largest = path_errors._largest_contour_error(path, tool, path.position(time), step)
+    largest = path_errors._largest_contour_error(path, tool, path.position(time))
     assert np.array_equal(largest, path.distance(tool).max(axis=0))
 
 

@@ -172,41 +172,20 @@ def _largest_errors(
             run_servo(plan, arms, substeps)
         tool = arm.tool_of_links(np.array([*arms.log, arms.link]).swapaxes(1, 2))
         reference = toolpath.position(np.arange(len(tool)) * step)
-        contour[part] = _largest_contour_error(toolpath, tool, reference, step)
+        contour[part] = _largest_contour_error(toolpath, tool, reference)
     return contour
 
 
-def _largest_contour_error(toolpath: Toolpath, tool: Floats, reference: Floats, step_s: float) -> Floats:
+def _largest_contour_error(toolpath: Toolpath, tool: Floats, reference: Floats) -> Floats:
     """Largest contour error of each run, (runs,), of tools (k, runs, 2) with the reference (k, 2).
 
-    No contour error exceeds the distance to any one point of the path. A coarse sample of instants gives
-    a lower bound; only instants farther than that from one well-chosen point need the nearest one.
+    No contour error exceeds the tracking error. A coarse sample of instants gives a lower bound of the
+    largest; only instants with a larger tracking error need their nearest point of the path.
     """
     largest = np.asarray(toolpath.distance(tool[::_STRIDE]).max(axis=0))
-    candidates = (
-        _contour_error_bound(tool, reference, toolpath.peak_acceleration_m_s2 * step_s**2) > largest
-    )
+    tracking = tool - reference[:, None]
+    candidates = np.einsum("krc,krc->kr", tracking, tracking) > largest**2
     candidates[::_STRIDE] = False
     _, run = np.nonzero(candidates)
     np.maximum.at(largest, run, toolpath.distance(tool[candidates]))
     return largest
-
-
-def _contour_error_bound(tool: Floats, reference: Floats, bend_m: float) -> Floats:
-    """Upper bound of the contour error, shape (k, runs): distance to the path abreast of the tool.
-
-    The tool is ahead of the reference or behind by so many samples. The path is interpolated there, with
-    an error of at most an eighth of ``bend_m``, acceleration times step squared.
-    """
-    sample: Floats = np.arange(len(reference), dtype=np.float64)
-    deviation, pace = tool - reference[:, None], np.gradient(reference, axis=0)
-    square = (pace**2).sum(axis=1)
-    pace /= np.where(square > 0, square, 1.0)[:, None]
-    ahead = deviation[..., 0] * pace[:, None, 0] + deviation[..., 1] * pace[:, None, 1]
-    abreast = sample[:, None] + ahead
-    path = np.stack([np.interp(abreast, sample, reference[:, c]) for c in (0, 1)], axis=-1)
-    return np.asarray(np.minimum(_length(tool - path) + bend_m, _length(deviation)))
-
-
-def _length(vector: Floats) -> Floats:
-    return np.asarray(np.sqrt(vector[..., 0] ** 2 + vector[..., 1] ** 2))

@@ -17,7 +17,7 @@ from jointid.phasors.segment import Segment
 from jointid.phasors.sensor_steps import may_have_steps, sharing, step_variance, unresolved_variance
 from jointid.phasors.settling import settling_change
 from jointid.phasors.sine_fit import fit_sines
-from jointid.phasors.spectrum import frequencies_found
+from jointid.phasors.spectrum import frequency_found
 from jointid.records import SineRecord
 from jointid.wording import counted
 
@@ -227,7 +227,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     if harmonics is not None:
         harmonics = whole_number("harmonics", harmonics, 1)
     fits = fit_sines(records, harmonics or 3)
-    if harmonics is None and _distorted(records, fits):
+    if harmonics is None and any(map(_distorted, records, fits)):
         fits = fit_sines(records, MANY_HARMONICS)
     n, count = records[0].n, len(fits[0].harmonics)
     omega = np.array([record.omega for record in records])
@@ -242,9 +242,10 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     # The sensors are the same in all records: a few records show whether they have steps.
     stepped = count > 3 or any(may_have_steps(r) for r in records[:: max(1, len(records) // 4)])
     rounding = np.zeros((len(records), count, 2 * n))
-    for record in np.flatnonzero(stepped | _visible(fits)).tolist():
-        white, rounding[record] = step_variance(records[record], fits[record])
-        covariance[record][:, range(2 * n), range(2 * n)] += white
+    for k, fit in enumerate(fits):
+        if stepped or _visible(fit):
+            white, rounding[k] = step_variance(records[k], fit)
+            covariance[k][:, range(2 * n), range(2 * n)] += white
     if rounding.any():
         covariance[:, :, range(2 * n), range(2 * n)] += rounding * sharing(records, fits)[:, None]
     covariance[:, :, range(n), range(n)] += unresolved_variance(records)[:, None]
@@ -252,11 +253,9 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     # Leakage of harmonics over an incomplete period: plain fit less the fit with harmonics.
     leakage = z - np.array([fit.harmonics[0] for fit in fits]) * timing[:, 0]
     plain = covariance[:, 0] + leakage[:, :, None] * leakage[:, None].conj()
-    local = _local(fits)
-    change, noise = settling_change(*local)
+    settled = np.array([settling_change(fit.local) for fit in fits])
     with np.errstate(divide="ignore", invalid="ignore"):
-        amplitude = np.abs([fit.fundamental for fit in fits])
-        settling, settling_noise = change / amplitude, noise / amplitude
+        settling, settling_noise = settled.swapaxes(0, 1) / np.abs([fit.fundamental for fit in fits])
     return Phasors(
         omega=omega,
         q=z[:, :n],
@@ -270,7 +269,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         mean_torque=np.array([fit.offset[n:] for fit in fits]),
         settling=settling,
         settling_noise=settling_noise,
-        frequency_found_hz=frequencies_found(records, fits, *local),
+        frequency_found_hz=np.array([*map(frequency_found, records, fits)]),
         labels=tuple(r.label or f"record {i}" for i, r in enumerate(records, start=1)),
         harmonic_rounding=rounding * np.abs(timing) ** 2,
         hold_s=hold_s,
@@ -310,37 +309,23 @@ def _rounding(fits: Sequence[SineFit]) -> Floats:
     return np.asarray(((1e-14 * size) ** 2)[:, None, :, None] * np.eye(size.shape[1]))
 
 
-def _distorted(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> bool:
-    """Whether a record has harmonics that noise and quantisation do not explain."""
-    for record in np.flatnonzero(_visible(fits)).tolist():
-        fit = fits[record]
-        steps = step_variance(records[record], fit).sum(axis=0)
-        covariance = fit.covariance + steps[..., None] * np.eye(steps.shape[1])
-        if _visible([replace(fit, covariance=covariance)])[0]:
-            return True
-    return False
+def _distorted(record: SineRecord, fit: SineFit) -> bool:
+    """Whether the record has harmonics that noise and quantisation do not explain."""
+    if not _visible(fit):
+        return False
+    steps = step_variance(record, fit).sum(axis=0)
+    return _visible(replace(fit, covariance=fit.covariance + steps[..., None] * np.eye(steps.shape[1])))
 
 
-def _visible(fits: Sequence[SineFit]) -> np.ndarray:
-    """Whether a harmonic exceeds the noise, and 1e-6 of its signal, shape (r,)."""
-    power = np.abs([fit.harmonics for fit in fits]) ** 2
-    noise = np.abs(np.einsum("rhjj->rhj", np.array([fit.covariance for fit in fits])))
-    visible = (power > 1e-12 * power[:, :1]) & (power > _VISIBLE**2 * noise)
-    return np.asarray(visible[:, 1:].any(axis=(1, 2)))
+def _visible(fit: SineFit) -> bool:
+    """Whether a harmonic exceeds the noise, and 1e-6 of its signal."""
+    power = np.abs(fit.harmonics) ** 2
+    noise = np.abs(np.einsum("hjj->hj", fit.covariance))
+    visible = (power > 1e-12 * power[0]) & (power > _VISIBLE**2 * noise)
+    return bool(visible[1:].any())
 
 
 def _torque_timing(omega: Floats, hold_s: Floats, delay_s: Floats) -> Complexes:
     """Acting torque over sampled torque, shape (r, H): a hold of T delays by T/2 and attenuates."""
     held = np.sinc(omega * hold_s / (2 * np.pi))  # numpy's sinc(x) is sin(πx)/(πx)
     return np.asarray(held * np.exp(-1j * omega * (delay_s + hold_s / 2)))
-
-
-def _local(fits: Sequence[SineFit]) -> tuple[Complexes, np.ndarray, np.ndarray]:
-    """Local phasor of each block minus that of its record (r, K, 2n), zero beyond a record's blocks;
-    the blocks' numbers (K,), and how many each record has (r, 1)."""
-    count = np.array([[len(fit.deviations)] for fit in fits])
-    local = np.zeros((len(fits), int(count.max()), fits[0].deviations.shape[1]), complex)
-    for row, fit in zip(local, fits, strict=True):
-        row[: len(fit.deviations)] = fit.deviations
-    local *= count[:, :, None]
-    return local, np.arange(local.shape[1]), count

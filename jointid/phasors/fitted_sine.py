@@ -49,6 +49,11 @@ class SineFit:
     degrees_of_freedom: int
     """Degrees of freedom of ``covariance``: number of independent complex errors in its mean."""
 
+    @property
+    def local(self) -> Complexes:
+        """Phasors of each block less those of the record, shape (blocks, 2n)."""
+        return self.deviations * len(self.deviations)
+
     def at(self, time_s: Floats, omega: float) -> Floats:
         """Value of the fitted curve, shape (N, 2n)."""
         orders = np.arange(1, len(self.harmonics) + 1)

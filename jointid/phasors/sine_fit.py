@@ -13,7 +13,7 @@ from jointid.errors import JointIdError
 from jointid.phasors.direct_fit import fit_directly
 from jointid.phasors.fitted_sine import SineFit, Window
 from jointid.phasors.long_records import LongRecord, joined
-from jointid.phasors.uniform_fit import fit_side_by_side
+from jointid.phasors.uniform_fit import fit_uniformly
 from jointid.records import SineRecord
 from jointid.small_matrices import one_thread
 
@@ -38,36 +38,24 @@ def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit
     those that would make more unknowns than a quarter of the samples. Raises JointIdError when a record
     has fewer than ``FEWEST_SAMPLES`` usable samples.
     """
-    fits: dict[int, SineFit] = {}
-    batches: dict[tuple[int, int, int], dict[int, Window]] = {}
-    for number, record in enumerate(records):
-        if isinstance(record, LongRecord):
-            fits[number] = _fit_in_parts(record, harmonics)
-            continue
-        window = _window(record, harmonics)
-        if is_uniform(record) and window.blocks >= FEWEST_BLOCKS:
-            # Records of a batch are padded to the longest: at most a factor of two.
-            key = (record.n, window.orders, window.blocks.bit_length())
-            batches.setdefault(key, {})[number] = window
-        else:
-            enough = window.blocks >= FEWEST_BLOCKS
-            with one_thread():
-                fits[number] = fit_directly(window, harmonics, by_scatter=enough)
     with one_thread():
-        for windows in batches.values():
-            fitted = fit_side_by_side(tuple(windows.values()), harmonics)
-            fits.update(zip(windows, fitted, strict=True))
-    return [fits[number] for number in range(len(fits))]
+        return [_fit(record, harmonics) for record in records]
+
+
+def _fit(record: SineRecord, harmonics: int) -> SineFit:
+    if isinstance(record, LongRecord):
+        parts = [(_fit(part, harmonics), part.samples) for part in record.parts()]
+        return joined([fit for fit, _ in parts], [samples for _, samples in parts])
+    window = _window(record, harmonics)
+    enough = window.blocks >= FEWEST_BLOCKS
+    if enough and is_uniform(record):
+        return fit_uniformly(window, harmonics)
+    return fit_directly(window, harmonics, by_scatter=enough)
 
 
 def is_uniform(record: SineRecord) -> bool:
     """Whether the jitter is negligible for the record's phasors."""
     return record.jitter_s * record.omega < _NEGLIGIBLE_PHASE
-
-
-def _fit_in_parts(record: LongRecord, harmonics: int) -> SineFit:
-    parts = [(fit_sines([part], harmonics)[0], part.samples) for part in record.parts()]
-    return joined([fit for fit, _ in parts], [samples for _, samples in parts])
 
 
 def _window(record: SineRecord, harmonics: int) -> Window:

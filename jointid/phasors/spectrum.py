@@ -1,10 +1,8 @@
-"""Amplitude spectrum of a logged signal, and the frequencies that records have."""
-
-from collections.abc import Sequence
+"""Amplitude spectrum of a logged signal, and the frequency that a record has."""
 
 import numpy as np
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.phasors.fitted_sine import SineFit
 from jointid.records import SineRecord
@@ -69,38 +67,25 @@ def vertex(amplitude: Floats, peak: int) -> float:
     return 0.0 if curvature == 0 else float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5))
 
 
-def frequencies_found(
-    records: Sequence[SineRecord],
-    fits: Sequence[SineFit],
-    local: Complexes,
-    block: np.ndarray,
-    count: np.ndarray,
-) -> Floats:
-    """Stated frequency, corrected by the phase drift of the largest motion over the record, (r,), Hz.
-
-    ``local``, less the phasors of their record, ``block`` and ``count`` are as in ``settling_change``.
-    """
-    n, rows = records[0].n, np.arange(len(records))
-    strength = np.abs([fit.harmonics[:, :n] for fit in fits])
-    order, largest = np.divmod(strength.reshape(len(records), -1).argmax(axis=1), n)
-    phasor = np.array([fit.fundamental[j] for fit, j in zip(fits, largest, strict=True)])
-    offset = np.abs([fit.offset[j] for fit, j in zip(fits, largest, strict=True)])
-    local = local[rows, :, largest]
-    scatter = np.sqrt((np.abs(local) ** 2).sum(axis=1) / count[:, 0])
-    place = np.where(block < count, (block - (count - 1) / 2) / count, 0.0)
-    stated = np.array([record.frequency_hz for record in records])
-    span = np.array([record.periods for record in records]) / stated
+def frequency_found(record: SineRecord, fit: SineFit) -> float:
+    """Stated frequency, corrected by the phase drift of the largest motion over the record, Hz."""
+    stated = record.frequency_hz
+    strength = np.abs(fit.harmonics[:, : record.n])
+    order, joint = divmod(int(strength.argmax()), record.n)
+    if not strength.max() > 1e-12 * np.abs(fit.offset[joint]):
+        return stated
+    phasor, local = fit.fundamental[joint], fit.local[:, joint]
+    count = len(local)
+    suspicious = order > 0 or np.sqrt(np.mean(np.abs(local) ** 2)) > 0.5 * np.abs(phasor)
+    if suspicious or (count < 3 and _unlike(record, fit, joint)):
+        used = slice(record.start, None)
+        return largest_line_hz(record.time_s[used], record.theta_rad[used, joint])
+    if count < 3:
+        return stated
+    place = (np.arange(count) - (count - 1) / 2) / count
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        turns = ((local / phasor[:, None]).imag * place).sum(axis=1) / (place**2).sum(axis=1)
-    found = stated + np.where(count[:, 0] >= 3, turns / span, 0.0) / (2 * np.pi)
-    moves = strength.max(axis=(1, 2)) > 1e-12 * offset
-    suspicious = (order > 0) | (scatter > 0.5 * np.abs(phasor))
-    for row in np.flatnonzero(moves & (suspicious | (count[:, 0] < 3))).tolist():
-        record, joint = records[row], int(largest[row])
-        if suspicious[row] or _unlike(record, fits[row], joint):
-            used = slice(record.start, None)
-            found[row] = largest_line_hz(record.time_s[used], record.theta_rad[used, joint])
-    return np.where(moves, found, stated)
+        turns = ((local / phasor).imag * place).sum() / (place**2).sum()
+    return float(stated + turns / (2 * np.pi * record.periods / stated))
 
 
 def _unlike(record: SineRecord, fit: SineFit, joint: int) -> bool:

@@ -221,7 +221,7 @@ def _settled_from(z: Complexes, fewest: int, rounding: Floats) -> int:
     count, before = len(z), False
     for first in range(0, count - max(fewest, count // 4, 8) + 1, max(1, count // 128)):
         rest = z[first:]
-        change, noise = settling_change(rest[None], np.arange(len(rest)), np.array([[len(rest)]]))
+        change, noise = settling_change(rest)
         least = np.maximum(SETTLED_CHANGE / 2 * np.abs(rest.mean(axis=0)), rounding)
         now = bool(np.all(change <= np.maximum(least, _SETTLED_SIGMAS * noise)))
         if now and (before or first == 0):

@@ -17,7 +17,7 @@ from jointid.ui.shared.charts import choose_joint, introduce, is_dark, plot, sid
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.results import awaited, note_session, result_cache
-from jointid.ui.shared.sidebar import DEFAULT_METHOD, choose_study
+from jointid.ui.shared.sidebar import DEFAULT_METHOD, choose_study, remember_file
 from jointid.ui.shared.workspace import Refused, label, link_to, open_sample, open_study, sample_paths
 
 Given = ParamSpec("Given")
@@ -167,6 +167,7 @@ def start(title: str, introduction: str = "", *, heading: bool = True) -> tuple[
     states what the page shows, in two sentences.
     """
     note_session()
+    remember_file()
     st.set_page_config(page_title=f"{title} · jointid", page_icon=str(_ICON), layout="wide")
     dark = is_dark()
     ink = f"--focus: {colours(dark).identified}; --on-primary: {'#10212C' if dark else '#FFFFFF'}"

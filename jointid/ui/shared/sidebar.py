@@ -36,7 +36,6 @@ def choose_study() -> tuple[str, str, str] | None:
     """Draw the sidebar and return the study's key, estimator and unit; None without any study."""
     follow_address()
     with st.sidebar:
-        _remember_file()
         links = st.container()
         st.divider()
         above = st.container()
@@ -108,10 +107,11 @@ def _take_choice() -> None:
     )
 
 
-def _remember_file() -> None:
-    """Store a dropped file in the session before anything is drawn.
+def remember_file() -> None:
+    """Store a dropped file in the session; call it before anything is drawn.
 
-    A click may end this run at any point; the next run then takes the file from the session.
+    A click may end this run wherever something is drawn; the next run then takes the file from the
+    session.
     """
     file = st.session_state.get(_UPLOADER)
     if file is not None and file.file_id != st.session_state.get("seen_upload"):
