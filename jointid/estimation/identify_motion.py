@@ -16,7 +16,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
-from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
+from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.model_fits import evaluated, fit_model, motors_of, stepped
 from jointid.estimation.model_selection import choose_model
@@ -33,7 +33,7 @@ from jointid.small_matrices import one_thread
 _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
 _POOR, _FAR_BETTER = 1.5, 0.3
-"""Misfit from which other start values are tried, and ratio from which they are the right ones."""
+"""Misfit from which friction of motors at rest may bias the start; ratio for which another is right."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
 _FEW = 6
@@ -188,13 +188,9 @@ def _with_first_noise(
                 break
             model, found = each, richer
     if "coulomb" in start.layout and not (found and found.misfit < _POOR):
-        # Where motors rest, their friction may take K, D and the payload of the start far off.
-        layout = ParameterLayout.of(phasors.n, friction=True)
-        friction = {name: start[name] for name in ("coulomb", "viscous")}
-        for other in at_resonances(few, own):
-            near = layout.named(layout.pack(K=other.K, D=other.D, **friction))
+        for other in at_resonances(few, own, friction=start):
             with contextlib.suppress(JointIdError):
-                richer = fit_model(few, own, near, noise, model)
+                richer = fit_model(few, own, other, noise, model)
                 if found is None or richer.misfit < _FAR_BETTER * found.misfit:
                     found = richer
                     break
