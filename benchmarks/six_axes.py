@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from benchmarks.bound import impedance
 from benchmarks.harness import Table
 from jointid import (
     Controller,
@@ -27,6 +28,7 @@ from jointid import (
     SineRecord,
     Study,
     analyse,
+    extract_phasors,
     simulate_motion,
     simulate_records,
 )
@@ -40,6 +42,7 @@ FRICTION = MotorFriction(
 )
 
 
+NOISE = Measurement(position_noise_rad=1e-5, torque_noise_Nm=0.01)
 COLUMNS = {"records": "", "prior": ".2f", "payload σ, kg": ".0f", "payload off, kg": ".0f",
            "K off %": ".3f", "D off %": ".3f", "K σ %": ".3f", "D σ %": ".3f",
            "noise alone: K %": ".3f", "D %": ".3f", "CPU s": ".1f", "findings": ""}  # fmt: skip
@@ -62,10 +65,9 @@ def records_of(
     """Sine records of a pattern, or six motions of 20 s."""
     K = JOINT_K / robot.gear_ratio**2
     elasticity, inertia = Elasticity(K, DAMPING_S * K), robot.inertia(POSE)
-    noise = Measurement(position_noise_rad=1e-5, torque_noise_Nm=0.01)
     if kind == "motions":
         return list(
-            simulate_motion(inertia, elasticity, MOTION, records=6, friction=FRICTION, measurement=noise)
+            simulate_motion(inertia, elasticity, MOTION, records=6, friction=FRICTION, measurement=NOISE)
         )
     return simulate_records(
         inertia,
@@ -74,7 +76,7 @@ def records_of(
         excitation=Excitation(pattern=kind.split(",")[0]),
         controller=Controller(),
         friction=FRICTION,
-        measurement=noise,
+        measurement=NOISE,
     )
 
 
@@ -108,6 +110,42 @@ def row(
     return dict(zip(COLUMNS, figures, strict=True))
 
 
+def bound(records: list[SineRecord], robot: RobotModel) -> Table:
+    """Cramér-Rao bound of K and D where friction is known but for its levels, by the motors' equations.
+
+    The amplitudes of the motors are nuisance parameters.
+    """
+    phasors, inertia, n = extract_phasors(records), robot.inertia(POSE), robot.n
+    s, q = 1j * phasors.omega, phasors.q[..., None]
+    K, below = JOINT_K / robot.gear_ratio**2, np.tril_indices(n)
+    truth = np.concatenate([K, DAMPING_S * K, inertia.M, inertia.M2[below]])
+    own = np.sqrt(np.diag(inertia.M2))
+    scale = np.maximum(np.abs(truth), np.append(np.zeros(3 * n), 0.1 * np.outer(own, own)[below]))
+
+    def response(p: np.ndarray) -> np.ndarray:
+        M2 = np.zeros((n, n))
+        M2[below] = M2.T[below] = p[3 * n :]
+        return impedance(s, p[2 * n : 3 * n], M2, p[:n], p[n : 2 * n])
+
+    parts = [(response(truth + h) - response(truth - h)) @ q / 2e-5 for h in 1e-5 * np.diag(scale)]
+    velocity = np.eye(n) * (s[:, None, None] * q)
+    turns = np.divide(velocity, np.abs(velocity), out=0 * velocity, where=velocity != 0)
+    J = np.concatenate([*parts, velocity, turns], axis=2)  # per relative change; friction last
+    Z, samples = response(truth), np.array([len(record.time_s) for record in records])
+    angle, torque = NOISE.position_noise_rad**2, NOISE.torque_noise_Nm**2
+    C = 4 / samples[:, None, None] * (torque * np.eye(n) + angle * Z @ Z.conj().swapaxes(1, 2))
+    information = 2 * np.einsum("rak,ral->kl", J.conj(), np.linalg.solve(C, J)).real
+    rows = []
+    for std in (1e-6, 0.05, np.inf):
+        prior = np.zeros(len(information))
+        prior[2 * n : truth.size] = std**-2
+        least = 100 * np.sqrt(np.diag(np.linalg.inv(information + np.diag(prior)))[: 2 * n])
+        rows.append(
+            {"prior": std} | {f"{k}{j + 1} %": least[n * (k == "D") + j] for k in "KD" for j in range(n)}
+        )
+    return Table("six_axes", "Cramér-Rao bound", dict.fromkeys(rows[0], ".3f"), tuple(rows))
+
+
 def measure(quick: bool) -> Iterator[Table]:
     """Return one table for each kind of records."""
     robot = RobotModel.load(ROBOT)
@@ -115,6 +153,8 @@ def measure(quick: bool) -> Iterator[Table]:
         if quick and kind != "orthogonal":
             continue
         records = records_of(kind, robot, lowest_hz, 6 if quick else 14)
+        if kind == "orthogonal":
+            yield bound(records, robot)
         cases = cases[:1] if quick else cases
         rows = tuple(row(kind, records, robot, *case) for case in cases)
         yield Table("six_axes", f"Six axes with friction, from {lowest_hz:g} Hz: {kind}", COLUMNS, rows)

@@ -20,6 +20,7 @@ from jointid.estimation.identify_elasticity import identify_each, require_method
 from jointid.estimation.identify_motion import identify_motion
 from jointid.estimation.quantities import Quantity
 from jointid.joints import Inertia
+from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors, extract_phasors, no_phasors
 from jointid.records import require_torques
 from jointid.robot_models.model import RobotModel
@@ -293,8 +294,12 @@ def _motion_matrices(
     for pose in dict.fromkeys(record.pose or "" for record in study.motion_records):
         if pose in matrices:
             continue
-        records = [record for record in study.motion_records if (record.pose or "") == pose]
         try:
+            records = [
+                replace(record, band_hz=record.band_hz or coherent_band(record))
+                for record in study.motion_records
+                if (record.pose or "") == pose
+            ]
             matrices[pose] = motion_transfer_matrix(records)
             freed[pose] = motion_transfer_matrix(
                 records, coulomb=friction[0], viscous=friction[1], delay=fit.delay or 0.0

@@ -310,6 +310,7 @@ def test_files_named_in_an_mjcf_are_not_opened_by_mujoco(monkeypatch: pytest.Mon
 
 FILES = {"a.urdf": URDF, "a.xml": MJCF, "a.toml": SIX_AXES}
 DOCUMENT_TYPE = '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd"><!ENTITY b "&x;&x;">]>'
+REDUCTION = "<mechanicalReduction>5</mechanicalReduction>"
 WELD = '<equality><weld body1="slide"/></equality><asset>'
 BAD_PARTS = {
     "external entity": ("a.urdf", "<robot name", DOCUMENT_TYPE + "<robot name", "document type"),
@@ -323,6 +324,12 @@ BAD_PARTS = {
     "half an inertial": ("a.urdf", 'ixx="1.2"', "", "link upper.*all six"),
     "impossible tensor": ("a.urdf", 'ixx="1.2"', 'ixx="-1.2"', "moved by joint j1 have the negative"),
     "two bases": ("a.urdf", '<link name="base"/>', '<link name="base"/><link name="b2"/>', "base, b2"),
+    "macro": ("a.urdf", '<link name="base"/>', '<link name="base"/><xacro:arm/>', "xacro"),
+    "capitals": ("a.urdf", '<origin xyz="0.2 0 0"/>', '<Origin xyz="0.2 0 0"/>', "<Origin>.*lower-case"),
+    "quaternion": ("a.urdf", 'rpy="0.3 0 0"', 'quat_xyzw="0 0 0 1"', "quat_xyzw"),
+    "two masses": ("a.urdf", '<mass value="9"/>', '<mass value="9"/><mass value="1"/>', "one <mass>"),
+    "axis without xyz": ("a.urdf", '<axis xyz="0 1 1"/>', "<axis/>", "j1.*0 0 0"),
+    "two reductions": ("a.urdf", "</actuator>", f"</actuator>{REDUCTION}", "joint j2 is 5 and -80"),
     "frame of the world": ("a.xml", '<light pos="0 0 3"/>', "<frame/>", "worldbody: <frame>"),
     "include": ("a.xml", "<asset>", '<include file="/etc/passwd"/><asset>', "include"),
     "include in a class": (
@@ -339,6 +346,11 @@ BAD_PARTS = {
     "two joints": ("a.xml", '<joint name="j2"/>', '<joint name="j2"/><joint name="j4"/>', "2 joints"),
     "ball": ("a.xml", 'type="slide"', 'type="ball"', "j3 is neither"),
     "frame": ("a.xml", '<geom type="mesh" mesh="shell"/>', "<frame/>", "<frame>"),
+    "gear of 0": ("a.xml", 'gear="-50"', 'gear="0"', "joint j2 has a gear of 0"),
+    "two gears": ("a.xml", "<actuator>", '<actuator><velocity joint="j2" gear="9"/>', "gears 9 and -50"),
+    "spring": ("a.xml", 'axis="1 1 0"', 'axis="1 1 0" stiffness="40"', "stiffness"),
+    "spring in a class": ("a.xml", 'armature="5"', 'armature="5" springdamper="1 1"', "springdamper"),
+    "gravcomp": ("a.xml", 'name="slide"', 'name="slide" gravcomp="1"', "gravcomp"),
     "scaled mass": ("a.xml", "meshdir=", "settotalmass=", "settotalmass"),
     "no mass": ("a.toml", "mass = 100.0", "", "number 3: mass is missing"),
     "unknown key": ("a.toml", "mass = 100.0", "mas = 100.0", 'unknown key "mas"'),

@@ -15,6 +15,7 @@ from jointid import (
     RobotModel,
     extract_phasors,
     identify_elasticity,
+    identify_motion,
     simulate_motion,
     simulate_records,
 )
@@ -83,3 +84,23 @@ def test_motions_start_near_k_and_the_payload_with_friction() -> None:
         np.diag(M2) for M2 in (prior.symmetric(start["M2"])[0], prior.M2[0], INERTIA.M2)
     )
     assert np.abs(found - true).max() < 0.4 * np.abs(given - true).max()
+
+
+def test_joints_that_move_in_turn_with_heavy_friction() -> None:
+    """The others stick, so that friction takes the start values far off."""
+    records = []
+    for joint in range(6):
+        velocity, acceleration = (np.full(6, size) for size in (1e-6, 1e-4))
+        velocity[joint], acceleration[joint] = 30.0, 500.0
+        records += simulate_motion(
+            INERTIA,
+            ELASTICITY,
+            Motion("random", 4.0, 40.0, 1.5, velocity_rad_s=velocity, acceleration_rad_s2=acceleration),
+            records=1,
+            friction=FRICTION,
+            measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=0.01),
+            seed=joint,
+        )
+    fit = identify_motion(records, INERTIA)
+    assert np.all(np.abs(fit.K - K) < 3 * fit.standard_error[:6])
+    np.testing.assert_allclose(fit.K[[0, 1, 2, 4]], K[[0, 1, 2, 4]], rtol=0.01)

@@ -21,6 +21,7 @@ from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.model_fits import evaluated, fit_model, motors_of, stepped
 from jointid.estimation.model_selection import choose_model
 from jointid.estimation.motion_start import motion_start
+from jointid.estimation.start_values import at_resonances
 from jointid.joints import Inertia
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors
@@ -31,6 +32,8 @@ from jointid.small_matrices import one_thread
 
 _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
+_POOR, _FAR_BETTER = 1.5, 0.3
+"""Misfit from which friction of motors at rest may bias the start; ratio for which another is right."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
 _FEW = 6
@@ -177,13 +180,20 @@ def _with_first_noise(
         phasors = replace(phasors, segments=tuple(bounded))
     found: LikelihoodEstimate | None = None
     few, own = phasors.select(rows), prior.of_rows(rows)
-    noise = _noise(few, own)
-    for each in (Model(None, delay=False), Model(0.0, delay=False))["coulomb" in start.layout :]:
+    noise, model = _noise(few, own), Model(0.0, delay=False)
+    for each in (Model(None, delay=False), model)["coulomb" in start.layout :]:
         with contextlib.suppress(JointIdError):
             richer = fit_model(few, own, start, noise, each)
             if found is not None and (richer.misfit > _BETTER * found.misfit or not dissipates(richer)):
                 break
             model, found = each, richer
+    if "coulomb" in start.layout and not (found and found.misfit < _POOR):
+        for other in at_resonances(few, own, friction=start):
+            with contextlib.suppress(JointIdError):
+                richer = fit_model(few, own, other, noise, model)
+                if found is None or richer.misfit < _FAR_BETTER * found.misfit:
+                    found = richer
+                    break
     if found is None:
         return phasors, start, None
     phasors = _with_noise(phasors, prior, model, found)
@@ -194,8 +204,7 @@ def _with_first_noise(
             phasors = _with_noise(phasors, prior, model, found)
         if not _differ(before, phasors):
             break
-    near = found.named if "coulomb" in found.layout else found.elasticity
-    return phasors, near, model
+    return phasors, found.named if "coulomb" in found.layout else found.elasticity, model
 
 
 def _are_many(phasors: Phasors) -> bool:

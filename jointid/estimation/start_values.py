@@ -53,14 +53,17 @@ _HUGE = 1e50
 """Largest relative residual; its square and sums of squares stay finite."""
 
 
-def at_resonances(phasors: Phasors, prior: InertiaPrior) -> list[Parameters]:
-    """K with the arm's resonance at frequencies of the records, and a small D."""
+def at_resonances(
+    phasors: Phasors, prior: InertiaPrior, *, friction: Parameters | None = None
+) -> list[Parameters]:
+    """K with the arm's resonance at frequencies of the records, a small D, and a given friction."""
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)  # M2jj, kg·m²
-    layout, starts = ParameterLayout.of(phasors.n), []
+    layout, starts = ParameterLayout.of(phasors.n, friction=friction is not None), []
+    known = {name: friction[name] for name in ("coulomb", "viscous")} if friction else {}
     for share in (0.5, 1.0, 0.0):
         omega = float(np.quantile(phasors.excited, share))
         K = own * omega**2
-        starts.append(layout.named(layout.pack(K=K, D=_DAMPED * K / omega)))
+        starts.append(layout.named(layout.pack(K=K, D=_DAMPED * K / omega, **known)))
     return starts
 
 

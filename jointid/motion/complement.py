@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cholesky, qr, solve_triangular
-from scipy.linalg.lapack import dpotri
+from scipy.linalg import qr, solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from jointid.arrays import Complexes, Floats
 
@@ -120,7 +120,10 @@ class Complement:
         for basis, own in zip(bases, V, strict=True):
             S = basis.covariance(own)
             S[np.diag_indices_from(S)] *= 1 + _RIDGE
-            roots.append(cholesky(S, overwrite_a=True, check_finite=False))
+            root, fault = dpotrf(S.T, lower=True, clean=False, overwrite_a=True)  # without a copy
+            if fault:
+                raise np.linalg.LinAlgError("a covariance is not positive definite")
+            roots.append(root.T)
         return cls(V, bases, tuple(roots))
 
     def rows(self, values: Complexes) -> Floats:
@@ -151,8 +154,10 @@ class Complement:
         """Degrees of freedom that noise keeps in its part of the residual, shape (r, n)."""
         left = np.zeros((len(self.bases), self.V.shape[2]))
         for place, basis, U in zip(left, self.bases, self.roots, strict=True):
-            of_U = np.triu(dpotri(U)[0])
-            share = of_U + np.triu(of_U, 1).T
+            if not basis.joint.size:  # friction explains the whole record
+                continue
+            of_U = np.tril(dpotri(U.T, lower=True)[0])
+            share = of_U + np.tril(of_U, -1).T
             for used, bounded in zip(basis.of_joints(), basis.bounded, strict=True):
                 share[:, used] = share[:, used] @ bounded
             kept = np.eye(basis.joint.size) - share

@@ -155,7 +155,7 @@ def _polynomials(
     degrees, has the standard deviation of a unit that changes its sign anywhere.
     """
     H = inside.size
-    bins, stretches = np.arange(1, H + 1), np.concatenate(slow)
+    stretches = np.concatenate(slow)
     begin, end = stretches.T
     length, joint = end - begin, np.repeat(np.arange(len(slow)), [len(own) for own in slow])
     count = np.ceil(np.pi * length / N * H + _RESOLVED).astype(int)
@@ -168,11 +168,7 @@ def _polynomials(
     for steps in np.unique(length).tolist():  # stretches of equal length share their functions
         equal = length == steps
         resolved = int(count[equal][0])
-        degree = np.arange(resolved + _FURTHER)
-        x, even, odd = _quadrature((degree.size + _MORE).bit_length())
-        turn = np.outer(x, np.pi * steps / N * bins)
-        shapes = steps * (even @ np.cos(turn) - 1j * (odd @ np.sin(turn)))[: degree.size]
-        std = np.sqrt(np.where(degree, 1 / (2 * degree - 1) + 1 / (2 * degree + 3), 1 / 3))
+        shapes, std = _transforms(steps, N, H, resolved + _FURTHER)
         for some, first in ((equal & is_free, resolved), (equal & ~is_free, 0)):
             for found, part in ((free, shapes[:first]), (bounded, (std[:, None] * shapes)[first:])):
                 rows = late[some, None] * part
@@ -180,6 +176,20 @@ def _polynomials(
     for found in (free, bounded):
         rows, of = (np.concatenate(each) for each in zip(*found, strict=True))
         yield [rows[of == j].T for j in range(len(slow))]
+
+
+@lru_cache(maxsize=512)
+def _transforms(steps: int, N: int, H: int, count: int) -> tuple[Complexes, Floats]:
+    """Transforms (count, H) of Legendre's polynomials on some of N steps centred at time 0.
+
+    Also the standard deviations (count,) of their sizes in a unit that changes its sign anywhere.
+    """
+    degree = np.arange(count)
+    x, even, odd = _quadrature((count + _MORE).bit_length())
+    turn = np.outer(x, np.pi * steps / N * np.arange(1, H + 1))
+    shapes = steps * (even @ np.cos(turn) - 1j * (odd @ np.sin(turn)))[:count]
+    std = np.sqrt(np.where(degree, 1 / (2 * degree - 1) + 1 / (2 * degree + 3), 1 / 3))
+    return shapes, std
 
 
 @lru_cache

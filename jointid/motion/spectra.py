@@ -8,6 +8,7 @@ checks the error bars.
 """
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -62,26 +63,27 @@ def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
 def _band_and_noise(
     record: MotionRecord, parts: list[UniformPart], M: Floats
 ) -> tuple[tuple[float, float], Floats, Floats]:
+    variances_above = cache(lambda highest_hz: sensor_variances(parts, highest_hz, M))
     if record.band_hz is not None:
-        return record.band_hz, *_noise(parts, record.band_hz, M)
-    variance, _ = sensor_variances(parts, 0.25 / record.interval_s, M)
+        return record.band_hz, *_noise(parts, *variances_above(record.band_hz[1]))
+    variance = variances_above(0.25 / record.interval_s)[0].copy()
     variance[M.size :] = 0.0  # far above the band, noise of the angle exceeds that of the torque
     for _ in range(2):  # the band depends on the noise beyond it, and the reverse
         band = proposed_band(parts, variance)
-        variance, _ = sensor_variances(parts, band[1], M)
+        variance, _ = variances_above(band[1])
     band = proposed_band(parts, variance)
-    return band, *_noise(parts, band, M)
+    return band, *_noise(parts, *variances_above(band[1]))
 
 
-def _noise(parts: list[UniformPart], band: tuple[float, float], M: Floats) -> tuple[Floats, Floats]:
+def _noise(parts: list[UniformPart], variance: Floats, most: Floats) -> tuple[Floats, Floats]:
     """Variance of each sample (2n,), that of the torque a start value; and three further ones (3, n).
 
     These are the least and the most of the torque's, and the repeated part of the angle's. Beyond the
     band the noise of the angle, and friction, may hide that of the torque.
     """
-    variance, most = sensor_variances(parts, band[1], M)
     size = np.mean([(part.tau**2).mean(axis=1) for part in parts], axis=0)
-    variance[M.size :] = np.maximum(variance[M.size :], _LEAST_TORQUE_NOISE**2 * size)
+    least = _LEAST_TORQUE_NOISE**2 * np.concatenate([np.zeros(size.size), size])
+    variance = np.maximum(variance, least)
     return variance, np.stack([_ACCURACY**2 * size, most, repeated_variances(parts)])
 
 

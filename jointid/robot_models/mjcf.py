@@ -24,9 +24,9 @@ from jointid.robot_models.xml_checks import (
 _FRAME = {"pos", "quat", "euler", "axisangle", "xyaxes", "zaxis"}
 _NUMBERS = {
     "option": {"gravity"},
-    "body": _FRAME,
+    "body": {"gravcomp", *_FRAME},
     "inertial": {"mass", "diaginertia", "fullinertia", *_FRAME},
-    "joint": {"pos", "axis", "armature", "ref"},
+    "joint": {"pos", "axis", "armature", "ref", "stiffness", "springdamper"},
     "geom": {"size", "mass", "density", "fromto", *_FRAME},
     "general": {"gear"},
 }
@@ -46,6 +46,8 @@ _IGNORED = {
     "fusestatic",
 }  # fmt: skip
 """Settings of the compiler that leave the masses alone."""
+_NO_GEAR = 1e-300
+"""Gear of an actuator that states none."""
 _WITHOUT_MESHES = " Meshes are not read: a body made of meshes needs an <inertial>."
 
 
@@ -82,19 +84,41 @@ def read_mjcf(file: str, data: bytes) -> RobotDescription:
             )
     links = _bodies(mujoco, model, tuple((model.jnt_type == slide).tolist()))
     require_physical(file, names, links)
-    unknown = np.full(links.n, np.nan)
-    ratio, stated = unknown.copy(), model.actuator_gear[:, 0] != 0
-    ratio[model.actuator_trnid[stated, 0]] = model.actuator_gear[stated, 0]
+    if (
+        model.jnt_stiffness.any()
+        or model.body_gravcomp.any()
+        or root.find("tendon/*[@stiffness]") is not None
+    ):
+        raise xml_error(
+            file,
+            "springs (stiffness, springdamper) and gravcomp are not supported: remove them if the "
+            "motors carry the weight.",
+        )
     armature = model.dof_armature
     return RobotDescription(
         links=links,
-        coupling=frozen(np.diag(1 / ratio)),
-        rotor_inertia=frozen(unknown),
+        coupling=frozen(np.diag(1 / _gears(file, names, model))),
+        rotor_inertia=frozen(np.full(links.n, np.nan)),
         zero=frozen(-model.qpos0),
         names=names,
         armature=frozen(np.where(armature > 0, armature, np.nan)) if armature.any() else None,
         source=(file, data),
     )
+
+
+def _gears(file: str, names: tuple[str, ...], model: Any) -> Floats:
+    """Gear ratios that the actuators state, shape (n,); NaN where none does."""
+    ratio: Floats = np.full(len(names), np.nan)
+    for j, gear in zip(model.actuator_trnid[:, 0].tolist(), model.actuator_gear[:, 0], strict=True):
+        if gear == _NO_GEAR:
+            continue
+        if gear == 0 or (np.isfinite(ratio[j]) and ratio[j] != gear):
+            fault = f"actuators with gears {ratio[j]:g} and {gear:g}" if gear else "a gear of 0"
+            raise xml_error(
+                file, f"joint {names[j]} has {fault}: give one gear, motor turns per joint turn."
+            )
+        ratio[j] = gear
+    return ratio
 
 
 def _require_readable(file: str, root: Element) -> None:
@@ -133,10 +157,10 @@ def _require_readable(file: str, root: Element) -> None:
 
 
 def _plain(root: Element) -> Element:
-    """Copy of a file with what is read of it; actuators without a gear have the gear 0."""
+    """Copy of a file with what is read of it; actuators without a gear have that of ``_NO_GEAR``."""
     plain = _copy(root)
     plain.insert(0, Element("default"))
-    SubElement(plain[0], "general", gear="0")
+    SubElement(plain[0], "general", gear=f"{_NO_GEAR}")
     return plain
 
 

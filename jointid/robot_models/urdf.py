@@ -29,6 +29,7 @@ _NUMBERS = {
     "mass": {"value": range(1, 2)},
     "inertia": dict.fromkeys(_TENSOR, range(1, 2)),
 }
+_ONCE = ("inertial", "origin", "mass", "inertia", "axis", "parent", "child")
 _JOINTS = ("revolute", "continuous", "prismatic", "fixed")
 
 
@@ -66,6 +67,7 @@ def read_urdf(file: str, data: bytes) -> RobotDescription:
 
 
 def _require_urdf(file: str, root: Element) -> None:
+    _require_spelling(file, root)
     links = [link.get("name", "") for link in root.findall("link")]
     joints = root.findall("joint")
     require_unique(file, joints)
@@ -80,7 +82,7 @@ def _require_urdf(file: str, root: Element) -> None:
         if joint.find("mimic") is not None:
             raise xml_error(file, f"joint {name} mimics another joint: remove it, or make it fixed.")
         axis = joint.find("axis")
-        if axis is not None and not any(map(float, axis.get("xyz", "1 0 0").split())):
+        if axis is not None and not any(map(float, axis.get("xyz", "0 0 0").split())):
             raise xml_error(file, f"joint {name} has the axis 0 0 0: give its direction.")
         for role in ("parent", "child"):
             end = joint.find(role)
@@ -113,17 +115,37 @@ def _require_urdf(file: str, root: Element) -> None:
                 )
 
 
+def _require_spelling(file: str, root: Element) -> None:
+    """Refuse what pinocchio leaves out: macros, other spellings, and all but one of several parts."""
+    for part in root.iter():
+        known = part.tag.lower()
+        if known.startswith("xacro:"):
+            raise xml_error(file, f"<{part.tag:.60}> is a macro: convert the file with xacro first.")
+        if known in (*_ONCE, "link", "joint") and part.tag != known:
+            raise xml_error(file, f"<{part.tag}>: the elements of URDF are lower-case, <{known}>.")
+        if part.tag in ("origin", "axis") and (extra := set(part.attrib) - {"xyz", "rpy"}):
+            raise xml_error(file, f"<{part.tag} {min(extra):.60}> is not supported: give xyz and rpy.")
+    for part in [*root.findall("link"), *root.findall("link/inertial"), *root.findall("joint")]:
+        for tag in _ONCE:
+            if len(part.findall(tag)) > 1:
+                name = part.get("name", "")
+                raise xml_error(file, f"{part.tag} {name}: expected one <{tag}>, got several.")
+
+
 def _gears(file: str, root: Element) -> dict[str, float]:
     """Gear ratios that are stated, by joint."""
-    found = {}
+    found: dict[str, float] = {}
     for part in root.iter("transmission"):
         if len(joints := part.findall("joint")) == 1:
             name = joints[0].get("name", "")
             for each in part.iter("mechanicalReduction"):
                 place = f"gear ratio of joint {name}"
-                found[name] = require_numbers(file, place, each.text or "", range(1, 7))[0]
-                if found[name] == 0:
-                    raise xml_error(file, f"{place} is 0: give motor turns per joint turn.")
+                ratio = require_numbers(file, place, each.text or "", range(1, 7))[0]
+                if ratio == 0 or found.setdefault(name, ratio) != ratio:
+                    other = f" and {found[name]:g}" if ratio else ""
+                    raise xml_error(
+                        file, f"{place} is {ratio:g}{other}: give one, motor turns per joint turn."
+                    )
     return found
 
 
