@@ -112,8 +112,9 @@ def choose_model(
 def _searched(search: Search) -> Choice:
     """Search from the linear estimate and, if the misfit stays large, from other start values.
 
-    Heavy friction can make the linear estimate negative, or place it near another local minimum. The
-    search ends soon where no passive robot can produce the records, or no model explains a part of them.
+    Heavy friction can make the linear estimate negative, or place it near another local minimum; a
+    start with its model is that of a near fit. The search ends soon where no passive robot can produce
+    the records, or no model explains a part of them.
     """
     phasors = search.phasors
     if not search.has_motions and least_misfit(phasors.omega, phasors.z, phasors.covariance) > LOST:
@@ -128,9 +129,9 @@ def _searched(search: Search) -> Choice:
     if search.is_lost and _inertias_are_wrong(search):
         return _choice(search, search.fits.least(list(search.fits.tried)))
     if search.is_lost:
-        _climb_from_nearest(search)
+        _climb_from_nearest(search, PROMISING)
     _fit_laws(search)
-    if search.is_lost:
+    if search.is_lost and (search.has_motions or not search.first):
         other = _other_start(search)
         if other.fits.least_misfit < _BETTER * search.fits.least_misfit:
             search = other
@@ -183,6 +184,8 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
         return _choice(search, fits.least(list(fits.tried)))
     if isinstance(choice.estimate, LikelihoodEstimate):
         search.fit(choice.model, choice.estimate.named, compares=False)
+    if search.is_lost:  # several parts explained the few
+        _climb_from_nearest(search, NEARLY_ALL)
     return _choice(search, fits.least(list(fits.tried)) if search.is_lost else _best(search))
 
 
@@ -251,7 +254,7 @@ def _fit_laws(search: Search) -> None:
     plain = fits.misfit(base if base in fits.tried else sliding)  # motors stick
     needs_friction = NEEDED * fits.least_misfit < plain < np.inf
     laws = []
-    if not needs_friction and not search.has_motions:
+    if not (needs_friction or search.has_motions or search.first):
         laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
     if search.may_have_friction:
         laws += [(sliding, "backlash", begin) for begin in (with_backlash, by_motion)]
@@ -265,11 +268,11 @@ def _fit_laws(search: Search) -> None:
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
 
 
-def _climb_from_nearest(search: Search) -> None:
-    """Add parts to the model that is nearest to the data where one part may explain half of the rest."""
+def _climb_from_nearest(search: Search, share: float) -> None:
+    """Add parts to the model that is nearest to the data where one may explain a share of its cost."""
     nearest = min(search.fits.tried, key=search.fits.misfit)
     found, scored = search.fits.estimate(nearest), search.scores(nearest)
-    if found and max((s.gain for s in scored.values()), default=0.0) > PROMISING * found.cost:
+    if found and max((s.gain for s in scored.values()), default=0.0) > share * found.cost:
         _climbed(search, nearest)
 
 
