@@ -238,9 +238,9 @@ def _fit_first(search: Search) -> None:
         if search.is_lost and "friction" in fits.optional and sliding not in fits.tried:
             search.fit(sliding, start)
     of_sliding = fits.estimate(sliding)
-    if not search.has_motions and search.is_lost and of_sliding:
-        if NEEDED * of_sliding.misfit < fits.misfit(base) < np.inf:
-            search.fit(free, of_sliding.named)  # what sticking leaves hides further parts
+    seeks_parts = search.is_lost and not search.has_motions
+    if seeks_parts and of_sliding and NEEDED * of_sliding.misfit < fits.misfit(base) < np.inf:
+        search.fit(free, of_sliding.named)  # what sticking leaves hides further parts
     if search.has_motions and "load" in fits.optional and of_sliding and of_sliding.misfit > DOUBTFUL:
         # Coulomb friction may be insignificant, and hence left out, until that by load is known.
         search.fit(sliding.with_part("load"), of_sliding.named)
