@@ -24,7 +24,8 @@ Values = Array | Sequence[float] | Sequence[Sequence[float]] | float
 
 BRANCHES_RAD_S = 2 * np.pi * np.geomspace(0.1, 1000.0, 9)
 """Corner frequencies of the Maxwell branches that make a loss factor nearly constant between them. The
-stiffness rises slowly with frequency, as causality demands; it is K at the middle, 10 Hz."""
+stiffness rises slowly with frequency, as causality demands; it is K at the middle."""
+MIDDLE_HZ = 10.0
 MAX_STEP_S = 0.25e-3
 RECORDS_AT_ONCE = 600
 """Bounds the memory of the logs, some 0.5 MB per record."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.independent_robot import (
+    MIDDLE_HZ,
     Array,
     Experiment,
     Robot,
@@ -84,6 +85,17 @@ class Campaign:
     experiment: Experiment
     M: Array
     M2: Array
+
+    @property
+    def answer(self) -> Array:
+        """K and D, shape (2n,).
+
+        K rises with the frequency where the loss factor is constant. It is that at the geometric mean
+        frequency of the records, as the finding on structural damping says.
+        """
+        centre_hz = np.exp(np.log(self.experiment.frequency_hz).mean())
+        rise = 2 / np.pi * self.robot.loss_factor * np.log(centre_hz / MIDDLE_HZ)
+        return np.concatenate([self.robot.K * (1 + rise), self.robot.D])
 
     def study(self, records: list[SineRecord], **more: Any) -> Study:
         return Study(records, Inertia(self.M, self.M2), **more)

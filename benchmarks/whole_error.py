@@ -122,7 +122,7 @@ def outcomes(campaigns: Sequence[Campaign], **study: float) -> list[Outcome]:
         part = campaigns[first : first + AT_ONCE]
         logs = simulate([(each.robot, each.experiment) for each in part])
         for each, records in zip(part, logs, strict=True):
-            found.append(outcome(each.study(records, **study), each.robot.answer))
+            found.append(outcome(each.study(records, **study), each.answer))
     return found
 
 

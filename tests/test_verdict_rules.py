@@ -587,13 +587,13 @@ def test_a_search_with_free_inertias_follows_a_fit_that_explains_most(
 ) -> None:
     """Of a misfit of 100; an unsuccessful search would take several seconds."""
     prior = InertiaPrior.of(Inertia([0.1, 0.1], np.eye(2)), 3, 2)
-    fit = two_joints(misfit=100.0, prior=prior, parameters=case(layout={"K": 0}))
+    fit = two_joints(misfit=100.0, prior=prior, parameters=case(layout={"K": 0}), candidates=())
     tried = case(misfit=left, named="near")
     monkeypatch.setattr(rules_inertia, "_probed", lambda *_: None)
     monkeypatch.setattr(rules_inertia, "refit", lambda *_, **__: tried)
     asked: list[Any] = []
 
-    def search(phasors: Any, prior: InertiaPrior, names: list[str], start: Any) -> Any:
+    def search(phasors: Any, prior: InertiaPrior, names: list[str], *, start: Any, **_: Any) -> Any:
         asked.append((prior.inertia_std, start))
         return {"auto": two_joints()}
 

@@ -171,6 +171,19 @@ def test_intervals_hold_under_sticking_friction() -> None:
     assert held(every).mean() >= 0.88, [f"{name}: {told(some)}" for name, some in found.items()]
 
 
+def test_a_part_that_few_records_leave_open_is_found_in_all() -> None:
+    """Several parts explain the few records of the first search; D was 33 % off."""
+    robot = Robot(M=[8e-4], M2=[[1.4e-3]], K=[21.0], D=[0.01], arm_viscous=[6e-3], lag_s=[3e-4])
+    frequency_hz = np.geomspace(0.55, 1.7, 11) * robot.locked_hz.min()
+    kind = {"per_frequency": 3, "sample_rate_hz": 2500.0, "encoder_counts": 2**18}
+    (records,) = simulate([(robot, paper_motions(robot, frequency_hz, seed=1, noise=0.004, **kind))])
+    study = Study(records, Inertia(1.02 * robot.M, 0.99 * robot.M2), inertia_std=0.02)
+    found = outcome(study, robot.answer)
+    assert not found.alarms, told([found])
+    assert np.abs(found.z).max() < 4, told([found])
+    assert np.abs(found.error).max() < 1e-3, told([found])
+
+
 def combined(robots: tuple[str, ...], inertias: tuple[str, ...]) -> list[Any]:
     """Every robot and every kind of inertias once in a normal run, all combinations in a long one."""
     quick = set(zip(robots, inertias, strict=True))

@@ -95,12 +95,7 @@ class Candidate:
     """One model of the comparison."""
 
     name: str
-    friction: bool
-    delay: bool
-    reversal: float
-    """Velocity below which friction was free, over the record's largest."""
-    curve: bool
-    """Whether friction has a part that varies nonlinearly with speed."""
+    model: Model
     problem: str
     """Reason why it was not fitted; empty otherwise."""
     cost: float
@@ -290,10 +285,7 @@ class Fits:
             fitted = self.estimate(model)
             return Candidate(
                 name=model.name,
-                friction=model.reversal is not None,
-                delay=model.delay,
-                reversal=model.reversal or 0.0,
-                curve=model.curve,
+                model=model,
                 problem="" if fitted else str(self.tried[model]),
                 cost=fitted.cost if fitted else np.inf,
                 expected_cost=fitted.expected_cost if fitted else 0.0,

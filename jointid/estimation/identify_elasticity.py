@@ -8,6 +8,7 @@ import numpy as np
 
 from jointid.arrays import Complexes
 from jointid.errors import JointIdError
+from jointid.estimation.candidates import Model
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit, made_fit
 from jointid.estimation.estimators.balance import balance, noise_of, wind_up
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -105,11 +106,14 @@ def identify_each(
     delay: bool = False,
     gear: str = "auto",
     start: Parameters | None = None,
+    first: Model | None = None,
+    most: float = np.inf,
 ) -> dict[str, ElasticityFit]:
     """Identify K and D by several estimators from the same equations.
 
     Parameters, errors and each fit as in :func:`identify_elasticity`; ``start`` holds the parameters of
-    a similar fit, from which the models start in place of a linear estimate.
+    a similar fit, from which the models start in place of a linear estimate, ``first`` its model, and
+    ``most`` is the misfit above which a fit has no use.
     """
     names = list(dict.fromkeys(methods))
     for method in names:
@@ -117,7 +121,7 @@ def identify_each(
     require_gear(gear)
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
-    data = _Data(phasors, prior, equations, friction, delay, gear, start)
+    data = _Data(phasors, prior, equations, friction, delay, gear, start, first, most)
     return {name: data.fit(name) for name in names}
 
 
@@ -132,6 +136,8 @@ class _Data:
     delay: bool
     gear: str
     start: Parameters | None
+    first: Model | None
+    most: float
 
     def fit(self, method: str) -> ElasticityFit:
         """Fit by one estimator."""
@@ -153,6 +159,8 @@ class _Data:
                 delay=self.delay,
                 exactly=method != "auto",
                 gear=self.gear,
+                first=self.first,
+                most=self.most,
             )
             if isinstance(estimate := choice.estimate, LikelihoodEstimate):
                 fitted = evaluated(

@@ -135,13 +135,15 @@ def fit_model(
 
 
 def freest(phasors: Phasors, base: Model, optional: Sequence[str]) -> Model:
-    """The model with friction and a delay that wrong inertias and start values affect least.
+    """The model with friction and delays that wrong inertias and start values affect least.
 
     ``base`` where friction is not optional, or there are no harmonics, which free friction needs.
     """
-    if "friction" in optional and phasors.harmonics.shape[1] > 1:
-        return Model(0.03, base.delay or "delay" in optional)
-    return base
+    if "friction" not in optional or phasors.harmonics.shape[1] == 1:
+        return base
+    if "lag" in optional and phasors.n > 1 and not (base.delay or phasors.motion.any()):
+        return Model(0.03, delay=False, effects=("lag",))
+    return Model(0.03, base.delay or "delay" in optional)
 
 
 def fit_without_inertias(

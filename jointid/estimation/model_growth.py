@@ -114,7 +114,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         return []
     clear, scored = _clear_parts(search, model, found), search.scores(model)
     may_be_richer = search.may_be_richer(found)
-    if search.is_again and model.reversal is not None and not may_be_richer:
+    if search.first and search.has_motions and model.reversal is not None and not may_be_richer:
         # Filters and lags would absorb what sticking leaves.
         clear = [part for part in clear if scored[part].gain > _LARGE * found.cost]
     explained = found.misfit <= EXPLAINED

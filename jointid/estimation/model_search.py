@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, Fits, Model, fundamental_chance
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -21,16 +23,18 @@ LOST = 100.0
 """Misfit from which the search is repeated from other start values."""
 DOUBTFUL = 3.0
 """Misfit from which a model is fitted from other start values, too."""
-_MOST, _SOME = 0.5, 0.15
-"""Score over the cost from which a part is fitted together with a law if no model explains the data: the
-first for most parts; the second for a delay, which rotates the phase far, and for another law (0.19 with
-heavy rotors)."""
+PROMISING, _SOME = 0.5, 0.15
+"""Score over the cost from which a part is fitted if no model explains the data, also together with a
+law: the first for most parts; the second for a delay, which rotates the phase far, and for another law
+(0.19 with heavy rotors)."""
 POOR = 10.0
 """Misfit of a model that does not explain the data."""
 MOST_EFFECTS = 3
 _EXPLAINED_MOTIONS = 1.3
 """Misfit of motions below which richer friction and laws are not tried: their noise is that of the
 residual, and wide reversals leave few equations."""
+_FEW = 10
+"""Records per joint in which models are sought where the simple ones are far from the data."""
 _MOST_FITS = 24
 """Fits of one search."""
 _MOST_STARTS = 2
@@ -51,8 +55,10 @@ class Search:
     base: Model
     """Parts that every model has."""
     fits: Fits
-    is_again: bool = False
-    """Whether the noise of motions is the one that an earlier search left."""
+    first: Model | None = None
+    """The model of the start values. The noise of motions is then that of an earlier search."""
+    most: float = np.inf
+    """Misfit above which a model has no use."""
     starts: dict[Model, int] = field(default_factory=dict)
     """Number of start values from which each model was fitted."""
     slow_fits: int = 0
@@ -116,8 +122,17 @@ class Search:
         found = self.fits.estimate(model)
         if found is None or found.misfit < LOST or not model.with_part(part).is_slow:
             return True
-        least = _SOME if part in ("delay", "lag", *FILTERS, *GEAR_LAWS) else _MOST
+        least = _SOME if part in ("delay", "lag", *FILTERS, *GEAR_LAWS) else PROMISING
         return self.scores(model)[part].gain > least * found.cost
+
+    def few_rows(self) -> np.ndarray:
+        """Rows of sines of evenly spread frequencies around one pose, if there are half as many more."""
+        every, most = np.arange(self.phasors.omega.size), _FEW * self.phasors.n
+        if self.has_motions or len(self.prior.M2) > 1 or 2 * every.size < 3 * most:
+            return every
+        groups = [group for _, group in self.phasors.by_frequency()]
+        place = np.linspace(0, len(groups) - 1, max(2, len(groups) * most // every.size))
+        return np.sort(np.concatenate([groups[k] for k in np.unique(place.round().astype(int))]))
 
     def free_start(self) -> tuple[Parameters, ...]:
         """Start values without uncertain inertias, if the records give any."""

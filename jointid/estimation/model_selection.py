@@ -26,7 +26,7 @@ from jointid.estimation.estimators.parameters import (
 from jointid.estimation.model_average import spread, spread_of_unseen
 from jointid.estimation.model_fits import fit_without_inertias, freest, stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
-from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, Search
+from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, PROMISING, Search
 from jointid.estimation.motion_start import motion_start
 from jointid.estimation.passivity import least_misfit
 from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
@@ -47,8 +47,6 @@ _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
 its waveform is computed in steps. They shifted K of a simulated robot with a loop of 10 % by 0.06 %."""
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit does not explain the data at all."""
-_FEW = 10
-"""Records per joint in which models are sought where the simple ones are far from the data."""
 _CLIMB = 0.7
 """Ratio of misfits by which a part must lower that of a model far from the data."""
 
@@ -64,6 +62,7 @@ def choose_model(
     exactly: bool = False,
     gear: str = "auto",
     first: Model | None = None,
+    most: float = np.inf,
 ) -> Choice:
     """Fit models from simple to rich until no further part is significant, and choose the best.
 
@@ -79,6 +78,8 @@ def choose_model(
         Whether nonlinear laws of the gears are among the optional parts.
     first : Model, optional
         The model of the start values, which is fitted first.
+    most : float, optional
+        Misfit above which the choice has no use: the search ends where some records show it.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
@@ -100,10 +101,9 @@ def choose_model(
         noise,
         Model(0.0 if friction else None, delay),
         Fits(optional, max(rows, 1)),
-        is_again=first is not None,
+        first=first,
+        most=most,
     )
-    if first is not None:
-        search.fit(first, linear)
     if search.may_have_friction and not isinstance(start, Parameters):
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
     return _searched(search)
@@ -112,21 +112,26 @@ def choose_model(
 def _searched(search: Search) -> Choice:
     """Search from the linear estimate and, if the misfit stays large, from other start values.
 
-    Heavy friction can make the linear estimate negative, or place it near another local minimum. The
-    search ends soon where no passive robot can produce the records, or no model explains a part of them.
+    Heavy friction can make the linear estimate negative, or place it near another local minimum; a
+    start with its model is that of a near fit. The search ends soon where no passive robot can produce
+    the records, or no model explains a part of them.
     """
     phasors = search.phasors
     if not search.has_motions and least_misfit(phasors.omega, phasors.z, phasors.covariance) > LOST:
         search.fit(search.base, search.start)
         return _choice(search, search.base)
+    if search.first is not None:
+        search.fit(search.first, search.start)
     _fit_first(search)
-    rows = _few(search)
+    rows = search.few_rows()
     if search.is_lost and rows.size < phasors.omega.size:
         return _searched_in_few(search, rows)
     if search.is_lost and _inertias_are_wrong(search):
         return _choice(search, search.fits.least(list(search.fits.tried)))
+    if search.is_lost and not search.has_motions:
+        _climb_from_nearest(search, PROMISING)
     _fit_laws(search)
-    if search.is_lost:
+    if search.is_lost and (search.has_motions or not search.first):
         other = _other_start(search)
         if other.fits.least_misfit < _BETTER * search.fits.least_misfit:
             search = other
@@ -159,16 +164,6 @@ def _other_start(search: Search) -> Search:
     return min(others, key=lambda each: each.fits.misfit(probe))
 
 
-def _few(search: Search) -> np.ndarray:
-    """Rows of sines of evenly spread frequencies around one pose, if there are half as many more."""
-    every, most = np.arange(search.phasors.omega.size), _FEW * search.phasors.n
-    if search.has_motions or len(search.prior.M2) > 1 or 2 * every.size < 3 * most:
-        return every
-    groups = [group for _, group in search.phasors.by_frequency()]
-    place = np.linspace(0, len(groups) - 1, max(2, len(groups) * most // every.size))
-    return np.sort(np.concatenate([groups[k] for k in np.unique(place.round().astype(int))]))
-
-
 def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
     """Search in some records; what comes near those is the start for all, and grows.
 
@@ -182,10 +177,15 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
         Noise(noise.covariance[rows], noise.degrees_of_freedom[rows]),
         search.base,
         Fits(fits.optional, fits.rows * rows.size // len(noise.covariance)),
+        search.first,
     )
     choice = _searched(few)
+    if few.fits.least_misfit > search.most:
+        return _choice(search, fits.least(list(fits.tried)))
     if isinstance(choice.estimate, LikelihoodEstimate):
         search.fit(choice.model, choice.estimate.named, compares=False)
+    if search.is_lost:  # several parts explained the few
+        _climb_from_nearest(search, NEARLY_ALL)
     return _choice(search, fits.least(list(fits.tried)) if search.is_lost else _best(search))
 
 
@@ -238,6 +238,9 @@ def _fit_first(search: Search) -> None:
         if search.is_lost and "friction" in fits.optional and sliding not in fits.tried:
             search.fit(sliding, start)
     of_sliding = fits.estimate(sliding)
+    seeks_parts = search.is_lost and not search.has_motions
+    if seeks_parts and of_sliding and NEEDED * of_sliding.misfit < fits.misfit(base) < np.inf:
+        search.fit(free, of_sliding.named)  # what sticking leaves hides further parts
     if search.has_motions and "load" in fits.optional and of_sliding and of_sliding.misfit > DOUBTFUL:
         # Coulomb friction may be insignificant, and hence left out, until that by load is known.
         search.fit(sliding.with_part("load"), of_sliding.named)
@@ -252,7 +255,7 @@ def _fit_laws(search: Search) -> None:
     plain = fits.misfit(base if base in fits.tried else sliding)  # motors stick
     needs_friction = NEEDED * fits.least_misfit < plain < np.inf
     laws = []
-    if not needs_friction and not search.has_motions:
+    if not (needs_friction or search.has_motions or search.first):
         laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
     if search.may_have_friction:
         laws += [(sliding, "backlash", begin) for begin in (with_backlash, by_motion)]
@@ -264,6 +267,14 @@ def _fit_laws(search: Search) -> None:
             search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
+
+
+def _climb_from_nearest(search: Search, share: float) -> None:
+    """Add parts to the model that is nearest to the data where one may explain a share of its cost."""
+    nearest = min(search.fits.tried, key=search.fits.misfit)
+    found, scored = search.fits.estimate(nearest), search.scores(nearest)
+    if found and max((s.gain for s in scored.values()), default=0.0) > share * found.cost:
+        _climbed(search, nearest)
 
 
 def _climbed(search: Search, model: Model) -> Model:

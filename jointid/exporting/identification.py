@@ -100,7 +100,8 @@ def to_document(analysis: Analysis) -> dict[str, Any]:
                 "origin": study.origin,
                 "method": fit.method,
                 "model": model_name(fit),
-                "free_reversal": next((c.reversal for c in fit.candidates if c.chosen), 0.0),
+                "free_reversal": next((c.model.reversal for c in fit.candidates if c.chosen), None)
+                or 0.0,
                 "records": len(study.records),
                 "frequencies_hz": sorted({record.frequency_hz for record in study.sine_records}),
                 "misfit": fit.misfit,

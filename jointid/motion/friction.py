@@ -146,27 +146,30 @@ def with_load(
     n, H = phasors.n, phasors.harmonics.shape[1]
     s = 1j * phasors.omega[:, None, None] * np.arange(1, H + 1)[:, None]
     angle, torque = phasors.harmonics[..., :n], phasors.harmonics[..., n:]
-    M, coulomb, viscous, _, lag, scale = (np.stack(each)[:, None] for each in zip(*motors, strict=True))
+    every = Motors(*(np.stack(each) for each in zip(*motors, strict=True)))
+    M, coulomb, viscous, _, lag, scale = (each[:, None] for each in every)
     left = scale * torque * np.exp(-s * lag) - s * (s * M + viscous) * angle
     left -= coulomb * friction.coulomb
-    _, seen = _seen(phasors)
     found = np.zeros_like(friction.coulomb)
-    for row, direction in enumerate(friction.direction):
-        segment, bins = phasors.segments[row] if phasors.motion[row] else None, H
-        if segment is None:
+    sines = np.flatnonzero(~phasors.motion)
+    if sines.size:
+        direction = np.stack([friction.direction[row] for row in sines.tolist()])
+        own, seen = Motors(*(each[sines] for each in every)), _seen(phasors)[1][sines].swapaxes(1, 2)
+        mean = own.torque_scale * phasors.mean_torque[sines] - own.viscous * phasors.drift[sines]
+        mean -= own.coulomb * direction.mean(axis=2)
+        total = mean[..., None] + samples_of(left[sines].swapaxes(1, 2), direction.shape[2])
 
-            def clear(torque: Floats, seen: np.ndarray = seen[row].T) -> Floats:
-                mean = torque.mean(axis=1, keepdims=True)
-                return np.asarray(mean + samples_of(phasors_of(torque, H) * seen, torque.shape[1]))
+        def clear(torque: Floats) -> Floats:
+            mean = torque.mean(axis=2, keepdims=True)
+            return np.asarray(mean + samples_of(phasors_of(torque, H) * seen, torque.shape[2]))
 
-            mean = motors[row].torque_scale * phasors.mean_torque[row]
-            mean -= motors[row].viscous * phasors.drift[row]
-            mean -= motors[row].coulomb * direction.mean(axis=1)
-            total = mean[:, None] + samples_of(left[row].T, direction.shape[1])
-            gear = motors[row].without_load_friction(total, direction, clear)
-        else:
-            gear, bins = segment.gear_torque(motors[row], direction), segment.highest
-        found[row, :bins] = phasors_of(np.abs(gear) * direction, bins).T
+        gear = own.without_load_friction(total, direction, clear)
+        found[sines] = phasors_of(np.abs(gear) * direction, H).swapaxes(1, 2)
+    for row, segment in enumerate(phasors.segments):
+        if segment is not None:
+            turned, bins = friction.direction[row], segment.highest
+            gear = segment.gear_torque(motors[row], turned)
+            found[row, :bins] = phasors_of(np.abs(gear) * turned, bins).T
     return replace(friction, load=found * np.any(phasors.harmonics != 0, axis=2)[..., None])
 
 

@@ -17,7 +17,7 @@ _MOST = 0.9
 
 
 class Motors(NamedTuple):
-    """Parameters of n motors, each of shape (n,)."""
+    """Parameters of n motors, each of shape (n,), or (r, n) of several records."""
 
     M: Floats
     coulomb: Floats
@@ -32,14 +32,15 @@ class Motors(NamedTuple):
     def without_load_friction(
         self, torque: Floats, direction: Floats, smooth: Callable[[Floats], Floats]
     ) -> Floats:
-        """Torques through the gears from their sum with the friction by load, both (n, N).
+        """Torques through the gears from their sum with the friction by load, both (..., n, N).
 
         ``smooth`` keeps the harmonics that are known of both, and removes the others.
         """
-        found, share = np.zeros_like(torque), np.minimum(self.load, _MOST)[:, None]
+        found, share = np.zeros_like(torque), np.minimum(self.load, _MOST)[..., None]
         for _ in range(_REFINED):
             before, found = found, smooth(torque - share * np.abs(found) * direction)
-            if np.abs(found - before).max() <= _SAME * np.abs(found).max():
+            change, size = (np.abs(each).max(axis=(-2, -1)) for each in (found - before, found))
+            if np.all(change <= _SAME * size):
                 break
         return found
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jointid.estimation.candidates import Model
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
@@ -12,7 +13,7 @@ from jointid.estimation.estimators.linear_fit import LINEAR, Estimate
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.parameters import EFFECTS, Parameters
 from jointid.estimation.estimators.problem import Problem, make_problem
-from jointid.estimation.model_fits import loaded
+from jointid.estimation.model_fits import filters_before_friction, loaded
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms
 from jointid.phasors.extract import Phasors
@@ -77,16 +78,13 @@ def chosen_friction(
     Of other records than those of the fit, ``prior`` holds the inertias; ``parameters`` replace those
     of the fit.
     """
-    chosen = next((c for c in fit.candidates if c.chosen), None)
+    model = next((c.model for c in fit.candidates if c.chosen), Model(0.0, delay=False))
     p = parameters or fit.parameters
+    filters = filters_before_friction(model, p)
     waveforms = friction_waveforms(
-        phasors,
-        chosen.reversal if chosen else 0.0,
-        curve=chosen is not None and chosen.curve,
-        position_filter=p["position_filter"] if "position_filter" in p.layout else None,
+        phasors, model.reversal or 0.0, curve=model.curve, position_filter=filters
     )
-    parts = chosen.parts if chosen else ()
-    return loaded(waveforms, parts, phasors, prior or fit.prior, p) or waveforms
+    return loaded(waveforms, model.parts, phasors, prior or fit.prior, p) or waveforms
 
 
 def inertia_of_each(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Inertia]:

@@ -52,6 +52,7 @@ its standard errors beyond that."""
 _LOWER, _FAR_LOWER, _NEARER = 0.7, 0.3, 0.5
 """Misfit of a linear fit, that of one with free friction, and difference from the given inertias in
 standard deviations, over those as logged, from which axes look exchanged or reversed."""
+_Probe = tuple[Model | None, Estimate]
 _CHANCE = 5e-4
 """Probability that any right value differs as far from the given one, and that all together do."""
 
@@ -76,7 +77,7 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
     inertias = [tried[best].inertia(each) for each in evidence.inertias]
     prior = fit.prior.like(inertias, (len(inertias), fit.n))
     as_given = None if evidence.has_motions else _probed(evidence.phasors, fit.prior)
-    other = _refitted(evidence, prior, as_given.misfit if as_given else np.inf, (_probed,))
+    other = _refitted(evidence, prior, as_given[1].misfit if as_given else np.inf, (_probed,))
     if other is None:
         return
     before, after = (float(disagreements(each).max(initial=0.0)) for each in (fit, other))
@@ -92,14 +93,15 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
     yield axes_look_wrong(tried[best], proof)
 
 
-def _probed(phasors: Phasors, prior: InertiaPrior) -> Estimate | None:
-    """Fit with free friction and a delay, which hide wrong inertias and exchanged axes; None without."""
+def _probed(phasors: Phasors, prior: InertiaPrior) -> _Probe | None:
+    """Fit with free friction and delays, which hide wrong inertias and exchanged axes; None without."""
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
-    free = freest(phasors, Model(None, delay=True), ("friction",))
-    for model in (free, Model(None, delay=False)):  # few records do not determine the first
+    plain = Model(None, delay=False)
+    free = freest(phasors, plain, ("friction", "delay", "lag"))
+    for model in (free, plain):  # few records do not determine the first
         found = fit_without_inertias(phasors, prior, weighted(equations).p, equations.noise, model)
         if found is not None:
-            return found
+            return model, found
     return None
 
 
@@ -160,29 +162,36 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
     if fit.misfit <= _EXPLAINED:
         return fit if "torque_scale" in fit.parameters.layout else None
     loose = replace(fit.prior, inertia_std=LOOSE, torque_std=0.0)
-    return _refitted(evidence, loose, fit.misfit, (_probed, partial(refit, fit=fit)))
+    return _refitted(evidence, loose, fit.misfit, (_probed, partial(_same_model, fit=fit)))
+
+
+def _same_model(phasors: Phasors, prior: InertiaPrior, fit: ElasticityFit) -> _Probe:
+    """Fit with the model of ``fit``."""
+    return next((c.model for c in fit.candidates if c.chosen), None), refit(phasors, prior, fit)
 
 
 def _refitted(
     evidence: Evidence,
     prior: InertiaPrior,
     misfit: float,
-    probes: Sequence[Callable[[Phasors, InertiaPrior], Estimate | None]],
+    probes: Sequence[Callable[[Phasors, InertiaPrior], _Probe | None]],
 ) -> ElasticityFit | None:
     """Search for a fit with other inertias that explains the records; None in vain.
 
     It takes long: one fit, the first of ``probes`` that does, must explain far more than ``misfit``.
     """
-    found, start = None, None
+    phasors, found, near = evidence.phasors, None, None
     for probe in () if evidence.has_motions else probes:
         with suppress(JointIdError):
-            tried = probe(evidence.phasors, prior)
-            if tried is not None and tried.misfit <= max(_EXPLAINED, _FAR_LOWER * misfit):
-                start = tried.named
+            probed = probe(phasors, prior)
+            if probed is not None and probed[1].misfit <= max(_EXPLAINED, _FAR_LOWER * misfit):
+                near = probed
                 break
     with suppress(JointIdError):
-        if start is not None:
-            found = identify_each(evidence.phasors, prior, ["auto"], start=start)["auto"]
+        if near is not None:
+            model, start = near[0], near[1].named
+            by = identify_each(phasors, prior, ["auto"], start=start, first=model, most=_EXPLAINED)
+            found = by["auto"]
         elif evidence.has_motions:
             given, std = prior.given, (prior.inertia_std, prior.torque_std)
             found = identify_motion(evidence.records, given, inertia_std=std[0], torque_std=std[1])
