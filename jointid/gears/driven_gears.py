@@ -6,7 +6,8 @@ The torque u through the gears by the balance at the motors holds the deflection
 (an observer): otherwise small errors grow, as arms with backlash are hardly stable.
 
 A second difference of an angle is the integral of its acceleration over a hat of two steps, which
-Numerov's weights find from three samples. The equations of all steps form one banded system, solved by
+Numerov's weights find from three samples. The same integral of D δ̇ differs from a central difference of
+D δ by D h⁴/12 times the third derivative of δ, which follows from the equation. The equations of all steps form one banded system, solved by
 Newton steps; the change of the deflection with every parameter follows from the same system.
 """
 
@@ -209,7 +210,8 @@ class DrivenGears:
             elastic = own + (name == "K") * self.delta * np.eye(n)[..., None]
             damping = (name == "D") * np.eye(n)
             left[:, :n] = self._hat_torque(elastic)
-            left[:, :n, 2:] += self._observed(elastic, damping)
+            changes = self._changes(elastic, damping)
+            left[:, :n, 2:] += self._observed(changes) + self._damped(changes)
             apart = 0.5 * step * (self.delta[:, 2:] - self.delta[:, :-2])
             left[:, :n, 2:] += damping[..., None] * apart
         left[..., self.motors.starts] = 0
@@ -227,11 +229,23 @@ class DrivenGears:
         own = np.diagonal(np.linalg.inv(self.M2), axis1=1, axis2=2)
         return self.M2 * (self.observed * np.sqrt(own / self.laws.K[:, 0]))[:, None]
 
-    def _observed(self, torque: Floats, D: Floats) -> Floats:
-        """Term of the observer for a torque (..., n, N) beside D δ̇, at steps 2 … N."""
-        step, pose = self.motors.step_s[2:], self.motors.pose[2:]
-        apart = 0.5 * step * (torque[..., 2:] - torque[..., :-2])
-        return _each(self._observer, apart + D[..., None] * np.diff(self.delta, 2, axis=1), pose)
+    @cached_property
+    def _damping(self) -> Floats:
+        """D M2⁻¹/12 of every pose, shape (p, n, n)."""
+        return self.D[:, None] / 12 * np.linalg.inv(self.M2)
+
+    def _changes(self, torque: Floats, D: Floats) -> Floats:
+        """Rate of a torque (..., n, N) beside D δ̇, times the squared step, at steps 2 … N."""
+        apart = 0.5 * self.motors.step_s[2:] * (torque[..., 2:] - torque[..., :-2])
+        return np.asarray(apart + D[..., None] * np.diff(self.delta, 2, axis=1))
+
+    def _observed(self, changes: Floats) -> Floats:
+        """Term of the observer for changes of the torque."""
+        return _each(self._observer, changes, self.motors.pose[2:])
+
+    def _damped(self, changes: Floats) -> Floats:
+        """Part of the correction of D δ̇ that follows from changes of the torque."""
+        return self.motors.step_s[2:] ** 2 * _each(self._damping, changes, self.motors.pose[2:])
 
     @property
     def _shape(self) -> tuple[int, int]:
@@ -252,12 +266,14 @@ class DrivenGears:
         n = len(delta)
         left = np.zeros(self._shape)
         torque = self.laws.K * delta + self.beyond
-        observed = self._observed(torque - self.measured, self.D)
+        changes = self._changes(torque, self.D)
+        observed = self._observed(changes - self._changes(self.measured, 0 * self.D))
+        damped = self._damped(changes) - step * self.D[:, None] / 12 * m.jerk[:, 2:]
         if self.G.any():
             torque = torque - _each(self.G, m.angle - delta, m.pose)
         left[:n] = self._hat_torque(torque)
         bend = np.diff(delta, 2, axis=1) - m.rise[:, 2:]
-        left[:n, 2:] += observed + _each(self.M2, bend, m.pose[2:])
+        left[:n, 2:] += observed + damped + _each(self.M2, bend, m.pose[2:])
         left[:n, 2:] += 0.5 * step * self.D[:, None] * (delta[:, 2:] - delta[:, :-2])
         left[:n, m.starts] = 0
         if self.laws.hysteretic:
@@ -295,9 +311,10 @@ class DrivenGears:
                 for j in range(n):
                     rigid = _SECOND[late] * self.M2[pose, i, j]
                     rigid += _HAT[late] * squared * self.G[pose, i, j]
-                    held = _CENTRAL[late] * m.step_s[2:] * self._observer[pose, i, j]
+                    by_change = self._observer[pose, i, j] + squared * self._damping[pose, i, j]
+                    held = _CENTRAL[late] * m.step_s[2:] * by_change
                     rigid += held * self._slope[j, 2 - late : N - late]
-                    rigid += _SECOND[late] * self._observer[pose, i, j] * self.D[j]
+                    rigid += _SECOND[late] * by_change * self.D[j]
                     if laws.hysteretic:
                         place(i, n + j, late, inner * held * laws.level[j, 0])
                     if i == j:

@@ -24,6 +24,8 @@ class MotorMotion:
     """Less its mean in each part, shape (n, N), rad."""
     rise: Floats
     """Its second differences, shape (n, N), rad."""
+    jerk: Floats
+    """Central differences of ``rise`` at its middle, shape (n, N), rad."""
     step_s: Floats
     """Shape (N,), s."""
     starts: np.ndarray
@@ -46,7 +48,8 @@ class MotorMotion:
         for row, each in enumerate(segments):
             if each is not None:
                 parts.setdefault(id(each.uniform_velocity), []).append((row, each))
-        angles, rises, steps, starts, poses, torques, rows, count = [], [], [], [], [], [], [], 0
+        angles, rises, jerks, steps, starts = [], [], [], [], []
+        poses, torques, rows, count = [], [], [], 0
         for members in parts.values():
             own = [each for _, each in members]
             T, end = own[0].interval_s, max(each.end for each in own)
@@ -60,6 +63,8 @@ class MotorMotion:
             rise[:, 2:] = np.diff(angle, 2, axis=1)
             angles.append(angle - angle.mean(axis=1, keepdims=True))
             rises.append(rise)
+            jerks.append(np.zeros(angle.shape))
+            jerks[-1][:, 2:] = np.gradient(rise[:, 2:], axis=1)
             steps.append(np.full(grid.size, step))
             starts.append(np.arange(grid.size) < 2)
             # Held torques are on average those of the samples before and after.
@@ -77,16 +82,19 @@ class MotorMotion:
         if not rows:
             return None
         return cls(
-            np.concatenate(angles, axis=1), np.concatenate(rises, axis=1), np.concatenate(steps),
-            np.concatenate(starts), np.concatenate(poses), np.concatenate(torques, axis=1), tuple(rows),
+            np.concatenate(angles, axis=1), np.concatenate(rises, axis=1),
+            np.concatenate(jerks, axis=1), np.concatenate(steps), np.concatenate(starts),
+            np.concatenate(poses), np.concatenate(torques, axis=1), tuple(rows),
         )  # fmt: skip
 
     def part(self, used: slice) -> MotorMotion:
         """Motion in some steps."""
         starts = self.starts[used].copy()
         starts[:2] = True
-        own = self.angle[:, used], self.rise[:, used], self.step_s[used], starts, self.pose[used]
-        return MotorMotion(*own, self.torque[:, used], ())
+        waves = (each[:, used] for each in (self.angle, self.rise, self.jerk))
+        return MotorMotion(
+            *waves, self.step_s[used], starts, self.pose[used], self.torque[:, used], ()
+        )
 
     def balance(self, scale: Floats, M: Floats, viscous: Floats, coulomb: Floats) -> Floats:
         """Torque through the gears, shape (n, N), by parameters of the motors, each (n,)."""
