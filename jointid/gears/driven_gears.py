@@ -112,8 +112,8 @@ class DrivenGears:
             for j in range(n):
                 unit[0, j, j, :2], unit[1, j, j, 1] = 1, 1
             least = _CONVERGED * float(np.abs(part.measured).max()) * step**2
+            part = part._followed(part.delta, least)
             for _ in range(_STARTS):
-                part = part._followed(part.delta, least)
                 moved = part._solved(unit.reshape(-1, unit.shape[-1])).reshape(2 * n, *part._shape)
                 torque = part._slope * moved[:, :n]
                 if self.laws.hysteretic:
@@ -128,10 +128,13 @@ class DrivenGears:
                     return replace(self, delta=np.full(delta.shape, np.nan))
                 size = np.linalg.norm(rows[1:], axis=1)
                 change = np.linalg.lstsq((rows[1:] / size[:, None]).T, -rows[0])[0] / size
-                begin = part.delta.copy()
-                begin[:, 0] += change[:n]
-                begin[:, 1] += change[:n] + change[n:]
-                part = replace(part, delta=begin)
+                moves = np.tensordot(change, moved, 1)
+                loop = part.loop + moves[n:] if self.laws.hysteretic else part.loop
+                begun = replace(part, delta=part.delta + moves[:n], loop=loop)
+                begun = begun._followed(begun.delta, least)
+                if not np.isfinite(begun.delta).all():
+                    break
+                part = begun
             delta[:, at : at + 2] = part.delta[:, :2]
         return replace(self, delta=delta)
 
