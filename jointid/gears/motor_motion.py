@@ -92,9 +92,7 @@ class MotorMotion:
         starts = self.starts[used].copy()
         starts[:2] = True
         waves = (each[:, used] for each in (self.angle, self.rise, self.jerk))
-        return MotorMotion(
-            *waves, self.step_s[used], starts, self.pose[used], self.torque[:, used], ()
-        )
+        return MotorMotion(*waves, self.step_s[used], starts, self.pose[used], self.torque[:, used], ())
 
     def balance(self, scale: Floats, M: Floats, viscous: Floats, coulomb: Floats) -> Floats:
         """Torque through the gears, shape (n, N), by parameters of the motors, each (n,)."""
