@@ -7,8 +7,9 @@ The torque u through the gears by the balance at the motors holds the deflection
 
 A second difference of an angle is the integral of its acceleration over a hat of two steps, which
 Numerov's weights find from three samples. The same integral of D δ̇ differs from a central difference of
-D δ by D h⁴/12 times the third derivative of δ, which follows from the equation. The equations of all steps form one banded system, solved by
-Newton steps; the change of the deflection with every parameter follows from the same system.
+D δ by D h⁴/12 times the third derivative of δ, which follows from the equation. The equations of all
+steps form one banded system, solved by Newton steps; the change of the deflection with every parameter
+follows from the same system.
 """
 
 from __future__ import annotations

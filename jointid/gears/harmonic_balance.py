@@ -67,8 +67,8 @@ class WoundGears:
         """Solve by Newton steps at the first m harmonics, from ``start`` or the linear deflection.
 
         Slopes of earlier steps are reused while they converge quickly: inverting them takes far longer
-        than evaluating the torque. Further harmonics, which g hardly changes, follow; where it does, m is
-        larger.
+        than evaluating the torque. Further harmonics, which g hardly changes, follow; m is larger where
+        it changes them much.
 
         Parameters
         ----------
