@@ -40,6 +40,7 @@ from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffn
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.torsion_curve import torsion_curves
+from jointid.motion.friction import friction_waveforms
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.rules_effects import effects_found
@@ -280,6 +281,22 @@ def test_wide_backlash_is_found_beside_friction() -> None:
     fit = identify_elasticity(extract_phasors(records), Inertia(robot.M, robot.M2))
     np.testing.assert_allclose(fit.K, robot.K, rtol=0.01)
     assert [gear.backlash_rad for gear in fit.gears] == pytest.approx([0.2325, 0.0076], rel=0.02)
+
+
+def test_free_friction_does_not_deflect_a_hardening_gear() -> None:
+    """The torque of the friction model has an error near reversals, which the law would distort."""
+    robot = replace(PAPER, cubic=[9000.0, 0.0], coulomb=[0.15, 0.03])
+    (records,) = simulate([(robot, paper_motions(robot, BAND, **MOTIONS))])
+    phasors = extract_phasors(records)
+    fit = maximum_likelihood(
+        phasors,
+        Inertia(robot.M, robot.M2),
+        robot.answer,
+        friction=friction_waveforms(phasors, 0.03),
+        effects=("cubic",),
+    )
+    assert fit.fundamental[0] < 1.2
+    assert fit.named["cubic"][0] == pytest.approx(9000, rel=1e-3)
 
 
 def test_indistinguishable_laws_give_the_remedy_of_a_second_amplitude(stiffening: ElasticityFit) -> None:

@@ -22,7 +22,7 @@ from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.laws import GearLaws, dahl_from_rest
-from jointid.gears.motor_motion import MotorMotion
+from jointid.gears.motor_motion import MotorMotion, each
 
 _HAT = (1 / 12, 10 / 12, 1 / 12)
 """Weights of three samples in the integral over a hat (Numerov)."""
@@ -209,13 +209,12 @@ class DrivenGears:
         left = np.zeros((n if arm is None else len(arm), *self._shape))
         if arm is not None:
             bend = np.diff(self.delta, 2, axis=1) - self.motors.rise[:, 2:]
-            left[:, :n, 2:] = _each(arm.swapaxes(0, 1), bend, self.motors.pose[2:])
+            left[:, :n, 2:] = each(arm.swapaxes(0, 1), bend, self.motors.pose[2:])
         else:
             elastic = own + (name == "K") * self.delta * np.eye(n)[..., None]
             damping = (name == "D") * np.eye(n)
             left[:, :n] = self._hat_torque(elastic)
-            changes = self._changes(elastic, damping)
-            left[:, :n, 2:] += self._observed(changes) + self._damped(changes)
+            left[:, :n, 2:] += self._held(self._changes(elastic, damping))
             apart = 0.5 * step * (self.delta[:, 2:] - self.delta[:, :-2])
             left[:, :n, 2:] += damping[..., None] * apart
         left[..., self.motors.starts] = 0
@@ -243,13 +242,10 @@ class DrivenGears:
         apart = 0.5 * self.motors.step_s[2:] * (torque[..., 2:] - torque[..., :-2])
         return np.asarray(apart + D[..., None] * np.diff(self.delta, 2, axis=1))
 
-    def _observed(self, changes: Floats) -> Floats:
-        """Term of the observer for changes of the torque."""
-        return _each(self._observer, changes, self.motors.pose[2:])
-
-    def _damped(self, changes: Floats) -> Floats:
-        """Part of the correction of D δ̇ that follows from changes of the torque."""
-        return self.motors.step_s[2:] ** 2 * _each(self._damping, changes, self.motors.pose[2:])
+    def _held(self, changes: Floats) -> Floats:
+        """Terms of the observer and of D δ̇ by changes of the torque."""
+        step, pose = self.motors.step_s[2:], self.motors.pose[2:]
+        return each(self._observer, changes, pose) + step**2 * each(self._damping, changes, pose)
 
     @property
     def _shape(self) -> tuple[int, int]:
@@ -270,14 +266,13 @@ class DrivenGears:
         n = len(delta)
         left = np.zeros(self._shape)
         torque = self.laws.K * delta + self.beyond
-        changes = self._changes(torque, self.D)
-        observed = self._observed(changes - self._changes(self.measured, 0 * self.D))
-        damped = self._damped(changes) - step * self.D[:, None] / 12 * m.jerk[:, 2:]
+        held = self._held(self._changes(torque, self.D)) - step * self.D[:, None] / 12 * m.jerk[:, 2:]
+        held -= each(self._observer, self._changes(self.measured, 0 * self.D), m.pose[2:])
         if self.G.any():
-            torque = torque - _each(self.G, m.angle - delta, m.pose)
+            torque = torque - each(self.G, m.angle - delta, m.pose)
         left[:n] = self._hat_torque(torque)
         bend = np.diff(delta, 2, axis=1) - m.rise[:, 2:]
-        left[:n, 2:] += observed + damped + _each(self.M2, bend, m.pose[2:])
+        left[:n, 2:] += held + each(self.M2, bend, m.pose[2:])
         left[:n, 2:] += 0.5 * step * self.D[:, None] * (delta[:, 2:] - delta[:, :-2])
         left[:n, m.starts] = 0
         if self.laws.hysteretic:
@@ -348,14 +343,6 @@ class DrivenGears:
         right = rows.reshape(-1, size, N).transpose(2, 1, 0).reshape(N * size, -1)
         found, _ = dgbtrs(factors, lower, upper, np.asfortranarray(right), pivots)
         return np.asarray(found.reshape(N, size, -1).transpose(2, 1, 0).reshape(rows.shape))
-
-
-def _each(matrices: Floats, rows: Floats, pose: np.ndarray) -> Floats:
-    """Rows (..., n, k) times the matrices (p, ..., n, n) of their poses."""
-    found = matrices[0] @ rows
-    for p in range(1, len(matrices)):
-        found[..., pose == p] = (matrices[p] @ rows)[..., pose == p]
-    return np.asarray(found)
 
 
 def _loop(laws: GearLaws, delta: Floats) -> Floats:

@@ -91,8 +91,8 @@ class MotorMotion:
         """Motion in some steps."""
         starts = self.starts[used].copy()
         starts[:2] = True
-        waves = (each[:, used] for each in (self.angle, self.rise, self.jerk))
-        return MotorMotion(*waves, self.step_s[used], starts, self.pose[used], self.torque[:, used], ())
+        own = self.angle[:, used], self.rise[:, used], self.jerk[:, used], self.step_s[used]
+        return MotorMotion(*own, starts, self.pose[used], self.torque[:, used], ())
 
     def balance(self, scale: Floats, M: Floats, viscous: Floats, coulomb: Floats) -> Floats:
         """Torque through the gears, shape (n, N), by parameters of the motors, each (n,)."""
@@ -108,3 +108,11 @@ class MotorMotion:
         for row, used, waves in self.rows:
             found[row, : waves.shape[1]] = np.moveaxis(samples[..., used] @ waves, -1, 0)
         return found
+
+
+def each(matrices: Floats, rows: Floats, pose: np.ndarray) -> Floats:
+    """Rows (..., n, k) times the matrices (p, ..., n, n) of their poses."""
+    found = matrices[0] @ rows
+    for p in range(1, len(matrices)):
+        found[..., pose == p] = (matrices[p] @ rows)[..., pose == p]
+    return np.asarray(found)
