@@ -45,6 +45,7 @@ from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffn
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.torsion_curve import torsion_curves
+from jointid.motion.friction import friction_waveforms
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.rules_effects import effects_found
@@ -328,6 +329,22 @@ def test_wide_backlash_is_found_beside_friction() -> None:
     assert [gear.backlash_rad for gear in fit.gears] == pytest.approx([0.2325, 0.0076], rel=0.02)
 
 
+def test_free_friction_does_not_deflect_a_hardening_gear() -> None:
+    """The torque of the friction model has an error near reversals, which the law would distort."""
+    robot = replace(PAPER, cubic=[9000.0, 0.0], coulomb=[0.15, 0.03])
+    (records,) = simulate([(robot, paper_motions(robot, BAND, **MOTIONS))])
+    phasors = extract_phasors(records)
+    fit = maximum_likelihood(
+        phasors,
+        Inertia(robot.M, robot.M2),
+        robot.answer,
+        friction=friction_waveforms(phasors, 0.03),
+        effects=("cubic",),
+    )
+    assert fit.fundamental[0] < 1.2
+    assert fit.named["cubic"][0] == pytest.approx(9000, rel=1e-3)
+
+
 def test_indistinguishable_laws_give_the_remedy_of_a_second_amplitude(stiffening: ElasticityFit) -> None:
     assert second_amplitude(stiffening) == ""
     best, *others = stiffening.candidates
@@ -548,6 +565,44 @@ def test_backlash_is_not_identified_as_three_slopes(seed: int) -> None:
     np.testing.assert_allclose(fit.K, [36, 9.5], rtol=1e-3)
 
 
+def moving(angle: np.ndarray, step_s: float, torque: np.ndarray) -> MotorMotion:
+    """Motors of angles and torques (n, N) in equal steps."""
+    N = angle.shape[1]
+    rise = np.pad(np.diff(angle, 2, axis=1), ((0, 0), (2, 0)))
+    jerk = np.gradient(rise, axis=1)
+    start = np.arange(N) < 2
+    return MotorMotion(angle, rise, jerk, np.full(N, step_s), start, np.zeros(N, int), torque, ())
+
+
+def test_the_deflection_behind_moving_motors_is_that_of_the_equation() -> None:
+    """With 16 steps over a period, damping costs no accuracy."""
+    K, D, M2, step = 9.0, 0.05, 0.0014, 1 / (16 * 30)
+    s = 2j * np.pi * np.array([7.0, 30.0])
+    inertia, waves = s**2 * M2, np.exp(np.outer(s, step * np.arange(600)))
+    motor = np.array([1.0, 0.3])
+    wound = motor * inertia / (inertia + K + s * D)
+    angle, delta, torque = ((each @ waves).imag[None] for each in (motor, wound, (K + s * D) * wound))
+    laws, none = GearLaws.of([Gear(K=K)]), np.zeros((1, 1, 1))
+    motors = moving(angle, step, torque)
+    found = DrivenGears.solve(motors, laws, np.array([D]), none + M2, none, torque, 1.0)
+    assert np.abs(found.delta - delta)[:, 100:-1].max() < 5e-4 * np.abs(delta).max()
+
+
+def test_further_harmonics_near_a_resonance_are_solved() -> None:
+    """Wide play at a low frequency: impacts excite motor and arm beyond the harmonics of the record."""
+    gear, H = Gear(K=30.0, backlash_rad=0.02), 8
+    s = 2j * np.pi * 3.0 * np.arange(2 * H + 1)
+    rigid, D = 1 / 0.001 + 1 / 0.0019, 0.015
+    with np.errstate(divide="ignore"):
+        compliance = np.where(np.arange(2 * H + 1) > H, 1 / (s**2 / rigid + gear.K + s * D), 0)
+    drive = np.zeros(2 * H + 1, complex)
+    drive[[1, 3]] = 0.3 / gear.K + 0.0125, 0.0125 / 3
+    found = WoundGears.solve(GearLaws.of([gear]), drive[None, None], compliance[None, None], H, 2)
+    beyond, *_ = beyond_linear(found.laws, found.delta, found.points)
+    left = (drive - compliance * beyond - found.delta)[..., 1:]
+    assert np.abs(left).max() < 1e-5 * np.abs(drive).max()
+
+
 @pytest.mark.parametrize(
     ("K", "cubic", "backlash"), [(5.0, -1e3, 0.0), (0.01, -1e9, 0.1), (50.0, 1e300, 0.0)]
 )
@@ -556,9 +611,7 @@ def test_a_diverging_gear_has_no_deflection_and_prints_nothing(
 ) -> None:
     step, N, none = 1e-3, 400, np.zeros((1, 1))
     angle = np.sin(2 * np.pi * 20 * step * np.arange(N))[None]
-    rise = np.pad(np.diff(angle, 2, axis=1), ((0, 0), (2, 0)))
-    start = np.arange(N) < 2
-    motors = MotorMotion(angle, rise, np.full(N, step), start, np.zeros(N, int), 50 * angle, ())
+    motors = moving(angle, step, 50 * angle)
     pair = none, none
     laws = GearLaws.made(none + K, none + cubic, none + backlash, none, none, pair, pair)
     measured = motors.balance(np.ones(1), np.array([0.002]), np.zeros(1), np.zeros(1))

@@ -15,8 +15,7 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate,
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
-from jointid.estimation.estimators.residual import with_law_noise
-from jointid.estimation.estimators.whitened_residual import WhitenedResidual
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual, with_law_signals
 from jointid.estimation.start_values import without_inertias
 from jointid.motion.end_terms import motor_motion
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms, with_load
@@ -173,7 +172,7 @@ def evaluated(
     waveforms = model_waveforms(phasors, model, estimate.named)
     waveforms = loaded(waveforms, model.effects, phasors, prior, estimate.named)
     problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
-    problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
+    problem = with_law_signals(replace(problem, motion=motor_motion(phasors)), estimate.p)
     found = WhitenedResidual.of(problem, estimate.p, scale)
     if not np.isfinite(found.cost):
         raise JointIdError(
@@ -197,4 +196,4 @@ def stepped(
     layout = fitted_layout(prior, waveforms, model.delay, model.effects)
     problem = make_problem(phasors, prior, layout, estimate.named.K, waveforms, noise)
     p = problem.start(estimate.named)
-    return one_step(with_law_noise(problem, p), p)
+    return one_step(with_law_signals(problem, p), p)

@@ -6,8 +6,10 @@ The torque u through the gears by the balance at the motors holds the deflection
 (an observer): otherwise small errors grow, as arms with backlash are hardly stable.
 
 A second difference of an angle is the integral of its acceleration over a hat of two steps, which
-Numerov's weights find from three samples. The equations of all steps form one banded system, solved by
-Newton steps; the change of the deflection with every parameter follows from the same system.
+Numerov's weights find from three samples. The same integral of D δ̇ differs from a central difference of
+D δ by D h⁴/12 times the third derivative of δ, which follows from the equation. The equations of all
+steps form one banded system, solved by Newton steps; the change of the deflection with every parameter
+follows from the same system.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.laws import GearLaws, dahl_from_rest
-from jointid.gears.motor_motion import MotorMotion
+from jointid.gears.motor_motion import MotorMotion, each
 
 _HAT = (1 / 12, 10 / 12, 1 / 12)
 """Weights of three samples in the integral over a hat (Numerov)."""
@@ -111,8 +113,8 @@ class DrivenGears:
             for j in range(n):
                 unit[0, j, j, :2], unit[1, j, j, 1] = 1, 1
             least = _CONVERGED * float(np.abs(part.measured).max()) * step**2
+            part = part._followed(part.delta, least)
             for _ in range(_STARTS):
-                part = part._followed(part.delta, least)
                 moved = part._solved(unit.reshape(-1, unit.shape[-1])).reshape(2 * n, *part._shape)
                 torque = part._slope * moved[:, :n]
                 if self.laws.hysteretic:
@@ -127,10 +129,13 @@ class DrivenGears:
                     return replace(self, delta=np.full(delta.shape, np.nan))
                 size = np.linalg.norm(rows[1:], axis=1)
                 change = np.linalg.lstsq((rows[1:] / size[:, None]).T, -rows[0])[0] / size
-                begin = part.delta.copy()
-                begin[:, 0] += change[:n]
-                begin[:, 1] += change[:n] + change[n:]
-                part = replace(part, delta=begin)
+                moves = np.tensordot(change, moved, 1)
+                loop = part.loop + moves[n:] if self.laws.hysteretic else part.loop
+                begun = replace(part, delta=part.delta + moves[:n], loop=loop)
+                begun = begun._followed(begun.delta, least)
+                if not np.isfinite(begun.delta).all():
+                    break
+                part = begun
             delta[:, at : at + 2] = part.delta[:, :2]
         return replace(self, delta=delta)
 
@@ -204,12 +209,12 @@ class DrivenGears:
         left = np.zeros((n if arm is None else len(arm), *self._shape))
         if arm is not None:
             bend = np.diff(self.delta, 2, axis=1) - self.motors.rise[:, 2:]
-            left[:, :n, 2:] = _each(arm.swapaxes(0, 1), bend, self.motors.pose[2:])
+            left[:, :n, 2:] = each(arm.swapaxes(0, 1), bend, self.motors.pose[2:])
         else:
             elastic = own + (name == "K") * self.delta * np.eye(n)[..., None]
             damping = (name == "D") * np.eye(n)
             left[:, :n] = self._hat_torque(elastic)
-            left[:, :n, 2:] += self._observed(elastic, damping)
+            left[:, :n, 2:] += self._held(self._changes(elastic, damping))
             apart = 0.5 * step * (self.delta[:, 2:] - self.delta[:, :-2])
             left[:, :n, 2:] += damping[..., None] * apart
         left[..., self.motors.starts] = 0
@@ -227,11 +232,20 @@ class DrivenGears:
         own = np.diagonal(np.linalg.inv(self.M2), axis1=1, axis2=2)
         return self.M2 * (self.observed * np.sqrt(own / self.laws.K[:, 0]))[:, None]
 
-    def _observed(self, torque: Floats, D: Floats) -> Floats:
-        """Term of the observer for a torque (..., n, N) beside D δ̇, at steps 2 … N."""
+    @cached_property
+    def _damping(self) -> Floats:
+        """D M2⁻¹/12 of every pose, shape (p, n, n)."""
+        return self.D[:, None] / 12 * np.linalg.inv(self.M2)
+
+    def _changes(self, torque: Floats, D: Floats) -> Floats:
+        """Rate of a torque (..., n, N) beside D δ̇, times the squared step, at steps 2 … N."""
+        apart = 0.5 * self.motors.step_s[2:] * (torque[..., 2:] - torque[..., :-2])
+        return np.asarray(apart + D[..., None] * np.diff(self.delta, 2, axis=1))
+
+    def _held(self, changes: Floats) -> Floats:
+        """Terms of the observer and of D δ̇ by changes of the torque."""
         step, pose = self.motors.step_s[2:], self.motors.pose[2:]
-        apart = 0.5 * step * (torque[..., 2:] - torque[..., :-2])
-        return _each(self._observer, apart + D[..., None] * np.diff(self.delta, 2, axis=1), pose)
+        return each(self._observer, changes, pose) + step**2 * each(self._damping, changes, pose)
 
     @property
     def _shape(self) -> tuple[int, int]:
@@ -252,12 +266,13 @@ class DrivenGears:
         n = len(delta)
         left = np.zeros(self._shape)
         torque = self.laws.K * delta + self.beyond
-        observed = self._observed(torque - self.measured, self.D)
+        held = self._held(self._changes(torque, self.D)) - step * self.D[:, None] / 12 * m.jerk[:, 2:]
+        held -= each(self._observer, self._changes(self.measured, 0 * self.D), m.pose[2:])
         if self.G.any():
-            torque = torque - _each(self.G, m.angle - delta, m.pose)
+            torque = torque - each(self.G, m.angle - delta, m.pose)
         left[:n] = self._hat_torque(torque)
         bend = np.diff(delta, 2, axis=1) - m.rise[:, 2:]
-        left[:n, 2:] += observed + _each(self.M2, bend, m.pose[2:])
+        left[:n, 2:] += held + each(self.M2, bend, m.pose[2:])
         left[:n, 2:] += 0.5 * step * self.D[:, None] * (delta[:, 2:] - delta[:, :-2])
         left[:n, m.starts] = 0
         if self.laws.hysteretic:
@@ -295,9 +310,10 @@ class DrivenGears:
                 for j in range(n):
                     rigid = _SECOND[late] * self.M2[pose, i, j]
                     rigid += _HAT[late] * squared * self.G[pose, i, j]
-                    held = _CENTRAL[late] * m.step_s[2:] * self._observer[pose, i, j]
+                    by_change = self._observer[pose, i, j] + squared * self._damping[pose, i, j]
+                    held = _CENTRAL[late] * m.step_s[2:] * by_change
                     rigid += held * self._slope[j, 2 - late : N - late]
-                    rigid += _SECOND[late] * self._observer[pose, i, j] * self.D[j]
+                    rigid += _SECOND[late] * by_change * self.D[j]
                     if laws.hysteretic:
                         place(i, n + j, late, inner * held * laws.level[j, 0])
                     if i == j:
@@ -327,14 +343,6 @@ class DrivenGears:
         right = rows.reshape(-1, size, N).transpose(2, 1, 0).reshape(N * size, -1)
         found, _ = dgbtrs(factors, lower, upper, np.asfortranarray(right), pivots)
         return np.asarray(found.reshape(N, size, -1).transpose(2, 1, 0).reshape(rows.shape))
-
-
-def _each(matrices: Floats, rows: Floats, pose: np.ndarray) -> Floats:
-    """Rows (..., n, k) times the matrices (p, ..., n, n) of their poses."""
-    found = matrices[0] @ rows
-    for p in range(1, len(matrices)):
-        found[..., pose == p] = (matrices[p] @ rows)[..., pose == p]
-    return np.asarray(found)
 
 
 def _loop(laws: GearLaws, delta: Floats) -> Floats:

@@ -22,6 +22,9 @@ _NEWTON, _CONVERGED = 36, 1e-6
 """Most Newton steps for the deflection, and its relative residual that ends them."""
 _MANY = 32
 """Harmonics from which slopes are inverted seldom and roughly."""
+_FELT = 0.3
+"""Compliance times K from which a further harmonic is solved with the first ones: g changes it much near
+a resonance of motor and arm."""
 _SLOW, _SLOW_OF_MANY = 0.2, 0.5
 """Ratio of residuals of a step with earlier slopes from which they are evaluated again."""
 _CENTRED = 1e-9
@@ -64,7 +67,8 @@ class WoundGears:
         """Solve by Newton steps at the first m harmonics, from ``start`` or the linear deflection.
 
         Slopes of earlier steps are reused while they converge quickly: inverting them takes far longer
-        than evaluating the torque. Further harmonics, which g hardly changes, follow.
+        than evaluating the torque. Further harmonics, which g hardly changes, follow; m is larger where
+        it changes them much.
 
         Parameters
         ----------
@@ -80,16 +84,21 @@ class WoundGears:
         points = _points(H, drive.shape[2])
         drive, compliance = drive.copy(), compliance.copy()
         drive[..., 0], compliance[..., 0] = 0, 1 / ((1 + _CENTRED) * laws.K[:, 0])
+        felt = np.abs(compliance[..., 1 + H :] * laws.K) > _FELT
+        m = max([m, *(H + 1 + np.flatnonzero(felt.any(axis=(0, 1)))).tolist()])
         if start is None:
             delta = drive.copy()
             if laws.has_backlash:  # on the flank in the direction of the torque
                 sign = phasors_of(np.sign(samples_of(drive[..., 1:], points)), drive.shape[2] - 1)
                 delta[..., 1:] += compliance[..., 1:] * laws.K * laws.half_backlash * sign
-            inverse = np.tile(np.eye(1 + 2 * m), (*drive.shape[:2], 1, 1))  # of a linear gear
         else:
-            delta, inverse = start.delta.copy(), start.inverse.copy()
+            delta = start.delta.copy()
             other = slice(1 + m, 1 + H)
             delta[..., other] = drive[..., other] - compliance[..., other] * start.beyond[..., other]
+        if start is not None and start.inverse.shape[2] == 1 + 2 * m:
+            inverse = start.inverse.copy()
+        else:  # of a linear gear
+            start, inverse = None, np.tile(np.eye(1 + 2 * m), (*drive.shape[:2], 1, 1))
         size = np.abs(drive).max(axis=2) + np.finfo(float).tiny
         before, least = delta[..., : 1 + m].copy(), np.full(size.shape, np.inf)
         step = np.zeros_like(before)
@@ -130,24 +139,29 @@ class WoundGears:
         return _points(self.beyond.shape[2] - 1, self.delta.shape[2])
 
     def _spread(self, m: int) -> Floats:
-        """Parts of g by those of δ at the mean and the first m harmonics, (r, n, 1 + 2m, 1 + 2H)."""
+        """Parts of g by those of δ at the mean and the first m harmonics, (r, n, 1 + 2m, 1 + 2H).
+
+        With more than H of δ, those of g are as many.
+        """
         _, slope, samples = beyond_linear(self.laws, self.delta, self.points)
         of, H = np.ones(slope.shape[:2], bool), self.beyond.shape[2] - 1
-        whole = spread(self.laws, slope, _thinned(samples, H), m, H, of)
+        whole = spread(self.laws, slope, _thinned(samples, H), m, max(m, H), of)
         return whole.reshape(*of.shape, *whole.shape[1:])
 
     def change(self, drive: Complexes, beyond: Complexes) -> Complexes:
         """Change of g with changes of F, and of g at given δ, each shape (r, n, 1 + H, c)."""
         H, m = self.beyond.shape[2] - 1, (self.inverse.shape[3] - 1) // 2
         compliance, by = self.compliance[..., : 1 + m], self._spread(m)
-        left = drive[:, :, : 1 + m] - compliance[..., None] * beyond[:, :, : 1 + m]
-        inward = _inward(compliance, by[..., inner(m, H)])
+        left = np.zeros((*compliance.shape, drive.shape[3]), complex)
+        used = slice(1 + min(m, H))
+        left[:, :, used] = drive[:, :, used] - compliance[:, :, used, None] * beyond[:, :, used]
+        inward = _inward(compliance, by[..., inner(m, max(m, H))])
         if m < _MANY:
             self.inverse[:] = np.linalg.inv(inward)  # the next solution starts with it
             wound: Floats = self.inverse @ _parts(left)
         else:
             wound = np.asarray(np.linalg.solve(inward, _parts(left)))
-        return np.asarray(beyond + _complex(by.swapaxes(2, 3) @ wound))
+        return np.asarray(beyond + _complex(by.swapaxes(2, 3) @ wound)[:, :, : 1 + H])
 
     def noise(self, variance: Floats) -> tuple[Complexes, Floats]:
         """Change of g with noise of F at the same harmonic, and its variance by others, (r, n, H).

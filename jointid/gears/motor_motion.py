@@ -24,6 +24,8 @@ class MotorMotion:
     """Less its mean in each part, shape (n, N), rad."""
     rise: Floats
     """Its second differences, shape (n, N), rad."""
+    jerk: Floats
+    """Central differences of ``rise`` at its middle, shape (n, N), rad."""
     step_s: Floats
     """Shape (N,), s."""
     starts: np.ndarray
@@ -46,7 +48,8 @@ class MotorMotion:
         for row, each in enumerate(segments):
             if each is not None:
                 parts.setdefault(id(each.uniform_velocity), []).append((row, each))
-        angles, rises, steps, starts, poses, torques, rows, count = [], [], [], [], [], [], [], 0
+        angles, rises, jerks, steps, starts = [], [], [], [], []
+        poses, torques, rows, count = [], [], [], 0
         for members in parts.values():
             own = [each for _, each in members]
             T, end = own[0].interval_s, max(each.end for each in own)
@@ -60,6 +63,8 @@ class MotorMotion:
             rise[:, 2:] = np.diff(angle, 2, axis=1)
             angles.append(angle - angle.mean(axis=1, keepdims=True))
             rises.append(rise)
+            jerks.append(np.zeros(angle.shape))
+            jerks[-1][:, 2:] = np.gradient(rise[:, 2:], axis=1)
             steps.append(np.full(grid.size, step))
             starts.append(np.arange(grid.size) < 2)
             # Held torques are on average those of the samples before and after.
@@ -77,16 +82,17 @@ class MotorMotion:
         if not rows:
             return None
         return cls(
-            np.concatenate(angles, axis=1), np.concatenate(rises, axis=1), np.concatenate(steps),
-            np.concatenate(starts), np.concatenate(poses), np.concatenate(torques, axis=1), tuple(rows),
+            np.concatenate(angles, axis=1), np.concatenate(rises, axis=1),
+            np.concatenate(jerks, axis=1), np.concatenate(steps), np.concatenate(starts),
+            np.concatenate(poses), np.concatenate(torques, axis=1), tuple(rows),
         )  # fmt: skip
 
     def part(self, used: slice) -> MotorMotion:
         """Motion in some steps."""
         starts = self.starts[used].copy()
         starts[:2] = True
-        own = self.angle[:, used], self.rise[:, used], self.step_s[used], starts, self.pose[used]
-        return MotorMotion(*own, self.torque[:, used], ())
+        own = self.angle[:, used], self.rise[:, used], self.jerk[:, used], self.step_s[used]
+        return MotorMotion(*own, starts, self.pose[used], self.torque[:, used], ())
 
     def balance(self, scale: Floats, M: Floats, viscous: Floats, coulomb: Floats) -> Floats:
         """Torque through the gears, shape (n, N), by parameters of the motors, each (n,)."""
@@ -102,3 +108,11 @@ class MotorMotion:
         for row, used, waves in self.rows:
             found[row, : waves.shape[1]] = np.moveaxis(samples[..., used] @ waves, -1, 0)
         return found
+
+
+def each(matrices: Floats, rows: Floats, pose: np.ndarray) -> Floats:
+    """Rows (..., n, k) times the matrices (p, ..., n, n) of their poses."""
+    found = matrices[0] @ rows
+    for p in range(1, len(matrices)):
+        found[..., pose == p] = (matrices[p] @ rows)[..., pose == p]
+    return np.asarray(found)

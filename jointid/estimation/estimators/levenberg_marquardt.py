@@ -5,7 +5,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.estimation.estimators.parameters import GEAR_LAWS
 from jointid.estimation.estimators.problem import Problem
-from jointid.estimation.estimators.whitened_residual import WhitenedResidual
+from jointid.estimation.estimators.whitened_residual import POOR, WhitenedResidual
 from jointid.small_matrices import NO_EFFECT
 
 _ITERATIONS = 40
@@ -19,8 +19,8 @@ _IDLE, _MOST_IDLE = 0.02, 3
 iteration."""
 _MOTION_IDLE = 0.1
 """The same of motions with a law of the gears."""
-POOR, _STUCK = 10.0, 3e-3
-"""Misfit of a model that does not explain the data; relative decrease of its cost that ends the fit."""
+_STUCK = 3e-3
+"""Relative decrease of the cost of a model that does not explain the data that ends its fit."""
 _LAW_STUCK = 2e-2
 """The same of a model with a law of the gears, whose evaluations are slow."""
 _ROUGH_IDLE, _ROUGH_TOLERANCE = 1.0, 0.1

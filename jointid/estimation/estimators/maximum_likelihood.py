@@ -19,16 +19,18 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.levenberg_marquardt import POOR, minimised, penalty
+from jointid.estimation.estimators.levenberg_marquardt import minimised, penalty
 from jointid.estimation.estimators.linear_fit import Estimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import Problem, fitted_layout, make_problem
 from jointid.estimation.estimators.residual import with_law_noise
 from jointid.estimation.estimators.whitened_residual import (
+    POOR,
     WhitenedResidual,
     repeated_covariance,
     widened_covariance,
+    with_free_torque,
 )
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
@@ -121,6 +123,12 @@ def maximum_likelihood(
             # Arms that leave their flanks have many local minima.
             p, _ = minimised(held, p, scale, damping=_FAR)
     p, normal = minimised(problem, p, scale, damping=_NEAR if is_near else _FAR)
+    free = with_free_torque(problem, p)
+    if free is not problem:
+        near, there = minimised(free, p, scale, damping=_NEAR)
+        costs = [WhitenedResidual.of(*each, scale).cost for each in ((free, near), (problem, p))]
+        if costs[0] < costs[1]:
+            problem, p, normal = free, near, there
     problem = with_law_noise(problem, p)
     fitted = WhitenedResidual.of(problem, p, scale)
     misfit = first = Misfit.of(fitted, p, normal)

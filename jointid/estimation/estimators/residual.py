@@ -104,9 +104,10 @@ class Residual:
             if "arm_coulomb" in problem.layout:
                 turns = problem.laws.arm_friction(p["arm_coulomb"], torque, arm)
                 law = law[0], turns.level * turns.sign
-            apart = q - (arm @ (torque - law[1])[..., None])[..., 0]
+            through = torque - problem.free_torque
+            apart = q - (arm @ (through - law[1])[..., None])[..., 0]
             both = problem.arm_inertia(p), problem.gravity(p)
-            wound = problem.laws.wound(torque, apart, gear, p, both, problem.rotor_inertia(p)[0])
+            wound = problem.laws.wound(through, apart, gear, p, both, problem.rotor_inertia(p)[0])
             if wound is not None:
                 law = problem.laws.law(wound, gear), law[1]
         r = torque - gear_torque(X, arm, q, law)

@@ -12,8 +12,7 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
-from jointid.estimation.estimators.residual import with_law_noise
-from jointid.estimation.estimators.whitened_residual import WhitenedResidual
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual, with_law_signals
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
 
@@ -70,7 +69,7 @@ def scores(
     problem = make_problem(phasors, prior, layout, estimate.named.K, friction, noise)
     p = problem.start(estimate.named, _FILTER)
     if any(name in fitted for name in GEAR_LAWS):
-        problem = with_law_noise(problem, p)
+        problem = with_law_signals(problem, p)
     with np.errstate(all="ignore"):
         residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
         _, gradient, normal = quadratic(residual, p)

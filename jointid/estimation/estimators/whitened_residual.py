@@ -10,13 +10,14 @@ from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.balance import balance, noise_of, wind_up
+from jointid.estimation.estimators.parameters import GEAR_LAWS
 from jointid.estimation.estimators.problem import (
     Problem,
     friction_advance,
     gear_torque,
     motor_stiffness,
 )
-from jointid.estimation.estimators.residual import Residual
+from jointid.estimation.estimators.residual import Residual, with_law_noise
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.motion.free_friction import FreeFriction, Projection
 from jointid.small_matrices import finite_part, inverse, whitener
@@ -31,6 +32,10 @@ _MOST_LEVERAGE = 0.999
 """Largest share of a direction's information from one record; its residual there is rounding."""
 _LEAST_RECORDS = 4
 """Fewest records that show a scatter."""
+POOR = 10.0
+"""Misfit of a model that does not explain the data."""
+_EVALUATIONS = 2
+"""Of the free friction beside laws of the gears: it hardly changes with the torque through them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,6 +228,33 @@ def repeated_covariance(residual: WhitenedResidual, covariance: Floats) -> tuple
     pulls = (errors.conj().swapaxes(2, 3) @ whole).reshape(-1, whole.shape[3])
     share = 2 * float((np.abs(errors) ** 2).sum()) / max(problem.rows, 1)
     return 2 * C @ (pulls.conj().T @ pulls).real @ C, share
+
+
+def with_free_torque(problem: Problem, vector: Floats) -> Problem:
+    """The problem without free friction in the torque that deflects nonlinear gears.
+
+    It stays fixed in a fit. Linear gears need no such correction: it is a part of the projection.
+    """
+    may_rub = problem.motion is None and problem.free.shapes > 0
+    for _ in range(_EVALUATIONS * may_rub * any(name in problem.layout for name in GEAR_LAWS)):
+        residual = WhitenedResidual.of(problem, vector, np.ones(problem.s.shape[1]))
+        if not residual.cost < POOR * problem.rows / 2:
+            break
+        problem = replace(problem, free_torque=residual.free_friction())
+    return problem
+
+
+def with_law_signals(problem: Problem, vector: Floats) -> Problem:
+    """The problem as at the end of a fit: with the noise of gear laws, and without free friction.
+
+    The latter only where this lowers the cost: near a jump of the motion it may raise it.
+    """
+    free = with_free_torque(problem, vector)
+    if free is not problem:
+        one: Floats = np.ones(problem.s.shape[1])
+        plain, other = (WhitenedResidual.of(each, vector, one).cost for each in (problem, free))
+        problem = free if other < plain else problem
+    return with_law_noise(problem, vector)
 
 
 def _shifts(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, Floats]:
