@@ -14,13 +14,14 @@ from jointid.estimation.candidates import Model, dissipates
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.model_fits import evaluated, fit_model, motors_of, stepped
 from jointid.estimation.model_selection import choose_model
-from jointid.estimation.motion_start import motion_start
+from jointid.estimation.motion_start import motion_start, regressed
 from jointid.joints import Inertia
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors
@@ -90,6 +91,16 @@ def identify_motion(
         return _identified(records, given, friction=friction, delay=delay, gear=gear)
 
 
+def motion_misfits(
+    records: Sequence[MotionRecord | SineRecord], priors: Sequence[InertiaPrior]
+) -> Floats:
+    """Misfit of motions under inertias of several priors, by a regression with friction; at least 1."""
+    phasors, source = _phasors(list(records), priors[0].M[priors[0].rotor])
+    few = _few(phasors, priors[0].of_rows(source))
+    some, rows = phasors.select(few), source[few]
+    return np.array([regressed(some, prior.of_rows(rows))[1] for prior in priors])
+
+
 def _checked(records: object) -> list[MotionRecord | SineRecord]:
     each = [records] if isinstance(records, MotionRecord | SineRecord) else records
     if not isinstance(each, Sequence) or not each:
@@ -137,7 +148,7 @@ def _identified(
     if rows.size < phasors.omega.size or _differ(again, phasors, same):
         phasors, found = again, choice.estimate
         if isinstance(found, LikelihoodEstimate):
-            search = partial(search, first=choice.model)
+            search = partial(search, first=choice.model, is_lost=found.misfit >= LOST)
             start = found.named
         choice = search(phasors, prior, start, noise=_noise(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):

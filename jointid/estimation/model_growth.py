@@ -9,11 +9,12 @@ import numpy as np
 from scipy.special import chdtri
 
 from jointid.estimation.candidates import CHANCE, EXPLAINED, WORTH, Model
+from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import GEAR_LAWS, LAWS
 from jointid.estimation.estimators.score_tests import Score
 from jointid.estimation.model_fits import stepped
-from jointid.estimation.model_search import LOST, POOR, Search
+from jointid.estimation.model_search import POOR, Search
 
 _RICHER = {
     (0.0, False): ((0.03, False), (0.1, False)),

@@ -14,6 +14,7 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import EXPLAINED, NEEDED, Choice, Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import (
@@ -26,7 +27,7 @@ from jointid.estimation.estimators.parameters import (
 from jointid.estimation.model_average import spread, spread_of_unseen
 from jointid.estimation.model_fits import fit_without_inertias, freest, stepped
 from jointid.estimation.model_growth import NEARLY_ALL, grown
-from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, Search
+from jointid.estimation.model_search import DOUBTFUL, MOST_EFFECTS, POOR, Search
 from jointid.estimation.motion_start import motion_start
 from jointid.estimation.passivity import least_misfit
 from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
@@ -64,6 +65,7 @@ def choose_model(
     exactly: bool = False,
     gear: str = "auto",
     first: Model | None = None,
+    is_lost: bool = False,
 ) -> Choice:
     """Fit models from simple to rich until no further part is significant, and choose the best.
 
@@ -79,6 +81,8 @@ def choose_model(
         Whether nonlinear laws of the gears are among the optional parts.
     first : Model, optional
         The model of the start values, which is fitted first.
+    is_lost : bool
+        Whether an earlier search found no model near the data: there is none if the first one is not.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
@@ -104,6 +108,8 @@ def choose_model(
     )
     if first is not None:
         search.fit(first, linear)
+        if is_lost and LOST <= search.fits.misfit(first) < np.inf:
+            return _choice(search, first)
     if search.may_have_friction and not isinstance(start, Parameters):
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
     return _searched(search)
@@ -238,7 +244,9 @@ def _fit_first(search: Search) -> None:
         if search.is_lost and "friction" in fits.optional and sliding not in fits.tried:
             search.fit(sliding, start)
     of_sliding = fits.estimate(sliding)
-    if search.has_motions and "load" in fits.optional and of_sliding and of_sliding.misfit > DOUBTFUL:
+    if of_sliding is None or of_sliding.misfit <= DOUBTFUL or not search.has_motions:
+        return
+    if "load" in fits.optional and search.may_explain(sliding, "load"):
         # Coulomb friction may be insignificant, and hence left out, until that by load is known.
         search.fit(sliding.with_part("load"), of_sliding.named)
 

@@ -151,6 +151,8 @@ class Complement:
         """Degrees of freedom that noise keeps in its part of the residual, shape (r, n)."""
         left = np.zeros((len(self.bases), self.V.shape[2]))
         for place, basis, U in zip(left, self.bases, self.roots, strict=True):
+            if not U.size:
+                continue
             of_U = np.triu(dpotri(U)[0])
             share = of_U + np.triu(of_U, 1).T
             for used, bounded in zip(basis.of_joints(), basis.bounded, strict=True):
