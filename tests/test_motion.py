@@ -499,7 +499,7 @@ def test_friction_does_not_hide_exchanged_axes() -> None:
     exchanged = M2[np.ix_(order, order)]
     tried = [study.inertia, Inertia(M[order], exchanged), Inertia(M[order], turn @ exchanged @ turn)]
     priors = [InertiaPrior.of(each, len(study.records), 2) for each in tried]
-    right, *wrong = motion_misfits(study.records, priors)
+    right, *wrong = motion_misfits(list(study.records), priors)
     assert right < 2
     assert min(wrong) > 30 * right
 

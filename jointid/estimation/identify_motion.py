@@ -91,11 +91,9 @@ def identify_motion(
         return _identified(records, given, friction=friction, delay=delay, gear=gear)
 
 
-def motion_misfits(
-    records: Sequence[MotionRecord | SineRecord], priors: Sequence[InertiaPrior]
-) -> Floats:
+def motion_misfits(records: list[MotionRecord | SineRecord], priors: list[InertiaPrior]) -> Floats:
     """Misfit of motions under inertias of several priors, by a regression with friction; at least 1."""
-    phasors, source = _phasors(list(records), priors[0].M[priors[0].rotor])
+    phasors, source = _phasors(records, priors[0].M[priors[0].rotor])
     few = _few(phasors, priors[0].of_rows(source))
     some, rows = phasors.select(few), source[few]
     return np.array([regressed(some, prior.of_rows(rows))[1] for prior in priors])

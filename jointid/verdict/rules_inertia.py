@@ -76,7 +76,7 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer | None = None) -> Iterator
     tried = [[each.inertia(given) for given in evidence.inertias] for each in hypotheses]
     priors = [fit.prior.like(inertias, (len(inertias), fit.n)) for inertias in tried]
     if scorer is None:
-        misfit = motion_misfits(evidence.records, priors)
+        misfit = motion_misfits(list(evidence.records), priors)
     else:
         misfit = scorer.scores(hypotheses).misfit
     best = int(np.argmin(misfit))
