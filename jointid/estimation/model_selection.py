@@ -138,7 +138,11 @@ def _searched(search: Search) -> Choice:
             search = other
             _fit_first(search)
             _fit_laws(search)
-    return _choice(search, _best(search))
+    best = _best(search)
+    linear = [each for each in search.fits.tried if not each.is_slow and search.fits.estimate(each)]
+    if search.is_lost and search.has_motions and linear:  # under a wrong law the gears' motion diverges
+        best = search.fits.least(linear)
+    return _choice(search, best)
 
 
 def _inertias_are_wrong(search: Search) -> bool:
