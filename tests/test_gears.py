@@ -272,12 +272,12 @@ def test_three_slopes_of_a_random_motion_are_no_cubic_law() -> None:
         records=1,
         friction=MotorFriction(coulomb=[0.02]),
         gears=[gear],
-        seed=2,
+        seed=3,
     )
     fit = identify_motion(records, inertia, inertia_std=0.05)
     assert fit.gears[0].kind == "piecewise"
     assert abs(fit.K[0] - 43.0) < min(3 * fit.standard_error[0], 0.2)
-    assert fit.gears[0].K3 == pytest.approx(65.0, rel=0.02)
+    assert abs(fit.gears[0].K3 - 65.0) < 1.3
 
 
 def test_an_asymmetric_motion_has_no_mean_torque() -> None:
@@ -332,7 +332,7 @@ def test_wide_backlash_is_found_beside_friction() -> None:
 def test_free_friction_does_not_deflect_a_hardening_gear() -> None:
     """The torque of the friction model has an error near reversals, which the law would distort."""
     robot = replace(PAPER, cubic=[9000.0, 0.0], coulomb=[0.15, 0.03])
-    (records,) = simulate([(robot, paper_motions(robot, BAND, **MOTIONS))])
+    (records,) = simulate([(robot, paper_motions(robot, BAND, **MOTIONS | {"max_step_s": MAX_STEP_S}))])
     phasors = extract_phasors(records)
     fit = maximum_likelihood(
         phasors,

@@ -5,18 +5,30 @@ from __future__ import annotations
 import importlib
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from examples import tries
 
 from benchmarks.motion import CELL, MANUTEC, SINGLE, Motion, simulate
-from jointid import ElasticityFit, Inertia, JointIdError, MotionRecord, SineRecord, identify_motion
+from jointid import (
+    ElasticityFit,
+    Inertia,
+    JointIdError,
+    MotionRecord,
+    SineRecord,
+    analyse,
+    identify_motion,
+    load_study,
+)
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
+from jointid.estimation.identify_motion import motion_misfits
 from jointid.motion import end_terms
+from jointid.motion.complement import Basis, Complement
 from jointid.motion.noise import repeated_variances, sensor_variances
 from jointid.motion.reversals import phasors_of_turns, reversals
 from jointid.motion.sampling import UniformPart, uniform_parts
@@ -32,6 +44,7 @@ from jointid.verdict.rules_model import model_limits
 identify_motion_module = importlib.import_module("jointid.estimation.identify_motion")
 GIVEN = Inertia(CELL.M, CELL.M2)
 TRUE = CELL.answer
+SAMPLE = Path(__file__).parents[1] / "sample_data" / "motions.zip"
 SHORT = Motion("random", duration_s=5.0, seed=3)
 EXACT = replace(SHORT, noise_Nm=0.0, encoder_counts=0)
 COARSE = replace(SHORT, noise_Nm=0.02, encoder_counts=4096)
@@ -289,7 +302,7 @@ def test_load_dependent_friction_is_found_in_random_motion(
 
 def test_unknown_friction_is_no_larger_than_coulomb_friction(monkeypatch: pytest.MonkeyPatch) -> None:
     """Residual of a lag and a filter that are not yet in the model is not counted as friction."""
-    found, whole = [], identify_motion_module._with_noise
+    found, whole = [], identify_motion_module.with_noise
 
     def bounded(phasors: Phasors, prior: InertiaPrior, model: Model, fit: LikelihoodEstimate) -> Phasors:
         after = whole(phasors, prior, model, fit)
@@ -297,7 +310,7 @@ def test_unknown_friction_is_no_larger_than_coulomb_friction(monkeypatch: pytest
         found.append(np.subtract(after.segments[0].unknown_Nm, most))
         return after
 
-    monkeypatch.setattr(identify_motion_module, "_with_noise", bounded)
+    monkeypatch.setattr(identify_motion_module, "with_noise", bounded)
     sweep = replace(SHORT, kind="sweep", sample_rate_hz=250.0, encoder_counts=2**17)
     late = records(sweep, position_filter_hz=200.0, lag_s=2e-3)
     fit = identify_motion(late, GIVEN, inertia_std=0.05)
@@ -460,3 +473,40 @@ def test_a_law_of_the_gear_in_random_motion(law: dict[str, float]) -> None:
     assert getattr(fit.gears[0], name) == pytest.approx(value, rel=0.05)
     assert np.all(np.abs(fit.estimate - robot.answer) < 4 * fit.standard_error)
     assert fit.standard_error[0] < 0.01 * fit.K[0]
+
+
+def test_wrong_motion_data_end_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fits far from the data end, and no second search follows a lost one: 379 evaluations before."""
+    evaluated = []
+    whole = WhitenedResidual.of.__func__  # type: ignore[attr-defined]
+
+    def counted(cls: type, *args: object) -> WhitenedResidual:
+        evaluated.append(args)
+        return whole(cls, *args)
+
+    monkeypatch.setattr(WhitenedResidual, "of", classmethod(counted))
+    study = load_study(SAMPLE)
+    turned = [replace(each, theta_rad=np.degrees(each.theta_rad)) for each in study.records]
+    found = analyse(replace(study, records=turned))
+    assert "degrees" in found.headline
+    assert len(evaluated) < 120
+
+
+def test_friction_does_not_hide_exchanged_axes() -> None:
+    """Their misfit is far larger in a regression with friction."""
+    study = load_study(SAMPLE)
+    M, M2, order, turn = study.inertia.M, study.inertia.M2, np.array([1, 0]), np.diag([1.0, -1.0])
+    exchanged = M2[np.ix_(order, order)]
+    tried = [study.inertia, Inertia(M[order], exchanged), Inertia(M[order], turn @ exchanged @ turn)]
+    priors = [InertiaPrior.of(each, len(study.records), 2) for each in tried]
+    right, *wrong = motion_misfits(list(study.records), priors)
+    assert right < 2
+    assert min(wrong) > 30 * right
+
+
+def test_joints_without_equations_take_no_noise(capfd: pytest.CaptureFixture[str]) -> None:
+    """A record whose waveforms reach every bin has no coordinates; LAPACK printed an error."""
+    none = Basis(np.zeros((0, 3), complex), np.zeros(0, int), np.zeros(1), (np.zeros((0, 0)),))
+    left = Complement.of((none,), np.ones((1, 3, 1, 1), complex)).noise_left()
+    assert left.tolist() == [[0.0]]
+    assert "".join(capfd.readouterr()) == ""

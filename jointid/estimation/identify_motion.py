@@ -14,19 +14,27 @@ from jointid.estimation.candidates import Model, dissipates
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
-from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
+from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.model_fits import evaluated, fit_model, motors_of, stepped
 from jointid.estimation.model_selection import choose_model
-from jointid.estimation.motion_start import motion_start
+from jointid.estimation.motion_noise import (
+    SAME,
+    SAME_OF_MANY,
+    noise_differs,
+    noise_of_rows,
+    with_noise,
+    with_torque_noise,
+)
+from jointid.estimation.motion_start import motion_start, regressed
 from jointid.estimation.start_values import at_resonances
 from jointid.joints import Inertia
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.extract import Phasors, extract_phasors
-from jointid.phasors.segment import Motors
 from jointid.records import MotionRecord, SineRecord, require_torques
 from jointid.small_matrices import one_thread
 
@@ -41,12 +49,6 @@ _FEW = 6
 _MANY, _NOISES = 10_000, 4
 """Equations of many joints from which the first ones show the model as well, and how often they show
 the noise."""
-_SAME, _SAME_OF_MANY = 0.1, 0.3
-"""Relative change of the variances from which the models are compared again, and with many equations,
-whose noise is found with the same model before."""
-_LEAST_LEFT, _CLEAREST = 0.02, 0.3
-"""Least share of a joint's equations in a segment that free friction leaves, and that from which the
-segment shows the noise; without such segments those with the largest share do."""
 
 
 def identify_motion(
@@ -93,6 +95,14 @@ def identify_motion(
         return _identified(records, given, friction=friction, delay=delay, gear=gear)
 
 
+def motion_misfits(records: list[MotionRecord | SineRecord], priors: list[InertiaPrior]) -> Floats:
+    """Misfit of motions under inertias of several priors, by a regression with friction; at least 1."""
+    phasors, source = _phasors(records, priors[0].M[priors[0].rotor])
+    few = _few(phasors, priors[0].of_rows(source))
+    some, rows = phasors.select(few), source[few]
+    return np.array([regressed(some, prior.of_rows(rows))[1] for prior in priors])
+
+
 def _checked(records: object) -> list[MotionRecord | SineRecord]:
     each = [records] if isinstance(records, MotionRecord | SineRecord) else records
     if not isinstance(each, Sequence) or not each:
@@ -134,24 +144,24 @@ def _identified(
     phasors, start, first = _with_first_noise(phasors, prior, rows, motion_start(*whole), many)
     search = partial(choose_model, friction=friction, delay=delay, gear=gear)
     few, own = phasors.select(rows), prior.of_rows(rows)
-    choice = search(few, own, start, noise=_noise(few, own), first=first if many else None)
-    again = _with_noise(phasors, prior, choice.model, choice.estimate)
-    same = _SAME_OF_MANY if many and choice.model == first else _SAME
-    if rows.size < phasors.omega.size or _differ(again, phasors, same):
+    choice = search(few, own, start, noise=noise_of_rows(few, own), first=first if many else None)
+    again = with_noise(phasors, prior, choice.model, choice.estimate)
+    same = SAME_OF_MANY if many and choice.model == first else SAME
+    if rows.size < phasors.omega.size or noise_differs(again, phasors, same):
         phasors, found = again, choice.estimate
         if isinstance(found, LikelihoodEstimate):
-            search = partial(search, first=choice.model)
+            search = partial(search, first=choice.model, is_lost=found.misfit >= LOST)
             start = found.named
-        choice = search(phasors, prior, start, noise=_noise(phasors, prior))
+        choice = search(phasors, prior, start, noise=noise_of_rows(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
-    estimate, noise = choice.estimate, _noise(phasors, prior)
+    estimate, noise = choice.estimate, noise_of_rows(phasors, prior)
     if len(phasors.omega) < len(whole[0].omega):
         torques = {each.record: each.torque_variance for each in again.segments if each is not None}
         prior = whole[1]
-        phasors = _with_torque_noise(*whole, torques, motors_of(*whole, estimate.named))
-        phasors = _with_noise(phasors, prior, choice.model, estimate)  # of every record
-        noise = _noise(phasors, prior)
+        phasors = with_torque_noise(*whole, torques, motors_of(*whole, estimate.named))
+        phasors = with_noise(phasors, prior, choice.model, estimate)  # of every record
+        noise = noise_of_rows(phasors, prior)
         estimate = fit_model(phasors, prior, estimate.named, noise, choice.model, is_near=True)
     fitted = evaluated(phasors, prior, choice.model, estimate, noise, estimate.scale)
     lines, inertias = _lines(estimate, phasors, noise)
@@ -180,7 +190,7 @@ def _with_first_noise(
         phasors = replace(phasors, segments=tuple(bounded))
     found: LikelihoodEstimate | None = None
     few, own = phasors.select(rows), prior.of_rows(rows)
-    noise, model = _noise(few, own), Model(0.0, delay=False)
+    noise, model = noise_of_rows(few, own), Model(0.0, delay=False)
     for each in (Model(None, delay=False), model)["coulomb" in start.layout :]:
         with contextlib.suppress(JointIdError):
             richer = fit_model(few, own, start, noise, each)
@@ -196,13 +206,15 @@ def _with_first_noise(
                     break
     if found is None:
         return phasors, start, None
-    phasors = _with_noise(phasors, prior, model, found)
+    phasors = with_noise(phasors, prior, model, found)
     for _ in range(_NOISES if many else 1):
         before = phasors
         with contextlib.suppress(JointIdError):  # the earlier fit had wrong weights
-            found = replace(found, p=stepped(phasors, prior, found, _noise(phasors, prior), model)[0])
-            phasors = _with_noise(phasors, prior, model, found)
-        if not _differ(before, phasors):
+            found = replace(
+                found, p=stepped(phasors, prior, found, noise_of_rows(phasors, prior), model)[0]
+            )
+            phasors = with_noise(phasors, prior, model, found)
+        if not noise_differs(before, phasors):
             break
     return phasors, found.named if "coulomb" in found.layout else found.elasticity, model
 
@@ -223,56 +235,6 @@ def _few(phasors: Phasors, prior: InertiaPrior) -> np.ndarray:
     of_joints = (moves[joint == j] for j in np.unique(joint))
     chosen = [rows[:: -(-rows.size // each)] for rows in of_joints]
     return np.sort(np.concatenate([np.flatnonzero(~phasors.motion), *chosen]))
-
-
-def _with_noise(
-    phasors: Phasors, prior: InertiaPrior, model: Model, estimate: LikelihoodEstimate | JointIdError
-) -> Phasors:
-    """Phasors with the noise of motions that a fitted model leaves in them."""
-    if not phasors.motion.any() or isinstance(estimate, JointIdError):
-        return phasors
-    unweighted: Floats = np.ones(phasors.harmonics.shape[1])
-    residual = evaluated(phasors, prior, model, estimate, _noise(phasors, prior), unweighted)
-    left, friction = residual.at.r - residual.free_friction(), residual.at.problem.friction
-    spread = np.zeros(left.shape) if friction is None else friction.spread
-    rows = 2.0 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
-    share = np.where(residual.at.problem.used, residual.projection.noise_left(rows) / rows, 0)
-    clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
-    whole = np.einsum("rhjj->rhj", residual.at.V).real
-    by_noise = 1 - np.divide(spread, whole, out=np.zeros(left.shape), where=spread > 0)
-    left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
-    torques = sensor_noise(phasors, left, residual.at.E)
-    return _with_torque_noise(phasors, prior, torques, motors_of(phasors, prior, estimate.named))
-
-
-def _with_torque_noise(
-    phasors: Phasors, prior: InertiaPrior, torques: dict[int, Floats], motors: Sequence[Motors]
-) -> Phasors:
-    """Phasors with the noise of the torques of each motion record, the usual one of those not given.
-
-    ``torques`` are variances (n,).
-    """
-    usual: Floats = np.mean([*torques.values()], axis=0)
-    covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
-    for row, segment in enumerate(phasors.segments):
-        if segment is not None:
-            least, most = segment.least_torque_variance, segment.most_torque_variance
-            torque = torques.get(segment.record, usual)
-            torque = np.clip(torque, least, np.maximum(most, least))
-            variance = np.concatenate([segment.angle_variance, torque])
-            covariance[row] = 4 / segment.samples * np.diag(variance)
-            braked = np.maximum(segment.friction_at_reversals(motors[row]), 0)
-            late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
-            segments[row] = replace(segment, torque_variance=torque, turn_rad_s=late, unknown_Nm=braked)
-    return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
-
-
-def _differ(one: Phasors, other: Phasors, same: float = _SAME) -> bool:
-    """Whether the noise of motions differs noticeably."""
-    rows = one.motion
-    before, after = (np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real for each in (one, other))
-    change = np.divide(before - after, after, out=np.zeros_like(after), where=after > 0)
-    return bool(np.any(np.sqrt(np.mean(change**2, axis=0)) > same))
 
 
 def _lines(
@@ -336,15 +298,3 @@ def _require_motion(phasors: Phasors) -> None:
             f"band of any record, so K{j + 1} and D{j + 1} cannot be identified. Move joint {j + 1}, "
             "or widen band_hz."
         )
-
-
-def _noise(phasors: Phasors, prior: InertiaPrior) -> Noise:
-    """Noise of sines as in their own analysis, and that of motions as stated by their phasors."""
-    covariance = phasors.harmonic_covariance.copy()
-    degrees = phasors.degrees_of_freedom.copy()
-    sines = np.flatnonzero(~phasors.motion)
-    if sines.size:
-        inertias = prior.inertias(prior.M, prior.M2)
-        own = spring_equations(phasors.select(sines), [inertias[k] for k in sines]).noise
-        covariance[sines], degrees[sines] = own.covariance, own.degrees_of_freedom
-    return Noise(floored(covariance, phasors.harmonics), degrees)

@@ -13,6 +13,8 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.problem import LOWEST_LINK
 from jointid.estimation.estimators.score_tests import Score
+from jointid.estimation.model_fits import stepped
+from jointid.estimation.model_search import Search
 
 _DOUBT, _DOUBT_IF_FAR = 0.005, 0.05
 """Probability that the score of any part widens the error bars on an ideal robot, and the same if it
@@ -29,6 +31,10 @@ _RIDGE = 1e-12
 """Variance, over the prior's, below that of any part."""
 _RICHER_LAW = {"cubic"}, {"piecewise"}
 """A law, and that of more parameters that imitates it."""
+_ALIKE = 1.2
+"""Ratio of misfits up to which another width of the reversals explains motions as well."""
+_OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
+"""The next narrower and wider reversals of each one."""
 USUAL_LINK = 10.0
 """Mode of a link of a usual arm, over the joint's with free motor."""
 _USUAL = {"loss_factor": 0.05, "hysteresis": 0.05}
@@ -85,6 +91,22 @@ def _fundamentals_are_alike(narrow: LikelihoodEstimate, wide: LikelihoodEstimate
     """Whether a wider model lowers the cost of the fundamentals by no more than Akaike's penalty."""
     lower = np.prod(narrow.fundamental) - np.prod(wide.fundamental)
     return bool(lower <= 2 * (wide.p.size - narrow.p.size))
+
+
+def spread_of_reversals(search: Search, best: Model, found: LikelihoodEstimate) -> Floats:
+    """Mean square change of K and D with other reversals of the friction, shape (2n, 2n).
+
+    Motions pass their reversals at all speeds: no one width of a reversal is right for all.
+    """
+    size, shifts = 2 * search.phasors.n, []
+    for reversal in _OTHER_REVERSALS.get(best.reversal, ()) if best.reversal is not None else ():
+        other = replace(best, reversal=reversal)
+        waveforms = search.waveforms(other, found.named)
+        near, misfit = stepped(search.phasors, search.prior, found, search.noise, other, waveforms)
+        if misfit < _ALIKE * found.misfit:
+            shifts.append(near[:size] - found.elasticity)
+    squares = [np.outer(shift, shift) for shift in shifts or [np.zeros(size)]]
+    return np.asarray(np.mean(squares, axis=0))
 
 
 def spread_of_unseen(

@@ -9,11 +9,12 @@ import numpy as np
 from scipy.special import chdtri
 
 from jointid.estimation.candidates import CHANCE, EXPLAINED, WORTH, Model
+from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import GEAR_LAWS, LAWS
 from jointid.estimation.estimators.score_tests import Score
 from jointid.estimation.model_fits import stepped
-from jointid.estimation.model_search import LOST, POOR, Search
+from jointid.estimation.model_search import POOR, Search
 
 _RICHER = {
     (0.0, False): ((0.03, False), (0.1, False)),
@@ -113,6 +114,8 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     if found is None:
         return []
     clear, scored = _clear_parts(search, model, found), search.scores(model)
+    if "piecewise" in model.effects:  # slopes are in place of a cubic law
+        clear = [part for part in clear if part != "cubic"]
     may_be_richer = search.may_be_richer(found)
     if search.first and search.has_motions and model.reversal is not None and not may_be_richer:
         # Filters and lags would absorb what sticking leaves.
@@ -134,8 +137,8 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         wider = [*sharper, *wider]
     elif search.has_motions and _friction_varies_with_speed(search, model, found):
         wider = [replace(model, curve=True), *wider]
-    imitable = search.has_motions or not search.fits.is_certain(model, "cubic", _INIMITABLE)
-    if "cubic" in model.effects and imitable and found.misfit < LOST:
+    curved = "cubic" in model.effects and found.misfit < LOST
+    if curved and (search.has_motions or not search.fits.is_certain(model, "cubic", _INIMITABLE)):
         plain = model.without("cubic")  # slopes may explain as well as it, with another K
         others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
         others = others[::-1] if search.has_motions else others  # their fits are few

@@ -10,6 +10,7 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, Fits, Model, fundamental_chance
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS, Parameters
@@ -19,8 +20,6 @@ from jointid.estimation.start_values import other_laws, with_delay, without_iner
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
-LOST = 100.0
-"""Misfit from which the search is repeated from other start values."""
 DOUBTFUL = 3.0
 """Misfit from which a model is fitted from other start values, too."""
 PROMISING, _SOME = 0.5, 0.15
@@ -119,8 +118,8 @@ class Search:
 
     def may_explain(self, model: Model, part: str) -> bool:
         """Whether a fit with one more part is worth its time; slow ones far from the data rarely are."""
-        found = self.fits.estimate(model)
-        if found is None or found.misfit < LOST or not model.with_part(part).is_slow:
+        found, is_slow = self.fits.estimate(model), model.with_part(part).is_slow
+        if found is None or found.misfit < LOST or not (is_slow or self.has_motions):
             return True
         least = _SOME if part in ("delay", "lag", *FILTERS, *GEAR_LAWS) else PROMISING
         return self.scores(model)[part].gain > least * found.cost

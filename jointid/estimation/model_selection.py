@@ -14,6 +14,7 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import EXPLAINED, NEEDED, Choice, Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import (
@@ -23,10 +24,10 @@ from jointid.estimation.estimators.parameters import (
     ParameterLayout,
     Parameters,
 )
-from jointid.estimation.model_average import spread, spread_of_unseen
-from jointid.estimation.model_fits import fit_without_inertias, freest, stepped
+from jointid.estimation.model_average import spread, spread_of_reversals, spread_of_unseen
+from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_growth import NEARLY_ALL, grown
-from jointid.estimation.model_search import DOUBTFUL, LOST, MOST_EFFECTS, POOR, PROMISING, Search
+from jointid.estimation.model_search import DOUBTFUL, MOST_EFFECTS, POOR, PROMISING, Search
 from jointid.estimation.motion_start import motion_start
 from jointid.estimation.passivity import least_misfit
 from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
@@ -38,10 +39,6 @@ LOOSE = 0.3
 _BETTER, _FAR_BETTER = 0.1, 0.01
 """Ratio of misfits from which other start values are the right ones, and from which no further ones are
 tried and free inertias in place of exact ones are right."""
-_ALIKE = 1.2
-"""Ratio of misfits up to which another width of the reversals explains motions as well."""
-_OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
-"""The next narrower and wider reversals of each one."""
 _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
 """Variance that a law of the gears in motions, and one with hysteresis, adds, over that of the noise:
 its waveform is computed in steps. They shifted K of a simulated robot with a loop of 10 % by 0.06 %."""
@@ -63,6 +60,7 @@ def choose_model(
     gear: str = "auto",
     first: Model | None = None,
     most: float = np.inf,
+    is_lost: bool = False,
 ) -> Choice:
     """Fit models from simple to rich until no further part is significant, and choose the best.
 
@@ -80,6 +78,8 @@ def choose_model(
         The model of the start values, which is fitted first.
     most : float, optional
         Misfit above which the choice has no use: the search ends where some records show it.
+    is_lost : bool
+        Whether an earlier search found no model near the data: there is none if the first one is not.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
@@ -104,6 +104,10 @@ def choose_model(
         first=first,
         most=most,
     )
+    if is_lost and first is not None:
+        search.fit(first, linear)
+        if LOST <= search.fits.misfit(first) < np.inf:
+            return _choice(search, first)
     if search.may_have_friction and not isinstance(start, Parameters):
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
     return _searched(search)
@@ -120,7 +124,7 @@ def _searched(search: Search) -> Choice:
     if not search.has_motions and least_misfit(phasors.omega, phasors.z, phasors.covariance) > LOST:
         search.fit(search.base, search.start)
         return _choice(search, search.base)
-    if search.first is not None:
+    if search.first is not None and search.first not in search.fits.tried:
         search.fit(search.first, search.start)
     _fit_first(search)
     rows = search.few_rows()
@@ -137,7 +141,11 @@ def _searched(search: Search) -> Choice:
             search = other
             _fit_first(search)
             _fit_laws(search)
-    return _choice(search, _best(search))
+    best = _best(search)
+    linear = [each for each in search.fits.tried if not each.is_slow and search.fits.estimate(each)]
+    if search.is_lost and search.has_motions and linear:  # under a wrong law the gears' motion diverges
+        best = search.fits.least(linear)
+    return _choice(search, best)
 
 
 def _inertias_are_wrong(search: Search) -> bool:
@@ -241,7 +249,9 @@ def _fit_first(search: Search) -> None:
     seeks_parts = search.is_lost and not search.has_motions
     if seeks_parts and of_sliding and NEEDED * of_sliding.misfit < fits.misfit(base) < np.inf:
         search.fit(free, of_sliding.named)  # what sticking leaves hides further parts
-    if search.has_motions and "load" in fits.optional and of_sliding and of_sliding.misfit > DOUBTFUL:
+    if of_sliding is None or of_sliding.misfit <= DOUBTFUL or not search.has_motions:
+        return
+    if "load" in fits.optional and search.may_explain(sliding, "load"):
         # Coulomb friction may be insignificant, and hence left out, until that by load is known.
         search.fit(sliding.with_part("load"), of_sliding.named)
 
@@ -325,24 +335,8 @@ def _choice(search: Search, best: Model) -> Choice:
     whole = spread(search.fits, best, found, scored)
     if search.has_motions:
         scored = {name: score for name, score in scored.items() if name != "link"}
-        whole = whole + _spread_of_reversals(search, best, found)
+        whole = whole + spread_of_reversals(search, best, found)
         if best.is_slow:
             beyond = _LOOPS_BEYOND if "hysteresis" in best.effects else _LAWS_BEYOND
             whole = whole + beyond * found.elasticity_covariance
     return Choice(best, found, candidates, whole + spread_of_unseen(found, scored, search.prior))
-
-
-def _spread_of_reversals(search: Search, best: Model, found: LikelihoodEstimate) -> Floats:
-    """Mean square change of K and D with other reversals of the friction, shape (2n, 2n).
-
-    Motions pass their reversals at all speeds: no one width of a reversal is right for all.
-    """
-    size, shifts = 2 * search.phasors.n, []
-    for reversal in _OTHER_REVERSALS.get(best.reversal, ()) if best.reversal is not None else ():
-        other = replace(best, reversal=reversal)
-        waveforms = search.waveforms(other, found.named)
-        near, misfit = stepped(search.phasors, search.prior, found, search.noise, other, waveforms)
-        if misfit < _ALIKE * found.misfit:
-            shifts.append(near[:size] - found.elasticity)
-    squares = [np.outer(shift, shift) for shift in shifts or [np.zeros(size)]]
-    return np.asarray(np.mean(squares, axis=0))

@@ -38,6 +38,13 @@ def motion_start(phasors: Phasors, prior: InertiaPrior, *, backlash: bool = Fals
 
     ``backlash`` adds that of every gear, which moves the arm from one flank to the other.
     """
+    return regressed(phasors, prior, backlash=backlash)[0]
+
+
+def regressed(
+    phasors: Phasors, prior: InertiaPrior, *, backlash: bool = False
+) -> tuple[Parameters, float]:
+    """The start values, and the misfit of the arm's equation with friction, at least 1."""
     n, shared = prior.n, bool(prior.shared.any())
     known = np.any(phasors.harmonics != 0, axis=2)
     known[~phasors.motion, 1:] = False
@@ -122,7 +129,7 @@ def motion_start(phasors: Phasors, prior: InertiaPrior, *, backlash: bool = Fals
         effects=["backlash"] * backlash,
         arms=len(prior.lower) if shared else 0,
     )
-    return layout.named(layout.pack(**values))
+    return layout.named(layout.pack(**values)), float(misfit)
 
 
 def _flanks(phasors: Phasors, prior: InertiaPrior) -> Complexes:

@@ -145,13 +145,17 @@ def wrong_columns(
     evidence: Evidence, phasors: Phasors, inertias: Sequence[Inertia]
 ) -> tuple[Finding, ...]:
     """Wrong units, signs, columns and axes, by phasors of the records with an inertia for each."""
-    misfit = _physical_misfit(evidence.fit)
-    if np.any(disagreements(evidence.fit) > _FAR):  # fitted inertias may absorb a wrong scale
-        misfit = max(misfit, GOOD)
-    if misfit < GOOD:
+    if not may_be_wrong(evidence):
         return ()
     found = wrong_data(phasors, inertias)
     return found or tuple(axes_exchanged(evidence, Scorer.of(phasors, inertias)))
+
+
+def may_be_wrong(evidence: Evidence) -> bool:
+    """Whether the fit is so far off that units, signs, columns or axes may be wrong."""
+    # Fitted inertias may absorb a wrong scale.
+    off = np.any(disagreements(evidence.fit) > _FAR)
+    return bool(off or _physical_misfit(evidence.fit) >= GOOD)
 
 
 def _physical_misfit(fit: ElasticityFit) -> float:

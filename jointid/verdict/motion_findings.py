@@ -11,12 +11,13 @@ from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.transfer_matrix import TransferMatrix
 from jointid.verdict.evidence import Evidence, Finding, problem, some, warning
-from jointid.verdict.findings import of_records, ranked, wrong_columns
+from jointid.verdict.findings import may_be_wrong, of_records, ranked
 from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_effects import effects_found
-from jointid.verdict.rules_inertia import inertias_off, judged
+from jointid.verdict.rules_inertia import axes_exchanged, inertias_off, judged
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
 from jointid.verdict.rules_records import counted_twice
+from jointid.verdict.wrong_data import wrong_data
 from jointid.wording import percent
 
 _RESTS, _LOOSELY, _UNKNOWN = 0.35, 0.01, 0.5
@@ -60,8 +61,10 @@ def motion_findings(
         found += of_records(Evidence(evidence.sines, theirs, phasors, linear, {}))
     rests = np.mean([share_at_rest(record) for record in motions], axis=0)
     causes: list[Finding] = []
-    if matrices and rests.max() < _RESTS:  # friction that holds a motor is like another inertia
-        causes += wrong_columns(evidence, *_responses(evidence, matrices))
+    if may_be_wrong(evidence):
+        if matrices and rests.max() < _RESTS:  # friction that holds a motor is like another inertia
+            causes += wrong_data(*_responses(evidence, matrices))
+        causes += [] if causes else axes_exchanged(evidence)
     own = None if causes or np.any(fit.K <= 0) else judged(evidence)
     causes += [] if own is None else inertias_off(evidence, own)
     found += [*causes, *effects_found(evidence), *torque_lags(evidence)]

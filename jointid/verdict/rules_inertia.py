@@ -17,7 +17,7 @@ from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.linear_fit import Estimate, weighted
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_each
-from jointid.estimation.identify_motion import identify_motion
+from jointid.estimation.identify_motion import identify_motion, motion_misfits
 from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_selection import LOOSE
 from jointid.joints import Inertia
@@ -38,7 +38,7 @@ from jointid.verdict.evidence import (
 )
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
 from jointid.verdict.rules_model import contradicts
-from jointid.verdict.scorer import Scorer
+from jointid.verdict.scorer import Hypothesis, Scorer
 from jointid.verdict.wrong_data import axis_hypotheses, low_frequency_inertia
 from jointid.wording import capitalised, percent, plain, significant, with_error
 
@@ -66,18 +66,25 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     yield from _far_off(evidence) if own is None else inertias_off(evidence, own)
 
 
-def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
-    """Exchanged or reversed axes, by a whole fit: friction and gears hide them from a linear one."""
+def axes_exchanged(evidence: Evidence, scorer: Scorer | None = None) -> Iterator[Finding]:
+    """Exchanged or reversed axes, by a whole fit: friction and gears hide them from a linear one.
+
+    ``scorer`` compares the hypotheses on sines; motions have a regression with friction.
+    """
     fit = evidence.fit
-    tried = [scorer.as_logged(), *axis_hypotheses(fit.n)]
-    misfit = scorer.scores(tried).misfit
+    one = np.ones(fit.n)
+    hypotheses = [Hypothesis.of("", one, one), *axis_hypotheses(fit.n)]
+    tried = [[each.inertia(given) for given in evidence.inertias] for each in hypotheses]
+    priors = [fit.prior.like(inertias, (len(inertias), fit.n)) for inertias in tried]
+    if scorer is None:
+        misfit = motion_misfits(list(evidence.records), priors)
+    else:
+        misfit = scorer.scores(hypotheses).misfit
     best = int(np.argmin(misfit))
     if misfit[best] > _LOWER * misfit[0]:
         return
-    inertias = [tried[best].inertia(each) for each in evidence.inertias]
-    prior = fit.prior.like(inertias, (len(inertias), fit.n))
     as_given = None if evidence.has_motions else _probed(evidence.phasors, fit.prior)
-    other = _refitted(evidence, prior, as_given[1].misfit if as_given else np.inf, (_probed,))
+    other = _refitted(evidence, priors[best], as_given[1].misfit if as_given else np.inf, (_probed,))
     if other is None:
         return
     before, after = (float(disagreements(each).max(initial=0.0)) for each in (fit, other))
@@ -90,7 +97,7 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer) -> Iterator[Finding]:
         for each, off in ((fit, before), (other, after))
     ]
     proof = f"Residual as given: {texts[0]}; corrected: {texts[1]}."
-    yield axes_look_wrong(tried[best], proof)
+    yield axes_look_wrong(hypotheses[best], proof)
 
 
 def _probed(phasors: Phasors, prior: InertiaPrior) -> _Probe | None:

@@ -23,6 +23,10 @@ _STUCK = 3e-3
 """Relative decrease of the cost of a model that does not explain the data that ends its fit."""
 _LAW_STUCK = 2e-2
 """The same of a model with a law of the gears, whose evaluations are slow."""
+LOST, _LOST_STUCK = 100.0, 0.1
+"""Misfit of a model far from the data, and the same decrease for such a model of motions."""
+LOST, _LOST_STUCK = 100.0, 0.1
+"""Misfit of a model far from the data; the same of such a model of motions, which no fit uses."""
 _ROUGH_IDLE, _ROUGH_TOLERANCE = 1.0, 0.1
 """The same as ``_IDLE`` and ``_TOLERANCE`` for such a model."""
 _TOLERANCE = 1e-2
@@ -52,6 +56,7 @@ def minimised(
         size = np.where(size > NO_EFFECT, size, 1.0)
         misfit = max(1.0, 2 * cost / problem.rows)
         near = (_ROUGH_TOLERANCE if roughly else _TOLERANCE) * np.sqrt(misfit)
+        least_share = _LOST_STUCK if misfit > LOST and problem.ends is not None else stuck
         while True:
             scaled = normal / np.outer(size, size) + damping * np.eye(p.size)
             step = np.zeros(p.size)
@@ -71,7 +76,7 @@ def minimised(
                 return p, normal
             damping = max(harder * damping, 1e-6)
         fall = cost - new[0]
-        idle = idle + 1 if fall < least * misfit or (misfit > POOR and fall < stuck * cost) else 0
+        idle = idle + 1 if fall < least * misfit or (misfit > POOR and fall < least_share * cost) else 0
         p, (cost, gradient, normal) = trial, new
         if idle == _MOST_IDLE:
             break

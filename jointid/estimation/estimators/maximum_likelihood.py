@@ -19,7 +19,7 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.levenberg_marquardt import minimised, penalty
+from jointid.estimation.estimators.levenberg_marquardt import LOST, minimised, penalty
 from jointid.estimation.estimators.linear_fit import Estimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
@@ -50,7 +50,8 @@ _CHANCE = 1e-3
 _HELD = 3.0
 """Strength of the observer of gears in motions for the first part of a fit from far off."""
 _DOUBTFUL = 3.0
-"""Misfit of a model with a law of the gears that is not fitted again with weights by harmonic."""
+"""Misfit of a model with a law of the gears that is not fitted again with weights by harmonic; of
+motions without one, ``LOST``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +135,9 @@ def maximum_likelihood(
     misfit = first = Misfit.of(fitted, p, normal)
     scale = first.scale
     slow = not set(GEAR_LAWS).isdisjoint(effects)
-    if np.any(scale > 1) and not (slow and first.cost > _DOUBTFUL * first.expected_cost > 0):
+    most = LOST if problem.ends is not None else np.inf
+    most = _DOUBTFUL if slow else most
+    if np.any(scale > 1) and not first.cost > most * first.expected_cost > 0:
         poor = first.cost > POOR * first.expected_cost > 0
         p, normal = minimised(problem, p, scale, damping=_NEAR, roughly=poor)
     if np.any(scale > 1):

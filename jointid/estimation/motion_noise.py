@@ -1,0 +1,86 @@
+"""Noise of motions: what a fitted model leaves in them, and that of sines beside them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.estimation.candidates import Model
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
+from jointid.estimation.model_fits import evaluated, motors_of
+from jointid.phasors.extract import Phasors
+from jointid.phasors.segment import Motors
+
+SAME, SAME_OF_MANY = 0.1, 0.3
+"""Relative change of the variances from which the models are compared again, and with many equations,
+whose noise is found with the same model before."""
+_LEAST_LEFT, _CLEAREST = 0.02, 0.3
+"""Least share of a joint's equations in a segment that free friction leaves, and that from which the
+segment shows the noise; without such segments those with the largest share do."""
+
+
+def with_noise(
+    phasors: Phasors, prior: InertiaPrior, model: Model, estimate: LikelihoodEstimate | JointIdError
+) -> Phasors:
+    """Phasors with the noise of motions that a fitted model leaves in them."""
+    if not phasors.motion.any() or isinstance(estimate, JointIdError):
+        return phasors
+    unweighted: Floats = np.ones(phasors.harmonics.shape[1])
+    residual = evaluated(phasors, prior, model, estimate, noise_of_rows(phasors, prior), unweighted)
+    left, friction = residual.at.r - residual.free_friction(), residual.at.problem.friction
+    spread = np.zeros(left.shape) if friction is None else friction.spread
+    rows = 2.0 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
+    share = np.where(residual.at.problem.used, residual.projection.noise_left(rows) / rows, 0)
+    clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
+    whole = np.einsum("rhjj->rhj", residual.at.V).real
+    by_noise = 1 - np.divide(spread, whole, out=np.zeros(left.shape), where=spread > 0)
+    left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
+    torques = sensor_noise(phasors, left, residual.at.E)
+    return with_torque_noise(phasors, prior, torques, motors_of(phasors, prior, estimate.named))
+
+
+def with_torque_noise(
+    phasors: Phasors, prior: InertiaPrior, torques: dict[int, Floats], motors: Sequence[Motors]
+) -> Phasors:
+    """Phasors with the noise of the torques of each motion record, the usual one of those not given.
+
+    ``torques`` are variances (n,).
+    """
+    usual: Floats = np.mean([*torques.values()], axis=0)
+    covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
+    for row, segment in enumerate(phasors.segments):
+        if segment is not None:
+            least, most = segment.least_torque_variance, segment.most_torque_variance
+            torque = torques.get(segment.record, usual)
+            torque = np.clip(torque, least, np.maximum(most, least))
+            variance = np.concatenate([segment.angle_variance, torque])
+            covariance[row] = 4 / segment.samples * np.diag(variance)
+            braked = np.maximum(segment.friction_at_reversals(motors[row]), 0)
+            late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
+            segments[row] = replace(segment, torque_variance=torque, turn_rad_s=late, unknown_Nm=braked)
+    return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
+
+
+def noise_differs(one: Phasors, other: Phasors, same: float = SAME) -> bool:
+    """Whether the noise of motions differs noticeably."""
+    rows = one.motion
+    before, after = (np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real for each in (one, other))
+    change = np.divide(before - after, after, out=np.zeros_like(after), where=after > 0)
+    return bool(np.any(np.sqrt(np.mean(change**2, axis=0)) > same))
+
+
+def noise_of_rows(phasors: Phasors, prior: InertiaPrior) -> Noise:
+    """Noise of sines as in their own analysis, and that of motions as stated by their phasors."""
+    covariance = phasors.harmonic_covariance.copy()
+    degrees = phasors.degrees_of_freedom.copy()
+    sines = np.flatnonzero(~phasors.motion)
+    if sines.size:
+        inertias = prior.inertias(prior.M, prior.M2)
+        own = spring_equations(phasors.select(sines), [inertias[k] for k in sines]).noise
+        covariance[sines], degrees[sines] = own.covariance, own.degrees_of_freedom
+    return Noise(floored(covariance, phasors.harmonics), degrees)
