@@ -1,4 +1,4 @@
-"""README and docs/: Python snippets run, all commands and options are listed, links have targets."""
+"""README and docs/: Python snippets run, all commands are listed, links have targets."""
 
 from __future__ import annotations
 
@@ -88,15 +88,14 @@ def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
             edit_mapping(Path("columns.json"))
 
 
-def test_every_command_and_option_is_listed() -> None:
+def test_every_command_is_listed_and_every_option_explained() -> None:
     rows = (ROOT / "docs" / "reference" / "command-line.md").read_text("utf-8").splitlines()
-    for command, found in get_command(app).commands.items():  # type: ignore[attr-defined]
-        row = next(row for row in rows if row.startswith(f"| `jointid {command}"))
-        written = {
-            max(p.opts, key=len) for p in found.params if p.param_type_name == "option" and not p.hidden
-        }
-        written |= {max(p.secondary_opts, key=len) for p in found.params if p.secondary_opts}
-        assert written - {"--help"} == set(re.findall(r"`(--[\w-]+)`", row)), command
+    commands = get_command(app).commands  # type: ignore[attr-defined]
+    listed = [found[1] for row in rows if (found := re.match(r"\| `jointid ([\w-]+)", row))]
+    assert listed == list(commands)
+    for command, found in commands.items():
+        for option in found.params:
+            assert option.help or getattr(option, "hidden", False), (command, option.name)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

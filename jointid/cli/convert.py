@@ -68,7 +68,8 @@ def convert(
     """Convert logs of any controller, with sines or other motions, into a study.
 
     First write the proposed mapping with --guess and correct it; then convert with --mapping,
-    --inertia and --output.
+    --inertia and --output. Every run found becomes a record; runs can be corrected in the app, page
+    Import a log.
     """
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(

@@ -23,8 +23,8 @@ def cut(
     assumed: Annotated[
         str,
         typer.Option(
-            help="K in the servo before identification: study (its nominal K), rigid (no compensation), "
-            "soft (0.4 K) or stiff (3 K)."
+            help="K used by the compensation in the case before: study (its nominal K), rigid (no "
+            "compensation), soft (0.4 K) or stiff (3 K)."
         ),
     ] = "",
     drive: Annotated[
@@ -90,7 +90,7 @@ def cut(
         for zone, o in zip(zones, outcomes, strict=True)
     ]
     if robot.gears:
-        columns.append("servo assumes the gear laws (identified K, D)")
+        columns.append("compensation uses the gear laws (identified K, D)")
         for row, cut in zip(cells, document["cuts"], strict=True):
             row.append(millimetres(1e-3 * cut["gears_known_mm"]))
     print_table(columns, cells, right=tuple(range(len(columns))))

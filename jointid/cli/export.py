@@ -88,7 +88,8 @@ def export(
     gear_ratio: Annotated[
         str,
         typer.Option(
-            help="Motor turns per joint turn, for .xml, .urdf and .sdf; by default the study's."
+            help="Motor turns per joint turn: required for .xml, .urdf and .sdf unless the study states "
+            "them; other formats do not use them."
         ),
     ] = "",
     overwrite: Annotated[bool, OVERWRITE] = False,

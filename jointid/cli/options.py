@@ -89,7 +89,10 @@ STUDY = typer.Argument(
     help=f"Study: a folder, a .zip, or the name of a sample: {', '.join(sample_studies())}.",
     show_default=False,
 )
-METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHODS)}.")
+METHOD = typer.Option(
+    callback=known_method,
+    help=f"Estimator: {', '.join(METHODS)}. explicit: eq. (15) as printed in the paper.",
+)
 JSON = typer.Option("--json", help="Print only JSON.")
 OVERWRITE = typer.Option("--overwrite", help="Replace existing files; otherwise they are an error.")
 INERTIA_STD = typer.Option(

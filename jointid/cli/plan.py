@@ -198,7 +198,7 @@ def setpoints(
         str, typer.Option(help="Form of the planned sines: sines, multisine or sweep.")
     ] = "sines",
     interval_ms: Annotated[
-        float | None, typer.Option(help="Time between set points; default: the format's.")
+        float | None, typer.Option(help="Time between set points, ms; default: the format's.")
     ] = None,
     scale: Annotated[float, typer.Option(help="Factor on all amplitudes.")] = 1.0,
     repeats: Annotated[int, typer.Option(help="Number of passes through all records.")] = 1,

@@ -51,6 +51,10 @@ class Command(TyperCommand):
                 each.metavar = name + " …" * kind.startswith("list[")
         return found
 
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Pieces of the usage line; Typer puts required arguments in braces, which mean a choice."""
+        return [re.sub(r"^{(.*)}", r"\1", piece) for piece in super().collect_usage_pieces(ctx)]
+
     def invoke(self, ctx: Any) -> Any:
         """Run the command; an error that is not in a file names options, not parameters of Python."""
         try:
@@ -155,10 +159,14 @@ def _main(
 def start_app(
     port: Annotated[int, typer.Option(min=1, max=65535, help="TCP port.")] = 8501,
     path: Annotated[
-        Path | None, typer.Option(help="app.py to start in place of the installed one.")
+        Path | None, typer.Option(help="For developers: app.py to start in place of the installed one.")
     ] = None,
 ) -> None:
-    """Start the app and print its address for the browser."""
+    """Start the app and print its address for the browser.
+
+    Connections that send or receive fewer than 20 kB in 20 s are ended; the environment variable
+    JOINTID_PATIENCE_S changes the 20 s. Sessions end a minute after their tab has closed.
+    """
     script = (path or application_folder() / "app.py").resolve()
     if not script.is_file():
         remedy = "Give --path an existing app.py, or leave it out." if path else "Install jointid again."
