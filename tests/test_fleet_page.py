@@ -137,6 +137,7 @@ def test_the_figures_show_every_study_with_its_path() -> None:
     bars, out = distribution(spread).data
     assert sum(bars.y) == 50
     assert list(out.marker.symbol) == ["triangle-right"]
+    assert out.name == "beyond the axis (1)"
     assert "&lt;b&gt;x" in out.text[0]
     low, high = distribution(spread).layout.xaxis.range
     assert low < spread.value[:50].min()
@@ -144,7 +145,17 @@ def test_the_figures_show_every_study_with_its_path() -> None:
     assert bars.marker.line.width > 0  # neighbours of one height stay apart
     times = np.array([seconds(r.date) for r in spread.rows])
     points, chosen = drift_over_time(spread, times, robot_drift(rows, "K", 1, "A")).data
-    assert len(points.x) == len(chosen.x) == 50
+    assert len(points.x) == 51
+    assert points.y[50] < 90 == points.customdata[50]
+    assert points.marker.symbol[50] == "triangle-up"
+    assert points.name == "all robots (1 at the edge: beyond)"
+    assert len(chosen.x) == 50
+    # Compared with its own robot, the far study is no outlier, but it is still marked.
+    within = fleet_spread(
+        [*rows, *(row(60 + k, 90.0, robot="B") for k in range(5))], "K", 1, within_robot=True
+    )
+    assert not within.outliers.any()
+    assert [trace.name for trace in distribution(within).data][1:] == ["beyond the axis (5)"]
 
 
 @pytest.mark.parametrize(("count", "step"), [(3, 1), (9, 2), (24, 5), (700, 200)])
