@@ -53,6 +53,10 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     torques = _ask_limits(three, f"plan_torque_{digest[:12]}", label, torque, of)
     label, of = "Velocity amplitudes up to (rad/s)", "of motor and arm, motor side"
     velocities = _ask_limits(four, f"plan_velocity_{digest[:12]}", label, velocity, of)
+    st.caption(
+        "The amplitudes limit the planned sines, followed exactly. Ramps and the controller can make "
+        "higher peaks: the tab Set points checks them against the limits of the robot."
+    )
     pose = ""
     if study.poses:
         used = {record.pose or "" for record in study.records}
