@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.answer import AT_MOTOR, StiffnessUnit
+from jointid.answer import AT_MOTOR, StiffnessUnit, without
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import Sketch, Trace, frequency_axis, joint_symbol, linear_axis, plain_text
@@ -44,9 +44,10 @@ def dynamic_stiffness(
     hover = "%{x:.4g} Hz<br>%{y:.4g} ± %{customdata:.2g} " + f"{scale.unit}<extra></extra>"
     shared: Trace = {"customdata": error, "error": {"array": error}, "hovertemplate": hover}
     shared["marker"] = {"symbol": joint_symbol(joint)}
-    sketch.points(f, measured.real, "each record", "measured", **shared)
+    name = ", ".join(["each record", *filter(None, [without(fit)])])
+    sketch.points(f, measured.real, name, "measured", **shared)
     shared |= {"yaxis": "y2", "showlegend": False}
-    sketch.points(f, measured.imag, "each record", "measured", **shared)
+    sketch.points(f, measured.imag, name, "measured", **shared)
     axes = [
         linear_axis(f"{part}{joint + 1} ({scale.unit})", rangemode="tozero")
         for part in ("Re b/a → K", "Im b/a → ωD")
