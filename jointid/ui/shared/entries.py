@@ -163,11 +163,21 @@ def enter_number(
     limits: tuple[Number, Number],
     help_: str = "",
 ) -> Number:
-    """Ask for a number within limits."""
+    """Ask for a number within limits. Raises JointIdError beyond them.
+
+    The browser would keep the last valid number to itself, and the page would go on with it.
+    """
     shown = "%d" if isinstance(value, int) else "%g"
     about: dict[str, Any] = {"format": shown, "help": help_ or None}
     ask: Callable[..., Number] = place.number_input
-    return ask(label, *limits, value, **about, **_kept(key))
+    entered = ask(label, None, None, value, **about, **_kept(key))
+    low, high = limits
+    if not low <= entered <= high:
+        raise JointIdError(
+            f"{label}: {plain(float(entered))} is not between {plain(float(low))} and "
+            f"{plain(float(high))}."
+        )
+    return entered
 
 
 def choose_from(

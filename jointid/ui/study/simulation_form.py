@@ -30,6 +30,7 @@ from jointid.ui.shared.entries import (
     numbers_in,
     numbers_out,
 )
+from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.results import run_in_background
 from jointid.wording import plain
 
@@ -118,10 +119,13 @@ def ask() -> Simulation | None:
     right.markdown("**The experiments**")
     pattern = choose_from(right, "sim_pattern", "Motion", list(_RECORDS))
     places = [place for _ in range(4) for place in right.columns(2)]
-    number = {
-        key: enter_number(place, f"sim_{key}", *entry)
-        for place, (key, entry) in zip(places, _EXPERIMENTS.items(), strict=True)
-    }
+    number, wrong_entries = {}, False
+    for place, (key, entry) in zip(places, _EXPERIMENTS.items(), strict=True):
+        try:
+            number[key] = enter_number(place, f"sim_{key}", *entry)
+        except JointIdError as error:  # the other entries stay in view
+            show_error(error, place)
+            wrong_entries = True
     st.markdown("**Stated in the study**")
     left, right = st.columns(2)
     wrong = enter_number(left, "sim_wrong", "Error of the inertias (%)", 0.0, (0.0, 90.0), _WRONG_HELP)
@@ -132,7 +136,7 @@ def ask() -> Simulation | None:
     label = "Second set of records with a payload: its addition to M2 (kg·m²), optional"
     example = "0.0012, 0.0005; 0.0005, 0.0009"
     added = enter_text(st.container(), "sim_added", label, "", _ADDED_HELP, example)
-    if not st.button("Simulate", type="primary", key="simulate"):
+    if not st.button("Simulate", type="primary", key="simulate") or wrong_entries:
         return None
     first, last = number["first"], number["last"]
     if last < first:
