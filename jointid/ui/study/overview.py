@@ -14,7 +14,13 @@ from jointid.estimation.quantities import Quantity
 from jointid.figures.response_curves import removed_effects
 from jointid.files.digest import study_digest
 from jointid.ui.shared import workspace
-from jointid.ui.shared.messages import markdown_escape, show_error, show_note, show_text_table
+from jointid.ui.shared.messages import (
+    markdown_escape,
+    show_error,
+    show_note,
+    show_text_table,
+    show_warning,
+)
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.ui.shared.page import Page
 from jointid.verdict.evidence import Change
@@ -38,10 +44,11 @@ def show_changes(page: Page) -> None:
 
 def offer_changes(page: Page, analysis: Analysis, finding: Finding) -> None:
     """Offer the changes that may remedy a finding, and the answer with the one being looked at."""
-    if not finding.changes:
+    fault = _is_fault(finding)
+    if not finding.changes or (analysis.state == NOT_USABLE and not fault):
         return
     texts = [label(page.study, change) for change in finding.changes]
-    kind = "Fix it" if _is_fault(finding) else "Optional"
+    kind = "Fix it" if fault else "Optional"
     with st.container(horizontal=True):
         for text in texts:
             chosen = (page.digest, text)
@@ -67,11 +74,14 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
         if change.kind in ("order", "scale"):
             st.caption("The residuals in the finding are those of a quick check without friction.")
         show_note(after.headline)
+        helps = after.state != NOT_USABLE
+        if not helps:
+            show_warning("The answer stays not usable with this change alone.")
         with st.container(horizontal=True):
             st.button(
                 "Apply",
                 key="apply_change",
-                type="primary",
+                type="primary" if helps else "secondary",
                 on_click=_apply,
                 args=(page, study),
                 help="Makes a new study with this change. The current one stays in the list.",
