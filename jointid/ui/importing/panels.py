@@ -35,6 +35,7 @@ from jointid.ui.importing.mapping import (
 from jointid.ui.importing.saved_import import (
     clear_entries,
     forget_import,
+    is_finished,
     keep_import,
     show_storage_state,
 )
@@ -73,7 +74,7 @@ def import_steps(progress: DeltaGenerator) -> None:
     """
     steps = Steps()
     with steps.step(LOGS):
-        logs = drop_logs(clear_entries, progress)
+        logs = drop_logs(clear_entries, is_finished, progress)
         keep_import()
         show_storage_state()
         log = choose_log(logs) if logs else None
