@@ -325,7 +325,7 @@ class TestSimulating:
             ("M2", "0.004, 0.0004; 0.0004", "rows have 2, 1 values"),
             ("M2", "0.001, 0.01; 0.01, 0.001", "positive definite"),
             ("coulomb", "1, 2, 3", "3 values for 2 joints"),
-            ("gain", "1, 0", "torque_gain is 0: must be positive"),
+            ("gain", "1, 0", "Logged torque / true torque: 1, 0. Give positive"),
             ("added", "0.001, 0; 0.001", "rows have 2, 1 values"),
             ("added", "0.001, 0.002; 0, 0.001", "added must be symmetric"),
         ):
