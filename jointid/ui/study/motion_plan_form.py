@@ -29,7 +29,7 @@ from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.study.plan_form import PlanSettings, pose_inertia
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
 from jointid.uncertainty.planned_records import PlannedRecords
-from jointid.wording import file_stem, percent, significant, three_digits
+from jointid.wording import enumerated, file_stem, percent, significant, three_digits
 
 _LIMITS = {
     "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
@@ -99,11 +99,14 @@ def show_set_points(
     choice = (entered, kind, file_format, interval, numbers, superposed)
     known = applied("Check on the simulated robot", f"setpoints {page.digest} {sines}", choice)
     entered, kind, file_format, interval, numbers, superposed = known or choice
-    if known is None or not entered["gear_ratio"].strip():
+    if known is None:
         st.caption(
             "Enter gear ratios, start pose and limits: without them there is no check and no file."
         )
         return
+    needed = [name for name in _LIMITS if name not in _OPTIONAL and not entered[name].strip()]
+    if needed:
+        raise JointIdError(f"Not checked. Enter {enumerated([_LIMITS[name][0] for name in needed])}.")
     scale, repeats, ramp_s, rest_s = numbers
     n = analysis.fit.n
     given: dict[str, Any] = {
@@ -138,6 +141,7 @@ def show_set_points(
         "Not run on hardware."
     )
     require_within_limits(points.rows, points.scale)
+    st.success("All limits hold.")
     if isinstance(plan, PlannedRecords):
         planned = {
             "torque": (np.abs(plan.torque_Nm).max(axis=0) + played.coulomb_Nm, "N·m"),
