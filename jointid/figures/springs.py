@@ -165,6 +165,4 @@ def stiffness_over_amplitude(
         colour = "measured" if k == 0 else _SCALE[(2 * k) % len(_SCALE)]
         sketch.points(amplitude[at], K[at], name, colour, marker=symbol, **shared)
     across = linear_axis(f"Torque amplitude (N·m, {scale.side})", rangemode="tozero")
-    return sketch.figure(
-        across, linear_axis(f"Re(torque/deflection), joint {joint + 1} ({scale.unit})"), height=260
-    )
+    return sketch.figure(across, linear_axis(f"K{joint + 1} of a record ({scale.unit})"), height=260)

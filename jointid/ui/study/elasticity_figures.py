@@ -105,7 +105,14 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         partial(torsion_curve, analysis.fit, colour_by=by, unit=analysis.unit),
         "Torsion curve of joint {0}, torque over deflection with the fitted law",
     )
-    each = [gear_terms(analysis.fit, j, analysis.unit) for j in joints]
+    # One row for all joints, whose largest torques differ and have a row of their own.
+    each = [
+        {
+            f"{name.partition(' at ')[0]} at the largest torque" if " at " in name else name: text
+            for name, text in gear_terms(analysis.fit, j, analysis.unit).items()
+        }
+        for j in joints
+    ]
     names = dict.fromkeys(name for terms in each for name in terms)
     show_text_table(
         {"Gear": list(names)}
