@@ -27,6 +27,7 @@ from jointid.verdict.evidence import Change
 from jointid.wording import UNDETERMINED, capitalised, counted, plain, significant, unbroken
 
 _PREVIEWED, _BEFORE = "previewed_change", "study_before_change"
+_APPLIED = "change_applied"
 _SUFFIX = ", corrected"
 _PART = "corrections"
 
@@ -35,6 +36,8 @@ def show_changes(page: Page) -> None:
     """List the changes of the data as logged, with a way back."""
     if not page.study.changes:
         return
+    if st.session_state.pop(_APPLIED, False):  # the box below may be out of sight
+        st.toast("The study is changed. What changed, and Undo, are at the top of the page.")
     with st.container(border=True):
         show_note(f"Changed from the data as logged: {' '.join(page.study.changes)}")
         before = _before(page.digest)
@@ -113,6 +116,7 @@ def _apply(page: Page, study: Study) -> None:
     with workspace.noting_problems("The change can be undone in this session only. "):
         workspace.keep_part(_PART, "Study before a change", digest, before.encode())
     st.session_state.setdefault(_BEFORE, {})[digest] = before
+    st.session_state[_APPLIED] = True
     _look_at(None)
 
 
@@ -149,7 +153,7 @@ def show_heading(page: Page) -> None:
     study = page.study
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
     badge = f":gray-badge[{study.origin or 'origin not stated'}]"
-    listed = [] if page.label == study.name else [markdown_escape(page.label)]
+    listed = [] if page.label == study.name else [f"listed as {markdown_escape(page.label)}"]
     st.markdown(" &nbsp;·&nbsp; ".join([badge, *listed, *study.facts]))
     for text in (study.description, *study.remarks):
         if text:
