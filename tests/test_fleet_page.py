@@ -165,7 +165,7 @@ def test_the_figures_show_every_study_with_its_path() -> None:
     assert len(points.x) == 51
     assert points.y[50] < 90 == points.customdata[50]
     assert points.marker.symbol[50] == "triangle-up"
-    assert points.name == "all robots (1 at the edge: beyond)"
+    assert points.name == "all robots; ▼▲ beyond the axis (1)"
     assert len(chosen.x) == 50
     # Compared with its own robot, the far study is no outlier, but it is still marked.
     within = fleet_spread(

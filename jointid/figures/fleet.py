@@ -59,7 +59,7 @@ def drift_over_time(
     dated = np.isfinite(all_times_s)
     value = spread.value[dated]
     below, above = value < low, value > high
-    beyond = f" ({count} at the edge: beyond)" if (count := int((below | above).sum())) else ""
+    beyond = f"; ▼▲ beyond the axis ({count})" if (count := int((below | above).sum())) else ""
     sketch.points(
         _MS * all_times_s[dated],
         np.clip(value, low, high),

@@ -40,7 +40,7 @@ def show_summary(spreads: Sequence[Spread], drifts: Drifts) -> None:
 
 
 def _farthest_robots(spread: Spread) -> str:
-    """The robot whose typical study is farthest from the fleet, and the number of other such robots."""
+    """The robots whose typical studies are farthest from the fleet: two by name, others by number."""
     typical = {}
     for name in {row.robot for row in spread.rows if row.robot}:
         own = np.array([row.robot == name for row in spread.rows])
@@ -48,11 +48,14 @@ def _farthest_robots(spread: Spread) -> str:
             typical[name] = float(np.median(spread.value[own])) / spread.median - 1
     if not typical:
         return ""
-    name, *others = sorted(typical, key=lambda each: -abs(typical[each]))
-    share = f"{significant(100 * abs(typical[name]), 2)} %"
-    direction = "softer" if typical[name] < 0 else "stiffer"
-    text = f"{markdown_escape(name)} is {share} {direction} than the fleet"
-    return f"{text}, {counted(len(others), 'more robot')} also far from it" if others else text
+    names = sorted(typical, key=lambda each: -abs(typical[each]))
+    each = [
+        f"{markdown_escape(name)} is {significant(100 * abs(typical[name]), 2)} % "
+        f"{'softer' if typical[name] < 0 else 'stiffer'} than the fleet"
+        for name in names[:2]
+    ]
+    more = [counted(len(names) - 2, "more robot") + " far from it"] if len(names) > 2 else []
+    return enumerated([each[0], *(text.removesuffix(" than the fleet") for text in each[1:]), *more])
 
 
 def show_robots(spreads: Sequence[Spread], drifts: Drifts) -> None:
