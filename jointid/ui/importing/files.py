@@ -32,7 +32,7 @@ _FILES = "dropped_logs"
 _HELD = "held_logs"
 _CLOSED = "closed_imports"
 _ADDED = "logs_added_to_a_finished_import"
-NEW_IMPORT = "Start a new import"
+_NEW_IMPORT = "Start a new import"
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,19 +74,9 @@ def drop_logs(
     files = dropped()
     if not st.session_state.get(uploader):
         hold(files)
-    if files:
-        left, right = st.columns([3, 1], vertical_alignment="center")
+    if held := st.session_state.get(_HELD):
         size = sum(len(file.data) for file in files) / 2**20
-        held = [file.name for file in st.session_state.get(_HELD, [])]
-        still = f"Still open: {', '.join(held)}. " if held else ""
-        show_note(f"{still}{size:.1f} MiB in all.", left)
-        hint = "Closes all logs and clears inertias, runs and confirmations."
-        right.button(NEW_IMPORT, on_click=_close, args=(forget,), help=hint, width="stretch")
-    if files and (added := st.session_state.get(_ADDED)):
-        show_warning(
-            f"{added} is added to the logs of the finished import, with its drive data and inertias. "
-            f'For another robot or measurement, click "{NEW_IMPORT}" and drop the new log again.'
-        )
+        show_note(f"Still open: {', '.join(file.name for file in held)}. {size:.1f} MiB in all.")
     first, all_logs = [], {}
     watch = Watch(len(files), progress)
     for file in files:
@@ -114,6 +104,19 @@ def drop_logs(
         help="A file may hold several tables; the one with the most numbers is proposed.",
     )
     return _joined([all_logs[key] for key in chosen])
+
+
+def offer_new_import(forget: Callable[[], None]) -> None:
+    """Offer to close all logs, whichever step is open; ``forget`` clears their entries."""
+    if not dropped():
+        return
+    hint = "Closes all logs and clears inertias, runs and confirmations."
+    st.button(_NEW_IMPORT, on_click=_close, args=(forget,), help=hint)
+    if added := st.session_state.get(_ADDED):
+        show_warning(
+            f"{added} is added to the logs of the finished import, with its drive data and inertias. "
+            f'For another robot or measurement, click "{_NEW_IMPORT}" and drop the new log again.'
+        )
 
 
 def dropped() -> list[Dropped]:

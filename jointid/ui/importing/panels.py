@@ -21,7 +21,7 @@ from jointid.importing.columns.units import QUANTITIES
 from jointid.importing.map.reasons import assumptions
 from jointid.importing.study import run_counts
 from jointid.ui.importing.entries import Asked
-from jointid.ui.importing.files import Log, choose_log, drop_logs, once, show_raw
+from jointid.ui.importing.files import Log, choose_log, drop_logs, offer_new_import, once, show_raw
 from jointid.ui.importing.mapping import (
     entries_of,
     keep_mapping,
@@ -72,6 +72,7 @@ def import_steps(progress: DeltaGenerator) -> None:
 
     ``progress`` is a place for that of long work, visible whichever step is open.
     """
+    offer_new_import(clear_entries)
     steps = Steps()
     with steps.step(LOGS):
         logs = drop_logs(clear_entries, is_finished, progress)
