@@ -1,7 +1,7 @@
 """Two studies, or two estimators, side by side."""
 
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.comparison import choose_other, show_differences, show_models
+from jointid.ui.study.comparison import analysis_of, choose_other, show_differences, show_models
 
 page = open_page(
     "Compare",
@@ -10,6 +10,6 @@ page = open_page(
 )
 analysis = page.analysis()
 other = choose_other(page)
-second = other.analysis()
+second = analysis_of(other)
 show_differences(page, analysis, other, second)
 show_models(page, analysis, other, second)

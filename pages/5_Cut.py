@@ -9,7 +9,7 @@ from jointid.cut.robot import NOMINAL_NAMES, cut_robot, demonstration
 from jointid.ui.cut import cached_cuts, panels
 from jointid.ui.cut.details import show_time_series, show_tolerance, show_tool_stiffness
 from jointid.ui.cut.pictures import show_animation, show_figure_7
-from jointid.ui.cut.settings import ask
+from jointid.ui.cut.settings import ask_or_last
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import OVERVIEW
@@ -28,7 +28,7 @@ if has_own_path(analysis):
 stage = st.container()  # the drawing, above the controls
 try:
     robot = cut_robot(analysis)
-    settings = ask(robot, page.digest)
+    settings = ask_or_last(robot, page.digest)
     outcome = cached_cuts.outcome(page, settings, analysis)
 except JointIdError as error:
     show_error(error)

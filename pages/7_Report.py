@@ -1,5 +1,7 @@
 """The report, and files for other tools."""
 
+from functools import partial
+
 import streamlit as st
 
 from jointid.analysis import NOT_USABLE
@@ -14,10 +16,11 @@ page = open_page(
     "All results for a colleague or another tool. The files with K and D state version, settings and "
     "the digest of the study. The same study gives the same files, byte for byte.",
 )
-analysis = page.analysis()
+stem = file_stem(page.study.name)
+study_files = partial(downloads.show_study_files, page.study, stem)
+analysis = page.analysis(otherwise=study_files)
 if analysis.state == NOT_USABLE:
     show_error(f"{analysis.headline} The files with K and D state this first.")
-stem = file_stem(page.study.name)
 
 st.header("The report", anchor=False)
 st.write("Records, answer with error bars, verdict, figures and settings.")
@@ -26,4 +29,4 @@ show_report(page, analysis, stem)
 downloads.show_identification_files(analysis, stem)
 downloads.show_tables(analysis, stem)
 downloads.show_simulator_files(analysis, stem)
-downloads.show_study_files(page.study, stem)
+study_files()

@@ -258,6 +258,13 @@ class TestSimulating:
         at.text_input(key="sim_coulomb").set_value("0")
         return at
 
+    def test_a_number_beyond_its_limits_is_named_and_not_simulated(self, form: AppTest) -> None:
+        form.number_input(key="sim_first").set_value(-5.0)
+        at = form.button(key="simulate").click().run()
+        assert [e.value for e in at.error] == ["First frequency (Hz): −5 is not between 0.05 and 1000."]
+        assert at.title[0].value == "Simulate a robot"
+        assert at.text_input(key="sim_gain").value == "1"  # the form stays
+
     def test_a_simulated_robot_becomes_a_study_and_gives_its_elasticity(self, form: AppTest) -> None:
         form.text_input(key="sim_K").set_value("30, 12")
         at = shown(form.button[0].click().run())
@@ -318,7 +325,7 @@ class TestSimulating:
             ("M2", "0.004, 0.0004; 0.0004", "rows have 2, 1 values"),
             ("M2", "0.001, 0.01; 0.01, 0.001", "positive definite"),
             ("coulomb", "1, 2, 3", "3 values for 2 joints"),
-            ("gain", "1, 0", "torque_gain is 0: must be positive"),
+            ("gain", "1, 0", "Logged torque / true torque: 1, 0. Give positive"),
             ("added", "0.001, 0; 0.001", "rows have 2, 1 values"),
             ("added", "0.001, 0.002; 0, 0.001", "added must be symmetric"),
         ):

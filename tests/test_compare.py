@@ -10,7 +10,7 @@ import pytest
 from app_pages import upload
 from streamlit.testing.v1 import AppTest
 
-from jointid import Analysis, JointIdError, Study, analyse
+from jointid import Analysis, JointIdError, MotionRecord, Study, analyse
 from jointid.answer import StiffnessUnit
 from jointid.uncertainty.comparison import compare
 
@@ -59,6 +59,17 @@ def test_the_page_compares_two_studies(app: AppTest) -> None:
     at = at.selectbox(key="compare_estimator").set_value("least-squares").run()
     assert not at.exception, at.exception[0].stack_trace
     assert at.header[0].value.startswith("The stiffnesses differ by at most")
+
+
+def test_a_second_study_without_an_answer_is_named(app: AppTest, studies: dict[int, Study]) -> None:
+    time, rng = 1e-3 * np.arange(200), np.random.default_rng(0)
+    still = MotionRecord(time, 1e-3 * rng.standard_normal((200, 2)), rng.standard_normal((200, 2)))
+    at = upload(app.run(), replace(studies[2], records=[still]))
+    at.session_state["chosen"] = "paper"
+    at = at.switch_page("pages/11_Compare.py").run()
+    at = at.selectbox(key="compare_study").set_value("mine.zip").run()
+    assert [e.value.partition(": ")[0] for e in at.error] == ["Second study, mine.zip"]
+    assert not any("can still be viewed" in m.value for m in at.markdown)
 
 
 def test_the_headline_names_a_study_that_is_usable_with_care(app: AppTest, first: Analysis) -> None:

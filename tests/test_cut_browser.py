@@ -214,6 +214,8 @@ def test_the_magnification_keeps_the_shape_of_the_path(browse: Browse) -> None:
         assert int(now["magnification"]) >= 5
         nominal, identified = map(int, now["factors"].split())
         assert 1 <= nominal < identified == int(now["magnification"])
+        for name, factor in (("nominal", nominal), ("identified", identified)):
+            expect(page.locator(f".{name}-factor")).to_have_text(f"(error drawn × {factor})")
         slider.press("Home")
         assert state(page)["factors"] == "1 1"
 

@@ -79,7 +79,7 @@ def another_robot(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def nominal(at: AppTest, name: str) -> TextInput:
     """The custom nominal K or D."""
-    return next(w for w in at.text_input if w.label.startswith(f"Nominal {name}1"))
+    return next(w for w in at.text_input if w.label.startswith(f"{name}1"))
 
 
 class TestPage:
@@ -200,6 +200,7 @@ class TestPage:
             at = shown(nominal(at, "K").set_value(typed).run())
             assert said in at.error[0].value
             assert nominal(at, "K").value == typed
+            assert at.header[0].value.startswith("Path error")  # the drawing stays
         at = shown(nominal(at, "K").set_value("43, 7.5").run())
         assert not at.error
         assert "assumes K = 43.0, 7.50 N·m/rad" in words(at)

@@ -119,6 +119,23 @@ def test_a_drift_is_found_with_its_error_also_among_broken_studies(broken: int) 
     assert change == pytest.approx(-0.03, abs=0.015)
 
 
+@pytest.mark.parametrize("dates", [5, 8])
+def test_chance_is_no_drift(dates: int) -> None:
+    """The p-value of the slope is that of chance; the scatter of few values is itself uncertain."""
+    rng = np.random.default_rng(3)
+    p_values = []
+    for _ in range(1000):
+        values = 40 + 0.1 * rng.standard_normal(dates)
+        rows = [row(k, v, date=f"{2020 + k}-01-01") for k, v in enumerate(values)]
+        p_values.append(robot_drift(rows, "K", 1, "A").p_value)
+    assert 0.02 < np.mean(np.array(p_values) < 0.05) < 0.08
+    assert np.mean(np.array(p_values) < 0.001) <= 0.004
+    rows = [
+        row(k, 40 - 1.7 * k + 0.1 * rng.standard_normal(), date=f"{2020 + k}-01-01") for k in range(5)
+    ]
+    assert robot_drift(rows, "K", 1, "A").p_value < 1e-3
+
+
 def test_few_dates_give_no_drift() -> None:
     rows = [row(k, 40.0, date=f"2026-01-0{k + 1}") for k in range(4)] + [row(9, 40.0, date="2026-01-04")]
     assert np.isnan(robot_drift(rows, "K", 1, "A").slope_per_s)
@@ -137,6 +154,7 @@ def test_the_figures_show_every_study_with_its_path() -> None:
     bars, out = distribution(spread).data
     assert sum(bars.y) == 50
     assert list(out.marker.symbol) == ["triangle-right"]
+    assert out.name == "beyond the axis (1)"
     assert "&lt;b&gt;x" in out.text[0]
     low, high = distribution(spread).layout.xaxis.range
     assert low < spread.value[:50].min()
@@ -144,7 +162,17 @@ def test_the_figures_show_every_study_with_its_path() -> None:
     assert bars.marker.line.width > 0  # neighbours of one height stay apart
     times = np.array([seconds(r.date) for r in spread.rows])
     points, chosen = drift_over_time(spread, times, robot_drift(rows, "K", 1, "A")).data
-    assert len(points.x) == len(chosen.x) == 50
+    assert len(points.x) == 51
+    assert points.y[50] < 90 == points.customdata[50]
+    assert points.marker.symbol[50] == "triangle-up"
+    assert points.name == "all robots; ▼▲ beyond the axis (1)"
+    assert len(chosen.x) == 50
+    # Compared with its own robot, the far study is no outlier, but it is still marked.
+    within = fleet_spread(
+        [*rows, *(row(60 + k, 90.0, robot="B") for k in range(5))], "K", 1, within_robot=True
+    )
+    assert not within.outliers.any()
+    assert [trace.name for trace in distribution(within).data][1:] == ["beyond the axis (5)"]
 
 
 @pytest.mark.parametrize(("count", "step"), [(3, 1), (9, 2), (24, 5), (700, 200)])
@@ -252,7 +280,10 @@ def test_a_table_shows_spread_drift_and_outliers(app: AppTest) -> None:
     assert [frame.shape[1] for frame in on_a_phone] == [3, 3, 2]
     assert sorted(robots["Robot"]) == sorted({row.robot for row in fleet() if row.is_good})
     assert robots.loc[robots["Robot"] == "odd", "Outliers of K1"].item() == "1"
-    assert re.match(r"K1: median ±\srobust spread (39|40)\..*; 1.outlier of K1$", at.header[0].value)
+    assert re.match(
+        r"odd is 5\d.% stiffer than the fleet; K1: median ±\srobust spread (39|40)\..*; 1.outlier",
+        at.header[0].value,
+    )
     lost = at.table[0].value  # whose lines are not cut off
     assert out["Robot"].tolist() == ["odd"]
     assert out["Value"].tolist() == ["K1 = 60.00 ± 0.10"]

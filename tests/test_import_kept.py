@@ -71,7 +71,7 @@ def test_a_log_is_written_once_and_entries_as_json_until_it_is_closed(kept: Stor
     assert values["entries"]["import M2"] == "0.003"
     assert [name for name, _ in values["files"]] == ["one.csv"]
     again = begun(place_of(at))
-    widget(again, "button", "Close these logs").click()
+    widget(again, "button", "Start a new import").click()
     again = shown(again.run())
     assert not list(kept.folder.rglob("*.data"))
     assert not again.selectbox(key="study").disabled
@@ -148,14 +148,27 @@ def test_logs_reported_as_stored_are_stored(kept: Store) -> None:
     at = shown(at.run())
     at = shown(at.run())
     assert not any(said(at))
-    widget(at, "button", "Close these logs").click()
+    widget(at, "button", "Start a new import").click()
     assert not any(said(shown(at.run())))
+
+
+def test_a_log_after_a_finished_import_is_named_and_to_be_checked(kept: Store) -> None:
+    at = send(drop(begun(), ("one.csv", long_log())), "0.001", "0.003")
+    at = shown(at.switch_page(PAGE).run())
+    at = drop(at, ("two.csv", long_log(ratio=2.0)))
+    assert any("two.csv is added to the logs of the finished import" in w.value for w in at.warning)
+    widget(at, "button", "Start a new import").click()
+    at = shown(at.run())
+    assert not [b for b in at.selectbox if b.label.startswith("Position")]
+    at = drop(at, ("two.csv", long_log(ratio=2.0)))
+    assert not at.warning
+    assert at.text_input(key="import M").value == ""
 
 
 def test_two_sessions_at_one_address_keep_separate_entries(kept: Store) -> None:
     one = drop(begun(), ("one.csv", long_log()))
     two = begun(place_of(one))
-    widget(two, "button", "Close these logs").click()
+    widget(two, "button", "Start a new import").click()
     two = drop(shown(two.run()), ("two.csv", long_log(ratio=2.0)))
     widget(one, "text_input", "Gear ratios").set_value("7")
     one = shown(one.run())

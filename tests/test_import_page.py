@@ -77,7 +77,8 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
 
 
 def drop(at: AppTest, *files: tuple[str, bytes]) -> AppTest:
-    at.file_uploader(key="log_file").set_value([(*file, "application/octet-stream") for file in files])
+    uploader = next(each for each in at.file_uploader if str(each.key).startswith("log_file"))
+    uploader.set_value([(*file, "application/octet-stream") for file in files])
     return shown(at.run())
 
 
@@ -267,7 +268,7 @@ class TestMapping:
         at = shown(at.switch_page("pages/1_Records.py").run())
         at = shown(at.switch_page(PAGE).run())
         assert at.text_input(key="import M").value == "0.001"
-        widget(at, "button", "Close these logs").click()
+        widget(at, "button", "Start a new import").click()
         at = drop(shown(at.run()), ("one.csv", long_log()))
         assert widget(at, "text_input", "Gear ratios").value == "101"
         assert [at.text_input(key=f"import {name}").value for name in ("M", "M2", "nominal K")] == [

@@ -225,6 +225,16 @@ def test_without_nominal_values_there_is_nothing_to_compare(analyses: dict[int, 
     assert ">change<" not in made
 
 
+def test_state_and_entries_are_stated(analyses: dict[int, Analysis]) -> None:
+    study = replace(analyses[2].study, gear_ratio=[100.0, -90.0], assumed=("direction of joint 2",))
+    html = to_html(make_report(replace(analyses[2], study=study), cut=False))
+    assert "<h2>Answer</h2>\n<p>Usable" in html
+    assert "100, −90, given" in html
+    assert "direction of joint 2" in html.partition("As entered")[0].rpartition("Not confirmed")[2]
+    assert "5 %, assumed where nothing is stated" in html
+    assert "not stated: assumed exact" in html
+
+
 def test_an_unphysical_study_is_reported_as_unusable() -> None:
     records = simulate_records(PARALLELOGRAM, PAPER, [3.0, 12.0], excitation=Excitation(duration_s=1.0))
     turned = [replace_torque(record, -1.0) for record in records]

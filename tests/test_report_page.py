@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from app_pages import KEYS, opened
+from app_pages import KEYS, opened, upload
 from streamlit.testing.v1 import AppTest
 
-from jointid import Study, analyse
+from jointid import MotionRecord, Study, analyse
 from jointid.files.digest import study_digest
 from jointid.ui.shared.results import result_cache
 
@@ -100,3 +100,12 @@ def test_negative_gear_ratios_of_the_study_make_snippets(studies: dict[int, Stud
     assert not at.error
     assert len(offered(at)) > 1
     assert "101, −93.5" in at.caption[0].value
+
+
+def test_a_study_without_an_answer_can_still_be_saved(app: AppTest, studies: dict[int, Study]) -> None:
+    time, rng = 1e-3 * np.arange(200), np.random.default_rng(0)
+    still = MotionRecord(time, 1e-3 * rng.standard_normal((200, 2)), rng.standard_normal((200, 2)))
+    at = upload(app.run(), replace(studies[2], records=[still]))
+    at = at.switch_page("pages/7_Report.py").run()
+    assert "not excited" in at.error[0].value
+    assert any("records as CSV" in button.label for button in at.get("download_button"))

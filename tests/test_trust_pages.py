@@ -288,6 +288,8 @@ class TestSetPoints:
         assert list(rows["Joint"]) == ["1"] * 5 + ["2"] * 5
         assert all(number(margin) > 0 for margin in rows["Margin"])
         assert any("Save the set points (CSV)" in d.label for d in at.get("download_button"))
+        # Simulated control exceeds the amplitudes of the plan, which exact following keeps.
+        assert any("× the planned amplitude" in warning.value for warning in at.warning)
         assert "NOT RUN ON HARDWARE" in at.code[-1].value
 
     def test_over_a_limit_there_is_a_table_but_no_file(self, app: AppTest) -> None:

@@ -15,7 +15,7 @@ _PAPER = {False: "#FFFFFF", True: "#0E1117"}
 _MS = 1e3
 """A date axis takes ms since 1970."""
 _WIDE = 6.0
-"""Range of the figures in robust spreads from the median; values beyond are drawn at the edge."""
+"""Range of the figures in robust spreads from the median; values beyond are arrows at the edge."""
 
 
 def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
@@ -31,8 +31,9 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
     studies |= {"name": "studies", "customdata": ends, "hovertemplate": hover}
     look = {"color": sketch.ink.identified, "opacity": 0.85, "line": edge}
     sketch.traces.append(studies | {"marker": look})
-    if spread.outliers.any():
-        _add_outliers(sketch, spread, low, high)
+    for mask, name in ((spread.outliers & inside, "outlier"), (~inside, "beyond the axis")):
+        if mask.any():
+            _add_marks(sketch, spread, mask, name, low, high)
     sketch.vertical_line(spread.median, "measured")
     if np.isfinite(spread.spread) and spread.spread > 0:
         for side in (-1, 1):
@@ -51,17 +52,29 @@ def drift_over_time(
     """
     sketch, unit = Sketch(dark), PARAMETERS[spread.name[0]].unit
     low, high = _range(spread)
-    dated = np.isfinite(all_times_s) & (spread.value >= low) & (spread.value <= high)
+    if shown is not None:
+        ends = np.concatenate([shown.value - shown.error, shown.value + shown.error])
+        inside = ends[np.isfinite(ends)].tolist()
+        low, high = min([low, *inside]), max([high, *inside])
+    dated = np.isfinite(all_times_s)
+    value = spread.value[dated]
+    below, above = value < low, value > high
+    beyond = f"; ▼▲ beyond the axis ({count})" if (count := int((below | above).sum())) else ""
     sketch.points(
         _MS * all_times_s[dated],
-        spread.value[dated],
-        "all robots",
+        np.clip(value, low, high),
+        f"all robots{beyond}",
         "quiet",
-        marker={"size": 4, "opacity": 0.7},
+        marker={
+            "size": np.where(below | above, 8, 4),
+            "opacity": 0.7,
+            "symbol": np.select([below, above], ["triangle-down", "triangle-up"], "circle"),
+        },
         text=[
             _label(row.robot, row.name) for row, in_it in zip(spread.rows, dated, strict=True) if in_it
         ],
-        hovertemplate=f"%{{text}}<br>%{{x|%Y-%m-%d}}: %{{y:.4g}} {unit}<extra></extra>",
+        customdata=value,
+        hovertemplate=f"%{{text}}<br>%{{x|%Y-%m-%d}}: %{{customdata:.4g}} {unit}<extra></extra>",
     )
     if shown is not None and shown.value.size:
         time = _MS * shown.time_s
@@ -79,18 +92,17 @@ def drift_over_time(
         )
         if np.isfinite(shown.slope_per_s):
             sketch.line(time, shown.line(), "its trend", "identified", hoverinfo="skip")
-        ends = np.concatenate([shown.value - shown.error, shown.value + shown.error])
-        inside = ends[np.isfinite(ends)].tolist()
-        low, high = min([low, *inside]), max([high, *inside])
     margin = 0.03 * (high - low)
     x = linear_axis("Date", type="date", nticks=5)
     y = linear_axis(f"{spread.name} ({unit})", range=[low - margin, high + margin], nticks=6)
     return sketch.figure(x, y, height=300)
 
 
-def _add_outliers(sketch: Sketch, spread: Spread, low: float, high: float) -> None:
-    """Crosses on the axis; arrows at its ends for what lies beyond."""
-    which, unit = spread.outliers, PARAMETERS[spread.name[0]].unit
+def _add_marks(
+    sketch: Sketch, spread: Spread, which: np.ndarray, name: str, low: float, high: float
+) -> None:
+    """Crosses on the axis; arrows at its ends for values beyond."""
+    unit = PARAMETERS[spread.name[0]].unit
     value = spread.value[which]
     symbols = np.where(value < low, "triangle-left", np.where(value > high, "triangle-right", "x"))
     rows = [row for row, out in zip(spread.rows, which, strict=True) if out]
@@ -102,7 +114,7 @@ def _add_outliers(sketch: Sketch, spread: Spread, low: float, high: float) -> No
     sketch.points(
         np.clip(value, low + 0.02 * (high - low), high - 0.02 * (high - low)),
         np.zeros(value.size),
-        "outlier",
+        f"{name} ({value.size})",
         "measured",
         marker={"symbol": symbols, "size": 10},
         text=text,

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.answer import AT_MOTOR, StiffnessUnit
+from jointid.answer import AT_MOTOR, StiffnessUnit, without
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import Sketch, Trace, frequency_axis, joint_symbol, linear_axis, plain_text
@@ -44,9 +44,10 @@ def dynamic_stiffness(
     hover = "%{x:.4g} Hz<br>%{y:.4g} ± %{customdata:.2g} " + f"{scale.unit}<extra></extra>"
     shared: Trace = {"customdata": error, "error": {"array": error}, "hovertemplate": hover}
     shared["marker"] = {"symbol": joint_symbol(joint)}
-    sketch.points(f, measured.real, "each record", "measured", **shared)
+    name = ", ".join(["each record", *filter(None, [without(fit)])])
+    sketch.points(f, measured.real, name, "measured", **shared)
     shared |= {"yaxis": "y2", "showlegend": False}
-    sketch.points(f, measured.imag, "each record", "measured", **shared)
+    sketch.points(f, measured.imag, name, "measured", **shared)
     axes = [
         linear_axis(f"{part}{joint + 1} ({scale.unit})", rangemode="tozero")
         for part in ("Re b/a → K", "Im b/a → ωD")
@@ -164,6 +165,4 @@ def stiffness_over_amplitude(
         colour = "measured" if k == 0 else _SCALE[(2 * k) % len(_SCALE)]
         sketch.points(amplitude[at], K[at], name, colour, marker=symbol, **shared)
     across = linear_axis(f"Torque amplitude (N·m, {scale.side})", rangemode="tozero")
-    return sketch.figure(
-        across, linear_axis(f"Re(torque/deflection), joint {joint + 1} ({scale.unit})"), height=260
-    )
+    return sketch.figure(across, linear_axis(f"K{joint + 1} of a record ({scale.unit})"), height=260)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, median_abs_deviation, theilslopes
+from scipy.stats import chi2, median_abs_deviation, t, theilslopes
 
 from jointid.arrays import Floats
 from jointid.fleet.row import Row
@@ -130,6 +130,8 @@ class Drift:
     """Standard error of the slope, from the scatter around the line."""
     level: float
     """Value of the line at the median time."""
+    p_value: float
+    """Probability of such a slope, or a larger one, of a robot without drift; NaN without a slope."""
 
     @property
     def per_year(self) -> tuple[float, float]:
@@ -152,7 +154,7 @@ def robot_drift(rows: Sequence[Row], quantity: str, joint: int, robot: str) -> D
     time = np.array([seconds(row.date) for row in having])
     value = _of_joint(having, quantity, joint)
     error = _of_joint(having, f"{quantity}_error", joint)
-    line = _theil_sen(time, value)
+    line = _theil_sen(time, value, error)
     return Drift(f"{quantity}{joint}", robot, time, value, error, tuple(having), *line)
 
 
@@ -165,14 +167,24 @@ def seconds(date: str) -> float:
     return (at if at.tzinfo else at.replace(tzinfo=datetime.UTC)).timestamp()
 
 
-def _theil_sen(time: Floats, value: Floats) -> tuple[float, float, float]:
-    """Slope, its standard error, and the value at the median time."""
+def _theil_sen(time: Floats, value: Floats, error: Floats) -> tuple[float, float, float, float]:
+    """Slope, its standard error, the value at the median time, and the p-value of the slope.
+
+    The scatter is that of the values which are no outliers from the line: the median distance of a few
+    values is often far too small by chance.
+    """
     if np.unique(time).size < MIN_VALUES:
-        return float("nan"), float("nan"), float(np.median(value)) if value.size else float("nan")
+        level = float(np.median(value)) if value.size else float("nan")
+        return float("nan"), float("nan"), level, float("nan")
     pick = np.unique(np.linspace(0, time.size - 1, min(time.size, _MAX_PAIRED)).round().astype(int))
-    t, v = time[pick] - np.median(time), value[pick]
+    x, v = time[pick] - np.median(time), value[pick]
     with np.errstate(invalid="ignore"):  # in its interval, not used here, where values repeat
-        slope = float(theilslopes(v, t).slope)
-    level = float(np.median(v - slope * t))
-    scatter = robust_spread(v - slope * t) * np.sqrt(t.size / (t.size - 2))
-    return slope, float(_THEIL_SEN * scatter / np.sqrt(np.sum((t - t.mean()) ** 2))), level
+        slope = float(theilslopes(v, x).slope)
+    level = float(np.median(v - slope * x))
+    rest = v - slope * x - level
+    kept = np.abs(rest) <= OUTLIER_Z * np.hypot(robust_spread(rest), error[pick])
+    left = max(int(kept.sum()) - 2, 1)
+    scatter = np.sqrt(np.sum(rest[kept] ** 2) / left)
+    slope_error = float(_THEIL_SEN * scatter / np.sqrt(np.sum((x[kept] - x[kept].mean()) ** 2)))
+    p_value = float(2 * t.sf(abs(slope) / slope_error, left)) if slope_error else float(slope == 0)
+    return slope, slope_error, level, p_value

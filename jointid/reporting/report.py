@@ -30,7 +30,7 @@ from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, V
 from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks, torsion_blocks
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
-from jointid.study import Study
+from jointid.study import INERTIA_STD, Study
 from jointid.uncertainty.answer_tables import (
     COMPARED_MODELS,
     PARTS_MEANING,
@@ -44,6 +44,7 @@ __all__ = ["make_report", "to_html", "to_pdf"]
 
 _MAX_ROWS = 100
 """Rows of the list of records."""
+_INERTIA_DEFAULT = f"{plain(100 * INERTIA_STD)} % is assumed where a study states no σ of its inertias. "
 
 
 def make_report(
@@ -89,9 +90,9 @@ def make_report(
 
 def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     study, fit = analysis.study, analysis.fit
+    if analysis.state != NOT_USABLE:  # else the headline says so
+        yield Paragraph(analysis.caution or "Usable.")
     yield Paragraph(analysis.headline, "lead")
-    if analysis.caution:
-        yield Paragraph(analysis.caution)
     for text in (study.description, *study.remarks):
         if text:
             yield Paragraph(text, "quiet")
@@ -124,6 +125,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         "Inertias and torque scales, motor side: J_m rotors, J_a arm, J_12 coupling. σ: standard "
         "deviation of the less certain value. "
     )
+    caption += _INERTIA_DEFAULT if study.inertia_std == INERTIA_STD else ""
     caption += UNSTATED_TORQUE_SCALE if study.torque_std is None else ""
     yield Table.of(prior_table(analysis.priors), caption, "lrrlr")
     if further := further_quantities(fit):
@@ -132,9 +134,34 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         yield Table(("", "identified", "unit"), tuple(rows), caption, "lrl")
 
 
+def _entered(study: Study) -> Table:
+    """What was entered with the logs, as far as a study keeps it, and what of it is assumed."""
+    stated = "given" if study.gear_ratio is not None else "of the robot model"
+    ratios = study.gear_ratios
+    std = "unknown" if np.isinf(study.inertia_std) else f"{plain(100 * study.inertia_std)} %"
+    std = "exact" if study.inertia_std == 0 else std
+    default = ", assumed where nothing is stated" * (study.inertia_std == INERTIA_STD)
+    scale = None if study.torque_std is None else f"{plain(100 * study.torque_std)} %"
+    ratios_text = None if ratios is None else f"{', '.join(plain(x) for x in ratios.tolist())}, {stated}"
+    facts = (
+        ("Robot", study.robot or "not stated"),
+        ("Date", str(study.date or "not stated")),
+        ("Gear ratios, motor turns per joint turn", ratios_text or "not stated"),
+        ("Relative σ of the inertias", f"{std}{default}"),
+        ("Relative σ of the torque scale", scale or "not stated: assumed exact"),
+        ("Not confirmed, assumed", "; ".join(study.assumed) or "nothing"),
+    )
+    caption = (
+        "As entered. Positions and torques are stored at the motor, in rad and N·m: side, directions "
+        "and rated torques of the logs were applied on import and are kept in its mapping only."
+    )
+    return Table((), facts, caption, kind="facts")
+
+
 def _settings(analysis: Analysis) -> Iterator[Block]:
     """Software, study, estimator and model; results of other estimators."""
     study, fit = analysis.study, analysis.fit
+    yield _entered(study)
     holds = {record.torque_hold for record in study.records}
     delays = sorted({record.torque_delay_s for record in study.records})
     hold = "held to the next sample" if True in holds else "instantaneous"

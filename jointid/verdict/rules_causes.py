@@ -108,13 +108,16 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     lag, interval = fit.delay, float(np.median([record.interval_s for record in evidence.records]))
     others = " or ".join(alternatives(fit, "delay").values())
     title = f"The torque {'lags' if lag > 0 else 'leads'} by {size}"
+    without = f"{percent(share[worst])} too {'high' if shift[worst] > 0 else 'low'}"
+    without = without if without.startswith("more") else f"about {without}"
+    if fit.estimate[worst] + shift[worst] < 0:
+        without = "negative"
     samples = with_error(abs(lag) / interval, fit.delay_error / interval)
     remedy, changes = half_a_sample(evidence)
     yield note(
         f"{title}, or there is {others}" if others else title,
         f"{CANNOT_TELL if others else ''}That is {samples} samples; the fit includes it. Without it, "
-        f"{elasticity_labels(fit.n)[worst]} would be about {percent(share[worst])} too "
-        f"{'high' if shift[worst] > 0 else 'low'}.",
+        f"{elasticity_labels(fit.n)[worst]} would be {without}.",
         remedy
         or f"If the drive has such a delay, add {_in_a_file(1e3 * lag)} ms to the torque's delay on "
         f"import, or {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml.",

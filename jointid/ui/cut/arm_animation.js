@@ -164,7 +164,13 @@ class CutAnimation {
     slider.disabled = this.data.magnifications.length < 2;
     slider.value = this.step;
     slider.setAttribute("aria-valuetext", `${this.magnification} times`);
-    this.find(".magnify output").textContent = `× ${this.magnification}`;
+    const factors = TOOLS.map((name) => this.factor(name));
+    const alike = factors.every((factor) => factor === this.magnification);
+    this.find(".magnify output").textContent = `${alike ? "" : "up to "}× ${this.magnification}`;
+    TOOLS.forEach((name, k) => {
+      const drawn = this.magnification > 1 ? `(error drawn × ${factors[k]})` : "";
+      this.find(`.${name}-factor`).textContent = drawn;
+    });
   }
 
   // ---- time ---------------------------------------------------------------------------------------

@@ -245,10 +245,11 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                     "scaled so that the ratios of nominal to identified values and the relative errors "
                     "equal those of this study"
                 )
+            accuracy = accuracy_text(outcome, TYPICAL_SERVO, of.friction)
             st.caption(
                 "A rectangle of 28 × 45 mm with corner zones of 10 mm at 300 mm/s, cut by "
-                f"{arm}. {accuracy_text(outcome, TYPICAL_SERVO, of.friction)}"
+                f"{arm}. {accuracy}"
                 + f" Both simulations include the identified {included}."
-                * bool(included)
+                * (bool(included) and "includes the effects" not in accuracy)
             )
             link_to(CUT, "Watch the cut")

@@ -16,6 +16,7 @@ from jointid.cut.servo import Servo
 from jointid.cut.toolpath import Toolpath
 from jointid.ui.shared.charts import choose_segment
 from jointid.ui.shared.entries import choose_from, enter_number, enter_text, numbers_in, numbers_out
+from jointid.ui.shared.messages import show_error
 from jointid.wording import capitalised, counted
 
 _ZONE_MM, _SIDES_MM, _SPEED_MM_S = 10.0, (28.0, 45.0), 300.0
@@ -100,6 +101,20 @@ def usual(robot: CutRobot) -> CutSettings:
     return CutSettings(assumption=assumption, friction=robot.friction, drive=robot.arm.drive)
 
 
+def ask_or_last(robot: CutRobot, digest: str) -> CutSettings:
+    """Draw the controls; while an entry is wrong, say so and return the last valid settings."""
+    key = f"cut_settings {digest}"
+    try:
+        entered = ask(robot, digest)
+        _ = entered.custom  # refuses values that are no springs
+        st.session_state[key] = entered
+    except JointIdError as error:
+        show_error(error)
+        st.caption("The drawing shows the last valid settings.")
+    settings: CutSettings = st.session_state.get(key) or usual(robot)
+    return settings
+
+
 def ask(robot: CutRobot, digest: str) -> CutSettings:
     """Draw the controls and return the choice. Raises JointIdError when an entry is not a number.
 
@@ -118,7 +133,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
         zone = st.slider(
             "Corner zone (mm)",
             0.5,
-            14.0,
+            _ZONE_MM,
             _ZONE_MM,
             0.5,
             format="%g",
@@ -180,10 +195,10 @@ def _ask_custom(robot: CutRobot, digest: str) -> list[tuple[float, ...]]:
     units = {"K": "N·m/rad", "D": "N·m·s/rad"}
     for place, (name, unit) in zip(st.columns(2), units.items(), strict=True):
         value = numbers_out(float(f"{x:.5g}") for x in getattr(start, name))
-        label = f"Nominal {name}1, {name}2 of {whose} ({unit})"
+        label = f"{name}1, {name}2 in the servo before, of {whose} ({unit})"
         text = enter_text(place, f"cut_{name}_{digest[:12]}", label, value)  # of this study only
-        found.append(numbers_in(f"Nominal {name}", text))
+        found.append(numbers_in(f"{name} in the servo", text))
         if len(found[-1]) != 2:
             count = counted(len(found[-1]), "value")
-            raise JointIdError(f"Nominal {name}: {count} for 2 joints. Give one per joint.")
+            raise JointIdError(f"{name} in the servo: {count} for 2 joints. Give one per joint.")
     return found

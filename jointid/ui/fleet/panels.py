@@ -72,7 +72,7 @@ def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
             )
     st.caption(
         "Solid line: median. Dotted lines: the robust spread to either side, 1.48 times the median "
-        "distance from the median. Crosses: outliers; ◄ and ►: outliers beyond the figure."
+        "distance from the median. Crosses: outliers; ◄ and ►: studies beyond the axis."
     )
 
 

@@ -7,7 +7,7 @@ import streamlit as st
 
 from jointid.estimation.estimators.parameters import PARAMETERS
 from jointid.figures.fleet import drift_over_time
-from jointid.fleet.spread import MIN_VALUES, Drift, Spread, robot_drift, seconds
+from jointid.fleet.spread import MIN_VALUES, OUTLIER_Z, Drift, Spread, robot_drift, seconds
 from jointid.ui.fleet.panels import spread_in_words
 from jointid.ui.shared.charts import plot, side_by_side, table
 from jointid.ui.shared.messages import markdown_escape
@@ -15,27 +15,47 @@ from jointid.ui.shared.method_steps import IMPORT
 from jointid.ui.shared.workspace import link_to
 from jointid.wording import counted, enumerated, significant, unbroken, with_error
 
-_CLEAR = 3.0
-"""Standard errors beyond which a trend is said to be a drift."""
+_CHANCE = 0.01
+"""Probability that a fleet without any drift has a trend that is said to be a drift."""
 Drifts = Mapping[str, list[Drift]]
-"""Drift of K and D by robot, the clearest of K first."""
+"""Drift of K and D by robot, the clearest of K first; without robots it has one, of no name."""
 
 
 def show_summary(spreads: Sequence[Spread], drifts: Drifts) -> None:
-    """Stiffness of the fleet, its outliers and its clearest drift, in a sentence."""
+    """The softest or stiffest robot, the stiffness of the fleet, outliers and drift, in a sentence."""
     if not (stiffness := spreads[0]).value.size:
         return
     counts = [(int(s.outliers.sum()), s.name) for s in spreads if np.isfinite(s.z).any()]
     outliers = [f"{counted(count, 'outlier')} of {name}" for count, name in counts if count]
     if counts and not outliers:
         outliers = ["no outliers"]
-    parts = [f"{stiffness.name}: {spread_in_words(stiffness)}"]
+    parts = [_farthest_robots(stiffness)] if len(drifts) > 1 else []
+    parts = [part for part in parts if part] + [f"{stiffness.name}: {spread_in_words(stiffness)}"]
     if outliers:
         parts.append(enumerated(outliers))
     name, (clearest, *_) = next(iter(drifts.items()))
-    if name and _is_clear(clearest):
+    if name and _is_clear(clearest, drifts):
         parts.append(f"{clearest.name} of {markdown_escape(name)} {_trend(clearest)}")
     st.header(unbroken("; ".join(parts)), anchor=False)
+
+
+def _farthest_robots(spread: Spread) -> str:
+    """The robots whose typical studies are farthest from the fleet: two by name, others by number."""
+    typical = {}
+    for name in {row.robot for row in spread.rows if row.robot}:
+        own = np.array([row.robot == name for row in spread.rows])
+        if abs(float(np.median(spread.z[own]))) > OUTLIER_Z:
+            typical[name] = float(np.median(spread.value[own])) / spread.median - 1
+    if not typical:
+        return ""
+    names = sorted(typical, key=lambda each: -abs(typical[each]))
+    each = [
+        f"{markdown_escape(name)} is {significant(100 * abs(typical[name]), 2)} % "
+        f"{'softer' if typical[name] < 0 else 'stiffer'} than the fleet"
+        for name in names[:2]
+    ]
+    more = [counted(len(names) - 2, "more robot") + " far from it"] if len(names) > 2 else []
+    return enumerated([each[0], *(text.removesuffix(" than the fleet") for text in each[1:]), *more])
 
 
 def show_robots(spreads: Sequence[Spread], drifts: Drifts) -> None:
@@ -62,8 +82,9 @@ def show_robots(spreads: Sequence[Spread], drifts: Drifts) -> None:
     table(columns, height=330, phone=[*columns][:1] + [*columns][2:4])
     st.caption(
         "Median of each robot's studies. Drift: Theil–Sen slope over the dated studies, relative to the "
-        "trend at the median date, ± one standard error. Scatter alone can look like drift: a drift "
-        f"below {_CLEAR:g} standard errors is not significant."
+        "trend at the median date, ± one standard error. Scatter alone can look like drift, most of all "
+        "among many robots and few dates: a drift is reported where chance would make one in less than "
+        f"{100 * _CHANCE:g} % of such fleets."
     )
 
 
@@ -91,7 +112,7 @@ def show_drift(spreads: Sequence[Spread], drifts: Drifts, *, dark: bool) -> None
         times = np.array([seconds(row.date) if row.date else np.nan for row in spread.rows])
         drift = drifts[robots[0] if robot is None else robot][k]
         with place:
-            st.markdown(f"**{spread.name}** {_drift_in_words(drift)}")
+            st.markdown(f"**{spread.name}** {_drift_in_words(drift, drifts)}")
             plot(
                 drift_over_time(spread, times, drift, dark=dark),
                 f"{spread.name} over time, all robots and the chosen one",
@@ -107,18 +128,18 @@ def drifts_of(spreads: Sequence[Spread], joint: int) -> Drifts:
         for robot in robots
     }
 
-    def clearness(robot: str) -> tuple[float, str]:
-        change, error = found[robot][0].per_year
-        return (-abs(change) / error if np.isfinite(change) and error > 0 else 0.0, robot)
+    def chance(robot: str) -> tuple[float, str]:
+        p_value = found[robot][0].p_value
+        return (p_value if np.isfinite(p_value) else 1.0, robot)
 
-    return {robot: found[robot] for robot in sorted(robots, key=clearness)}
+    return {robot: found[robot] for robot in sorted(robots, key=chance)}
 
 
-def _drift_in_words(drift: Drift) -> str:
+def _drift_in_words(drift: Drift, drifts: Drifts) -> str:
     change, error = (100 * value for value in drift.per_year)
     if not np.isfinite(change):
         return f": at least {MIN_VALUES} dates are needed for a trend"
-    if not _is_clear(drift):
+    if not _is_clear(drift, drifts):
         return f"has no drift beyond its scatter, ± {significant(error, 2)} % per year"
     return f"{_trend(drift)}, relative to the trend at the median date"
 
@@ -128,8 +149,11 @@ def _trend(drift: Drift) -> str:
     return f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % per year"
 
 
-def _is_clear(drift: Drift) -> bool:
-    return abs(drift.per_year[0]) >= _CLEAR * drift.per_year[1]
+def _is_clear(drift: Drift, drifts: Drifts) -> bool:
+    """Whether a trend is beyond what chance makes among all robots, joints, K and D."""
+    joints = max(row.joints for row in drift.rows)
+    tests = joints * sum(np.isfinite(each.p_value) for pair in drifts.values() for each in pair)
+    return bool(drift.p_value * tests < _CHANCE)
 
 
 def _per_year(drift: Drift) -> str:

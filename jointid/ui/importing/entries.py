@@ -93,7 +93,11 @@ class Entries:
         )
         left, right = st.columns(2)
         joints = list(columns.joints)
-        of_base = [joint.gear_ratio for joint in self.base.joints]
+        # No log states a ratio: 1 is the mapping's placeholder where the method does not need it.
+        of_base = [
+            joint.gear_ratio if joint.needs_ratio or joint.gear_ratio != 1 else None
+            for joint in self.base.joints
+        ]
         ratios = self._numbers(left, "Gear ratios", "gear ratio", range(len(joints)), of_base, _RATIO)
         scales = self._scales(joints, right)
         hold, delay = self._torque_timing(left, right)
@@ -327,12 +331,12 @@ class Entries:
 
 
 _RATIO = (
-    ("101", "-93.5", "120"),
+    ("80", "-120", "100"),
     "Motor turns per joint turn, negative if they turn in opposite directions. Needed for positions and "
     "torques at the joint, and to show K and D there. Enter ? if unknown.",
 )
 _SCALE = (
-    ("8.2", "2.1", "1.3"),
+    ("5", "4", "3"),
     "From the drive's data sheet or settings; logs do not state it. Enter ? if unknown.",
 )
 """Example and explanation of the numbers of joints."""

@@ -17,13 +17,22 @@ from jointid.importing.map.simultaneous_logs import joined_table, proposed_table
 from jointid.ui.importing.steps import go_on
 from jointid.ui.importing.watched_work import Progress, StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot, table
-from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note
+from jointid.ui.shared.messages import (
+    markdown_escape,
+    show_error,
+    show_info,
+    show_note,
+    show_warning,
+)
 from jointid.wording import listed
 
 T = TypeVar("T")
 _UPLOADER = "log_file"
 _FILES = "dropped_logs"
 _HELD = "held_logs"
+_CLOSED = "closed_imports"
+_ADDED = "logs_added_to_a_finished_import"
+_NEW_IMPORT = "Start a new import"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,28 +53,30 @@ class Log:
     table: LogTable
 
 
-def drop_logs(forget: Callable[[], None], progress: DeltaGenerator) -> list[Log]:
+def drop_logs(
+    forget: Callable[[], None], finished: Callable[[], bool], progress: DeltaGenerator
+) -> list[Log]:
     """Ask for files, read them with their errors shown, and ask which tables to use.
 
-    ``forget`` clears the entries of logs that are closed; ``progress`` is a place for that of reading.
+    ``forget`` clears the entries of logs that are closed; ``finished`` tells whether a study was made of
+    the open ones; ``progress`` is a place for that of reading.
     """
+    uploader = _uploader()
     st.file_uploader(
         "Logs: CSV or any text table, TwinCAT, CODESYS, LabVIEW, MDF, MATLAB, HDF5, Parquet, Excel, ROS "
         "bags and more, or a .zip of them",
         accept_multiple_files=True,
         max_upload_size=MAX_LOG_BYTES >> 20,
-        key=_UPLOADER,
+        key=uploader,
         on_change=_take,
-        args=(forget,),
+        args=(forget, finished),
     )
     files = dropped()
-    if not st.session_state.get(_UPLOADER):
+    if not st.session_state.get(uploader):
         hold(files)
     if held := st.session_state.get(_HELD):
-        left, right = st.columns([4, 1], vertical_alignment="center")
         size = sum(len(file.data) for file in files) / 2**20
-        show_note(f"Still open: {', '.join(file.name for file in held)}. {size:.1f} MiB in all.", left)
-        right.button("Close these logs", on_click=_close, args=(forget,))
+        show_note(f"Still open: {', '.join(file.name for file in held)}. {size:.1f} MiB in all.")
     first, all_logs = [], {}
     watch = Watch(len(files), progress)
     for file in files:
@@ -93,6 +104,19 @@ def drop_logs(forget: Callable[[], None], progress: DeltaGenerator) -> list[Log]
         help="A file may hold several tables; the one with the most numbers is proposed.",
     )
     return _joined([all_logs[key] for key in chosen])
+
+
+def offer_new_import(forget: Callable[[], None]) -> None:
+    """Offer to close all logs, whichever step is open; ``forget`` clears their entries."""
+    if not dropped():
+        return
+    hint = "Closes all logs and clears inertias, runs and confirmations."
+    st.button(_NEW_IMPORT, on_click=_close, args=(forget,), help=hint)
+    if added := st.session_state.get(_ADDED):
+        show_warning(
+            f"{added} is added to the logs of the finished import, with its drive data and inertias. "
+            f'For another robot or measurement, click "{_NEW_IMPORT}" and drop the new log again.'
+        )
 
 
 def dropped() -> list[Dropped]:
@@ -138,23 +162,44 @@ def once(key: str, _compute: Callable[[], T]) -> T:
     return _compute()
 
 
-def _take(forget: Callable[[], None]) -> None:
+def _uploader() -> str:
+    """Key of the uploader; another one holds no files."""
+    number = st.session_state.get(_CLOSED, 0)
+    return f"{_UPLOADER} {number}" if number else _UPLOADER
+
+
+def _take(forget: Callable[[], None], finished: Callable[[], bool]) -> None:
     """Open the uploaded files beside the held ones, and close those removed from the uploader."""
     files: dict[str, Dropped] = {file.digest: file for file in st.session_state.get(_HELD, [])}
-    for file in st.session_state.get(_UPLOADER) or []:
+    held, was_finished = [*files], finished()
+    for file in st.session_state.get(_uploader()) or []:
         data = file.getvalue()
         digest = blake2b(data, digest_size=16).hexdigest()
         files[digest] = Dropped(file.name, data, digest)
     if not files and dropped():
         forget()
+    new = [file.name for digest, file in files.items() if digest not in held]
+    if held and new and was_finished:
+        st.session_state[_ADDED] = listed(new)
+        unconfirm()
     st.session_state[_FILES] = list(files.values())
     go_on()
 
 
+def unconfirm() -> None:
+    """Withdraw all confirmations: the entries of other logs are to be checked again."""
+    for key in [key for key in st.session_state if str(key).startswith("import confirmed ")]:
+        del st.session_state[key]
+
+
 def _close(forget: Callable[[], None]) -> None:
+    """Close all logs, those in the uploader too: no field stays on the page with its old value."""
     forget()
-    held = {file.digest for file in st.session_state.pop(_HELD, [])}
-    st.session_state[_FILES] = [file for file in dropped() if file.digest not in held]
+    unconfirm()
+    for key in (_HELD, _FILES, _ADDED):
+        st.session_state.pop(key, None)
+    st.session_state[_CLOSED] = st.session_state.get(_CLOSED, 0) + 1
+    go_on()
 
 
 def _short(keys: Iterable[str]) -> str:

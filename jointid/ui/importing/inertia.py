@@ -35,12 +35,12 @@ _LINK_UNITS: dict[str, tuple[str, Mapping[str, float]]] = {
 }
 """Label and options of each choice for an arm of links, with their factors to SI."""
 _LINKS = {
-    "length": ("Link lengths", "length unit", "0.705, 0.755"),
-    "mass": ("Link masses", "mass unit", "45, 70"),
+    "length": ("Link lengths", "length unit", "0.8, 0.6"),
+    "mass": ("Link masses", "mass unit", "40, 60"),
     "centre": ("Distances of the centres of mass from the joints", "length unit", "0.30, 0.30"),
-    "link": ("Link inertias about their centres of mass", "link unit", "2.2, 9.0"),
-    "rotor": ("Rotor inertias", "link unit", "0.0025, 0.0010"),
-    "pose": ("Joint angles of the logs' pose", "angle unit", "-32, 44"),
+    "link": ("Link inertias about their centres of mass", "link unit", "3, 5"),
+    "rotor": ("Rotor inertias", "link unit", "0.003, 0.002"),
+    "pose": ("Joint angles of the logs' pose", "angle unit", "-30, 60"),
 }
 """Label, unit and example of each entry for an arm of links."""
 _UPLOADS = "import_toml_uploads"
@@ -79,10 +79,8 @@ def ask_nominal(joints: int) -> Elasticity | None:
     """
     left, right = st.columns(2)
     help_ = "The controller's present values; the app compares them with the identified ones."
-    K = enter_text(left, "import nominal K", "Nominal K (N·m/rad), optional", "", help_, "20, 3.5")
-    D = enter_text(
-        right, "import nominal D", "Nominal D (N·m·s/rad), optional", "", help_, "0.10, 0.015"
-    )
+    K = enter_text(left, "import nominal K", "Nominal K (N·m/rad), optional", "", help_, "30, 5")
+    D = enter_text(right, "import nominal D", "Nominal D (N·m·s/rad), optional", "", help_, "0.2, 0.05")
     if not K.strip() and not D.strip():
         return None
     for name, text in (("K", K), ("D", D)):
@@ -120,12 +118,12 @@ def show_inertia(robot: KnownRobot) -> None:
 def _by_numbers(ratios: Sequence[float]) -> KnownRobot | None:
     n = len(ratios)
     M, M_unit, M_side = _row(
-        "Rotor inertias M, one per joint", "M", ", ".join(["0.0025", "0.0010", "0.0008"][:n])
+        "Rotor inertias M, one per joint", "M", ", ".join(["0.003", "0.002", "0.001"][:n])
     )
     M2, M2_unit, M2_side = _row(
         "Arm inertia M2, rows separated by ;",
         "M2",
-        "0.0041" if n == 1 else "0.0041, 0.0004; 0.0004, 0.0019",
+        "0.005" if n == 1 else "0.005, 0.001; 0.001, 0.002",
     )
     sides = _MOTOR not in (M_side, M2_side) or M_side != M2_side
     if sides:

@@ -21,7 +21,7 @@ from jointid.importing.columns.units import QUANTITIES
 from jointid.importing.map.reasons import assumptions
 from jointid.importing.study import run_counts
 from jointid.ui.importing.entries import Asked
-from jointid.ui.importing.files import Log, choose_log, drop_logs, once, show_raw
+from jointid.ui.importing.files import Log, choose_log, drop_logs, offer_new_import, once, show_raw
 from jointid.ui.importing.mapping import (
     entries_of,
     keep_mapping,
@@ -35,6 +35,7 @@ from jointid.ui.importing.mapping import (
 from jointid.ui.importing.saved_import import (
     clear_entries,
     forget_import,
+    is_finished,
     keep_import,
     show_storage_state,
 )
@@ -71,9 +72,10 @@ def import_steps(progress: DeltaGenerator) -> None:
 
     ``progress`` is a place for that of long work, visible whichever step is open.
     """
+    offer_new_import(clear_entries)
     steps = Steps()
     with steps.step(LOGS):
-        logs = drop_logs(clear_entries, progress)
+        logs = drop_logs(clear_entries, is_finished, progress)
         keep_import()
         show_storage_state()
         log = choose_log(logs) if logs else None

@@ -60,6 +60,11 @@ def keep_import() -> None:
         st.session_state.pop(_PROBLEM, None)
 
 
+def is_finished() -> bool:
+    """Whether a study was made from the open logs and entries."""
+    return bool(dropped()) and st.session_state.get(_MADE) == st.session_state.get(_WRITTEN)
+
+
 def show_storage_state() -> None:
     """Show whether the import is kept, and what could not be kept or restored."""
     if problem := st.session_state.get(_PROBLEM):
@@ -73,7 +78,7 @@ def show_storage_state() -> None:
         st.caption(
             "The study made from these logs is kept. Logs and entries stay open in this session only; "
             "the next change stores them again."
-            if st.session_state.get(_MADE) == st.session_state[_WRITTEN]
+            if is_finished()
             else "Logs and entries are kept at this page's address until they are closed or opened as a "
             "study."
         )

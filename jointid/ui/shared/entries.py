@@ -105,7 +105,10 @@ def _decimal(name: str, text: str) -> tuple[float, ...]:
 
 def _number(name: str, piece: str) -> float:
     try:
-        return float(piece)
+        value = float(piece)
+        if math.isinf(value):
+            raise ValueError(value)
+        return value
     except ValueError:
         raise JointIdError(
             f'{name}: "{piece[:40]}" is not a number. Write decimal points, and commas between '
@@ -162,12 +165,24 @@ def enter_number(
     value: Number,
     limits: tuple[Number, Number],
     help_: str = "",
+    *,
+    disabled: bool = False,
 ) -> Number:
-    """Ask for a number within limits."""
+    """Ask for a number within limits. Raises JointIdError beyond them.
+
+    The browser would keep the last valid number to itself, and the page would go on with it.
+    """
     shown = "%d" if isinstance(value, int) else "%g"
     about: dict[str, Any] = {"format": shown, "help": help_ or None}
     ask: Callable[..., Number] = place.number_input
-    return ask(label, *limits, value, **about, **_kept(key))
+    entered = ask(label, None, None, value, disabled=disabled, **about, **_kept(key))
+    low, high = limits
+    if not low <= entered <= high:
+        raise JointIdError(
+            f"{label}: {plain(float(entered))} is not between {plain(float(low))} and "
+            f"{plain(float(high))}."
+        )
+    return entered
 
 
 def choose_from(

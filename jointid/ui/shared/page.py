@@ -15,7 +15,7 @@ from jointid.analysis import reanalysed
 from jointid.figures.style import colours
 from jointid.ui.shared.charts import choose_joint, introduce, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info
-from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, SIMULATE
+from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, REPORT, SIMULATE
 from jointid.ui.shared.results import awaited, note_session, result_cache
 from jointid.ui.shared.sidebar import DEFAULT_METHOD, choose_study, remember_file
 from jointid.ui.shared.workspace import Refused, label, link_to, open_sample, open_study, sample_paths
@@ -24,6 +24,12 @@ Given = ParamSpec("Given")
 Found = TypeVar("Found")
 _SIDE_BY_SIDE = 3
 """Joints whose figures are shown all at once."""
+_ABOUT_MOTIONS = (
+    "What can be done with motions:\n"
+    "- State the band in which the motor moves: `band_hz` of the record in study.toml.\n"
+    "- Record longer, faster sampled or wider motions, to above the resonance; several records help.\n"
+    "- Try the motion on a simulated robot first:"
+)
 _ICON = Path(__file__).with_name("icon.svg")
 _CSS = Path(__file__).with_name("page.css").read_text("utf-8")
 
@@ -49,15 +55,26 @@ class Page:
         """The study's name as the list shows it."""
         return label(self.key)
 
-    def analysis(self) -> Analysis:
-        """Return the result of the whole method; without one, show the reason and end the page."""
+    def analysis(self, *, otherwise: Callable[[], object] | None = None) -> Analysis:
+        """Return the result of the whole method; without one, show the reason and end the page.
+
+        ``otherwise`` shows what the page has without a result.
+        """
         try:
             found = self.analysed()
         except JointIdError as error:
             _show_problem(error)
+            if self.study.motion_records:
+                st.markdown(_ABOUT_MOTIONS)
+                link_to(SIMULATE)
             if any(record.arm_rad is not None for record in self.study.motion_records):
                 st.write("The sensors behind the gears give K of the joints:")
                 link_to(ELASTICITY)
+            if otherwise is None:
+                st.write("The study can be saved:")
+                link_to(REPORT)
+            else:
+                otherwise()
             st.stop()
         at_motor = self.study.gear_ratios is None and self.unit.endswith("joint")
         return found if at_motor else found.shown_in(self.unit)

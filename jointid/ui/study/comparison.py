@@ -63,6 +63,16 @@ def _partner(page: Page) -> str:
     return page.key
 
 
+def analysis_of(other: Page) -> Analysis:
+    """Return the result of the second study; without one, show whose it is and why, and end the page."""
+    try:
+        other.analysed()
+    except JointIdError as error:
+        show_error(f"Second study, {other.label}: {error}")
+        st.stop()
+    return other.analysis()
+
+
 def show_differences(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
     """The answer in a sentence, and K and D of both with their differences."""
     same = page.digest == other.digest

@@ -19,6 +19,7 @@ from jointid.figures import (
     stiffness_over_amplitude,
     torsion_curve,
 )
+from jointid.figures.response_curves import removed_effects
 from jointid.figures.springs import ColourBy
 from jointid.figures.uncertainty import left_out_prediction, normalised_residuals
 from jointid.ui.shared.charts import NO_POSE, choose_joint, choose_segment, download, plot, table
@@ -48,6 +49,10 @@ and $\mathbf b = s^2\boldsymbol\tau - \mathbf M s^4\mathbf q$ (11).
 The real part of b/a is K at every frequency, the imaginary part ωD; bars are ± one standard error.
 Deviations at only some frequencies indicate friction, a torque delay or wrong inertias.
 """
+_REMOVED = (
+    "The points are {removed}, as identified here: with a nonlinear gear they show its linear part, "
+    "where K over amplitude shows the whole gear."
+)
 
 
 def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
@@ -69,10 +74,11 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
         )
     if page.study.motion_records:  # the other figures look at every sine separately
         return found
+    removed = removed_effects(analysis)
     found["Dynamic stiffness"] = per_joint(
         "Dynamic stiffness of joint {0}",
         partial(dynamic_stiffness, fit, nominal=page.study.nominal, unit=unit),
-        _DYNAMIC_STIFFNESS,
+        _DYNAMIC_STIFFNESS + (removed and _REMOVED.format(removed=removed)),
     )
     if all(a.max() > _SPREAD * a.min() for a in (curve.amplitude_Nm for curve in fit.torsion_curves)):
         found["K over amplitude"] = per_joint(
@@ -101,7 +107,14 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         partial(torsion_curve, analysis.fit, colour_by=by, unit=analysis.unit),
         "Torsion curve of joint {0}, torque over deflection with the fitted law",
     )
-    each = [gear_terms(analysis.fit, j, analysis.unit) for j in joints]
+    # One row for all joints, whose largest torques differ and have a row of their own.
+    each = [
+        {
+            f"{name.partition(' at ')[0]} at the largest torque" if " at " in name else name: text
+            for name, text in gear_terms(analysis.fit, j, analysis.unit).items()
+        }
+        for j in joints
+    ]
     names = dict.fromkeys(name for terms in each for name in terms)
     show_text_table(
         {"Gear": list(names)}

@@ -8,10 +8,11 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Motion
+from jointid.arrays import Floats
 from jointid.setpoints.files import FORMATS, set_points
 from jointid.setpoints.from_plan import KINDS, planned_experiment
 from jointid.setpoints.limit_check import check_table, require_within_limits
-from jointid.setpoints.played import play
+from jointid.setpoints.played import PlayedExperiment, play
 from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml
 from jointid.ui.shared.charts import Table, csv_of, download
 from jointid.ui.shared.entries import (
@@ -22,26 +23,28 @@ from jointid.ui.shared.entries import (
     numbers_in,
     numbers_out,
 )
-from jointid.ui.shared.messages import show_error, show_text_table
+from jointid.ui.shared.messages import show_error, show_text_table, show_warning
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.study.plan_form import PlanSettings, pose_inertia
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
 from jointid.uncertainty.planned_records import PlannedRecords
-from jointid.wording import file_stem, percent, significant, three_digits
+from jointid.wording import enumerated, file_stem, percent, significant, three_digits
 
 _LIMITS = {
     "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
     "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As displayed by the robot."),
-    "lower_deg": ("Lowest positions (°)", "-170, -100", ""),
-    "upper_deg": ("Highest positions (°)", "170, 10", ""),
-    "velocity_deg_s": ("Velocities (°/s)", "105, 101", "Largest velocities of the joints."),
-    "acceleration_deg_s2": ("Accelerations (°/s²)", "2600, 2600", "Largest accelerations."),
-    "torque_Nm": ("Motor torques (N·m)", "20, 12", "Largest torques of the motors."),
+    "lower_deg": ("Lowest positions (°)", "-150, -80", ""),
+    "upper_deg": ("Highest positions (°)", "150, 60", ""),
+    "velocity_deg_s": ("Velocities (°/s)", "100, 90", "Largest velocities of the joints."),
+    "acceleration_deg_s2": ("Accelerations (°/s²)", "2000, 1500", "Largest accelerations."),
+    "torque_Nm": ("Motor torques (N·m)", "10, 8", "Largest torques of the motors."),
     "load_Nm": ("Motor torques at rest (N·m)", "0, 4", "Such as gravity at the start; empty: none."),
     "axes": ("Axes of the robot", "1, 2", "Axes that are joints of the study; empty: the first ones."),
     "joint_names": ("Names of all axes", "joint_1, joint_2", "For ROS 2; empty: joint_1, joint_2, …"),
 }
+_AMPLIFIED = 1.3
+"""Peak over the planned amplitude above which a warning is shown."""
 _SUPERPOSED = "Avoids sticking at reversals; every record then runs forward and back."
 _OPTIONAL = ("load_Nm", "axes", "joint_names")
 _PLAYED: dict[str, tuple[Any, ...]] = {
@@ -96,11 +99,14 @@ def show_set_points(
     choice = (entered, kind, file_format, interval, numbers, superposed)
     known = applied("Check on the simulated robot", f"setpoints {page.digest} {sines}", choice)
     entered, kind, file_format, interval, numbers, superposed = known or choice
-    if known is None or not entered["gear_ratio"].strip():
+    if known is None:
         st.caption(
             "Enter gear ratios, start pose and limits: without them there is no check and no file."
         )
         return
+    needed = [name for name in _LIMITS if name not in _OPTIONAL and not entered[name].strip()]
+    if needed:
+        raise JointIdError(f"Not checked. Enter {enumerated([_LIMITS[name][0] for name in needed])}.")
     scale, repeats, ramp_s, rest_s = numbers
     n = analysis.fit.n
     given: dict[str, Any] = {
@@ -130,16 +136,41 @@ def show_set_points(
     st.caption(
         f"{played.experiment.duration_s:.0f} s. Position, velocity and acceleration at the joint, "
         "torque at the motor. Each peak is the largest of set points, simulated control and exact "
-        "following, for motors and arm. Torque peaks may exceed the planned amplitudes: ramps, "
+        "following, for motors and arm. Peaks may exceed the planned amplitudes: the controller, ramps, "
         "friction, holding torque and, in a multisine, coinciding sine peaks add to them. "
         "Not run on hardware."
     )
     require_within_limits(points.rows, points.scale)
+    st.success("All limits hold.")
+    if isinstance(plan, PlannedRecords):
+        planned = {
+            "torque": (np.abs(plan.torque_Nm).max(axis=0) + played.coulomb_Nm, "N·m"),
+            "velocity": (plan.velocity_rad_s.max(axis=0), "rad/s at the motor"),
+        }
+        show_amplified(played, planned, scale)
     chosen = FORMATS[file_format]
     name = f"{file_stem(analysis.study.name)}_set_points{chosen.ending}"
     download(f"Save the set points ({chosen.title})", points.text, name)
     with st.expander("Header of the file"):
         st.code("\n".join(points.comments), language=None, height=360)
+
+
+def show_amplified(
+    played: PlayedExperiment, planned: dict[str, tuple[Floats, str]], scale: float
+) -> None:
+    """Warn where the peaks of a quantity exceed the planned amplitudes, (n,) with their unit."""
+    for quantity, (amplitude, unit) in planned.items():
+        peaks = [each for each in played.peaks if each.quantity == quantity]
+        values = np.array([np.abs(each.values).max(axis=0) for each in peaks])
+        ratio = np.divide(values, scale * amplitude, out=np.zeros_like(values), where=amplitude > 0)
+        k, j = np.unravel_index(ratio.argmax(), ratio.shape)
+        if ratio[k, j] > _AMPLIFIED:
+            show_warning(
+                f"The {quantity} of joint {j + 1} reaches {significant(float(values[k, j]))} {unit} "
+                f"({peaks[k].source}), {significant(float(ratio[k, j]), 2)} × the planned amplitude: a "
+                "position controller may amplify the motion near a resonance, beyond the plan. If this "
+                "is too much, reduce the motion scale."
+            )
 
 
 def _load_limits(keys: dict[str, str]) -> None:

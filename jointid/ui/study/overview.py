@@ -14,13 +14,20 @@ from jointid.estimation.quantities import Quantity
 from jointid.figures.response_curves import removed_effects
 from jointid.files.digest import study_digest
 from jointid.ui.shared import workspace
-from jointid.ui.shared.messages import markdown_escape, show_error, show_note, show_text_table
+from jointid.ui.shared.messages import (
+    markdown_escape,
+    show_error,
+    show_note,
+    show_text_table,
+    show_warning,
+)
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.ui.shared.page import Page
 from jointid.verdict.evidence import Change
 from jointid.wording import UNDETERMINED, capitalised, counted, plain, significant, unbroken
 
 _PREVIEWED, _BEFORE = "previewed_change", "study_before_change"
+_APPLIED = "change_applied"
 _SUFFIX = ", corrected"
 _PART = "corrections"
 
@@ -29,6 +36,8 @@ def show_changes(page: Page) -> None:
     """List the changes of the data as logged, with a way back."""
     if not page.study.changes:
         return
+    if st.session_state.pop(_APPLIED, False):  # the box below may be out of sight
+        st.toast("The study is changed. What changed, and Undo, are at the top of the page.")
     with st.container(border=True):
         show_note(f"Changed from the data as logged: {' '.join(page.study.changes)}")
         before = _before(page.digest)
@@ -38,10 +47,11 @@ def show_changes(page: Page) -> None:
 
 def offer_changes(page: Page, analysis: Analysis, finding: Finding) -> None:
     """Offer the changes that may remedy a finding, and the answer with the one being looked at."""
-    if not finding.changes:
+    fault = _is_fault(finding)
+    if not finding.changes or (analysis.state == NOT_USABLE and not fault):
         return
     texts = [label(page.study, change) for change in finding.changes]
-    kind = "Fix it" if _is_fault(finding) else "Optional"
+    kind = "Fix it" if fault else "Optional"
     with st.container(horizontal=True):
         for text in texts:
             chosen = (page.digest, text)
@@ -67,11 +77,14 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
         if change.kind in ("order", "scale"):
             st.caption("The residuals in the finding are those of a quick check without friction.")
         show_note(after.headline)
+        helps = after.state != NOT_USABLE
+        if not helps:
+            show_warning("The answer stays not usable with this change alone.")
         with st.container(horizontal=True):
             st.button(
                 "Apply",
                 key="apply_change",
-                type="primary",
+                type="primary" if helps else "secondary",
                 on_click=_apply,
                 args=(page, study),
                 help="Makes a new study with this change. The current one stays in the list.",
@@ -103,6 +116,7 @@ def _apply(page: Page, study: Study) -> None:
     with workspace.noting_problems("The change can be undone in this session only. "):
         workspace.keep_part(_PART, "Study before a change", digest, before.encode())
     st.session_state.setdefault(_BEFORE, {})[digest] = before
+    st.session_state[_APPLIED] = True
     _look_at(None)
 
 
@@ -139,7 +153,7 @@ def show_heading(page: Page) -> None:
     study = page.study
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
     badge = f":gray-badge[{study.origin or 'origin not stated'}]"
-    listed = [] if page.label == study.name else [markdown_escape(page.label)]
+    listed = [] if page.label == study.name else [f"listed as {markdown_escape(page.label)}"]
     st.markdown(" &nbsp;·&nbsp; ".join([badge, *listed, *study.facts]))
     for text in (study.description, *study.remarks):
         if text:

@@ -1,6 +1,7 @@
 """Experiment planning: limits, suggested records, and an own plan."""
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -8,8 +9,10 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid import Analysis, Inertia, JointIdError
+from jointid.analysis import NOT_USABLE
 from jointid.arrays import Floats
-from jointid.ui.shared.charts import NO_POSE, Table
+from jointid.figures.uncertainty import worst_error
+from jointid.ui.shared.charts import NO_POSE, Table, csv_of, download
 from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text, numbers_in
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
@@ -23,7 +26,14 @@ from jointid.uncertainty.plan import (
     suggest_records,
 )
 from jointid.uncertainty.planned_records import PlannedRecords, phase_deg, phasor_text, planned_records
-from jointid.wording import percent, significant, three_digits
+from jointid.uncertainty.validation import second_amplitude
+from jointid.wording import counted, percent, significant, three_digits
+
+_LARGE_GAIN = (
+    " Such a large gain is plausible: these records are at frequencies and phases where the motion "
+    "depends most on K and D, usually close to a resonance, and the records so far determine the "
+    "inertias. The prediction is as good as the model."
+)
 
 
 @dataclass(frozen=True)
@@ -53,6 +63,10 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     torques = _ask_limits(three, f"plan_torque_{digest[:12]}", label, torque, of)
     label, of = "Velocity amplitudes up to (rad/s)", "of motor and arm, motor side"
     velocities = _ask_limits(four, f"plan_velocity_{digest[:12]}", label, velocity, of)
+    st.caption(
+        "The amplitudes limit the planned sines, followed exactly. Ramps and the controller can make "
+        "higher peaks: the tab Set points checks them against the limits of the robot."
+    )
     pose = ""
     if study.poses:
         used = {record.pose or "" for record in study.records}
@@ -111,6 +125,32 @@ def suggestion(page: Page, settings: PlanSettings, analysis: Analysis) -> Sugges
         ),
         at_once=True,
     )
+
+
+def show_suggestion(page: Page, settings: PlanSettings, found: Suggestion, analysis: Analysis) -> None:
+    """Show the suggested records with the errors that they leave, and offer them as a file."""
+    before, after = (float(found.worst[k]) for k in (0, -1))
+    gain = f": worst error {percent(before)} → {percent(after)}" * (analysis.state != NOT_USABLE)
+    st.header(f"{counted(settings.count, 'additional record')}{gain}", anchor=False)
+    if not gain:
+        st.caption("Predicted with K and D that are not usable: a guide to frequencies, not to errors.")
+    show_text_table(suggested_table(found))
+    for advice in filter(None, (analysis.limit_of_records(found.worst), second_amplitude(analysis.fit))):
+        st.info(advice)
+    st.caption(
+        "Torques: amplitude ∠ phase relative to the first driven joint"
+        + (", without the friction of the motors." if analysis.fit.friction is not None else ".")
+        + " The errors include noise, inertias and torque scale, as in the study."
+        + _LARGE_GAIN * (before > 2 * after)
+    )
+    download(
+        "Save these records (.csv)",
+        lambda: csv_of(suggested_columns(found)),
+        "next_records.csv",
+        hint="With the motor angles, for a controller that follows positions.",
+    )
+    what = "Worst relative error over the number of records added"
+    page.show(f"worst {settings}", partial(worst_error, found), what)
 
 
 def suggested_table(found: Suggestion) -> Table:

@@ -30,6 +30,7 @@ from jointid.ui.shared.entries import (
     numbers_in,
     numbers_out,
 )
+from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.results import run_in_background
 from jointid.wording import plain
 
@@ -76,6 +77,8 @@ _EXPERIMENTS: dict[str, tuple[Any, ...]] = {
     "seed": ("Seed of noise and motion", 1, (0, 2**31 - 1)),
 }
 """Label, default, limits and explanation of each number."""
+_UNUSED = dict.fromkeys(KINDS, ("count",)) | {"moves": ("first", "last", "count")}
+"""Numbers that a motion does not depend on."""
 _LAWS = {
     "cubic": ("Cubic stiffness (N·m/rad³)", "Torque c δ³ in addition to K δ: the gear hardens."),
     "backlash_rad": ("Backlash (rad)", "Total angle between the flanks, seen from the motor."),
@@ -118,10 +121,14 @@ def ask() -> Simulation | None:
     right.markdown("**The experiments**")
     pattern = choose_from(right, "sim_pattern", "Motion", list(_RECORDS))
     places = [place for _ in range(4) for place in right.columns(2)]
-    number = {
-        key: enter_number(place, f"sim_{key}", *entry)
-        for place, (key, entry) in zip(places, _EXPERIMENTS.items(), strict=True)
-    }
+    number, wrong_entries = {}, False
+    for place, (key, entry) in zip(places, _EXPERIMENTS.items(), strict=True):
+        try:
+            unused = key in _UNUSED.get(_RECORDS[pattern], ())
+            number[key] = enter_number(place, f"sim_{key}", *entry, disabled=unused)
+        except JointIdError as error:  # the other entries stay in view
+            show_error(error, place)
+            wrong_entries = True
     st.markdown("**Stated in the study**")
     left, right = st.columns(2)
     wrong = enter_number(left, "sim_wrong", "Error of the inertias (%)", 0.0, (0.0, 90.0), _WRONG_HELP)
@@ -132,9 +139,11 @@ def ask() -> Simulation | None:
     label = "Second set of records with a payload: its addition to M2 (kg·m²), optional"
     example = "0.0012, 0.0005; 0.0005, 0.0009"
     added = enter_text(st.container(), "sim_added", label, "", _ADDED_HELP, example)
-    if not st.button("Simulate", type="primary", key="simulate"):
+    if not st.button("Simulate", type="primary", key="simulate") or wrong_entries:
         return None
     first, last = number["first"], number["last"]
+    if _RECORDS[pattern] == "moves":  # has no frequencies, and its fields cannot be corrected
+        first, last = (_EXPERIMENTS[key][1] for key in ("first", "last"))
     if last < first:
         raise JointIdError(
             f"Last frequency {last:g} Hz lies below the first, {first:g} Hz: exchange them."
@@ -146,7 +155,7 @@ def ask() -> Simulation | None:
     frequencies = np.geomspace(first, last, int(number["count"])).round(4).tolist()
     if kind in KINDS:
         records = max(joints, 2)
-        motion = Motion(kind, frequencies[0], frequencies[-1], seconds, odd=kind == "multisine")
+        motion = Motion(kind, float(first), float(last), seconds, odd=kind == "multisine")
         experiment: dict[str, Any] = {"experiment": motion, "records": records}
     else:
         records = len(frequencies) * joints
@@ -167,7 +176,7 @@ def ask() -> Simulation | None:
         "measurement": Measurement(
             encoder_counts=int(number["counts"]) or None,
             torque_noise_Nm=float(number["noise"]),
-            torque_gain=numbers_in("Logged torque / true torque", gain, count=joints),
+            torque_gain=_positive("Logged torque / true torque", gain, joints),
         ),
         "gears": tuple(Gear(**dict(zip(laws, row, strict=True))) for row in of_gears),
         "inertia_error": float(wrong) / 100,
@@ -184,6 +193,13 @@ def ask() -> Simulation | None:
         f"N·m; seed {int(number['seed'])}.{_errors(campaign)}",
     }
     return Simulation(campaign, study, records * (1 if payload is None else 2))
+
+
+def _positive(name: str, text: str, joints: int) -> tuple[float, ...]:
+    values = numbers_in(name, text, count=joints)
+    if not all(value > 0 for value in values):
+        raise JointIdError(f"{name}: {text.strip()[:60]}. Give positive numbers.")
+    return values
 
 
 def simulated_study(simulation: Simulation, progress: Callable[[float], None]) -> Study:
