@@ -38,7 +38,9 @@ UNSTATED_TORQUE_SCALE = (
     "The torque scale is not stated: K, D and the inertias hold if the torque constants are exact. If "
     "they are known to 2 %, set std = 0.02 under [torque] in study.toml or in the inertia file."
 )
-ERROR_BARS = "± is one standard error from all causes."
+ERROR_BARS = (
+    "± is one standard error from noise, inertias, choice of model and, if stated, torque constants."
+)
 _ELSEWHERE = ("K", "D", "curve", "M", "M2", "torque_scale")
 """Quantities with tables of their own, and the friction curve: its coefficients mean nothing alone."""
 

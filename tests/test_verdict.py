@@ -301,6 +301,16 @@ def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | No
     return found[0] if found else None
 
 
+def test_motors_that_stand_still_are_not_logged_in_microseconds() -> None:
+    """Their records would last microseconds."""
+    phasors = extract_phasors(scaled(angle=1e-12))
+    inertias = [SERIAL] * phasors.omega.size
+    long = replace(phasors, duration_s=1e6 * phasors.duration_s)
+    (found,) = wrong_data(long, inertias)
+    assert found.title == "Time is probably in microseconds but was read as seconds"
+    assert not any("Time" in finding.title for finding in wrong_data(phasors, inertias))
+
+
 @pytest.mark.parametrize(
     ("angle", "torque", "title", "detail"),
     [

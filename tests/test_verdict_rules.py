@@ -796,10 +796,10 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
     for title, lasts in (("Time is probably in milliseconds", True), ("M and M2 are probably", False)):
         (cause,) = (each for each in CAUSES if each.title.startswith(title))
         factor = cause.factor * np.array([1.0, 1.09])
-        found = cause_findings._common_cause(cause, factor, "", 5.0, 1.0)
+        found = cause_findings._common_cause(cause, factor, "", 5000.0, 1.0)
         assert ("The longest record then lasts 5 s" in found.detail) == lasts
         assert "then remains" not in found.remedy
-        more = cause_findings._common_cause(cause, factor * [1, 1.02], "", 5.0, 1.0)
+        more = cause_findings._common_cause(cause, factor * [1, 1.02], "", 5000.0, 1.0)
         assert "A factor of 1.11 then remains in joint 2" in more.remedy
 
 

@@ -186,9 +186,14 @@ def cut_by(
 def gears_text(outcome: Outcome) -> str:
     """Path error if the servo assumes the identified laws of nonlinear gears."""
     run = cut_with_laws(outcome.robot, outcome.toolpath, friction=outcome.robot.friction)
+    return f"The simulated robots have the identified gear laws. {with_laws_text(run)}"
+
+
+def with_laws_text(run: TrackingRun) -> str:
+    """State the path error of a servo that assumes the gear laws as well."""
     return (
-        "The simulated robots have the identified gear laws. If the servo assumes these laws as well, "
-        f"the path error is {millimetres(run.max_contour_error_m)}."
+        "If the servo assumes these laws as well, the path error is "
+        f"{millimetres(run.max_contour_error_m)}."
     )
 
 
@@ -247,8 +252,8 @@ def remaining_error_text(
         f"D it changes by {millimetres(outcome.spread_m)} (95th percentile shown)."
     )
     if outcome.before_m < outcome.after_m:
-        text += (
-            " The smaller error before is a coincidence: the wrong springs cancel part of the remaining "
-            "error."
+        wrong = (
+            "the missing compensation cancels" if outcome.assumed is None else "the wrong springs cancel"
         )
+        text += f" The smaller error before is a coincidence: {wrong} part of the remaining error."
     return text

@@ -61,7 +61,7 @@ def code_listing(analysis: Analysis, language: str) -> str:
         warning_text(analysis, "The values are comments.") if unusable else f"{name}: {analysis.state}",
         name if unusable else " ".join(answer_text(analysis).split()),
         origin_text(analysis),
-        "Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error from all causes",
+        "Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error",
     ]
     gears = {j: gear for j, gear in enumerate(fit.gears) if gear.kind != "linear"}
     if gears:

@@ -31,8 +31,8 @@ def finding_of(
 
     ``before`` and ``after`` are the misfits of the records as logged and as the hypothesis corrects
     them; ``side`` is the scaled signal according to the coupling of the joints ("torque", "angle",
-    "both", or empty if undecided), ``duration_s`` the length of the longest record, and ``K``, shape
-    (n,), the stiffness of the corrected records.
+    "both", or empty if undecided), ``duration_s`` the length of the longest record as logged, and ``K``,
+    shape (n,), the stiffness of the corrected records.
     """
     proof = _proof(before, after)
     if hypothesis.kind in _WHOLE:
@@ -193,7 +193,9 @@ def _proof(before: float, after: float) -> str:
 def _common_cause(cause: Cause, factor: Floats, proof: str, duration_s: float, effect: float) -> Finding:
     rest = factor / cause.factor
     left = np.flatnonzero(np.abs(np.log(np.abs(rest))) > np.log(1.1))
-    lasts = f" The longest record then lasts {number(duration_s)} s." if cause.signal == "time" else ""
+    lasts = ""
+    if cause.signal == "time":
+        lasts = f" The longest record then lasts {number(duration_s / np.sqrt(cause.factor))} s."
     also = ""
     if left.size:
         also = (

@@ -184,6 +184,5 @@ def _all_well(fit: ElasticityFit) -> Finding:
     parts = " with " + enumerated(beyond) if beyond else ""
     return good(
         "The model explains the data",
-        f"Residual of the model{parts}: {times_noise(fit.misfit)}. "
-        f"One standard error from all causes: {errors}.",
+        f"Residual of the model{parts}: {times_noise(fit.misfit)}. One standard error: {errors}.",
     )

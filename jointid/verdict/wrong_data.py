@@ -27,6 +27,9 @@ _RIGHT = 1.8  # a factor within this is that of inertias that are somewhat off
 _BETTER = 0.1  # share of the misfit that corrected data may leave
 _GRID, _GRID_POINTS, _FARTHEST = 0.24, 17, 0.5  # logarithms around a rough ratio
 _LARGEST_FACTOR = 5e3  # degrees taken for radians twice, and a little more
+_SHORTEST_S = (
+    0.01  # shortest record that a wrong unit of time may leave; the times as logged last longer
+)
 _MOST_JOINTS = 4  # above, the combinations of hypotheses are too many
 _FACTORS = tuple(cause.factor for cause in CAUSES)
 
@@ -65,6 +68,8 @@ def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, 
             found = scorer.scores(possible).cost
             found[found > _BETTER * cost.min()] = np.inf  # a free ratio always reduces the misfit
             tried, cost = [*tried, *possible], np.concatenate([cost, found])
+    shortest = _SHORTEST_S / float(phasors.duration_s.max())
+    cost[[bool(np.all(h.factor > shortest**-2.0)) for h in tried]] = np.inf  # motors that stand still
     if least_misfit(phasors.omega, phasors.z, phasors.covariance) > GOOD:
         for k in np.flatnonzero(cost < bar):
             if not _supplies_power(phasors, tried[k]):

@@ -13,6 +13,7 @@ from jointid.cut.outcome import (
     at_most,
     millimetres,
     remaining_error_text,
+    with_laws_text,
 )
 from jointid.cut.path_deflection import (
     COLUMNS_MEANING,
@@ -26,7 +27,7 @@ from jointid.cut.servo import Servo
 from jointid.figures.style import colours
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture, window
-from jointid.ui.cut.settings import CutSettings
+from jointid.ui.cut.settings import CutSettings, usual
 from jointid.ui.shared.messages import show_note, show_text_table, show_warning
 from jointid.ui.shared.method_steps import CUT
 from jointid.ui.shared.page import Page
@@ -252,4 +253,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 + f" Both simulations include the identified {included}."
                 * (bool(included) and "includes the effects" not in accuracy)
             )
+            if of.gears:
+                run = cached_cuts.with_laws(page, usual(of).after, of)
+                st.caption(f"The simulated gears are nonlinear. {with_laws_text(run)}")
             link_to(CUT, "Watch the cut")

@@ -86,7 +86,7 @@ def show_errors(analysis: Analysis) -> None:
     columns = error_table(analysis.fit, analysis.unit)
     show_text_table({capitalised(name): cells for name, cells in columns.items()})
     st.caption(
-        f"Estimator: **{analysis.fit.method}**. Total: one standard error from all causes; the squares "
+        f"Estimator: **{analysis.fit.method}**. Total: one standard error; the squares "
         f"of its parts add up to its square. K and D {analysis.unit.side}. {PARTS_MEANING}"
     )
     if analysis.study.torque_std is None:
