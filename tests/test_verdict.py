@@ -301,6 +301,15 @@ def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | No
     return found[0] if found else None
 
 
+def test_a_reversed_sign_is_named_by_power_beside_wrong_inertias() -> None:
+    """No hypothesis then explains the torques; the sign is that of the only joint that supplies none."""
+    phasors = extract_phasors(scaled(angle=[1.0, -1.0]))
+    wrong = Inertia(1.8 * SERIAL.M, SERIAL.M2 * np.array([[0.4, 1.0], [1.0, 2.5]]))
+    (found,) = wrong_data(phasors, [wrong] * phasors.omega.size)
+    assert re.fullmatch("The sign of the (position|torque) of joint 2 looks reversed", found.title)
+    assert "gear ratio the other sign" in found.remedy
+
+
 def test_motors_that_stand_still_are_not_logged_in_microseconds() -> None:
     """Their records would last microseconds."""
     phasors = extract_phasors(scaled(angle=1e-12))

@@ -55,7 +55,8 @@ def finding_of(
         return problem(
             f"The sign of the {what} of {whose} looks reversed",
             f"At low frequency the torque is −1 times the value from M and M2. {proof}",
-            f"Set the direction of the {what} of {whose} to reversed on import, or reverse the sign of "
+            f"Set the direction of the {what} of {whose} to reversed on import, give the gear ratio the "
+            "other sign if motor and joint turn in opposite directions, or reverse the sign of "
             f"{columns} in the study's tables: a positive torque then accelerates the motor to positive "
             "positions.",
             1.0,

@@ -30,6 +30,7 @@ _LARGEST_FACTOR = 5e3  # degrees taken for radians twice, and a little more
 _SHORTEST_S = (
     0.01  # shortest record that a wrong unit of time may leave; the times as logged last longer
 )
+_ABSORBED = 100.0  # misfit by power that the motors would absorb, from which it alone shows a sign
 _MOST_JOINTS = 4  # above, the combinations of hypotheses are too many
 _FACTORS = tuple(cause.factor for cause in CAUSES)
 
@@ -75,12 +76,28 @@ def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, 
             if not _supplies_power(phasors, tried[k]):
                 cost[k] = np.inf
     if not cost.min() < bar:
-        return ()
+        tried = _reversed_by_power(phasors, tried)
+        if not tried:
+            return ()
+        cost = scorer.scores(tried).cost
     chosen = tried[int(np.argmax(cost <= 2 * max(cost.min(), 1.0)))]
     after = scorer.scores([chosen])
     side = _side(chosen, float(after.cost[0]), scorer)
     duration_s = float(phasors.duration_s.max())
     return (finding_of(chosen, as_logged, float(after.cost[0]), side, duration_s, after.K[0]),)
+
+
+def _reversed_by_power(phasors: Phasors, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The reversed sign of one joint's angle or torque without which the motors would absorb power.
+
+    Beside friction and wrong inertias no hypothesis explains the torques, and the power still shows it.
+    """
+    if least_misfit(phasors.omega, phasors.z, phasors.covariance) < _ABSORBED:
+        return []
+    signs = [h for h in tried if h.kind in ("angle", "torque") and np.all(np.abs(h.scale) == 1)]
+    found = [h for h in signs if _supplies_power(phasors, h)]
+    joints = {tuple(np.flatnonzero(h.factor < 0)) for h in found}
+    return found if len(joints) == 1 else []
 
 
 def _supplies_power(phasors: Phasors, hypothesis: Hypothesis) -> bool:
