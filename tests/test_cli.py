@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tomllib
@@ -626,18 +627,37 @@ def test_the_app_is_named_when_it_is_missing(tmp_path: Path) -> None:
     assert "does not exist. Give --path" in refused(1, "app", "--path", tmp_path / "app.py")
 
 
-def test_the_app_of_the_checkout_is_started(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_app_of_the_checkout_is_started_and_ends_its_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A server that outlives a terminated ``jointid app`` would keep the port."""
     called: list[Any] = []
 
-    def started(command: list[str], **more: Any) -> subprocess.CompletedProcess[bytes]:
-        called.append((command, more["cwd"]))
-        return subprocess.CompletedProcess(command, 0)
+    class Started:
+        def __init__(self, command: list[str], **more: Any) -> None:
+            called.append((command, more["cwd"]))
 
-    monkeypatch.setattr(subprocess, "run", started)
-    ok("app", "--port", 8600)
-    ((command, folder),) = called
+        def __enter__(self) -> Started:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def terminate(self) -> None:
+            called.append("terminated")
+
+        def wait(self) -> int:
+            os.kill(os.getpid(), signal.SIGTERM)
+            return -signal.SIGTERM
+
+    monkeypatch.setattr(subprocess, "Popen", Started)
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        ok("app", "--port", 8600)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    (command, folder), ended = called
     assert command[1:] == ["-m", "jointid.ui.server", str(ROOT / "app.py"), "8600"]
     assert folder == ROOT
+    assert ended == "terminated"
 
 
 def test_files_are_written_completely_or_not_at_all(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -174,8 +175,10 @@ def start_app(
     # Streamlit reads .streamlit/config.toml beside the script as well as in the current folder.
     command = [sys.executable, "-m", "jointid.ui.server", str(script), str(port)]
     try:
-        code = subprocess.run(command, cwd=script.parent, check=False).returncode
+        with subprocess.Popen(command, cwd=script.parent) as server:
+            signal.signal(signal.SIGTERM, lambda *_: server.terminate())
+            code = server.wait()
     except KeyboardInterrupt:
         return
-    if code:
+    if code and code != -signal.SIGTERM:
         raise JointIdError(f"The app ended with code {code}; see the message of the server above.")
