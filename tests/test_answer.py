@@ -174,7 +174,8 @@ def test_an_answer_usable_with_care_states_the_reason(study: Study) -> None:
     assert "times as stiff" in analysis.headline
     assert answer_text(analysis).endswith("is exact. Usable with care: A warning.")
     blocks = make_report(analysis, cut=False).sections[0].blocks
-    assert blocks[1] == Paragraph("Usable with care: A warning.")
+    assert blocks[0] == Paragraph("Usable with care: A warning.")
+    assert blocks[1] == Paragraph(analysis.headline, "lead")
 
 
 def test_the_parts_of_the_error_add_up_to_the_standard_error(study: Study) -> None:

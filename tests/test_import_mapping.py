@@ -656,7 +656,7 @@ def pairs_of(table: LogTable) -> list[tuple[str, str]]:
         (("q1", "q2"), ("trq axis1", "trq axis2")),
         (("Pos 1", "Pos 1"), ("Moment 1", "Moment 2")),
         (("Pos 1", "Pos 2"), ("Moment", "Moment")),
-        (("Axis 2.ActPos", "Axis 3.ActPos"), ("Drive 3.Torque", "Drive 4.Torque")),
+        (("Axis 2.ActPos", "Axis 3.ActPos"), ("Drive 4.Torque", "Drive 5.Torque")),
     ],
 )
 def test_columns_are_paired_by_words_and_numbers(
@@ -694,6 +694,13 @@ def test_pairs_by_order_must_be_confirmed_and_numbers_with_gaps_make_none() -> N
     by_order = guessed("Axis 2.ActPos", "Axis 3.ActPos", "Drive 4.Torque", "Drive 5.Torque")
     asked = {r.what: r.text for r in unsure(by_order)}
     assert all("the order of the numbers" in asked[f"torque of joint {k}"] for k in (1, 2))
+    for torques in (
+        ("Axis 2 torque", "Axis 3 torque"),
+        ("Axis 3 torque", "Axis 4 torque"),
+        ("Drive 2 torque", "Drive 3 torque"),
+    ):  # the same words, or a number in common
+        other = guessed("Axis 1 position", "Axis 2 position", *torques)
+        assert "the order" not in " ".join(r.text for r in other.reasons)
     with_gap = guessed("Axis 2.ActPos", "Axis 3.ActPos", "Drive 4.Torque", "Drive 6.Torque")
     assert "the order" not in " ".join(r.text for r in with_gap.reasons)
     (left,) = (r.text for r in with_gap.reasons if r.what == "joints")

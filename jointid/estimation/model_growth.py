@@ -137,8 +137,12 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         wider = [*sharper, *wider]
     elif search.has_motions and _friction_varies_with_speed(search, model, found):
         wider = [replace(model, curve=True), *wider]
-    curved = "cubic" in model.effects and found.misfit < LOST
-    if curved and (search.has_motions or not search.fits.is_certain(model, "cubic", _INIMITABLE)):
+    curved = "cubic" in model.effects
+    if search.has_motions:
+        curved &= found.misfit < LOST
+    elif curved:
+        curved = not search.fits.is_certain(model, "cubic", _INIMITABLE)
+    if curved:
         plain = model.without("cubic")  # slopes may explain as well as it, with another K
         others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
         others = others[::-1] if search.has_motions else others  # their fits are few

@@ -122,7 +122,8 @@ class Search:
         if found is None or found.misfit < LOST or not (is_slow or self.has_motions):
             return True
         least = _SOME if part in ("delay", "lag", *FILTERS, *GEAR_LAWS) else PROMISING
-        return self.scores(model)[part].gain > least * found.cost
+        score = self.scores(model).get(part)  # none if the estimate is too far off
+        return score is not None and score.gain > least * found.cost
 
     def few_rows(self) -> np.ndarray:
         """Rows of sines of evenly spread frequencies around one pose, if there are half as many more."""

@@ -134,21 +134,27 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         yield Table(("", "identified", "unit"), tuple(rows), caption, "lrl")
 
 
+def _known_to(std: float) -> str:
+    """A relative standard deviation in words and per cent."""
+    if std == 0:
+        return "exact"
+    return "unknown" if np.isinf(std) else f"{plain(100 * std)} %"
+
+
 def _entered(study: Study) -> Table:
     """What was entered with the logs, as far as a study keeps it, and what of it is assumed."""
     stated = "given" if study.gear_ratio is not None else "of the robot model"
     ratios = study.gear_ratios
-    std = "unknown" if np.isinf(study.inertia_std) else f"{plain(100 * study.inertia_std)} %"
-    std = "exact" if study.inertia_std == 0 else std
     default = ", assumed where nothing is stated" * (study.inertia_std == INERTIA_STD)
-    scale = None if study.torque_std is None else f"{plain(100 * study.torque_std)} %"
+    unstated = "not stated: assumed exact"
+    scale = unstated if study.torque_std is None else _known_to(study.torque_std)
     ratios_text = None if ratios is None else f"{', '.join(plain(x) for x in ratios.tolist())}, {stated}"
     facts = (
         ("Robot", study.robot or "not stated"),
         ("Date", str(study.date or "not stated")),
         ("Gear ratios, motor turns per joint turn", ratios_text or "not stated"),
-        ("Relative σ of the inertias", f"{std}{default}"),
-        ("Relative σ of the torque scale", scale or "not stated: assumed exact"),
+        ("Relative σ of the inertias", f"{_known_to(study.inertia_std)}{default}"),
+        ("Relative σ of the torque scale", scale),
         ("Not confirmed, assumed", "; ".join(study.assumed) or "nothing"),
     )
     caption = (

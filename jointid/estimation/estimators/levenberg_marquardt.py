@@ -25,10 +25,8 @@ _LAW_STUCK = 2e-2
 """The same of a model with a law of the gears, whose evaluations are slow."""
 LOST, _LOST_STUCK = 100.0, 0.1
 """Misfit of a model far from the data, and the same decrease for such a model of motions."""
-LOST, _LOST_STUCK = 100.0, 0.1
-"""Misfit of a model far from the data; the same of such a model of motions, which no fit uses."""
 _ROUGH_IDLE, _ROUGH_TOLERANCE = 1.0, 0.1
-"""The same as ``_IDLE`` and ``_TOLERANCE`` for such a model."""
+"""The same as ``_IDLE`` and ``_TOLERANCE`` for a rough fit."""
 _TOLERANCE = 1e-2
 """Step in standard errors at which the iteration ends, far below the resolution of the noise."""
 

@@ -57,7 +57,7 @@ def scores(
 ) -> dict[str, Score]:
     """Score of each further part, "friction", "delay" or a key of ``EFFECTS``, by one evaluation.
 
-    An estimate so far off that its derivatives overflow has no scores.
+    An estimate so far off that its derivatives overflow, or that no motion determines, has no scores.
 
     Beside a delay or lags, filters act by the square of their time constant: their slope at zero is that
     of the delay. It is evaluated where the time constant is not zero, and the square extrapolates.
@@ -71,7 +71,10 @@ def scores(
     if any(name in fitted for name in GEAR_LAWS):
         problem = with_law_signals(problem, p)
     with np.errstate(all="ignore"):
-        residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+        try:
+            residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+        except np.linalg.LinAlgError:
+            return {}
         _, gradient, normal = quadratic(residual, p)
     if not np.isfinite(normal).all():
         return {}

@@ -20,7 +20,8 @@ MIN_SNR = 5.0
 
 _MIN_SHARE = 0.03  # amplitude over the largest, in position or torque, of a line that is excited
 _ODD_HARMONIC = 0.25  # torque or acceleration over the fundamental's, below which friction explains it
-_IN_A_SERIES = 0.5  # the same where the next odd multiple is a line, too, and smaller
+_IN_A_SERIES = 0.5  # the same where the torque falls to the next odd multiple as that of friction does
+_FALL = 1.1  # ratio of both torques, over that of a square wave, below which it does
 _OTHER_HARMONIC = 0.1  # the same at even multiples, and beside lines that are no multiples
 _MIN_MOTION = 0.02  # motion of a joint over the largest, below which its lines are ignored
 _FLOOR_BINS = 20  # spectral bins to each side of a line that give its noise floor
@@ -147,8 +148,8 @@ def _is_harmonic(k: int, g: int, hz: Floats, position: Floats, torque: Floats, s
     share = np.minimum(orders**2 * position / position[g], torque / torque[g])
     if not multiples.all() or order % 2 == 0:
         return bool(share[k] < _OTHER_HARMONIC)
-    following = share[np.round(orders) == order + 2]
-    falls = following.size > 0 and following.max() < share[k]  # as the series of friction does
+    following = torque[np.round(orders) == order + 2]
+    falls = following.size > 0 and following.max() < _FALL * order / (order + 2) * torque[k]
     return bool(share[k] < (_IN_A_SERIES if falls else _ODD_HARMONIC))
 
 

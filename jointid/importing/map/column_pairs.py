@@ -1,5 +1,6 @@
 """Pair the columns of a log: position and torque of each joint."""
 
+import re
 from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
@@ -14,6 +15,8 @@ NO_COLUMN = LogColumn("", np.zeros(0))
 _OTHER = {"position": "torque", "torque": "position"}
 _CLEAR = 1.5  # score of a position whose name or unit says so
 _MAX_LESS_CLEAR = 0.5  # score below the least clear pair, up to which an unpaired column is reported
+_STEM = re.compile(r"[^a-z]*[0-9]")
+"""End of the words before the first number of a name."""
 _ADD_JOINT = "Add a joint and choose its columns."
 _Group = dict[str, NamedColumn]
 """The clearest column of each role of one joint."""
@@ -112,16 +115,19 @@ def clearest_pair(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list
 
 
 def _join_by_order(best: _Groups, complete: _Groups) -> set[str]:
-    """Pair positions and torques of other numbers, "Axis 2" with "Drive 4"; return the new keys.
+    """Pair positions and torques of other numbers, "Axis 2, 3" with "Drive 4, 5"; return the new keys.
 
-    Both kinds count their numbers without a gap from their own first one, which is not 0.
+    Both kinds have names of their own, and count without a gap from their own first number.
     """
     entries = [
         sorted((g[role] for g in best.values() if role in g), key=lambda entry: entry.number or 0)
         for role in _OTHER
     ]
     position, torque = ([entry.number or 0 for entry in each] for each in entries)
-    if not position or position == torque or len(position) != len(torque):
+    stems = [{_STEM.split(entry.column.name.casefold())[0] for entry in each} for each in entries]
+    if complete or len(position) < 2 or len(position) != len(torque):
+        return set()
+    if stems[0] & stems[1] or set(position) & set(torque):
         return set()
     for found in (position, torque):
         if found[0] == 0 or found != [*range(found[0], found[0] + len(found))]:
@@ -129,7 +135,6 @@ def _join_by_order(best: _Groups, complete: _Groups) -> set[str]:
     best.clear()
     for pair in zip(*entries, strict=True):
         best[str(pair[0].number)] = dict(zip(_OTHER, pair, strict=True))
-    complete.clear()
     complete |= best
     return set(best)
 

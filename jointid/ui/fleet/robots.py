@@ -151,7 +151,7 @@ def _trend(drift: Drift) -> str:
 
 def _is_clear(drift: Drift, drifts: Drifts) -> bool:
     """Whether a trend is beyond what chance makes among all robots, joints, K and D."""
-    joints = max(row.joints for row in drift.rows)
+    joints = max((row.joints for row in drift.rows), default=0)
     tests = joints * sum(np.isfinite(each.p_value) for pair in drifts.values() for each in pair)
     return bool(drift.p_value * tests < _CHANCE)
 
