@@ -580,3 +580,12 @@ def test_a_search_with_a_large_misfit_tries_free_reversals() -> None:
     assert not Search.has_sought_friction(search, sticking)
     search.fits.tried[Model(0.1, delay=False)] = JointIdError("")
     assert Search.has_sought_friction(search, sticking)
+
+
+def test_no_part_is_promising_where_a_lost_estimate_has_no_scores() -> None:
+    """Derivatives that overflow give no scores: angles in degrees with exact inertias."""
+    found = SimpleNamespace(misfit=5e8, cost=1.0)
+    search = SimpleNamespace(
+        fits=SimpleNamespace(estimate=lambda _: found), has_motions=True, scores=lambda _: {}
+    )
+    assert not Search.may_explain(search, Model(0.0, delay=False), "load")  # type: ignore[arg-type]
