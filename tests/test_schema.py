@@ -81,7 +81,7 @@ def test_toml_in_the_documents_is_valid(page: Path) -> None:
 
 def test_the_study_of_the_reference_is_read(tmp_path: Path) -> None:
     page = ROOT / "docs/reference/study-format.md"
-    (toml,), (csv,) = blocks(page, "toml"), blocks(page, "csv")
+    (toml, _), (csv,) = blocks(page, "toml"), blocks(page, "csv")  # the second is of a robot model
     (tmp_path / "records").mkdir()
     (tmp_path / "study.toml").write_text(toml, "utf-8")
     header, *rows = csv.splitlines()
