@@ -71,12 +71,13 @@ def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, 
             tried, cost = [*tried, *possible], np.concatenate([cost, found])
     shortest = _SHORTEST_S / float(phasors.duration_s.max())
     cost[[bool(np.all(h.factor > shortest**-2.0)) for h in tried]] = np.inf  # motors that stand still
-    if least_misfit(phasors.omega, phasors.z, phasors.covariance) > GOOD:
+    absorbed = least_misfit(phasors.omega, phasors.z, phasors.covariance)
+    if absorbed > GOOD:
         for k in np.flatnonzero(cost < bar):
             if not _supplies_power(phasors, tried[k]):
                 cost[k] = np.inf
     if not cost.min() < bar:
-        tried = _reversed_by_power(phasors, tried)
+        tried = _reversed_by_power(phasors, tried) if absorbed >= _ABSORBED else []
         if not tried:
             return ()
         cost = scorer.scores(tried).cost
@@ -92,8 +93,6 @@ def _reversed_by_power(phasors: Phasors, tried: Sequence[Hypothesis]) -> list[Hy
 
     Beside friction and wrong inertias no hypothesis explains the torques, and the power still shows it.
     """
-    if least_misfit(phasors.omega, phasors.z, phasors.covariance) < _ABSORBED:
-        return []
     signs = [h for h in tried if h.kind in ("angle", "torque") and np.all(np.abs(h.scale) == 1)]
     found = [h for h in signs if _supplies_power(phasors, h)]
     joints = {tuple(np.flatnonzero(h.factor < 0)) for h in found}
