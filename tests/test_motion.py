@@ -258,6 +258,20 @@ def test_stribeck_friction_is_found_in_a_sweep() -> None:
     assert np.all(np.abs(fit.estimate - TRUE) < 3 * fit.standard_error)
 
 
+@pytest.mark.parametrize("presliding_rad", [1e-3, 2e-2])
+def test_friction_that_rises_slowly_after_a_reversal_is_found_in_random_motion(
+    presliding_rad: float,
+) -> None:
+    """D was up to 36 % off, many stated errors and without a warning for short angles."""
+    dahl = {"coulomb": (0.1, 0.02), "viscous": (1e-3, 5e-4), "presliding_rad": presliding_rad}
+    given = records(Motion("random", duration_s=5.0, seed=3), **dahl)
+    fit = identify_motion(given, GIVEN, inertia_std=0.05)
+    assert fit.misfit < 1.5
+    assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
+    assert np.all(relative_error(fit) < [0.005, 0.005, 0.02, 0.02])
+    assert np.abs(fit.parameters["bristle"] / presliding_rad - 1).max() < 0.3
+
+
 @pytest.mark.parametrize(
     ("late", "scale", "highest_hz"), [(0, 1.0, 40.0), (0, 1.0, 24.0), (3, 1.0, 40.0), (0, 0.7, 40.0)]
 )

@@ -184,6 +184,20 @@ def test_a_part_that_few_records_leave_open_is_found_in_all() -> None:
     assert np.abs(found.error).max() < 1e-3, told([found])
 
 
+def test_friction_that_rises_slowly_after_a_reversal_is_fitted() -> None:
+    """Dahl's friction with 5 mrad of presliding: noise of the fitted drift excluded it."""
+    experiment = paper_motions(PAPER, band(PAPER, 0.5, 3, 6), seed=1, noise=0.003, periods=4, **STEP)
+    level = 0.2 * Loads.of(PAPER, experiment).least
+    rubbing = replace(PAPER, coulomb=level, presliding_rad=5e-3)
+    (records,) = simulate([(rubbing, experiment)])
+    found = outcome(Study(records, Inertia(PAPER.M, PAPER.M2)), PAPER.answer)
+    assert not found.alarms, told([found])
+    assert np.abs(found.z).max() < 4, told([found])
+    assert np.abs(found.error).max() < 2e-3, told([found])
+    assert found.analysis is not None
+    assert "motor_presliding" in found.analysis.fit.parameters.layout
+
+
 def combined(robots: tuple[str, ...], inertias: tuple[str, ...]) -> list[Any]:
     """Every robot and every kind of inertias once in a normal run, all combinations in a long one."""
     quick = set(zip(robots, inertias, strict=True))

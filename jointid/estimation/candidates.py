@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
-from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS
+from jointid.estimation.estimators.parameters import EFFECTS, FRICTION_EFFECTS, GEAR_LAWS
 
 EXPLAINED = 1.1
 """Misfit below which richer friction cannot improve the fit noticeably."""
@@ -73,7 +73,7 @@ class Model:
     def without(self, part: str) -> Model:
         """The model with one part less."""
         if part == "friction":
-            rest = tuple(e for e in self.effects if e != "load")
+            rest = tuple(e for e in self.effects if e not in FRICTION_EFFECTS)
             return replace(self, reversal=None, curve=False, effects=rest)
         if part == "delay":
             return replace(self, delay=False)
@@ -242,9 +242,10 @@ class Fits:
 
         Free friction absorbs many small effects that are not friction; this rejects them.
         """
-        if part == "friction" and "load" in model.effects:  # which is judged itself
+        if part == "friction" and set(FRICTION_EFFECTS).intersection(model.effects):  # judged themselves
             rest, known = estimate.layout["coulomb"], np.diag(estimate.covariance)
-            return bool(np.all(estimate.p[rest] > -_SIGNIFICANT * np.sqrt(known[rest])))
+            level = estimate.p[rest] + estimate.named.effect("motor_presliding")
+            return bool(np.all(level > -_SIGNIFICANT * np.sqrt(known[rest])))
         own = max(1.0, estimate.misfit)
         place = estimate.layout.of_part(part)
         size = estimate.p[place]

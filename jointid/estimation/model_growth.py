@@ -20,6 +20,7 @@ _RICHER = {
     (0.0, False): ((0.03, False), (0.1, False)),
     (0.03, False): ((0.1, False), (0.03, True)),
     (0.1, False): ((0.1, True),),
+    (0.0, True): ((0.03, True), (0.1, True)),
     (0.03, True): ((0.1, True),),
 }
 """Richer friction models for each one: velocity, over the largest, below which friction is free (from a

@@ -13,7 +13,13 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS, Parameters
+from jointid.estimation.estimators.parameters import (
+    EFFECTS,
+    FILTERS,
+    FRICTION_EFFECTS,
+    GEAR_LAWS,
+    Parameters,
+)
 from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.model_fits import filters_before_friction, fit_model, loaded, model_waveforms
 from jointid.estimation.start_values import other_laws, with_delay, without_inertias
@@ -24,8 +30,8 @@ DOUBTFUL = 3.0
 """Misfit from which a model is fitted from other start values, too."""
 PROMISING, _SOME = 0.5, 0.15
 """Score over the cost from which a part is fitted if no model explains the data, also together with a
-law: the first for most parts; the second for a delay, which rotates the phase far, and for another law
-(0.19 with heavy rotors)."""
+law: the first for most parts; the second for a delay, which rotates the phase far, for presliding, whose
+angle may be far from its start, and for another law (0.19 with heavy rotors)."""
 POOR = 10.0
 """Misfit of a model that does not explain the data."""
 MOST_EFFECTS = 3
@@ -121,7 +127,8 @@ class Search:
         found, is_slow = self.fits.estimate(model), model.with_part(part).is_slow
         if found is None or found.misfit < LOST or not (is_slow or self.has_motions):
             return True
-        least = _SOME if part in ("delay", "lag", *FILTERS, *GEAR_LAWS) else PROMISING
+        less = "delay", "lag", "motor_presliding", *FILTERS, *GEAR_LAWS
+        least = _SOME if part in less else PROMISING
         score = self.scores(model).get(part)  # none if the estimate is too far off
         return score is not None and score.gain > least * found.cost
 
@@ -186,8 +193,8 @@ class Search:
         found = self.fits.estimate(model)
         full = len(model.effects) >= MOST_EFFECTS
         absent = [p for p in self.fits.optional if p not in model.parts and not (full and p in EFFECTS)]
-        if model.reversal is None:  # unmodelled Coulomb friction looks like it
-            absent = [part for part in absent if part != "load"]
+        if model.reversal is None:  # unmodelled Coulomb friction looks like them
+            absent = [part for part in absent if part not in FRICTION_EFFECTS]
         if found is None or not absent:
             return {}
         if model not in self._scores or self._scores[model][0] is not found:

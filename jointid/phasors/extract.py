@@ -27,6 +27,8 @@ MANY_HARMONICS = 31
 _VISIBLE = 6.0
 """Standard errors by which a harmonic exceeds the noise."""
 
+_SUPERPOSED = 0.01
+"""Constant velocity over the largest of the sines; below it, it is noise or slow drift."""
 _PER_ROW = ("labels", "segments")
 """Fields of ``Phasors`` that are tuples."""
 
@@ -102,6 +104,12 @@ class Phasors:
         if len(self.segments):
             rows[:] = self.segments
         object.__setattr__(self, "segments", rows)
+
+    @property
+    def is_superposed(self) -> bool:
+        """Whether a constant velocity is added to the sines of a joint, beyond noise and slow drift."""
+        velocity = self.omega[:, None] * np.abs(self.q)
+        return bool(np.any(np.abs(self.drift).max(axis=0) > _SUPERPOSED * velocity.max(axis=0)))
 
     @classmethod
     def joined(cls, parts: Sequence[Phasors]) -> Phasors:

@@ -26,8 +26,10 @@ from jointid.gears.harmonic_balance import WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.start_deflection import first_finite, from_observers
+from jointid.gears.presliding import presliding_bins
 from jointid.gears.torque_spread import ArmFriction, dahl
 from jointid.phasors.periods import phasors_of, samples_of
+from jointid.phasors.segment import Segment
 
 _CLEAR = 3.0
 """Standard deviations from which a harmonic of the torque counts; the others are noise."""
@@ -72,6 +74,8 @@ class JointLaws:
     """Rows that are no segments of motions."""
     motors: MotorMotion | None
     """Motion of the motors in the others."""
+    segments: Mapping[int, Segment] = field(default_factory=dict)
+    """Those of motions by their row."""
     strength: float = 1.0
     """Factor on the observer of the gears in motions."""
     latest: list[Wound] = field(default_factory=list)
@@ -87,6 +91,7 @@ class JointLaws:
         arm: Floats,
         rotor: Floats,
         motors: MotorMotion | None,
+        segments: Mapping[int, Segment],
     ) -> JointLaws:
         """Collect the signals.
 
@@ -103,6 +108,8 @@ class JointLaws:
             M of every record.
         motors : MotorMotion, optional
             Of rows that are segments of motions.
+        segments : mapping of int to Segment
+            These by their row.
         """
         n, H, squared = angle.shape[2], angle.shape[1], (s * s)[..., None]
         noise = variance.copy()
@@ -113,18 +120,21 @@ class JointLaws:
         largest = np.linalg.norm(torque * clear[..., n:], axis=1).max(axis=0)
         arm_angle = np.einsum("rij,rhj->rhi", arm, torque) / squared
         size = np.maximum(np.abs(angle - arm_angle), np.finfo(float).tiny)
-        moving = [row for row, *_ in motors.rows] if motors else []
-        sines = np.setdiff1d(np.arange(len(s)), moving)
+        sines = np.setdiff1d(np.arange(len(s)), list(segments))
         locked = (np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[:, 0]
         middle = np.median(locked[sines] if sines.size else locked, axis=0)
         free = (1 / rotor + np.einsum("rjj->rj", arm)).mean(axis=0)
-        return cls(s, clear[..., n:], np.asarray(largest), samples, middle, free, sines, motors)
+        return cls(
+            s, clear[..., n:], np.asarray(largest), samples, middle, free, sines, motors, segments
+        )
 
     def planned(self, s: Complexes, angle: Complexes) -> JointLaws:
         """The same laws in r other records, at s of shape (r, H) with motor angles (r, H, n)."""
         samples, clear = samples_of(angle.swapaxes(1, 2), _points(s.shape[1])), np.ones_like(angle, bool)
         every = np.arange(len(s))
-        return replace(self, s=s, clear=clear, angle=samples, sines=every, motors=None, latest=[])
+        return replace(
+            self, s=s, clear=clear, angle=samples, sines=every, motors=None, segments={}, latest=[]
+        )
 
     @property
     def low(self) -> np.ndarray:
@@ -293,8 +303,12 @@ class JointLaws:
 
     def presliding(self, bristle: Floats, H: int) -> Complexes:
         """Phasors of z(θ) for presliding angles, shape (n,); shape (r, H, n)."""
-        z = dahl(self.angle, 1 / np.maximum(bristle, _LEAST_ANGLE)[:, None])
-        return phasors_of(z, H).swapaxes(1, 2)
+        sharpness = 1 / np.maximum(bristle, _LEAST_ANGLE)[:, None]
+        found = phasors_of(dahl(self.angle, sharpness), H).swapaxes(1, 2)
+        for row, bins in presliding_bins(self.segments, sharpness).items():
+            found[row] = 0
+            found[row, : len(bins)] = bins
+        return np.asarray(found)
 
     def presliding_slope(self, bristle: Floats, shape: Complexes) -> Complexes:
         """Derivative of the phasors ``shape`` of z(θ) by the presliding angles, shape (r, H, n)."""

@@ -94,6 +94,9 @@ ARM_EFFECTS = ("arm_viscous", "link", "gravity")
 FILTERS = ("position_filter", "torque_filter")
 """Effects that differ from a delay by the square of their time constants only."""
 
+FRICTION_EFFECTS = ("load", "motor_presliding")
+"""Effects that go with Coulomb and viscous friction."""
+
 GEAR_LAWS = ("cubic", "piecewise", "backlash", "hysteresis")
 """Nonlinear laws of the gear."""
 

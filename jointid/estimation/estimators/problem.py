@@ -241,6 +241,7 @@ def make_problem(
         laws = JointLaws.of(
             s, angle, z[..., n:] - torque, variance, arm, prior.M[prior.rotor],
             MotorMotion.of(phasors.segments, prior.pose, "hysteresis" in layout) if bends else None,
+            {row: each for row, each in enumerate(phasors.segments) if each is not None},
         )  # fmt: skip
     repeated = np.zeros((len(s), n))
     for row, segment in enumerate(phasors.segments):

@@ -1,0 +1,27 @@
+"""Presliding friction of motors in motion records, by Dahl's model."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.gears.laws import dahl_from_rest
+from jointid.phasors.segment import Segment, bins_of
+
+
+def presliding_bins(segments: Mapping[int, Segment], sharpness: Floats) -> dict[int, Complexes]:
+    """Phasors of Dahl's z over the motor angles in the bins of each segment, (highest, n), by its row.
+
+    The sharpness, shape (n, 1), is one over the presliding angle. z is zero at the start of a record:
+    the first presliding angles of its motion bring it to its true value.
+    """
+    of_records: dict[int, Floats] = {}
+    found = {}
+    for row, segment in segments.items():
+        velocity = segment.uniform_velocity  # that of all segments of a record
+        if id(velocity) not in of_records:
+            angle = np.cumsum(velocity, axis=1) * segment.interval_s
+            of_records[id(velocity)] = dahl_from_rest(angle, sharpness)
+        z = of_records[id(velocity)][:, segment.begin : segment.end]
+        found[row] = bins_of(z, segment.highest).T
+    return found
