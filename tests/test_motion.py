@@ -270,6 +270,8 @@ def test_friction_that_rises_slowly_after_a_reversal_is_found_in_random_motion(
     assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
     assert np.all(relative_error(fit) < [0.005, 0.005, 0.02, 0.02])
     assert np.abs(fit.parameters["bristle"] / presliding_rad - 1).max() < 0.3
+    assert fit.friction is not None
+    assert np.all(np.abs(fit.friction.coulomb / dahl["coulomb"] - 1) < 0.1)
 
 
 @pytest.mark.parametrize(

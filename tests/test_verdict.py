@@ -1040,6 +1040,20 @@ def test_exchanged_joints_and_wrong_units_are_found_with_uncertain_inertias(
     assert title in first.title
 
 
+@pytest.mark.parametrize("wrong", [1.0, 1.45])
+def test_exchanged_start_values_of_unknown_inertias_are_named(wrong: float) -> None:
+    """Unknown inertias explain any data: K1 would be that of joint 2, without a word."""
+    guess = Inertia(SERIAL.M * [wrong, 1 / wrong], SERIAL.M2)
+    swapped = Inertia(guess.M[::-1], guess.M2[::-1, ::-1])
+    title = "inertias of joints 1 and 2 look exchanged"
+    right, exchanged = (
+        said(analyse(Study(sound(), each, inertia_std=np.inf)).findings, title)
+        for each in (guess, swapped)
+    )
+    assert not right
+    assert exchanged[0].level == "problem"
+
+
 @cache
 def of_rubbing_arm() -> Phasors:
     """Coupled joints with friction of about a third of the torque."""

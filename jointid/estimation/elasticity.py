@@ -32,7 +32,7 @@ class Friction:
     """Friction at the motors, (coulomb + load · |torque through the gear|) sign(θ̇) + viscous · θ̇."""
 
     coulomb: Floats
-    """Shape (n,), N·m."""
+    """Shape (n,), N·m; with presliding, the level after a long move in one direction."""
     viscous: Floats
     """Shape (n,), N·m·s/rad."""
     standard_error: Floats
@@ -192,7 +192,6 @@ def likelihood_fit(
 ) -> ElasticityFit:
     """Result of a chosen model, from joint equations with the compensated phasors."""
     layout, p = estimate.layout, estimate.named
-    error = np.sqrt(np.diag(estimate.covariance))
     fit = replace(
         made_fit(method, estimate, equations, estimate.phasors, prior, curves),
         candidates=choice.candidates,
@@ -216,13 +215,26 @@ def likelihood_fit(
             fit,
             covariance=fit.covariance + np.diag(floor**2),
             unseen_error=floor,
-            friction=Friction(
-                p["coulomb"], p["viscous"], error[layout.span("coulomb", "viscous")], p.effect("load")
-            ),
+            friction=_friction(estimate),
         )
     if "delay" in layout:
-        fit = replace(fit, delay=p.delay, delay_error=float(error[layout["delay"]].item()))
+        where = layout["delay"]
+        fit = replace(
+            fit, delay=p.delay, delay_error=float(np.sqrt(estimate.covariance[where, where].item()))
+        )
     return fit
+
+
+def _friction(estimate: LikelihoodEstimate) -> Friction:
+    """Friction after long moves, when that with presliding has its whole level."""
+    p, C = estimate.named, estimate.covariance
+    coulomb, variance = p["coulomb"], np.diag(C).copy()
+    if "motor_presliding" in p.layout:
+        own, rising = p.layout["coulomb"], p.layout["motor_presliding"]
+        coulomb = coulomb + p["motor_presliding"]
+        variance[own] += variance[rising] + 2 * np.diag(C[own, rising])
+    error = np.sqrt(variance[p.layout.span("coulomb", "viscous")])
+    return Friction(coulomb, p["viscous"], error, p.effect("load"))
 
 
 def made_fit(

@@ -52,6 +52,9 @@ its standard errors beyond that."""
 _LOWER, _FAR_LOWER, _NEARER = 0.7, 0.3, 0.5
 """Misfit of a linear fit, that of one with free friction, and difference from the given inertias in
 standard deviations, over those as logged, from which axes look exchanged or reversed."""
+_FAR, _SURELY = np.log(2.0), 0.2
+"""Logarithm of fitted over given diagonals from which a start value is wrong (start values lie within
+50 %), and largest relative error of the fitted rotor inertias that show it."""
 _Probe = tuple[Model | None, Estimate]
 _CHANCE = 5e-4
 """Probability that any right value differs as far from the given one, and that all together do."""
@@ -63,7 +66,10 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     if np.any(fit.K <= 0) or has_unmodelled_friction(evidence):
         return
     own = judged(evidence)
-    yield from _far_off(evidence) if own is None else inertias_off(evidence, own)
+    if own is None:
+        yield from _far_off(evidence)
+    else:
+        yield from (*starts_exchanged(evidence, own), *inertias_off(evidence, own))
 
 
 def axes_exchanged(evidence: Evidence, scorer: Scorer | None = None) -> Iterator[Finding]:
@@ -203,6 +209,37 @@ def _refitted(
             given, std = prior.given, (prior.inertia_std, prior.torque_std)
             found = identify_motion(evidence.records, given, inertia_std=std[0], torque_std=std[1])
     return found if found is not None and found.misfit <= _EXPLAINED else None
+
+
+def starts_exchanged(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
+    """Unknown inertias whose start values match the fitted ones far better with exchanged joints."""
+    unknown = np.isinf(own.prior.inertia_std) and "M" in own.parameters.layout
+    if not unknown or np.any(own.errors["M"] > _SURELY * own.parameters["M"]):
+        return
+
+    def distances(hypothesis: Hypothesis) -> Floats:
+        starts = [hypothesis.inertia(given) for given in evidence.inertias]
+        pairs = list(zip(own.inertias, starts, strict=True))
+        rotors = [fitted.M / start.M for fitted, start in pairs]
+        arms = [np.diag(fitted.M2) / np.diag(start.M2) for fitted, start in pairs]
+        return np.asarray(np.abs(np.log(rotors + arms)))
+
+    one = np.ones(own.n)
+    before = distances(Hypothesis.of("", one, one))
+    hypotheses = [each for each in axis_hypotheses(own.n) if np.all(each.scale > 0)]
+    after = [distances(each) for each in hypotheses]
+    best = int(np.argmin([each.max() for each in after])) if after else 0
+    if (
+        after
+        and before.max() > _FAR > after[best].max()
+        and (after[best] ** 2).sum() < (before**2).sum() / 4
+    ):
+        largest, left = (significant(float(np.exp(each.max())), 2) for each in (before, after[best]))
+        yield axes_look_wrong(
+            hypotheses[best],
+            f"The fitted inertias differ from the start values by factors up to {largest} as given, and "
+            f"up to {left} with these joints exchanged. K and D follow the order of the columns.",
+        )
 
 
 def _significance(row: PriorRow, exact: bool) -> float:

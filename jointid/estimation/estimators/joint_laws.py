@@ -25,8 +25,8 @@ from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
-from jointid.gears.start_deflection import first_finite, from_observers
 from jointid.gears.presliding import presliding_bins
+from jointid.gears.start_deflection import first_finite, from_observers
 from jointid.gears.torque_spread import ArmFriction, dahl
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.phasors.segment import Segment
