@@ -198,6 +198,26 @@ def test_friction_that_rises_slowly_after_a_reversal_is_fitted() -> None:
     assert "motor_presliding" in found.analysis.fit.parameters.layout
 
 
+@pytest.mark.parametrize("rubs", [False, True])
+def test_a_gear_with_three_slopes_is_found(rubs: bool) -> None:
+    """A cubic law that came near ended the search, with K up to 35 % off (warned)."""
+    experiment = paper_motions(PAPER, band(PAPER, 0.4, 2, 6), seed=1, noise=0.003, periods=4, **STEP)
+    loads = Loads.of(PAPER, experiment)
+    bends = {"knee_rad": 0.2 * loads.deflection, "second_knee_rad": 0.6 * loads.deflection}
+    bends |= {"knee_slope": 1.3, "second_slope": 1.7, "coulomb": 0.1 * rubs * loads.least}
+    (records,) = simulate([(replace(PAPER, **bends), experiment)])
+    found = outcome(Study(records, Inertia(PAPER.M, PAPER.M2)), PAPER.answer)
+    assert not found.alarms, told([found])
+    assert np.abs(found.z).max() < 4, told([found])
+    assert np.abs(found.error[:2]).max() < 0.01, told([found])
+    assert found.analysis is not None
+    for gear, most in zip(found.analysis.fit.gears, loads.deflection, strict=True):
+        slopes = np.diff(gear.torque(most * np.array([0.05, 0.15, 0.3, 0.5, 0.7, 0.9])))[::2]
+        assert slopes / np.array([0.1, 0.2, 0.2]) / most == pytest.approx(
+            gear.K * np.array([1.0, 1.3, 1.7]), rel=0.02
+        )
+
+
 def combined(robots: tuple[str, ...], inertias: tuple[str, ...]) -> list[Any]:
     """Every robot and every kind of inertias once in a normal run, all combinations in a long one."""
     quick = set(zip(robots, inertias, strict=True))

@@ -6,31 +6,29 @@ lower the cost; the best few are fitted, and parts that they make superfluous ar
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import EXPLAINED, NEEDED, Choice, Fits, Model
+from jointid.estimation.candidates import Choice, Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import (
     EFFECTS,
-    FRICTION_EFFECTS,
     GEAR_LAWS,
     ParameterLayout,
     Parameters,
 )
 from jointid.estimation.model_average import spread, spread_of_reversals, spread_of_unseen
+from jointid.estimation.model_climb import climb_from_nearest, climbed, fit_first, fit_laws
 from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_growth import NEARLY_ALL, grown
-from jointid.estimation.model_search import DOUBTFUL, MOST_EFFECTS, POOR, PROMISING, Search
-from jointid.estimation.motion_start import motion_start
+from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.passivity import least_misfit
-from jointid.estimation.start_values import at_resonances, by_motion, friction_start, with_backlash
+from jointid.estimation.start_values import at_resonances, friction_start
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 
@@ -44,10 +42,6 @@ _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
 the noise: its waveform is computed in steps. They shifted K of a robot with a loop of 10 % by 0.06 %."""
 _LAW_ACCURACY = np.array([2e-4, 1e-3])
 """Relative standard error of K and D by these steps: D of robots without noise was 0.04 to 0.1 % low."""
-_FAR_LAWS = "cubic", "backlash", "hysteresis"
-"""Laws that are fitted where the linear fit does not explain the data at all."""
-_CLIMB = 0.7
-"""Ratio of misfits by which a part must lower that of a model far from the data."""
 
 
 def choose_model(
@@ -128,21 +122,21 @@ def _searched(search: Search) -> Choice:
         return _choice(search, search.base)
     if search.first is not None and search.first not in search.fits.tried:
         search.fit(search.first, search.start)
-    _fit_first(search)
+    fit_first(search)
     rows = search.few_rows()
     if search.is_lost and rows.size < phasors.omega.size:
         return _searched_in_few(search, rows)
     if search.is_lost and _inertias_are_wrong(search):
         return _choice(search, search.fits.least(list(search.fits.tried)))
     if search.is_lost and not search.has_motions:
-        _climb_from_nearest(search, PROMISING)
-    _fit_laws(search)
+        climb_from_nearest(search, PROMISING)
+    fit_laws(search)
     if search.is_lost and (search.has_motions or not search.first):
         other = _other_start(search)
         if other.fits.least_misfit < _BETTER * search.fits.least_misfit:
             search = other
-            _fit_first(search)
-            _fit_laws(search)
+            fit_first(search)
+            fit_laws(search)
     best = _best(search)
     linear = [each for each in search.fits.tried if not each.is_slow and search.fits.estimate(each)]
     if search.is_lost and search.has_motions and linear:  # under a wrong law the gears' motion diverges
@@ -195,7 +189,7 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
     if isinstance(choice.estimate, LikelihoodEstimate):
         search.fit(choice.model, choice.estimate.named, compares=False)
     if search.is_lost:  # several parts explained the few
-        _climb_from_nearest(search, NEARLY_ALL)
+        climb_from_nearest(search, NEARLY_ALL)
     return _choice(search, fits.least(list(fits.tried)) if search.is_lost else _best(search))
 
 
@@ -208,7 +202,7 @@ def _best(search: Search) -> Model:
     best = fits.least(list(fits.tried))
     lost = search.is_lost
     if lost:
-        best = _climbed(search, best)
+        best = climbed(search, best)
     if lost or best.reversal is not None:  # parts that only the start values, or gears, suggest
         best = search.pruned(best)
     while not (search.is_spent or (search.is_lost and search.has_sought_friction(best))):
@@ -217,116 +211,8 @@ def _best(search: Search) -> Model:
             break
         best = better
     if not (lost or search.has_motions or search.is_spent) and fits.misfit(best) > POOR:
-        best = search.pruned(_climbed(search, best))  # each of several parts alone helps little
+        best = search.pruned(climbed(search, best))  # each of several parts alone helps little
     return best
-
-
-def _fit_first(search: Search) -> None:
-    """Fit friction first where the start or harmonics show it, else the base.
-
-    Heavy friction biases the plain fit.
-    """
-    fits, start, base = search.fits, search.start, search.base
-    sliding, free = replace(base, reversal=0.0), replace(base, reversal=0.03)
-    by_start = "coulomb" in start.layout
-    if search.is_lost and (by_start or (search.may_have_friction and search.is_distorted)):
-        search.fit(sliding, start)
-        found = fits.estimate(sliding)
-        clear = by_start or fits.is_certain(sliding, "friction")
-        if found and search.may_be_richer(found) and clear:
-            if by_start and search.is_lost:  # sticking biases friction without it
-                search.fit(free, start)
-            if search.is_lost:
-                search.fit(free, found.named)
-    if not by_start and (search.is_lost or sliding not in fits.tried):
-        search.fit(base, start)
-        if fits.misfit(base) > DOUBTFUL and not search.is_distorted:
-            for other in search.free_start():  # wrong inertias may bias the linear estimate
-                search.fit(base, other)
-        if search.is_lost and "delay" in fits.optional:  # the most frequent cause
-            search.fit(base.with_part("delay"), start)
-        if search.is_lost and "friction" in fits.optional and sliding not in fits.tried:
-            search.fit(sliding, start)
-    of_sliding = fits.estimate(sliding)
-    seeks_parts = search.is_lost and not search.has_motions
-    if seeks_parts and of_sliding and NEEDED * of_sliding.misfit < fits.misfit(base) < np.inf:
-        search.fit(free, of_sliding.named)  # what sticking leaves hides further parts
-    if of_sliding is None or of_sliding.misfit <= DOUBTFUL or not search.has_motions:
-        return
-    for part in FRICTION_EFFECTS:
-        if part in fits.optional and search.may_explain(sliding, part):
-            # Coulomb friction may be insignificant, and hence left out, until these are known.
-            search.fit(sliding.with_part(part), of_sliding.named)
-
-
-def _fit_laws(search: Search) -> None:
-    """Fit laws of the gears from their own start values where no other model explains the data."""
-    fits, base = search.fits, search.base
-    if not (search.is_distorted or search.has_motions):
-        return
-    sliding = replace(base, reversal=0.0)
-    plain = fits.misfit(base if base in fits.tried else sliding)  # motors stick
-    needs_friction = NEEDED * fits.least_misfit < plain < np.inf
-    laws = []
-    if not (needs_friction or search.has_motions or search.first):
-        laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
-    if search.may_have_friction:
-        laws += [(sliding, "backlash", begin) for begin in (with_backlash, by_motion)]
-    if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
-        laws.append((fits.least(list(fits.tried)), "backlash", partial(motion_start, backlash=True)))
-    for model, law, begin in laws:
-        if (search.is_lost or search.has_motions) and law in fits.optional:
-            wider = model.with_part(law)
-            search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
-            if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
-                del fits.tried[wider]  # growth beside a law that explains nothing takes long
-
-
-def _climb_from_nearest(search: Search, share: float) -> None:
-    """Add parts to the model that is nearest to the data where one may explain a share of its cost."""
-    nearest = min(search.fits.tried, key=search.fits.misfit)
-    found, scored = search.fits.estimate(nearest), search.scores(nearest)
-    if found and max((s.gain for s in scored.values()), default=0.0) > share * found.cost:
-        _climbed(search, nearest)
-
-
-def _climbed(search: Search, model: Model) -> Model:
-    """The best model after adding the part of the highest score as long as the misfit falls by it.
-
-    With several laws and friction together every model on the way is far off: comparing alternatives
-    there would use up the fits before the complete model is reached. A part may also become significant
-    only with the next one: opposite filters of position and torque cancel their delays.
-    """
-    fits = search.fits
-    while len(model.effects) < MOST_EFFECTS and fits.misfit(model) > EXPLAINED:
-        found, scored = fits.estimate(model), search.scores(model)
-        if found is None or not scored:
-            break
-        parts = sorted(
-            (part for part in scored if search.may_explain(model, part)),
-            key=lambda name: -scored[name].gain,
-        )
-        nearly = [part for part in parts if scored[part].gain > NEARLY_ALL * scored[parts[0]].gain]
-        wider = [model.with_part(part) for part in nearly]
-        for law in set(GEAR_LAWS).intersection(model.effects if parts else ()):  # it may be a wrong one
-            wider.append(model.without(law).with_part(parts[0]))
-        if not wider:  # no part lowers the cost
-            break
-        least = np.inf
-        for each in wider:  # a delay, lags and filters are similar, which their cost distinguishes
-            if not (each.is_slow and least < _CLIMB * found.misfit):
-                search.fit(each, found.named, compares=False)
-                least = min(least, fits.misfit(each))
-        plain = fits.criterion(judged=False)
-        nearest = min(wider, key=lambda each: plain.get(each, np.inf))
-        there = fits.estimate(nearest)
-        gains = [score.gain for score in search.scores(nearest).values()]
-        promises = there and max(gains, default=0.0) > NEARLY_ALL * there.cost
-        if least == np.inf or (least >= _CLIMB * found.misfit and not promises):
-            break
-        model = nearest
-    search.pruned(model)  # friction that it needed on the way may have lost its significance
-    return fits.least(list(fits.tried))
 
 
 def _choice(search: Search, best: Model) -> Choice:

@@ -1,0 +1,142 @@
+"""First fits of a model search, and its way to the data where no simple model comes near them."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from jointid.estimation.candidates import EXPLAINED, NEEDED, Model
+from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS
+from jointid.estimation.model_growth import NEARLY_ALL
+from jointid.estimation.model_search import DOUBTFUL, MOST_EFFECTS, POOR, Search
+from jointid.estimation.motion_start import motion_start
+from jointid.estimation.start_values import by_motion, with_backlash
+
+_FAR_LAWS = "cubic", "backlash", "hysteresis"
+"""Laws that are fitted where the linear fit does not explain the data at all."""
+_CLIMB = 0.7
+"""Ratio of misfits by which a part must lower that of a model far from the data."""
+
+
+def fit_first(search: Search) -> None:
+    """Fit friction first where the start or harmonics show it, else the base.
+
+    Heavy friction biases the plain fit.
+    """
+    fits, start, base = search.fits, search.start, search.base
+    sliding, free = replace(base, reversal=0.0), replace(base, reversal=0.03)
+    by_start = "coulomb" in start.layout
+    if search.is_lost and (by_start or (search.may_have_friction and search.is_distorted)):
+        search.fit(sliding, start)
+        found = fits.estimate(sliding)
+        clear = by_start or fits.is_certain(sliding, "friction")
+        if found and search.may_be_richer(found) and clear:
+            if by_start and search.is_lost:  # sticking biases friction without it
+                search.fit(free, start)
+            if search.is_lost:
+                search.fit(free, found.named)
+    if not by_start and (search.is_lost or sliding not in fits.tried):
+        search.fit(base, start)
+        if fits.misfit(base) > DOUBTFUL and not search.is_distorted:
+            for other in search.free_start():  # wrong inertias may bias the linear estimate
+                search.fit(base, other)
+        if search.is_lost and "delay" in fits.optional:  # the most frequent cause
+            search.fit(base.with_part("delay"), start)
+        if search.is_lost and "friction" in fits.optional and sliding not in fits.tried:
+            search.fit(sliding, start)
+    of_sliding = fits.estimate(sliding)
+    seeks_parts = search.is_lost and not search.has_motions
+    if seeks_parts and of_sliding and NEEDED * of_sliding.misfit < fits.misfit(base) < np.inf:
+        search.fit(free, of_sliding.named)  # what sticking leaves hides further parts
+    if of_sliding is None or of_sliding.misfit <= DOUBTFUL or not search.has_motions:
+        return
+    for part in FRICTION_EFFECTS:
+        if part in fits.optional and search.may_explain(sliding, part):
+            # Coulomb friction may be insignificant, and hence left out, until these are known.
+            search.fit(sliding.with_part(part), of_sliding.named)
+
+
+def fit_laws(search: Search) -> None:
+    """Fit laws of the gears from their own start values where no other model explains the data."""
+    fits, base = search.fits, search.base
+    if not (search.is_distorted or search.has_motions):
+        return
+    sliding = replace(base, reversal=0.0)
+    plain = fits.misfit(base if base in fits.tried else sliding)  # motors stick
+    needs_friction = NEEDED * fits.least_misfit < plain < np.inf
+    laws = []
+    if not (needs_friction or search.has_motions or search.first):
+        laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
+    if search.may_have_friction:
+        laws += [(sliding, "backlash", begin) for begin in (with_backlash, by_motion)]
+    if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
+        laws.append((fits.least(list(fits.tried)), "backlash", partial(motion_start, backlash=True)))
+    for model, law, begin in laws:
+        if (search.is_lost or search.has_motions) and law in fits.optional:
+            wider = model.with_part(law)
+            search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
+            _fit_slopes(search, wider)
+            if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
+                del fits.tried[wider]  # growth beside a law that explains nothing takes long
+
+
+def _fit_slopes(search: Search, model: Model) -> list[Model]:
+    """Fit three slopes in place of a cubic law that comes near the data of sines, but not near enough.
+
+    It suggests the bends from which their fit starts.
+    """
+    found, slopes = search.fits.estimate(model), model.without("cubic").with_part("piecewise")
+    if found is None or found.misfit <= DOUBTFUL or search.has_motions:
+        return []
+    if "cubic" not in model.effects or slopes in search.fits.tried:
+        return []
+    search.fit(slopes, found.named, compares=False)
+    return [slopes]
+
+
+def climb_from_nearest(search: Search, share: float) -> None:
+    """Add parts to the model that is nearest to the data where one may explain a share of its cost."""
+    nearest = min(search.fits.tried, key=search.fits.misfit)
+    found, scored = search.fits.estimate(nearest), search.scores(nearest)
+    if found and max((s.gain for s in scored.values()), default=0.0) > share * found.cost:
+        climbed(search, nearest)
+
+
+def climbed(search: Search, model: Model) -> Model:
+    """The best model after adding the part of the highest score as long as the misfit falls by it.
+
+    With several laws and friction together every model on the way is far off: comparing alternatives
+    there would use up the fits before the complete model is reached. A part may also become significant
+    only with the next one: opposite filters of position and torque cancel their delays.
+    """
+    fits = search.fits
+    while len(model.effects) < MOST_EFFECTS and fits.misfit(model) > EXPLAINED:
+        found, scored = fits.estimate(model), search.scores(model)
+        if found is None or not scored:
+            break
+        parts = sorted(
+            (part for part in scored if search.may_explain(model, part)),
+            key=lambda name: -scored[name].gain,
+        )
+        nearly = [part for part in parts if scored[part].gain > NEARLY_ALL * scored[parts[0]].gain]
+        wider = [model.with_part(part) for part in nearly]
+        for law in set(GEAR_LAWS).intersection(model.effects if parts else ()):  # it may be a wrong one
+            wider.append(model.without(law).with_part(parts[0]))
+        if not wider:  # no part lowers the cost
+            break
+        least = np.inf
+        for each in wider:  # a delay, lags and filters are similar, which their cost distinguishes
+            if not (each.is_slow and least < _CLIMB * found.misfit):
+                search.fit(each, found.named, compares=False)
+                least = min(least, fits.misfit(each))
+        wider += _fit_slopes(search, min(wider, key=fits.misfit))
+        plain = fits.criterion(judged=False)
+        nearest = min(wider, key=lambda each: plain.get(each, np.inf))
+        there = fits.estimate(nearest)
+        gains = [score.gain for score in search.scores(nearest).values()]
+        promises = there and max(gains, default=0.0) > NEARLY_ALL * there.cost
+        if least == np.inf or (least >= _CLIMB * found.misfit and not promises):
+            break
+        model = nearest
+    search.pruned(model)  # friction that it needed on the way may have lost its significance
+    return fits.least(list(fits.tried))
