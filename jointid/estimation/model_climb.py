@@ -75,12 +75,12 @@ def fit_laws(search: Search) -> None:
         if (search.is_lost or search.has_motions) and law in fits.optional:
             wider = model.with_part(law)
             search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
-            _fit_slopes(search, wider)
+            fit_slopes(search, wider)
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
 
 
-def _fit_slopes(search: Search, model: Model) -> list[Model]:
+def fit_slopes(search: Search, model: Model) -> list[Model]:
     """Fit three slopes in place of a cubic law that comes near the data of sines, but not near enough.
 
     It suggests the bends from which their fit starts.
@@ -88,7 +88,7 @@ def _fit_slopes(search: Search, model: Model) -> list[Model]:
     found, slopes = search.fits.estimate(model), model.without("cubic").with_part("piecewise")
     if found is None or found.misfit <= DOUBTFUL or search.has_motions:
         return []
-    if "cubic" not in model.effects or slopes in search.fits.tried:
+    if "cubic" not in model.effects or not search.may_start_again(slopes):
         return []
     search.fit(slopes, found.named, compares=False)
     return [slopes]
@@ -129,7 +129,7 @@ def climbed(search: Search, model: Model) -> Model:
             if not (each.is_slow and least < _CLIMB * found.misfit):
                 search.fit(each, found.named, compares=False)
                 least = min(least, fits.misfit(each))
-        wider += _fit_slopes(search, min(wider, key=fits.misfit))
+        wider += fit_slopes(search, min(wider, key=fits.misfit))
         plain = fits.criterion(judged=False)
         nearest = min(wider, key=lambda each: plain.get(each, np.inf))
         there = fits.estimate(nearest)

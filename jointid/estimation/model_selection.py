@@ -23,7 +23,7 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.model_average import spread, spread_of_reversals, spread_of_unseen
-from jointid.estimation.model_climb import climb_from_nearest, climbed, fit_first, fit_laws
+from jointid.estimation.model_climb import climb_from_nearest, climbed, fit_first, fit_laws, fit_slopes
 from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_growth import NEARLY_ALL, grown
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
@@ -188,6 +188,10 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
         return _choice(search, fits.least(list(fits.tried)))
     if isinstance(choice.estimate, LikelihoodEstimate):
         search.fit(choice.model, choice.estimate.named, compares=False)
+        if "piecewise" in choice.model.effects and search.is_lost:  # the few may not reach all slopes
+            cubic = choice.model.without("piecewise").with_part("cubic")
+            search.fit(cubic, choice.estimate.named, compares=False)
+            fit_slopes(search, cubic)
     if search.is_lost:  # several parts explained the few
         climb_from_nearest(search, NEARLY_ALL)
     return _choice(search, fits.least(list(fits.tried)) if search.is_lost else _best(search))
