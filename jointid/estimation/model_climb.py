@@ -63,7 +63,8 @@ def fit_laws(search: Search) -> None:
         return
     sliding = replace(base, reversal=0.0)
     plain = fits.misfit(base if base in fits.tried else sliding)  # motors stick
-    needs_friction = NEEDED * fits.least_misfit < plain < np.inf
+    linear = min((fits.misfit(each) for each in fits.tried if not each.is_slow), default=np.inf)
+    needs_friction = NEEDED * linear < plain < np.inf
     laws = []
     if not (needs_friction or search.has_motions or search.first):
         laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
