@@ -14,6 +14,9 @@ from jointid.estimation.start_values import by_motion, with_backlash
 
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit does not explain the data at all."""
+_NEAR = 0.5
+"""Ratio of the misfits of a cubic law and of linear gears below which slopes are tried: 0.01 to 0.4 with
+three slopes, mostly more with wrong data."""
 _CLIMB = 0.7
 """Ratio of misfits by which a part must lower that of a model far from the data."""
 
@@ -63,8 +66,7 @@ def fit_laws(search: Search) -> None:
         return
     sliding = replace(base, reversal=0.0)
     plain = fits.misfit(base if base in fits.tried else sliding)  # motors stick
-    linear = min((fits.misfit(each) for each in fits.tried if not each.is_slow), default=np.inf)
-    needs_friction = NEEDED * linear < plain < np.inf
+    needs_friction = NEEDED * _linear_misfit(search) < plain < np.inf
     laws = []
     if not (needs_friction or search.has_motions or search.first):
         laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
@@ -81,15 +83,21 @@ def fit_laws(search: Search) -> None:
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
 
 
+def _linear_misfit(search: Search) -> float:
+    """Least misfit of the models without a law of the gears."""
+    fits = search.fits
+    return min((fits.misfit(each) for each in fits.tried if not each.is_slow), default=np.inf)
+
+
 def fit_slopes(search: Search, model: Model) -> list[Model]:
     """Fit three slopes in place of a cubic law that comes near the data of sines, but not near enough.
 
     It suggests the bends from which their fit starts.
     """
     found, slopes = search.fits.estimate(model), model.without("cubic").with_part("piecewise")
-    if found is None or found.misfit <= DOUBTFUL or search.has_motions:
+    if "cubic" not in model.effects or search.has_motions or not search.may_start_again(slopes):
         return []
-    if "cubic" not in model.effects or not search.may_start_again(slopes):
+    if found is None or not DOUBTFUL < found.misfit < _NEAR * _linear_misfit(search):
         return []
     search.fit(slopes, found.named, compares=False)
     return [slopes]
