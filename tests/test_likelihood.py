@@ -48,7 +48,7 @@ from jointid.estimation.model_average import (
 )
 from jointid.estimation.model_search import Search
 from jointid.estimation.model_selection import choose_model
-from jointid.gears.torque_spread import ArmFriction
+from jointid.gears.arm_friction import PeriodicFriction
 from jointid.motion.friction import friction_waveforms
 
 LINEAR_EFFECTS = tuple(name for name in EFFECTS if name not in NONLINEAR)
@@ -397,9 +397,9 @@ def test_friction_turns_strongly_coupled_arms_back_earlier() -> None:
     torque = np.zeros((2, 15, 2), complex)
     torque[:, 0] = [[1.0, 0.8j], [0.5, -0.7]]
     level, mobility = np.array([0.02, 0.02]), np.linalg.inv(M2) / s[..., None, None]
-    found = ArmFriction.solve(level, mobility, torque, 128)
-    again = ArmFriction.at(level, mobility, torque - level * found.sign, 128)
-    alone = ArmFriction.at(level, mobility, torque, 128)
+    found = PeriodicFriction.solve(level, mobility, torque, 128)
+    again = PeriodicFriction.at(level, mobility, torque - level * found.sign, 128)
+    alone = PeriodicFriction.at(level, mobility, torque, 128)
     size = np.linalg.norm(found.sign)
     assert np.linalg.norm(again.sign - found.sign) < 1e-3 * size < 0.1 * size
     assert np.linalg.norm(alone.sign - found.sign) > 0.02 * size

@@ -19,7 +19,7 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
-from jointid.estimation.model_fits import evaluated, fit_model, motors_of, stepped
+from jointid.estimation.model_fits import evaluated, fit_model, stepped
 from jointid.estimation.model_selection import choose_model
 from jointid.estimation.motion_noise import (
     SAME,
@@ -159,7 +159,7 @@ def _identified(
     if len(phasors.omega) < len(whole[0].omega):
         torques = {each.record: each.torque_variance for each in again.segments if each is not None}
         prior = whole[1]
-        phasors = with_torque_noise(*whole, torques, motors_of(*whole, estimate.named))
+        phasors = with_torque_noise(*whole, torques, prior.motors(whole[0], estimate.named))
         phasors = with_noise(phasors, prior, choice.model, estimate)  # of every record
         noise = noise_of_rows(phasors, prior)
         estimate = fit_model(phasors, prior, estimate.named, noise, choice.model, is_near=True)

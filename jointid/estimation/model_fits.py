@@ -20,7 +20,6 @@ from jointid.estimation.start_values import without_inertias
 from jointid.motion.end_terms import motor_motion
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms, with_load
 from jointid.phasors.extract import Phasors
-from jointid.phasors.segment import Motors
 
 _SAME_FILTER = 0.02
 """Relative difference between time constants below which friction keeps its waveforms. Beyond it they
@@ -62,26 +61,7 @@ def loaded(
     """
     if waveforms is None or "load" not in parts:
         return waveforms
-    return with_load(waveforms, phasors, motors_of(phasors, prior, p))
-
-
-def motors_of(phasors: Phasors, prior: InertiaPrior, p: Parameters) -> list[Motors]:
-    """Parameters of the motors in every record; the phasors of sines hold the stated delays already.
-
-    The rotors of a part of the records have the inertias of the prior.
-    """
-    is_fitted = "M" in p.layout and p["M"].shape == prior.M.shape
-    M = (p["M"] if is_fitted else prior.M)[prior.rotor]
-    stated = np.where(phasors.motion, phasors.torque_delay_s, 0.0)
-    lags = stated[:, None] + p.delay + p.effect("lag")
-    coulomb, viscous, load, scale = (
-        np.asarray(np.broadcast_to(value, phasors.n))
-        for value in (*map(p.effect, ("coulomb", "viscous", "load")), p.torque_scale)
-    )
-    return [
-        Motors(own, coulomb, viscous, load, np.broadcast_to(lag, phasors.n), scale)
-        for own, lag in zip(M, lags, strict=True)
-    ]
+    return with_load(waveforms, phasors, prior.motors(phasors, p))
 
 
 def fit_model(
@@ -119,10 +99,10 @@ def fit_model(
             estimate = fitted(start)
             if not np.isfinite(estimate.cost):  # the gear's motion diverges from some starts
                 raise np.linalg.LinAlgError("not finite")
-            if waveforms is None:
-                return estimate
             same = "load" not in model.effects
-            if "position_filter" in model.effects and not phasors.motion.any():
+            if "arm_coulomb" in model.effects and phasors.motion.any():
+                same = False  # the arms' directions follow from the parameters
+            if waveforms and "position_filter" in model.effects and not phasors.motion.any():
                 found = estimate.named["position_filter"]
                 if not np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):
                     waveforms, same = model_waveforms(phasors, model, estimate.named), False
@@ -171,7 +151,7 @@ def evaluated(
     """
     waveforms = model_waveforms(phasors, model, estimate.named)
     waveforms = loaded(waveforms, model.effects, phasors, prior, estimate.named)
-    problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
+    problem = make_problem(phasors, prior, estimate.layout, estimate.named, waveforms, noise)
     problem = with_law_signals(replace(problem, motion=motor_motion(phasors)), estimate.p)
     found = WhitenedResidual.of(problem, estimate.p, scale)
     if not np.isfinite(found.cost):
@@ -194,6 +174,6 @@ def stepped(
     waveforms = waveforms or model_waveforms(phasors, model, estimate.named)
     waveforms = loaded(waveforms, model.effects, phasors, prior, estimate.named)
     layout = fitted_layout(prior, waveforms, model.delay, model.effects)
-    problem = make_problem(phasors, prior, layout, estimate.named.K, waveforms, noise)
+    problem = make_problem(phasors, prior, layout, estimate.named, waveforms, noise)
     p = problem.start(estimate.named)
     return one_step(with_law_signals(problem, p), p)

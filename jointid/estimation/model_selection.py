@@ -82,13 +82,11 @@ def choose_model(
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
-    motions, excluded = bool(phasors.motion.any()), {"piecewise"}  # in place of a cubic law
+    excluded = {"piecewise"}  # in place of a cubic law
     if gear == "linear":
         excluded |= set(GEAR_LAWS)
     if phasors.is_superposed:  # presliding of sines is computed for angles that return
         excluded.add("motor_presliding")
-    if motions:
-        excluded.add("arm_coulomb")
     parts = ("friction",) * (not friction) + ("delay",) * (not delay)
     parts += tuple(name for name in EFFECTS if name not in excluded)
     optional = () if exactly else parts

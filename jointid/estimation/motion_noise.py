@@ -12,7 +12,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
-from jointid.estimation.model_fits import evaluated, motors_of
+from jointid.estimation.model_fits import evaluated
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Motors
 
@@ -41,7 +41,7 @@ def with_noise(
     by_noise = 1 - np.divide(spread, whole, out=np.zeros(left.shape), where=spread > 0)
     left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
     torques = sensor_noise(phasors, left, residual.at.E)
-    return with_torque_noise(phasors, prior, torques, motors_of(phasors, prior, estimate.named))
+    return with_torque_noise(phasors, prior, torques, prior.motors(phasors, estimate.named))
 
 
 def with_torque_noise(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -10,10 +9,7 @@ from scipy.sparse import csr_array
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.laws import GearLaws
-from jointid.phasors.periods import pairs, phasors_of, samples_of
-
-_NEWTON = 4
-"""Newton steps for the motion of arms with friction: friction of 3 % of the torque takes three."""
+from jointid.phasors.periods import pairs
 
 
 def dahl(delta: Floats, sharpness: Floats) -> Floats:
@@ -146,95 +142,3 @@ def spread(laws: GearLaws, slope: Floats, samples: Floats, m: int, H: int, of: n
 
 def _fourier(samples: Floats, highest: int) -> Complexes:
     return np.asarray(np.fft.rfft(samples, axis=-1)[..., : highest + 1] / samples.shape[-1])
-
-
-@dataclass(frozen=True, eq=False)
-class ArmFriction:
-    """Coulomb friction P = F sign θ̇ of arms in periodic motion θ̇ = Y (f − P) under torques f.
-
-    The friction changes the motion, by more where joints are strongly coupled. Of the samples of the
-    sign only those at its jumps, up to m over a period, change with θ̇.
-    """
-
-    level: Floats
-    """F, shape (n,), N·m."""
-    mobility: Complexes
-    """Y, shape (r, H, n, n)."""
-    sign: Complexes
-    """Phasors of sign θ̇, shape (r, H, n)."""
-    inner: Floats
-    """Change of the samples at jumps by the sines and cosines of θ̇, shape (r, n, m, 2H)."""
-    outer: Floats
-    """Their sines and cosines, shape (r, n, 2H, m)."""
-
-    @classmethod
-    def solve(cls, level: Floats, mobility: Complexes, torque: Complexes, points: int) -> ArmFriction:
-        """Newton steps from the motion without friction under torques f, shape (r, H, n).
-
-        They are halved where they lead away, as with an arm that sticks.
-        """
-        before = force = step = np.zeros_like(torque)
-        least = np.full(len(torque), np.inf)
-        for _ in range(_NEWTON):
-            found = cls.at(level, mobility, torque - force, points)
-            left = level * found.sign - force
-            size = np.linalg.norm(left, axis=(1, 2))
-            better = (size < least)[:, None, None]
-            before, least = np.where(better, force, before), np.fmin(size, least)
-            step = np.where(better, found.settled(left[..., None])[..., 0], 0.5 * step)
-            force = before + step
-        return cls.at(level, mobility, torque - force, points)
-
-    @classmethod
-    def at(cls, level: Floats, mobility: Complexes, torque: Complexes, points: int) -> ArmFriction:
-        """Friction in the motion under torques f − P, shape (r, H, n)."""
-        H = torque.shape[1]
-        waves = pairs(H, points).T
-        x = samples_of((mobility @ torque[..., None])[..., 0].swapaxes(1, 2), points)
-        sign = phasors_of(signs(x), H).swapaxes(1, 2)
-        rise = np.roll(x, -1, axis=-1) - np.roll(x, 1, axis=-1)
-        inside = np.abs(x) < 0.25 * np.abs(rise)
-        place = np.argsort(~inside, axis=-1, kind="stable")[..., : max(1, inside.sum(axis=-1).max())]
-        x, rise = (np.take_along_axis(v, place, axis=-1)[..., None] for v in (x, rise))
-        inside = np.take_along_axis(inside, place, axis=-1)[..., None]
-        rise, own = np.where(inside, rise, np.inf), waves[place]
-        move = (x / rise) * (waves[(place + 1) % points] - waves[place - 1])
-        inner = np.where(inside, 4 * (own - move) / np.abs(rise), 0.0)
-        return cls(level, mobility, sign, inner, (2 / points) * own.swapaxes(2, 3))
-
-    def by_motion(self, change: Complexes) -> Complexes:
-        """Change of P for changes of Y f, both shape (r, H, n, c)."""
-        return self.settled(self._forces(np.asarray(self.inner @ _rows(change))))
-
-    def settled(self, force: Complexes) -> Complexes:
-        """Changes of P that remain of ones at a given motion, which they change; (r, H, n, c)."""
-        r, n, m, _ = self.inner.shape
-        each = np.eye(n * m).reshape(1, n, m, n * m)
-        jumps = self._jumps(self._forces(each)) + np.eye(n * m)
-        sizes = np.linalg.solve(jumps, self._jumps(force))
-        left = self._forces(np.asarray(sizes.reshape(r, n, m, -1)))
-        return np.asarray(force - left)
-
-    def _jumps(self, force: Complexes) -> Floats:
-        """Change of −sign at the jumps with forces (r, H, n, c), shape (r, n m, c)."""
-        found = self.inner @ _rows(self.mobility @ force)
-        return np.asarray(found.reshape(len(found), -1, force.shape[3]))
-
-    def _forces(self, samples: Floats) -> Complexes:
-        """Phasors (r, H, n, c) of F times samples at the jumps, (r, n, m, c)."""
-        found = self.outer @ samples
-        H = found.shape[2] // 2
-        phasors = (found[:, :, :H] + 1j * found[:, :, H:]).swapaxes(1, 2)
-        return np.asarray(self.level[:, None] * phasors)
-
-
-def _rows(phasors: Complexes) -> Floats:
-    """Real above imaginary parts, (r, n, 2H, c), of phasors (r, H, n, c)."""
-    return np.concatenate([phasors.real, phasors.imag], axis=1).swapaxes(1, 2)
-
-
-def signs(x: Floats) -> Floats:
-    """Sign of periodic samples, with a jump that is resolved between samples."""
-    step = 0.25 * np.abs(np.roll(x, -1, axis=-1) - np.roll(x, 1, axis=-1))
-    inside = np.abs(x) < step
-    return np.where(inside, x / np.where(inside, step, 1.0), np.sign(x))

@@ -63,8 +63,9 @@ def fitted_problem(phasors: Phasors, fit: ElasticityFit) -> Problem:
         phasors = replace(phasors, harmonics=phasors.harmonics[:, :1])
         noise = replace(noise, covariance=noise.covariance[:, :1])
     friction = None if fit.friction is None else chosen_friction(phasors, fit)
-    start = np.maximum(np.abs(fit.K), _LEAST_STIFFNESS)
-    return make_problem(phasors, fit.prior, fit.parameters.layout, start, friction, noise)
+    layout, vector = fit.parameters.layout, fit.parameters.vector.copy()
+    vector[layout["K"]] = np.maximum(np.abs(fit.K), _LEAST_STIFFNESS)
+    return make_problem(phasors, fit.prior, layout, layout.named(vector), friction, noise)
 
 
 def chosen_friction(

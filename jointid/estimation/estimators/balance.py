@@ -24,3 +24,11 @@ def wind_up(of_torque: Complexes, arm: Complexes) -> Complexes:
 def noise_of(rows: Iterable[Complexes], covariance: Complexes) -> Floats:
     """Variances, each (r, H, n), of rows (r, H, n, 2n) times signals of a covariance (r, H, 2n, 2n)."""
     return np.stack([((E @ covariance) * E.conj()).sum(axis=3).real for E in rows])
+
+
+def gear_torque(
+    X: Complexes, arm: Complexes, q: Complexes, law: tuple[Complexes, Complexes]
+) -> Complexes:
+    """Torque through the gears, X (q − w + A⁻¹P), shape (r, H, n)."""
+    w, P = law
+    return np.asarray((X @ (q - w + (arm @ P[..., None])[..., 0])[..., None])[..., 0])

@@ -13,6 +13,8 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.joints import Inertia
+from jointid.phasors.extract import Phasors
+from jointid.phasors.segment import Motors
 from jointid.small_matrices import Numbers
 from jointid.wording import counted
 
@@ -197,6 +199,25 @@ class InertiaPrior:
             return np.diag(self.blocks()[name][1].ravel() ** 2)
         common = self.common.ravel()
         return np.asarray(np.diag(self._own.ravel() ** 2) + np.outer(common, common))
+
+    def motors(self, phasors: Phasors, p: Parameters) -> list[Motors]:
+        """Parameters of the motors in every record; the phasors of sines hold the stated delays already.
+
+        The rotors of a part of the records have the inertias of the prior.
+        """
+        is_fitted = "M" in p.layout and p["M"].shape == self.M.shape
+        M = (p["M"] if is_fitted else self.M)[self.rotor]
+        stated = np.where(phasors.motion, phasors.torque_delay_s, 0.0)
+        lags = stated[:, None] + p.delay + p.effect("lag")
+        level = p.effect("coulomb") + p.effect("motor_presliding")
+        coulomb, viscous, load, scale = (
+            np.asarray(np.broadcast_to(value, phasors.n))
+            for value in (level, p.effect("viscous"), p.effect("load"), p.torque_scale)
+        )
+        return [
+            Motors(own, coulomb, viscous, load, np.broadcast_to(lag, phasors.n), scale)
+            for own, lag in zip(M, lags, strict=True)
+        ]
 
     def information(self, name: str) -> Floats:
         """Inverse of ``covariance``, shape (E, E); zero where the values are unknown."""

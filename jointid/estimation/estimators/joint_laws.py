@@ -21,13 +21,14 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.balance import wind_up
 from jointid.estimation.estimators.parameters import GEAR_LAWS, Parameters
+from jointid.gears.arm_friction import ArmFriction
 from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.presliding import presliding_bins
 from jointid.gears.start_deflection import first_finite, from_observers
-from jointid.gears.torque_spread import ArmFriction, dahl
+from jointid.gears.torque_spread import dahl
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.phasors.segment import Segment
 
@@ -76,6 +77,8 @@ class JointLaws:
     """Motion of the motors in the others."""
     segments: Mapping[int, Segment] = field(default_factory=dict)
     """Those of motions by their row."""
+    arm_directions: Mapping[int, Complexes] = field(default_factory=dict)
+    """Phasors of the signs of the arms' velocities in them, (bins, n), for Coulomb friction."""
     strength: float = 1.0
     """Factor on the observer of the gears in motions."""
     latest: list[Wound] = field(default_factory=list)
@@ -299,7 +302,7 @@ class JointLaws:
     def arm_friction(self, level: Floats, torque: Complexes, arm: Complexes) -> ArmFriction:
         """Friction of levels (n,) under torques (r, H, n) at arms of compliance A⁻¹, (r, H, n, n)."""
         clear, mobility = np.where(self.clear, torque, 0), self.s[..., None, None] * arm
-        return ArmFriction.solve(level, mobility, clear, _points(torque.shape[1]))
+        return ArmFriction.solve(level, mobility, clear, _points(torque.shape[1]), self.arm_directions)
 
     def presliding(self, bristle: Floats, H: int) -> Complexes:
         """Phasors of z(θ) for presliding angles, shape (n,); shape (r, H, n)."""

@@ -113,7 +113,7 @@ def maximum_likelihood(
     if noise is None:
         noise = spring_equations(phasors, prior.inertias(prior.M, prior.M2)).noise
     problem = make_problem(
-        phasors, prior, fitted_layout(prior, friction, delay, effects), start.K, friction, noise
+        phasors, prior, fitted_layout(prior, friction, delay, effects), start, friction, noise
     )
     p = problem.start(start)
     scale: Floats = np.ones(problem.s.shape[1])

@@ -1,7 +1,7 @@
 """Data and fixed quantities of a fit, and the range of its parameters."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.gears.motor_motion import MotorMotion
+from jointid.motion.arm_motion import arm_directions
 from jointid.motion.end_terms import EndTerms, motor_motion, row_groups
 from jointid.motion.free_friction import FreeFriction
 from jointid.motion.friction import FrictionWaveforms
@@ -202,7 +203,7 @@ def make_problem(
     phasors: Phasors,
     prior: InertiaPrior,
     layout: ParameterLayout,
-    stiffness: Floats,
+    start: Parameters,
     friction: FrictionWaveforms | None,
     noise: Noise,
 ) -> Problem:
@@ -210,14 +211,15 @@ def make_problem(
 
     Parameters
     ----------
-    stiffness : ndarray, shape (n,)
-        Start value of K.
+    start : Parameters
+        Start values; the torques through the gears by them decide where arms with friction turn back.
 
     Raises
     ------
     JointIdError
         When the start has a negative stiffness.
     """
+    stiffness = start.K
     if np.any(stiffness <= 0):
         raise JointIdError(
             f"K{int(np.argmin(stiffness)) + 1} is negative by least squares: check the sign and "
@@ -241,8 +243,12 @@ def make_problem(
         laws = JointLaws.of(
             s, angle, z[..., n:] - torque, variance, arm, prior.M[prior.rotor],
             MotorMotion.of(phasors.segments, prior.pose, "hysteresis" in layout) if bends else None,
-            {row: each for row, each in enumerate(phasors.segments) if each is not None},
+            segments := {row: each for row, each in enumerate(phasors.segments) if each is not None},
         )  # fmt: skip
+        if "arm_coulomb" in layout and segments:
+            motors = prior.motors(phasors, start)
+            directions = arm_directions(segments, motors, start.K, start.D)
+            laws = replace(laws, arm_directions=directions)
     repeated = np.zeros((len(s), n))
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
@@ -340,11 +346,3 @@ def loss_stiffness(problem: Problem) -> Complexes:
     s = problem.s
     reference = np.exp(np.log(np.abs(s[problem.known & problem.main[problem.group]])).mean())
     return np.asarray(1j + 2 / np.pi * np.log(np.abs(s) / reference))[..., None]
-
-
-def gear_torque(
-    X: Complexes, arm: Complexes, q: Complexes, law: tuple[Complexes, Complexes]
-) -> Complexes:
-    """Torque through the gears, X (q − w + A⁻¹P), shape (r, H, n)."""
-    w, P = law
-    return np.asarray((X @ (q - w + (arm @ P[..., None])[..., 0])[..., None])[..., 0])

@@ -16,20 +16,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.estimators.balance import balance, noise_of
+from jointid.estimation.estimators.balance import balance, gear_torque, noise_of
 from jointid.estimation.estimators.joint_laws import Wound
 from jointid.estimation.estimators.parameters import ARM_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.problem import (
     Problem,
     arm_compliance,
     friction_advance,
-    gear_torque,
     loss_stiffness,
     motor_friction,
     motor_stiffness,
     rigid_arm_compliance,
 )
-from jointid.gears.torque_spread import ArmFriction
+from jointid.gears.arm_friction import ArmFriction
 from jointid.joints import motor_impedance
 from jointid.small_matrices import inverse, lifted
 

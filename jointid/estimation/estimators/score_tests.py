@@ -66,7 +66,7 @@ def scores(
     effects = [name for name in EFFECTS if name in fitted or name in parts]
     delay = "delay" in fitted or "delay" in parts
     layout = fitted_layout(prior, friction, delay, effects)
-    problem = make_problem(phasors, prior, layout, estimate.named.K, friction, noise)
+    problem = make_problem(phasors, prior, layout, estimate.named, friction, noise)
     p = problem.start(estimate.named, _FILTER)
     if any(name in fitted for name in GEAR_LAWS):
         problem = with_law_signals(problem, p)

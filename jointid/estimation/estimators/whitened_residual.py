@@ -9,12 +9,11 @@ import numpy as np
 from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.estimators.balance import balance, noise_of, wind_up
+from jointid.estimation.estimators.balance import balance, gear_torque, noise_of, wind_up
 from jointid.estimation.estimators.parameters import GEAR_LAWS
 from jointid.estimation.estimators.problem import (
     Problem,
     friction_advance,
-    gear_torque,
     motor_stiffness,
 )
 from jointid.estimation.estimators.residual import Residual, with_law_noise
