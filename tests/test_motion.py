@@ -258,6 +258,17 @@ def test_stribeck_friction_is_found_in_a_sweep() -> None:
     assert np.all(np.abs(fit.estimate - TRUE) < 3 * fit.standard_error)
 
 
+def test_coulomb_friction_at_the_arm_is_found_in_random_motion() -> None:
+    """K was up to 3 % and D up to 18 % off (warned)."""
+    level = np.array([0.03, 0.006])
+    given = records(Motion("random", duration_s=5.0, seed=3), arm_coulomb=tuple(level))
+    fit = identify_motion(given, GIVEN, inertia_std=0.05)
+    assert fit.misfit < 3
+    assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
+    assert np.all(relative_error(fit) < [0.005, 0.005, 0.03, 0.03])
+    assert np.abs(fit.parameters["arm_coulomb"] / level - 1).max() < 0.2
+
+
 @pytest.mark.parametrize("presliding_rad", [1e-3, 2e-2])
 def test_friction_that_rises_slowly_after_a_reversal_is_found_in_random_motion(
     presliding_rad: float,
