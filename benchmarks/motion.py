@@ -165,6 +165,8 @@ FRICTION = {
     "none": {},
     "0.05/0.01 N·m": {"coulomb": [0.05, 0.01], "viscous": [0.002, 0.0004]},
     "0.4/0.08 N·m": {"coulomb": [0.4, 0.08], "viscous": [0.002, 0.0004]},
+    "presliding": {"coulomb": [0.1, 0.02], "viscous": [0.002, 0.0004], "presliding_rad": 5e-3},
+    "at the arm": {"arm_coulomb": [0.03, 0.006]},
 }
 PRIORS = {"exact": 0.0, "5 %": 0.05, "unknown": np.inf}
 
