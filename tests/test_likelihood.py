@@ -413,11 +413,11 @@ def test_the_jacobian_with_coulomb_friction_at_the_arm() -> None:
     friction = friction_waveforms(phasors, 0.0)
     layout = fitted_layout(prior, friction, True, effects)
     noise = spring_equations(phasors, PARALLELOGRAM).noise
-    problem = make_problem(phasors, prior, layout, PAPER.K, friction, noise)
     given = ParameterLayout.of(2, friction=True, effects=("arm_coulomb", "arm_viscous"))
     friction_of_arms = {"arm_coulomb": 0.05 * COULOMB, "arm_viscous": 1e-3}  # they do not stick
-    start = given.pack(K=PAPER.K, D=PAPER.D, coulomb=COULOMB, **friction_of_arms)
-    p = problem.start(given.named(start))
+    start = given.named(given.pack(K=PAPER.K, D=PAPER.D, coulomb=COULOMB, **friction_of_arms))
+    problem = make_problem(phasors, prior, layout, start, friction, noise)
+    p = problem.start(start)
     J = Residual.at(problem, p).jacobian(problem.z)
     for k, label in enumerate(layout.labels):
         step = 1e-6 * max(abs(p[k]), 1e-3) * np.eye(p.size)[k]
@@ -448,10 +448,12 @@ def test_the_gradient_is_that_of_the_cost(
     friction = None if window is None else friction_waveforms(phasors, window)
     prior = InertiaPrior.of(PARALLELOGRAM, *phasors.q.shape, inertia_std=std, torque_std=std)
     layout = fitted_layout(prior, friction, delay, effects)
-    problem = make_problem(phasors, prior, layout, PAPER.K, friction, noise)
     off = ParameterLayout.of(2, effects=effects)
-    start = off.pack(K=1.02 * PAPER.K, D=0.97 * PAPER.D, **{name: [1e-4, 2e-4] for name in effects})
-    p = problem.start(off.named(start))
+    start = off.named(
+        off.pack(K=1.02 * PAPER.K, D=0.97 * PAPER.D, **{name: [1e-4, 2e-4] for name in effects})
+    )
+    problem = make_problem(phasors, prior, layout, start, friction, noise)
+    p = problem.start(start)
     p = np.where(p == 0, 2e-4 if delay else 0.01, 1.01 * p)
     if "link" in effects:
         p[layout["link"]] = 1e-9

@@ -117,8 +117,9 @@ def test_the_gradient_is_that_of_the_cost() -> None:
     phasors, given = extract_phasors(made.records), Study(**made._asdict()).inertias
     prior = InertiaPrior.of(given, *phasors.q.shape, inertia_std=0.1, torque_std=0.1)
     noise = spring_equations(phasors, given).noise
-    problem = make_problem(phasors, prior, fitted_layout(prior, None, delay=False), PAPER.K, None, noise)
-    p = 1.01 * problem.start(ParameterLayout.of(2).named(TRUTH))
+    start, layout = ParameterLayout.of(2).named(TRUTH), fitted_layout(prior, None, delay=False)
+    problem = make_problem(phasors, prior, layout, start, None, noise)
+    p = 1.01 * problem.start(start)
     scale = np.ones(problem.s.shape[1])
     _, gradient, _ = quadratic(WhitenedResidual.of(problem, p, scale), p)
     for k in range(p.size):
