@@ -378,8 +378,11 @@ def test_hysteresis_is_distinguished_from_damping() -> None:
 
 
 def test_hysteresis_is_found_beside_a_stiff_gear() -> None:
-    """The models fitted before it leave the stiff gear uncertain."""
-    assert fitted("beside a stiff gear").gears[0].laws == ("hysteresis",)
+    """The models fitted before it leave the stiff gear uncertain; its damping hardly shows."""
+    robot = WORN["beside a stiff gear"]
+    fit = identify_elasticity(measured()["beside a stiff gear"], Inertia(robot.M, PAPER.M2))
+    assert fit.gears[0].laws == ("hysteresis",)
+    assert np.all(np.abs(fit.K - robot.K) < 4 * fit.errors.K)
 
 
 def test_hardening_is_found_beside_a_gear_too_stiff_to_be_known() -> None:
