@@ -192,6 +192,7 @@ def likelihood_fit(
 ) -> ElasticityFit:
     """Result of a chosen model, from joint equations with the compensated phasors."""
     layout, p = estimate.layout, estimate.named
+    error = np.sqrt(np.diag(estimate.covariance))
     fit = replace(
         made_fit(method, estimate, equations, estimate.phasors, prior, curves),
         candidates=choice.candidates,
@@ -218,10 +219,7 @@ def likelihood_fit(
             friction=_friction(estimate),
         )
     if "delay" in layout:
-        where = layout["delay"]
-        fit = replace(
-            fit, delay=p.delay, delay_error=float(np.sqrt(estimate.covariance[where, where].item()))
-        )
+        fit = replace(fit, delay=p.delay, delay_error=float(error[layout["delay"]].item()))
     return fit
 
 

@@ -99,9 +99,9 @@ def fit_model(
             estimate = fitted(start)
             if not np.isfinite(estimate.cost):  # the gear's motion diverges from some starts
                 raise np.linalg.LinAlgError("not finite")
-            same = "load" not in model.effects
-            if "arm_coulomb" in model.effects and phasors.motion.any():
-                same = False  # the arms' directions follow from the parameters
+            # Friction by load and, in motions, the directions of the arms follow from the parameters.
+            turned = "arm_coulomb" in model.effects and phasors.motion.any()
+            same = not ("load" in model.effects or turned)
             if waveforms and "position_filter" in model.effects and not phasors.motion.any():
                 found = estimate.named["position_filter"]
                 if not np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):

@@ -135,9 +135,8 @@ class JointLaws:
         """The same laws in r other records, at s of shape (r, H) with motor angles (r, H, n)."""
         samples, clear = samples_of(angle.swapaxes(1, 2), _points(s.shape[1])), np.ones_like(angle, bool)
         every = np.arange(len(s))
-        return replace(
-            self, s=s, clear=clear, angle=samples, sines=every, motors=None, segments={}, latest=[]
-        )
+        sines = replace(self, s=s, clear=clear, angle=samples, sines=every, latest=[])
+        return replace(sines, motors=None, segments={}, arm_directions={})
 
     @property
     def low(self) -> np.ndarray:
@@ -307,11 +306,12 @@ class JointLaws:
     def presliding(self, bristle: Floats, H: int) -> Complexes:
         """Phasors of z(θ) for presliding angles, shape (n,); shape (r, H, n)."""
         sharpness = 1 / np.maximum(bristle, _LEAST_ANGLE)[:, None]
-        found = phasors_of(dahl(self.angle, sharpness), H).swapaxes(1, 2)
+        found = np.zeros((len(self.s), H, bristle.size), complex)
+        if self.sines.size:
+            found[self.sines] = phasors_of(dahl(self.angle[self.sines], sharpness), H).swapaxes(1, 2)
         for row, bins in presliding_bins(self.segments, sharpness).items():
-            found[row] = 0
             found[row, : len(bins)] = bins
-        return np.asarray(found)
+        return found
 
     def presliding_slope(self, bristle: Floats, shape: Complexes) -> Complexes:
         """Derivative of the phasors ``shape`` of z(θ) by the presliding angles, shape (r, H, n)."""
