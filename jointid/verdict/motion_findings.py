@@ -14,7 +14,7 @@ from jointid.verdict.evidence import Evidence, Finding, problem, some, warning
 from jointid.verdict.findings import may_be_wrong, of_records, ranked
 from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_effects import effects_found
-from jointid.verdict.rules_inertia import axes_exchanged, inertias_off, judged, starts_exchanged
+from jointid.verdict.rules_inertia import axes_exchanged, inertias_contradict, judged
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
 from jointid.verdict.rules_records import counted_twice
 from jointid.verdict.wrong_data import wrong_data
@@ -66,8 +66,7 @@ def motion_findings(
             causes += wrong_data(*_responses(evidence, matrices))
         causes += [] if causes else axes_exchanged(evidence)
     own = None if causes or np.any(fit.K <= 0) else judged(evidence)
-    if own is not None:
-        causes += [*starts_exchanged(evidence, own), *inertias_off(evidence, own)]
+    causes += [] if own is None else inertias_contradict(evidence, own)
     found += [*causes, *effects_found(evidence), *torque_lags(evidence)]
     if not causes:
         resting = list(_joints_at_rest(fit, rests))

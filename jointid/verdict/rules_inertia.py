@@ -66,10 +66,7 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     if np.any(fit.K <= 0) or has_unmodelled_friction(evidence):
         return
     own = judged(evidence)
-    if own is None:
-        yield from _far_off(evidence)
-    else:
-        yield from (*starts_exchanged(evidence, own), *inertias_off(evidence, own))
+    yield from _far_off(evidence) if own is None else inertias_contradict(evidence, own)
 
 
 def axes_exchanged(evidence: Evidence, scorer: Scorer | None = None) -> Iterator[Finding]:
@@ -116,6 +113,12 @@ def _probed(phasors: Phasors, prior: InertiaPrior) -> _Probe | None:
         if found is not None:
             return model, found
     return None
+
+
+def inertias_contradict(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
+    """Given inertias, or start values of unknown ones, far from those that explain the data."""
+    yield from _starts_exchanged(evidence, own)
+    yield from inertias_off(evidence, own)
 
 
 def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
@@ -211,7 +214,7 @@ def _refitted(
     return found if found is not None and found.misfit <= _EXPLAINED else None
 
 
-def starts_exchanged(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
+def _starts_exchanged(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     """Unknown inertias whose start values match the fitted ones far better with exchanged joints."""
     unknown = np.isinf(own.prior.inertia_std) and "M" in own.parameters.layout
     if not unknown or np.any(own.errors["M"] > _SURELY * own.parameters["M"]):
@@ -225,20 +228,18 @@ def starts_exchanged(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding
         return np.asarray(np.abs(np.log(rotors + arms)))
 
     one = np.ones(own.n)
-    before = distances(Hypothesis.of("", one, one))
-    hypotheses = [each for each in axis_hypotheses(own.n) if np.all(each.scale > 0)]
-    after = [distances(each) for each in hypotheses]
-    best = int(np.argmin([each.max() for each in after])) if after else 0
-    if (
-        after
-        and before.max() > _FAR > after[best].max()
-        and (after[best] ** 2).sum() < (before**2).sum() / 4
-    ):
-        largest, left = (significant(float(np.exp(each.max())), 2) for each in (before, after[best]))
+    as_given = distances(Hypothesis.of("", one, one))
+    exchanges = [each for each in axis_hypotheses(own.n) if np.all(each.scale > 0)]
+    nearest = min(exchanges, key=lambda each: float(distances(each).max()), default=None)
+    if nearest is None or as_given.max() <= _FAR:
+        return
+    left = distances(nearest)
+    if left.max() < _FAR and (left**2).sum() < (as_given**2).sum() / 4:
+        most, least = (significant(float(np.exp(each.max())), 2) for each in (as_given, left))
         yield axes_look_wrong(
-            hypotheses[best],
-            f"The fitted inertias differ from the start values by factors up to {largest} as given, and "
-            f"up to {left} with these joints exchanged. K and D follow the order of the columns.",
+            nearest,
+            f"The fitted inertias differ from the start values by factors up to {most} as given, and "
+            f"up to {least} with these joints exchanged. K and D follow the order of the columns.",
         )
 
 
