@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from examples import tries
+from scipy.integrate import solve_ivp
 
 from benchmarks.motion import CELL, MANUTEC, SINGLE, Motion, simulate
 from jointid import (
@@ -18,6 +19,7 @@ from jointid import (
     JointIdError,
     MotionRecord,
     SineRecord,
+    Study,
     analyse,
     identify_motion,
     load_study,
@@ -28,6 +30,7 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.identify_motion import motion_misfits
 from jointid.motion import end_terms
+from jointid.motion.arm_motion import DrivenArms
 from jointid.motion.complement import Basis, Complement
 from jointid.motion.noise import repeated_variances, sensor_variances
 from jointid.motion.reversals import phasors_of_turns, reversals
@@ -36,7 +39,7 @@ from jointid.motion.spectra import motion_phasors
 from jointid.motion.velocity import smooth_velocity
 from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors
-from jointid.phasors.segment import bins_of
+from jointid.phasors.segment import Motors, Segment, bins_of
 from jointid.verdict.evidence import Evidence
 from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_model import model_limits
@@ -259,14 +262,47 @@ def test_stribeck_friction_is_found_in_a_sweep() -> None:
 
 
 def test_coulomb_friction_at_the_arm_is_found_in_random_motion() -> None:
-    """K was up to 3 % and D up to 18 % off (warned)."""
+    """D was up to 18 % off, and up to 9 stated errors with the noise in the motion of the arms."""
     level = np.array([0.03, 0.006])
     given = records(Motion("random", duration_s=5.0, seed=3), arm_coulomb=tuple(level))
     fit = identify_motion(given, GIVEN, inertia_std=0.05)
-    assert fit.misfit < 3
-    assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
-    assert np.all(relative_error(fit) < [0.005, 0.005, 0.03, 0.03])
-    assert np.abs(fit.parameters["arm_coulomb"] / level - 1).max() < 0.2
+    assert fit.misfit < 1.2
+    assert np.all(np.abs(fit.estimate - TRUE) < 3 * fit.standard_error)
+    assert np.all(relative_error(fit) < [0.002, 0.002, 0.01, 0.01])
+    assert np.abs(fit.parameters["arm_coulomb"] / level - 1).max() < 0.02
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.3])
+def test_the_motion_of_the_arm_follows_from_the_torque_and_from_the_motor(wrong: float) -> None:
+    """The motor tells it without the noise of the torque; a wrong arm inertia does no harm."""
+    K, D, M2, F, M, T, N = 50.0, 0.1, 0.004, 0.03, 0.002, 1e-3, 2500
+    t = T * np.arange(N)
+    angle, velocity = np.zeros(N), np.zeros(N)
+    for hz, phase in ((3.0, 0.3), (7.0, 1.0), (17.0, 2.0)):
+        angle += np.sin(2 * np.pi * hz * t + phase) / hz
+        velocity += 2 * np.pi * np.cos(2 * np.pi * hz * t + phase)
+
+    def rate(now: float, x: np.ndarray) -> list[float]:
+        of_motor = np.interp(now, t, angle), np.interp(now, t, velocity)
+        gear = K * (of_motor[0] - x[0]) + D * (of_motor[1] - x[1])
+        return [x[1], (gear - F * np.tanh(x[1] / 0.02)) / M2]
+
+    arm = solve_ivp(rate, (0, t[-1]), [angle[0], 0.0], t_eval=t, max_step=T / 2, rtol=1e-6, atol=1e-9).y
+    torque = K * (angle - arm[0]) + D * (velocity - arm[1])
+    noise = 0.02 * torque.std()
+    logged = M * np.gradient(velocity, T) + torque + noise * np.random.default_rng(2).standard_normal(N)
+    one = np.ones(1)
+    segment = Segment(
+        0, T, velocity[None], logged[None], False, 0, N, 1e-6 * one, 0 * one, 0 * one, 0 * one,
+        noise**2 * one, 0 * one, noise**2 * one, 5, 100,
+    )  # fmt: skip
+    motors = Motors(M * one, 0 * one, 0 * one, 0 * one, 0 * one, one)
+    off = []
+    for level, inertia in ((0.0, M2), (F, (1 + wrong) * M2)):
+        arms = DrivenArms(K * one, D * one, level * one, 0 * one, inertia * np.eye(1), np.zeros((1, 1)))
+        off.append(np.std(arms.velocities(segment, motors)[0] - arm[1]))
+    assert off[0] < 0.02 * arm[1].std()
+    assert off[1] < (1.2 if wrong else 0.2) * off[0]
 
 
 @pytest.mark.parametrize("presliding_rad", [1e-3, 2e-2])
@@ -517,6 +553,14 @@ def test_wrong_motion_data_end_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     found = analyse(replace(study, records=turned))
     assert "degrees" in found.headline
     assert len(evaluated) < 120
+
+
+def test_friction_in_a_wrong_unit_leaves_motion_beside_the_reversals() -> None:
+    """All of the motion was a reversal, and the analysis asked for more frequencies."""
+    robot = replace(CELL, coulomb=[0.05, 0.01])
+    (sweep,) = simulate([(robot, replace(SHORT, kind="sweep", duration_s=3.0))])
+    in_mNm = [replace(each, tau_Nm=1e3 * each.tau_Nm) for each in sweep]
+    assert "mN·m" in analyse(Study(records=in_mNm, inertia=GIVEN, inertia_std=0.05)).headline
 
 
 def test_friction_does_not_hide_exchanged_axes() -> None:

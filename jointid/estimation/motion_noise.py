@@ -22,6 +22,9 @@ whose noise is found with the same model before."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
 """Least share of a joint's equations in a segment that free friction leaves, and that from which the
 segment shows the noise; without such segments those with the largest share do."""
+_LATEST = 0.5
+"""Largest share of a motor's velocity at which friction may have turned it back: more is friction in a
+wrong unit, with which all of the motion would be a reversal."""
 
 
 def with_noise(
@@ -62,6 +65,7 @@ def with_torque_noise(
             covariance[row] = 4 / segment.samples * np.diag(variance)
             braked = np.maximum(segment.friction_at_reversals(motors[row]), 0)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
+            late = np.minimum(late, _LATEST * np.abs(segment.velocity).max(axis=1))
             segments[row] = replace(segment, torque_variance=torque, turn_rad_s=late, unknown_Nm=braked)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 

@@ -1,43 +1,135 @@
-"""Direction in which the arms move in motion records, which their Coulomb friction follows."""
+"""Direction in which the arms move in motion records, which their Coulomb friction follows.
+
+The motion of an arm follows from the records in two ways. The gear's torque f, which the balance at the
+motor leaves, winds it up by δ, K δ + D δ̇ = f, and the arm moves by δ less than the motor: right for any
+arm, but with the noise of the torque. And the motor drives the arm, M2 θ̈_a = K δ + D δ̇ − F sign θ̇_a:
+without that noise, but only as right as M2, K, D and F. The difference of the torques over the noise
+decides between them.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter
 
 from jointid.arrays import Complexes, Floats
 from jointid.motion.reversals import phasors_of_turns, reversals
 from jointid.phasors.segment import Motors, Segment
 
-_MARGIN = 4.0
-"""Standard deviations of the motor's velocity within which that of the arm has no clear sign."""
-_SLOW, _STATIONARY = 5e-3, 0.5
-"""Share of the arm's largest velocity below which its sign is not clear, and the share with an unclear
-sign from which it counts as stationary."""
+_MARGIN, _STATIONARY = 4.0, 0.5
+"""An arm is stationary where so many standard deviations of the motor's velocity are this share of its
+own largest velocity."""
+_RENEWED = 3
+"""How often the motion of the arms is found with friction by their direction before."""
+_ALIKE = 2.0
+"""Difference of the torques over the noise of the measured one up to which the driven arms are right."""
+_MEDIAN = 0.455
+"""Median square of normal noise over its mean."""
+_DISTINCT = 1e-9
+"""Relative singular value from which free motions of the arms are distinct."""
 
 
 def arm_directions(
-    segments: Mapping[int, Segment], motors: Sequence[Motors], K: Floats, D: Floats
+    segments: Mapping[int, Segment], motors: Sequence[Motors], arms: Sequence[DrivenArms]
 ) -> dict[int, Complexes]:
     """Phasors of the sign of each arm's velocity, (highest, n), by the row of the segment.
 
-    Those of an arm that stands still are zero. The arm moves like the motor less the deflection of the
-    gear, K δ + D δ̇ = f, under the torque f that the balance at the motor leaves. ``motors`` has those of
-    every row, K and D have shape (n,).
+    Those of an arm that stands still are zero. ``motors`` and ``arms`` have those of every row.
     """
-    return {row: _directions(each, motors[row], K, D) for row, each in segments.items()}
+    return {
+        row: _directions(each, arms[row].velocities(each, motors[row])) for row, each in segments.items()
+    }
 
 
-def _directions(segment: Segment, motors: Motors, K: Floats, D: Floats) -> Complexes:
-    T, found = segment.interval_s, np.zeros((segment.highest, K.size), complex)
-    torque = segment.gear_torque(motors, np.sign(segment.velocity))
-    for j in range(K.size):
-        damped = 2 * abs(D[j]) / T
-        delta = lfilter([1, 1], [K[j] + damped, K[j] - damped], torque[j] - torque[j, 0])
-        velocity = segment.velocity[j] - np.gradient(delta) / T
-        largest = float(np.abs(velocity).max())
-        blur = max(_MARGIN * float(segment.velocity_noise[j]), _SLOW * largest)
-        if blur < _STATIONARY * largest:
-            turns = reversals(velocity, blur, 0.0, 0.0)
+def _directions(segment: Segment, velocities: Floats) -> Complexes:
+    found = np.zeros((segment.highest, len(velocities)), complex)
+    for j, velocity in enumerate(velocities):
+        if _MARGIN * segment.velocity_noise[j] < _STATIONARY * np.abs(velocity).max():
+            turns = reversals(velocity, 0.0, 0.0, 0.0)
             found[:, j] = phasors_of_turns(*turns, segment.samples, segment.highest)
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenArms:
+    """n elastic gears and the arms of one pose behind them; arrays have shape (n,) or (n, n)."""
+
+    K: Floats
+    D: Floats
+    coulomb: Floats
+    """Coulomb friction F of the arms, N·m; zero where it is not known yet."""
+    viscous: Floats
+    """Viscous friction of the arms, N·m·s/rad."""
+    M2: Floats
+    gravity: Floats
+    """Stiffness of the arms by gravity, N·m/rad."""
+
+    @cached_property
+    def modes(self) -> tuple[Complexes, Complexes]:
+        """Poles (2n,) with the motors locked, and their shapes (2n, 2n): angles above velocities."""
+        n = self.K.size
+        held = np.hstack([-np.diag(self.K) - self.gravity, -np.diag(self.D + self.viscous)])
+        poles, shapes = np.linalg.eig(np.vstack([np.eye(n, 2 * n, n), np.linalg.solve(self.M2, held)]))
+        return poles.astype(complex), shapes.astype(complex)
+
+    def velocities(self, segment: Segment, motors: Motors) -> Floats:
+        """Velocities of the arms in a segment, shape (n, N), rad/s."""
+        measured = segment.gear_torque(motors, np.sign(segment.velocity))
+        found = by_torque = self._by_torque(segment, measured)
+        if not self.coulomb.any() or self.modes[0].real.max() > 0:
+            return found
+        angle = cumulative_trapezoid(segment.velocity, dx=segment.interval_s, axis=1, initial=0)
+        share = min(1.0, 4 * segment.highest / segment.samples)  # of the lines that ``gear_torque`` has
+        noise = _ALIKE**2 * share * segment.torque_variance
+        friction = self.coulomb[:, None] * np.sign(found)
+        for _ in range(_RENEWED):
+            torque, by_motor = self._driven(segment, angle, friction, measured)
+            difference = np.median((measured - torque) ** 2, axis=1) / _MEDIAN  # apart from the ends
+            weight = 1 - noise / np.maximum(difference, noise)
+            found = by_motor + weight[:, None] * (by_torque - by_motor)
+            # Half of the change: an arm that almost rests would turn back each time.
+            friction = 0.5 * (friction + self.coulomb[:, None] * np.sign(found))
+        return found
+
+    def _by_torque(self, segment: Segment, torque: Floats) -> Floats:
+        T, found = segment.interval_s, np.zeros_like(torque)
+        for j in range(self.K.size):
+            damped = 2 * abs(self.D[j]) / T
+            wound = lfilter([1, 1], [self.K[j] + damped, self.K[j] - damped], torque[j] - torque[j, 0])
+            found[j] = segment.velocity[j] - np.gradient(wound) / T
+        return found
+
+    def _driven(
+        self, segment: Segment, angle: Floats, friction: Floats, measured: Floats
+    ) -> tuple[Floats, Floats]:
+        """Torques through the gears, and velocities of the arms, that the motors' motion causes.
+
+        The start of the arms is the one that fits the measured torques best. All have shape (n, N).
+        """
+        n, T, (poles, shapes) = self.K.size, segment.interval_s, self.modes
+        drive = self.K[:, None] * angle + self.D[:, None] * segment.velocity
+        push = np.linalg.solve(self.M2, drive - friction)
+        sizes = np.linalg.solve(shapes, np.vstack([0 * push, push]))
+        x = (poles * T)[:, None]
+        whole, late = np.expm1(x) / x, (np.expm1(x) - x) / x**2  # forces change linearly in a step
+        steps = T * ((whole - late) * sizes[:, :-1] + late * sizes[:, 1:])
+        moved = np.zeros((2 * n, segment.samples), complex)
+        for k, pole in enumerate(x[:, 0]):
+            moved[k, 1:] = lfilter([1], [1, -np.exp(pole)], steps[k])
+        # The arms' free motion from any start, real and imaginary part, and a constant torque.
+        of_gears, decay = (
+            np.hstack([np.diag(self.K), np.diag(self.D)]) @ shapes,
+            np.exp(x * np.arange(segment.samples)),
+        )
+        free = -of_gears[:, :, None] * decay
+        columns = np.concatenate([free.real, -free.imag], axis=1).swapaxes(1, 2).reshape(-1, 4 * n)
+        columns = np.hstack([columns, np.kron(np.eye(n), np.ones((segment.samples, 1)))])
+        torque = drive - (of_gears @ moved).real
+        start = np.linalg.lstsq(columns, (measured - torque).ravel(), rcond=_DISTINCT)[0]
+        moved += (start[: 2 * n] + 1j * start[2 * n : 4 * n])[:, None] * decay
+        return torque + (columns @ start).reshape(n, -1), (shapes[n:] @ moved).real

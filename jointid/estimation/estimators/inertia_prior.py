@@ -13,6 +13,7 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.joints import Inertia
+from jointid.motion.arm_motion import DrivenArms
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Motors
 from jointid.small_matrices import Numbers
@@ -218,6 +219,18 @@ class InertiaPrior:
             Motors(own, coulomb, viscous, load, np.broadcast_to(lag, phasors.n), scale)
             for own, lag in zip(M, lags, strict=True)
         ]
+
+    def arms(self, p: Parameters) -> list[DrivenArms]:
+        """Gears and arms of every record."""
+        M2, gravity = self.M2, self.gravity
+        if "M2" in p.layout and p["M2"].shape == self.lower.shape:
+            M2, gravity = self.totals(p["M2"]), self.gravities(p["M2"])
+        coulomb, viscous = (
+            np.broadcast_to(p.effect(f"arm_{kind}"), self.n) for kind in ("coulomb", "viscous")
+        )
+        held = gravity + np.diag(np.broadcast_to(p.effect("gravity"), self.n))
+        of_poses = [DrivenArms(p.K, p.D, coulomb, viscous, *own) for own in zip(M2, held, strict=True)]
+        return [of_poses[pose] for pose in self.pose]
 
     def information(self, name: str) -> Floats:
         """Inverse of ``covariance``, shape (E, E); zero where the values are unknown."""

@@ -246,8 +246,7 @@ def make_problem(
             segments := {row: each for row, each in enumerate(phasors.segments) if each is not None},
         )  # fmt: skip
         if "arm_coulomb" in layout and segments:
-            motors = prior.motors(phasors, start)
-            directions = arm_directions(segments, motors, start.K, start.D)
+            directions = arm_directions(segments, prior.motors(phasors, start), prior.arms(start))
             laws = replace(laws, arm_directions=directions)
     repeated = np.zeros((len(s), n))
     for row, segment in enumerate(phasors.segments):
