@@ -22,7 +22,7 @@ whose noise is found with the same model before."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
 """Least share of a joint's equations in a segment that free friction leaves, and that from which the
 segment shows the noise; without such segments those with the largest share do."""
-_LATEST = 0.5
+_LATEST = 0.2
 """Largest share of a motor's velocity at which friction may have turned it back: more is friction in a
 wrong unit, with which all of the motion would be a reversal."""
 
