@@ -359,6 +359,7 @@ BAD_PARTS = {
     "short center": ("a.toml", "[-0.02, -0.02, -0.08]", "[0.1]", "center has 1 value"),
     "base": ("a.toml", "x 180 deg", "upside down", "rotation"),
     "counterbalance": ("a.toml", "joint = 2", "joint = 7", "joints 1 to 6"),
+    "part of a counterbalance": ("a.toml", "joint = 2", "joint = 2\ncrank_m = 0.2", "angle_deg is missing"),
     "payload": ("a.toml", "mass = 120.0", "mass = -1.0", "payload.*mass = -1"),
 }
 """Name of the file, what is replaced in it by what, and the message."""

@@ -182,11 +182,13 @@ def _counterbalance(top: CheckedTable, zero: Floats) -> Counterbalance | None:
     joint = table.integer("joint")
     if not 1 <= joint <= zero.size:
         raise table.error(f"joint = {joint}: the robot has joints 1 to {zero.size}.")
-    given = {key: table.number(key) for key in _COUNTERBALANCE if key in table and key != "joint"}
+    sizes = [key for key in _COUNTERBALANCE if key != "joint"]
+    is_given = any(key in table for key in sizes)  # else that of a KUKA KR300
+    given = {key: table.number(key) for key in sizes if is_given}
     found = Counterbalance(joint - 1, float(zero[joint - 1]), **given)
-    sizes = found.anchor_m, found.crank_m, found.area_m2, found.gas_volume_m3
+    positive = found.anchor_m, found.crank_m, found.area_m2, found.gas_volume_m3
     stroke = 2 * found.crank_m * found.area_m2
-    if min(sizes) <= 0 or found.crank_m >= found.anchor_m or stroke >= found.gas_volume_m3:
+    if min(positive) <= 0 or found.crank_m >= found.anchor_m or stroke >= found.gas_volume_m3:
         raise table.error(
             "these sizes do not make a cylinder: all must be positive, the crank shorter than the "
             "anchor's distance, and the gas volume larger than the piston's stroke."
