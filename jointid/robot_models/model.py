@@ -197,16 +197,25 @@ class RobotModel(RobotDescription):
             raise self._unknown("gear ratio", np.diag(C), "gear_ratio")
         if not np.isfinite(self.rotor_inertia).all():
             raise self._unknown("rotor inertia", self.rotor_inertia, "rotor_inertia")
-        M2, gravity = C.T @ self.joint_inertia(q) @ C, C.T @ self.gravity_stiffness(q) @ C
-        load = self.payload
-        heavier = self.with_payload(mass=load.mass + load.mass_std)
+        M2, gravity = self._at_motors(q)
+        shared, shared_gravity = None, None
+        if std := self.payload.mass_std:
+            heavier = self.with_payload(mass=self.payload.mass + std)._at_motors(q)
+            shared, shared_gravity = heavier[0] - M2, heavier[1] - gravity
         return Inertia(
             self.rotor_inertia,
             M2,
             gravity=gravity,
-            shared=C.T @ heavier.joint_inertia(q) @ C - M2 if load.mass_std else None,
-            shared_gravity=C.T @ heavier.gravity_stiffness(q) @ C - gravity if load.mass_std else None,
+            shared=shared,
+            shared_gravity=shared_gravity,
         )
+
+    def _at_motors(self, q: ArrayLike) -> tuple[Floats, Floats]:
+        """Inertia and gravity stiffness on the motor side, each (n, n), symmetric to the last bit."""
+        C = self.coupling
+        joint = (C.T @ each @ C for each in (self.joint_inertia(q), self.gravity_stiffness(q)))
+        M2, gravity = (np.asarray((each + each.T) / 2) for each in joint)
+        return M2, gravity
 
     def gravity_stiffness(self, q: ArrayLike) -> Floats:
         """Derivative of the static torque with respect to the joint angles, shape (n, n), N·m/rad.
