@@ -39,6 +39,9 @@ exceeds it once in 400."""
 _STATIONARY = 0.5
 """Share of the largest velocity with unknown sign from which a joint counts as stationary."""
 
+_STICKING = 0.5
+"""Share of the period without clear velocity from which it does, too: it sticks, but for short slips."""
+
 
 @dataclass(frozen=True, eq=False)
 class FrictionWaveforms:
@@ -54,8 +57,8 @@ class FrictionWaveforms:
     sizes: Floats
     """Standard deviation of the latter, shape (r, n), N·m."""
     stationary: np.ndarray
-    """Whether the joint's motion is within its noise, shape (r, n): its friction is then unknown over
-    the whole period, and its residual carries no information."""
+    """Whether the joint's motion is within its noise for most of the time, shape (r, n): its friction is
+    then unknown over the whole period, and its residual carries no information."""
     direction: Sequence[Floats]
     """Sign of θ̇ over every record, each (n, points)."""
     position_filter: Floats = field(default_factory=lambda: np.zeros(1))
@@ -112,8 +115,8 @@ def friction_waveforms(
     largest = np.abs(velocity).max(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(largest > 0, np.maximum(window or 0.0, _NOISE_MARGIN * noise / largest), 1.0)
-    stationary = share > _STATIONARY
-
+    unclear = np.mean(np.abs(velocity) <= _NOISE_MARGIN * noise[..., None], axis=2)
+    stationary = (share > _STATIONARY) | (unclear > _STICKING)
     signs = np.where(stationary[..., None], 0.0, np.sign(velocity))
     known, none = np.any(phasors.harmonics != 0, axis=2), [np.zeros((H, 0), complex)] * n
     free: list[Sequence[Complexes]] = [none] * len(rate)

@@ -212,9 +212,9 @@ def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
         share = len(names) / len(phasors.labels)
         make = warning if share > 0.9 else note
         yield make(
-            f"Joint {j + 1} does not move in {len(names)} of {counted(len(phasors.labels), 'record')}",
-            f"Joint {j + 1} moves less than its noise in {some(names)}: static friction carries the "
-            f"torque (Coulomb friction {number(fit.friction.coulomb[j], 2)} N·m).",
+            f"Joint {j + 1} hardly moves in {len(names)} of {counted(len(phasors.labels), 'record')}",
+            f"In {some(names)}, joint {j + 1} moves less than its noise or sticks most of the time: "
+            f"friction of {number(fit.friction.coulomb[j], 2)} N·m carries the torque.",
             "Move all joints in every record, with different relative phases, or superpose a constant "
             "velocity.",
             0.02 * share,
