@@ -218,6 +218,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "six_axes::start_values_are_near_k_under_heavy_friction": ("7-*",),
     "six_axes::motions_start_near_k_and_the_payload_with_friction": (),
     "six_axes::joints_that_move_in_turn_with_heavy_friction": (),
+    "six_axes::sines_of_joints_that_move_in_turn_with_heavy_friction": (),
     "store::a_study_moved_by_a_killed_write_is_restored": (),
     "store::processes_that_write_one_workspace_lose_nothing": (),
     "tool_stiffness::deflection_of_a_slow_tool_is_that_of_gravity": (),

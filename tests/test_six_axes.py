@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks import six_axes
 from jointid import (
     Controller,
     Elasticity,
@@ -104,3 +105,14 @@ def test_joints_that_move_in_turn_with_heavy_friction() -> None:
     fit = identify_motion(records, INERTIA)
     assert np.all(np.abs(fit.K - K) < 3 * fit.standard_error[:6])
     np.testing.assert_allclose(fit.K[[0, 1, 2, 4]], K[[0, 1, 2, 4]], rtol=0.01)
+
+
+def test_sines_of_joints_that_move_in_turn_with_heavy_friction() -> None:
+    """Those that are held stick: the misfit was 268, and K up to 100 % off, after half a minute."""
+    robot = six_axes.RobotModel.load(six_axes.ROBOT)
+    records = six_axes.records_of("one-at-a-time", robot, 3.0, 14)
+    fit = identify_elasticity(extract_phasors(records), robot.inertia(six_axes.POSE))
+    stiffness = six_axes.JOINT_K / robot.gear_ratio**2
+    assert fit.misfit < 1.5
+    np.testing.assert_allclose(fit.K, stiffness, rtol=0.02)
+    assert np.all(np.abs(fit.K - stiffness) < 3 * fit.standard_error[:6])

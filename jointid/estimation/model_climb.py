@@ -38,6 +38,9 @@ def fit_first(search: Search) -> None:
                 search.fit(free, start)
             if search.is_lost:
                 search.fit(free, found.named)
+            nearest = fits.estimate(free)
+            if search.is_lost and nearest:  # motors that stick for long
+                search.fit(replace(base, reversal=0.1), nearest.named)
     if not by_start and (search.is_lost or sliding not in fits.tried):
         search.fit(base, start)
         if fits.misfit(base) > DOUBTFUL and not search.is_distorted:
