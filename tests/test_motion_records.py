@@ -534,3 +534,14 @@ def test_memory_is_linear_in_the_samples() -> None:
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 4.5 * peaks[0]
+
+
+@pytest.mark.parametrize(("joints", "seconds"), [(2, 2.5), (6, 4 / 3)])
+def test_wide_bands_of_many_joints_have_short_segments(joints: int, seconds: float) -> None:
+    """With friction, the time of a segment grows as its cube: six axes took two minutes."""
+    angle = np.cumsum(np.random.default_rng(1).standard_normal((20_000, joints)), axis=0) * 1e-3
+    record = MotionRecord(np.arange(20_000) * 5e-4, angle, angle, band_hz=(3.0, 120.0))
+    lengths = [
+        each.duration_s for each in motion_phasors([record], np.ones((1, joints))).segments if each
+    ]
+    np.testing.assert_allclose(lengths, seconds, rtol=0.08)

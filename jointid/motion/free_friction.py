@@ -102,7 +102,7 @@ class Columns:
     @classmethod
     def of(cls, records: np.ndarray, free: Floats) -> Columns:
         """Scale columns (g, m, k) to unit length, in place."""
-        length = np.linalg.norm(free, axis=1)
+        length = np.sqrt(np.einsum("gmk,gmk->gk", free, free))
         free /= np.where(length > 0, length, 1.0)[:, None]
         gram = free.swapaxes(1, 2) @ free + _RIDGE * np.eye(free.shape[2])
         return cls(records, free, np.asarray(length), np.asarray(gram))
@@ -134,8 +134,7 @@ class Columns:
 
     def leverage(self) -> Floats:
         """Share of every row that is free, shape (g, m)."""
-        solved = self._solved(self.free.swapaxes(1, 2)).swapaxes(1, 2)
-        return np.asarray((self.free * solved).sum(axis=2))
+        return np.asarray(np.einsum("gmk,gmk->gm", self.free, self.free @ np.linalg.inv(self.gram)))
 
 
 @dataclass(frozen=True, eq=False)

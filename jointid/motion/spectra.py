@@ -26,6 +26,8 @@ _SEGMENT_S, _PERIODS = 2.5, 40.0
 """Least length of a segment, s, and in periods of the band's highest frequency."""
 _CYCLES = 4.0
 """Cycles of the lowest frequency in a segment, where the record allows it."""
+_MOST_EQUATIONS = 1600
+"""Equations of many joints in a segment above which it is shorter: friction takes their cube of time."""
 _LEAST_BINS = 8
 """Bins of a segment below which it has no equation beside the terms of its ends."""
 _LEAST_TORQUE_NOISE = 3e-3
@@ -96,6 +98,9 @@ def _segments(
     velocity, noise, blur = smooth_velocity(part.theta, part.interval_s, variance[:n])
     duration_s = N * part.interval_s
     length = max(_SEGMENT_S, _PERIODS / band[1])
+    shorter = max(_MOST_EQUATIONS / (2 * n * band[1]), _CYCLES / band[0], _PERIODS / band[1])
+    if n > 2:
+        length = min(length, shorter)
     if fixed:
         length = max(length, _CYCLES / max(band[0], _CYCLES / duration_s))
     count = max(1, round(duration_s / length))
