@@ -371,6 +371,19 @@ def test_slopes_count_by_their_sum_and_without_what_no_record_shows() -> None:
     assert (unseen.K2, unseen.K3, unseen.T2_Nm) == (59.0, 59.0, unseen.T1_Nm)
 
 
+def test_a_noisy_harmonic_does_not_fold_a_torsion_curve() -> None:
+    """Rounding that repeats was a third of the torque at 510 Hz, and six standard deviations."""
+    s = 2j * np.pi * 30.0 * np.arange(1, 18)[None]
+    torque, fitted = np.zeros((1, 17, 1), complex), np.zeros((2, 1, 17, 1), complex)
+    torque[0, 0, 0], torque[0, 16, 0] = 0.3, 0.1
+    fitted[:, 0, 0, 0] = 0.3 / 7.5, 0.3
+    variance = np.stack(
+        [np.full((1, 17, 1), 1e-12), (1.7e-2 * np.abs(s / s[0, -1]) ** 2)[..., None] ** 2]
+    )
+    (curve,) = torsion_curves(s, torque / 7.5, torque, variance, fitted, np.ones(torque.shape, bool))
+    assert np.count_nonzero(np.diff(np.sign(np.diff(curve.torque_Nm[0])))) == 2
+
+
 def test_hysteresis_is_distinguished_from_damping() -> None:
     fit = fitted("hysteresis")
     assert fit.gears[0].kind == "hysteresis"

@@ -12,8 +12,9 @@ _POINTS = 256
 _CLEAR = 5.0
 """Standard deviations from which a harmonic is part of a curve; the others are noise, or rounding that
 repeats."""
-
-
+_NOISY = 0.05
+"""Noise of a harmonic over the largest one above which it is no part of a curve either: rounding
+that repeats would fold the curve."""
 _PER_HARMONIC = 8
 """Samples of a period for each harmonic."""
 _NOTHING = 1e-9
@@ -80,6 +81,7 @@ def torsion_curves(
     ``resolved``, shape (r, H, n), are the harmonics that a curve may have.
     """
     clear = np.abs(torque) ** 2 > _CLEAR**2 * variance[1]
+    clear &= variance[1] < (_NOISY * np.abs(torque).max(axis=1, keepdims=True)) ** 2
     clear[:, 0] = True
     points = max(_POINTS, _PER_HARMONIC * s.shape[1])
     whole = samples_of(np.where(clear, torque, 0).swapaxes(1, 2), points)  # (r, n, t)
