@@ -57,6 +57,16 @@ def test_start_values_are_near_k_under_heavy_friction(frequencies: int, rate_hz:
     assert start is not None
     np.testing.assert_allclose(start.K, K, rtol=0.4)
     np.testing.assert_allclose(start["coulomb"], FRICTION.coulomb, rtol=0.1)
+    # A wrong payload is found with it: K5 was 98 % too low.
+    wrong = ROBOT.with_payload(mass=ROBOT.payload.mass + 35, mass_std=40.0).inertia(POSE)
+    prior = InertiaPrior.of(wrong, *phasors.q.shape)
+    loaded = friction_start(phasors, prior, layout.named(plain.estimate))
+    assert loaded is not None
+    np.testing.assert_allclose(loaded.K, K, rtol=0.4)
+    found, given, true = (
+        np.diag(M2) for M2 in (prior.symmetric(loaded["M2"])[0], prior.M2[0], INERTIA.M2)
+    )
+    assert np.abs(found - true).max() < 0.3 * np.abs(given - true).max()
     exact = layout.named(np.concatenate([K, ELASTICITY.D]))
     clean = extract_phasors(
         simulate_records(INERTIA, ELASTICITY, [6.0, 12.0, 25.0, 40.0], excitation=Excitation(periods=6))

@@ -49,6 +49,8 @@ _EVALUATIONS = 30
 """Most Jacobians from each of them."""
 _RANGE = 30.0
 """Largest factor on a start value: the arm resonates within a factor of 5 of the frequencies."""
+_UNUSUAL = 3.0
+"""Standard deviations within which a common unknown lies."""
 _HUGE = 1e50
 """Largest relative residual; its square and sums of squares stay finite."""
 
@@ -232,16 +234,23 @@ class _Fundamentals:
     phasors: Phasors
     M: Floats
     arm: Floats
+    """Dynamic M2, with gravity, shape (r, n, n)."""
+    shared: Floats
+    """Its change with a common unknown such as the payload, per standard deviation, (r, n, n)."""
     friction: Complexes
     """Of Coulomb and viscous friction, shape (r, n, 2)."""
     moving: np.ndarray
     """Whether a joint moves in a record, shape (r, n)."""
 
     def residual(self, p: Floats) -> tuple[Floats, Floats]:
-        """Relative residual, shape (rows,), at the logarithms of K and D, and the friction, (2, n)."""
+        """Relative residual, shape (rows,), and the friction, (2, n).
+
+        ``p`` has the logarithms of K and D and, if any, the common unknown.
+        """
         n, ph = self.phasors.n, self.phasors
-        s = np.asarray(1j * ph.omega, np.complex128)
-        Z, _ = motor_impedance(s, self.M, self.arm, *np.exp(p.reshape(2, n)))
+        s, common = np.asarray(1j * ph.omega, np.complex128), p[2 * n :]
+        arm = np.linalg.inv(self.arm + self.shared * common.sum())
+        Z, _ = motor_impedance(s, self.M, arm, *np.exp(p[: 2 * n].reshape(2, n)))
         rest = ph.tau - (Z @ ph.q[..., None])[..., 0]
         residual, found = [], np.zeros((2, n))
         for j in range(n):
@@ -254,7 +263,7 @@ class _Fundamentals:
                 found[:, j] = np.maximum(np.linalg.lstsq(A, b, rcond=None)[0], 0.0)
                 b -= A @ found[:, j]
             residual.append(b)
-        return np.concatenate(residual), found
+        return np.concatenate([*residual, _OUTLIER * common]), found
 
     def relative(self, p: Floats) -> Floats:
         """The residual alone, finite at any K and D."""
@@ -263,30 +272,40 @@ class _Fundamentals:
 
 
 def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) -> Parameters | None:
-    """Return K, D and the friction of all joints; None where the least-squares estimate is as good."""
+    """Return K, D and the friction of all joints; None where the least-squares estimate is as good.
+
+    With a common unknown as the payload also M2.
+    """
     n = phasors.n
     waveforms = friction_waveforms(phasors, None)
     viscous = 1j * phasors.omega[:, None] * phasors.q
+    M, arm = inertia_arrays(phasors, prior.inertias(prior.M, prior.M2))
+    of_gravity = prior.shared_gravity[prior.pose] / phasors.omega[:, None, None] ** 2
+    shared = prior.shared[prior.part[prior.pose]] - of_gravity
     data = _Fundamentals(
         phasors,
-        *inertia_arrays(phasors, prior.inertias(prior.M, prior.M2)),
+        M,
+        np.asarray(np.linalg.inv(arm), np.float64),
+        shared,
         np.stack([waveforms.coulomb[:, 0], viscous], axis=2),
         ~waveforms.stationary,
     )
+    common = np.zeros(int(shared.any()))
     least = np.inf
     if np.all(linear.K > 0) and np.all(linear.D > 0):
-        least = _size(data.residual(np.log(np.concatenate([linear.K, linear.D])))[0])
+        least = _size(data.residual(np.concatenate([np.log([*linear.K, *linear.D]), common]))[0])
     if least < _UNEXPLAINED:
         return None
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
     best, start = _BETTER * least, None
     for share in _STARTS:
         omega = float(np.quantile(phasors.omega, share))
-        first = np.log(np.concatenate([own * omega**2, 0.05 * own * omega]))
+        first = np.concatenate([np.log([*(own * omega**2), *(0.05 * own * omega)]), common])
+        reach = np.where(np.arange(first.size) < 2 * n, np.log(_RANGE), _UNUSUAL)
         found = nonlinear_least_squares(
             data.relative,
             first,
-            bounds=(first - np.log(_RANGE), first + np.log(_RANGE)),
+            bounds=(first - reach, first + reach),
             loss="soft_l1",
             f_scale=_OUTLIER,
             ftol=1e-3,
@@ -294,10 +313,11 @@ def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) ->
         )
         residual, friction = data.residual(found.x)
         if _size(residual) < best:
-            best, (K, D) = _size(residual), np.exp(found.x.reshape(2, n))
-            layout = ParameterLayout.of(n, friction=True)
-            values = layout.pack(K=K, D=D, coulomb=friction[0], viscous=friction[1])
-            start = layout.named(values)
+            best, (K, D) = _size(residual), np.exp(found.x[: 2 * n].reshape(2, n))
+            values = {"K": K, "D": D, "coulomb": friction[0], "viscous": friction[1]}
+            values |= {"M2": prior.lower + found.x[-1] * prior.common} if common.size else {}
+            layout = ParameterLayout.of(n, friction=True, arms=len(prior.lower) * common.size)
+            start = layout.named(layout.pack(**values))
         if best < _UNEXPLAINED:
             break
     return start
