@@ -305,6 +305,17 @@ def test_the_motion_of_the_arm_follows_from_the_torque_and_from_the_motor(wrong:
     assert off[1] < (1.2 if wrong else 0.2) * off[0]
 
 
+@pytest.mark.parametrize(("D", "torque"), [(2 * np.sqrt(50 * 0.004), 0.1), (0.1, 0.0)])
+def test_arms_of_equal_poles_or_without_torque_have_finite_velocities(D: float, torque: float) -> None:
+    one, none, T, N = np.ones(1), np.zeros(1), 1e-3, 1000
+    velocity = np.cos(2 * np.pi * 5 * T * np.arange(N))[None]
+    segment = Segment(
+        0, T, velocity, torque * velocity, False, 0, N, none, none, none, none, none, none, none, 5, 100
+    )
+    arms = DrivenArms(50 * one, D * one, 0.01 * one, none, 0.004 * np.eye(1), np.zeros((1, 1)))
+    assert np.isfinite(arms.velocities(segment, Motors(0.002 * one, none, none, none, none, one))).all()
+
+
 @pytest.mark.parametrize("presliding_rad", [1e-3, 2e-2])
 def test_friction_that_rises_slowly_after_a_reversal_is_found_in_random_motion(
     presliding_rad: float,

@@ -30,6 +30,8 @@ _ALIKE = 2.0
 """Difference of the torques over the noise of the measured one up to which the driven arms are right."""
 _MEDIAN = 0.455
 """Median square of normal noise over its mean."""
+_LEAST = 1e-30
+"""Square of a torque that is none, (N·m)²."""
 _DISTINCT = 1e-9
 """Relative singular value from which free motions of the arms are distinct."""
 
@@ -89,8 +91,10 @@ class DrivenArms:
         friction = self.coulomb[:, None] * np.sign(found)
         for _ in range(_RENEWED):
             torque, by_motor = self._driven(segment, angle, friction, measured)
+            if not np.isfinite(by_motor).all():  # two poles are equal
+                return by_torque
             difference = np.median((measured - torque) ** 2, axis=1) / _MEDIAN  # apart from the ends
-            weight = 1 - noise / np.maximum(difference, noise)
+            weight = 1 - noise / np.maximum(np.maximum(difference, noise), _LEAST)
             found = by_motor + weight[:, None] * (by_torque - by_motor)
             # Half of the change: an arm that almost rests would turn back each time.
             friction = 0.5 * (friction + self.coulomb[:, None] * np.sign(found))
