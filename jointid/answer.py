@@ -257,7 +257,7 @@ def _stiffnesses(fit: ElasticityFit, nominal: Elasticity | None, unit: Stiffness
             values = enumerated([value for value, _ in found])
             return f"The stiffnesses of joints 1 to {fit.n} are {values} {found[0][1]}, {unit.side}"
         first, *others = (" ".join(shown) for shown in found)
-        more = "".join(f", of joint {j} {value}" for j, value in enumerate(others, start=2))
+        more = "".join(f", that of joint {j} is {value}" for j, value in enumerate(others, start=2))
         return f"The stiffness of joint 1 is {first}{more}, {unit.side}"
     differences = [_difference(fit, nominal, j) for j in range(fit.n)]
     texts = [kind.format(size) for kind, size, _ in differences]

@@ -9,6 +9,7 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _MOST_DIGITS = 7
 """Most significant digits shown, whatever the standard error."""
 _WITHIN_NUMBER = re.compile(r"(?<=\d) (?=[%°±]|mm\b|Hz\b|N·m)|(?<=±) ")
+_RANGE = re.compile(r"(?<=\d)–(?=\d)")
 UNDETERMINED = "not determined"
 """In place of a value whose standard error is infinite."""
 
@@ -78,7 +79,7 @@ def with_error(value: float, error: float, *, finest: int | None = None) -> str:
     The error gets one digit, two when it begins with 1; the value ends at the same place. Very small and
     very large values read "(1.20 ± 0.03)×10⁻⁷"; an infinite error gives "not determined", an unknown one
     (NaN) "± ?". ``finest`` is the power of ten of the last digit that has a meaning: with -1, an error
-    of 0.006 reads "± <0.1".
+    of 0.006 is rounded up to "± 0.1".
     """
     if error == math.inf:
         return UNDETERMINED
@@ -98,8 +99,7 @@ def with_error(value: float, error: float, *, finest: int | None = None) -> str:
     if finest is not None:
         place = max(place, finest)
     if error < 0.5 * 10.0**place:
-        known = f"{_fixed(value, place)} ± "
-        return known + (f"<{_fixed(10.0**place, place)}" if error > 0 else "0")
+        return f"{_fixed(value, place)} ± {_fixed(10.0**place, place) if error > 0 else '0'}"
     place = max(place, _last_place(error))
     return f"{_fixed(value, place)} ± {_fixed(error, place)}"
 
@@ -173,8 +173,8 @@ def _fixed(value: float, place: int) -> str:
 
 
 def unbroken(text: str) -> str:
-    """Keep every number, its error and its unit on one line, for a phone's width."""
-    return _WITHIN_NUMBER.sub("\N{NO-BREAK SPACE}", text)
+    """Keep every number or range, its error and its unit on one line, for a phone's width."""
+    return _RANGE.sub("–\N{WORD JOINER}", _WITHIN_NUMBER.sub("\N{NO-BREAK SPACE}", text))
 
 
 def printable(text: str) -> str:

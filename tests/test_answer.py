@@ -86,8 +86,8 @@ def test_a_difference_within_the_uncertainty_is_not_reported() -> None:
 
 def test_without_a_nominal_stiffness() -> None:
     assert answer_sentence(fit([43.0, 7.5])) == (
-        "The stiffness of joint 1 is 43.000 ± 0.010 N·m/rad, of joint 2 7.500 ± 0.010 N·m/rad, seen "
-        "from the motor."
+        "The stiffness of joint 1 is 43.000 ± 0.010 N·m/rad, that of joint 2 is 7.500 ± 0.010 N·m/rad, "
+        "seen from the motor."
     )
 
 

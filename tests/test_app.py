@@ -15,6 +15,7 @@ from streamlit.testing.v1 import AppTest
 from jointid import Inertia, Study
 from jointid.files.study_files import pack_study
 from jointid.ui.shared import charts, workspace
+from jointid.wording import unbroken
 
 TITLES = {
     "pages/1_Records.py": "Records",
@@ -77,7 +78,7 @@ class TestFirstScreen:
         assert "2.0 times as stiff as nominal" in at.header[0].value
         assert figures(at) == 2
         facts = " ".join(m.value for m in at.markdown)
-        for fact in ("simulated", "12 records", "2 joints", "3–29 Hz"):
+        for fact in ("simulated", "12 records", "2 joints", unbroken("3–29 Hz")):
             assert fact in facts
         assert any(s.value.startswith("Path error ") for s in at.header)
         assert any("nominal values" in html.proto.body for html in at.get("html"))

@@ -59,6 +59,7 @@ def test_the_page_compares_two_studies(app: AppTest) -> None:
     at = at.selectbox(key="compare_estimator").set_value("least-squares").run()
     assert not at.exception, at.exception[0].stack_trace
     assert at.header[0].value.startswith("The stiffnesses differ by at most")
+    assert list(at.table[0].value.columns) == ["Quantity", "Difference", "First", "Second"]
 
 
 def test_a_second_study_without_an_answer_is_named(app: AppTest, studies: dict[int, Study]) -> None:
@@ -79,6 +80,10 @@ def test_the_headline_names_a_study_that_is_usable_with_care(app: AppTest, first
     assert not at.exception, at.exception[0].stack_trace
     said = at.header[0].value.replace("\N{NO-BREAK SPACE}", " ")
     assert said.endswith(", but doubled.zip is usable with care only")
+    at = at.selectbox(key="compare_study").set_value("doubled.zip").run()
+    at = at.selectbox(key="compare_estimator").set_value("least-squares").run()
+    assert not at.exception, at.exception[0].stack_trace
+    assert "but auto is usable with care only" in at.header[0].value
 
 
 def test_differences_are_shown_in_the_unit_and_on_the_side_of_the_answer(first: Analysis) -> None:

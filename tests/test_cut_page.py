@@ -210,7 +210,7 @@ class TestPage:
     def test_of_another_robot_custom_values_are_its_own(self, app: AppTest, another_robot: None) -> None:
         """The study's own identified values leave as much as the identification does."""
         at = shown(app.switch_page(PAGE).run())
-        assert at.header[0].value.startswith("Path error of the example arm ")
+        assert at.header[0].value.startswith("Path error of the example arm: ")
         assert "the example arm with the identified springs scaled by" in words(at)
         assert "K = 60.0, 5.00 N·m/rad" in words(at)
         assert "robot has K = 43.0, 7.50 N·m/rad" in words(at)

@@ -252,6 +252,11 @@ def test_the_chosen_joint_is_highlighted_among_many(analyses: dict[int, Analysis
     assert [t.name for t in figure.data].count("chosen record") == 1
 
 
+def test_a_model_is_drawn_through_all_of_its_points(analyses: dict[int, Analysis]) -> None:
+    """Simplified by plotly, it has visible corners."""
+    assert trace(model_over_measurement(analyses[2], 0), "identified model").line.simplify is False
+
+
 def test_hover_texts_give_phasors_with_errors_in_rounded_digits(analyses: dict[int, Analysis]) -> None:
     phasors = analyses[2].phasors
     for t in phasor_plane(phasors).data:

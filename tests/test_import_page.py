@@ -511,6 +511,11 @@ class TestCorrectedRuns:
         assert [span.x0 for span in spans] == [s.start_s for s in kept]
         assert spans[0].fillcolor == spans[1].fillcolor != spans[2].fillcolor
 
+    def test_a_motion_has_no_row_of_frequencies(self, log: MappedLog) -> None:
+        layout = log_spans(log, [Segment(0.0, 2.0, np.nan, band_hz=(2.0, 9.0))]).layout
+        assert layout.yaxis.title.text == "Angle 1 (rad)"
+        assert len(layout.shapes) == 1
+
 
 def test_the_picture_shows_a_torque_of_unknown_scale_as_logged() -> None:
     """Percent of an unstated rated torque cannot be converted to newton metres."""
@@ -521,5 +526,5 @@ def test_the_picture_shows_a_torque_of_unknown_scale_as_logged() -> None:
     assumed = replace(mapping, assumed=("scale of torque of joint 1",))
     for of, title, largest in ((mapping, "Torque 1 (N·m)", 4e-2 / 50), (assumed, "Torque 1 (%)", 4.0)):
         figure = log_spans(log, (), mapping=of)
-        assert figure.layout.yaxis3.title.text == title
+        assert figure.layout.yaxis2.title.text == title
         assert np.abs(np.array(figure.data[-1].y, float)).max() == pytest.approx(largest)

@@ -10,6 +10,7 @@ from jointid import Elasticity, JointIdError, PlanarArm, RobotModel, locked_reso
 from jointid.cut.path_deflection import joint_path
 from jointid.cut.rectangle import rectangle
 from jointid.cut.tool_stiffness import planar_tool_stiffness, tool_stiffness
+from jointid.figures.cut import deflection_ellipse
 from tests.robots import SIX_AXES
 
 ROBOT = RobotModel.parse("six.toml", SIX_AXES.encode())
@@ -104,3 +105,13 @@ def test_tool_point_of_the_file() -> None:
     longer = RobotModel.parse("six.toml", (SIX_AXES + "\n[tool]\norigin = [0.0, 0.0, 0.5]\n").encode())
     near, far = (tool_stiffness(robot, POSE, ELASTICITY) for robot in (ROBOT, longer))
     assert np.linalg.eigvalsh(far.compliance)[-1] > np.linalg.eigvalsh(near.compliance)[-1]
+
+
+def test_a_small_deflection_is_drawn_in_micrometres() -> None:
+    """In the unit of the sentence beside it, so that both give the same number."""
+    found = tool_stiffness(ROBOT, POSE, ELASTICITY)
+    longest = found.principal[0][0]
+    for force, scale, unit in ((5e-5 / longest, 1e6, "µm"), (2e-4 / longest, 1e3, "mm")):
+        figure = deflection_ellipse(found, force, axes=("a", "b"))
+        assert figure.layout.xaxis.title.text == f"Deflection along a ({unit})"
+        assert np.abs(np.array(figure.data[0].x, float)).max() == pytest.approx(scale * force * longest)

@@ -35,7 +35,8 @@ def clicked(at: AppTest, key: str) -> AppTest:
 
 
 def column(at: AppTest, name: str) -> list[str]:
-    return next(list(t.value[name]) for t in at.table if name in t.value)
+    cells = next(list(t.value[name]) for t in at.table if name in t.value)
+    return [cell.replace("\N{NO-BREAK SPACE}", " ") for cell in cells]
 
 
 def bar(text: str) -> float:
@@ -163,6 +164,10 @@ class TestTheNextExperiment:
         at = shown(at.switch_page(PLAN).run())
         assert at.error[0].value.startswith("Not usable")
         assert [header.value for header in at.header] == ["3 additional records"]
+        assert "Worst error afterwards" not in at.table[0].value
+        assert len(at.get("plotly_chart")) == 0
+        assert not any("large gain" in caption.value for caption in at.caption)
+        assert any("findings and remedies" in link.proto.label for link in at.get("page_link"))
 
     def test_the_tabs_keep_their_place_and_their_key(self, app: AppTest) -> None:
         at = opened(app, PLAN, plan_view="Set points")

@@ -55,13 +55,15 @@ def deflection_ellipse(
     plane = directions[:2] if spatial else np.eye(2)
     angle = np.linspace(0.0, 2 * np.pi, 181)
     forces = force_N * np.stack([np.cos(angle), np.sin(angle)], axis=1) @ plane
+    longest = force_N * float(stiffness.principal[0][0])
+    scale, unit = (1e3, "mm") if longest >= 1e-4 else (1e6, "µm")
     for colour, of in (("nominal", nominal), ("identified", stiffness)):
         if of is not None:
-            moved = 1e3 * of.deflection(forces) @ plane.T
-            hover = "%{x:.3f}, %{y:.3f} mm"
+            moved = scale * of.deflection(forces) @ plane.T
+            hover = f"%{{x:.3f}}, %{{y:.3f}} {unit}"
             sketch.line(moved[:, 0], moved[:, 1], colour, colour, hovertemplate=hover)
-    worst = 1e3 * force_N * stiffness.principal[0][0] * (directions[0] @ plane.T)
+    worst = scale * longest * (directions[0] @ plane.T)
     ends = np.stack([-worst, worst])
     sketch.line(ends[:, 0], ends[:, 1], "worst direction", "quiet", hoverinfo="skip")
-    x, y = (linear_axis(f"Deflection along {axis} (mm)") for axis in axes)
+    x, y = (linear_axis(f"Deflection along {axis} ({unit})") for axis in axes)
     return sketch.figure(x, y | {"scaleanchor": "x"}, height=320)

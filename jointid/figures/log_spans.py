@@ -26,30 +26,29 @@ def log_spans(
 ) -> go.Figure:
     """Draw angle and torque of every joint over time, with the segments as coloured spans.
 
-    Used ones are blue and solid, others grey and dashed; their frequencies are in the top row. Signals
-    whose scale ``mapping`` assumes are drawn in the unit of their column.
+    Used ones are blue and solid, others grey and dashed; the frequencies of sines are in the top row.
+    Signals whose scale ``mapping`` assumes are drawn in the unit of their column.
     """
     sketch = Sketch(dark)
     rows = [row for j in range(log.n) for row in _rows(log, j, mapping)]
-    axes = [linear_axis("Sine (Hz)", share=_LADDER, nticks=6, rangemode="tozero")]
+    has_sines = any(len(segment.lines_hz) for segment in (*kept, *dropped))
+    axes = [linear_axis("Sine (Hz)", share=_LADDER, nticks=6, rangemode="tozero")] * has_sines
     for chosen, name, colour, dash, opacity in (
         (kept, "used", "identified", "solid", 0.28),
         (dropped, "left out", "quiet", "dot", 0.18),
     ):
-        if chosen:
+        if any(len(segment.lines_hz) for segment in chosen):
             _add_ladder(sketch, chosen, name, colour, dash)
         for segment in chosen:
             sketch.span(segment.start_s, segment.stop_s, colour, opacity, layer="below")
-    if not sketch.traces:  # an axis without a curve is not drawn
-        sketch.line(log.time_s[[0, -1]], np.zeros(2), "", "rgba(0,0,0,0)", showlegend=False)
-    for number, (title, values) in enumerate(rows, start=2):
+    for number, (title, values) in enumerate(rows, start=1 + has_sines):
         axes.append(linear_axis(title, nticks=6))
         x, y = downsampled(log.time_s, values)
-        style: Trace = {"showlegend": False, "yaxis": f"y{number}"}
+        style: Trace = {"showlegend": False, "yaxis": f"y{number}" if number > 1 else "y"}
         style["hovertemplate"] = "%{x:.5g} s: %{y:.4g}"
         sketch.line(x, y, title, "measured", width=1.1, **style)
     across = linear_axis("Time (s)", range=[float(log.time_s[0]), float(log.time_s[-1])])
-    height = 60 + round(_ROW_PX * (_LADDER + len(rows)))
+    height = 60 + round(_ROW_PX * (_LADDER * has_sines + len(rows)))
     return sketch.figure(across, *axes, height=height)
 
 

@@ -77,6 +77,11 @@ class SerialisedFigure(go.Figure):  # type: ignore[misc]
         return self._written
 
 
+_SMOOTH = 1000
+"""Points up to which a line is drawn through all of them. Of more, plotly leaves some out: a model of
+480 points would be a polygon of 55."""
+
+
 class Sketch:
     """A figure in the making: traces and shapes from plain dictionaries.
 
@@ -93,7 +98,9 @@ class Sketch:
         self, x: Floats, y: Floats, name: str, colour: str, *, width: float = 2, **more: Any
     ) -> None:
         """Add a line, for instance a model; ``dash`` is its pattern."""
-        style = {"color": self._colour(colour), "width": width}
+        style: Trace = {"color": self._colour(colour), "width": width}
+        if len(x) <= _SMOOTH:
+            style["simplify"] = False
         style |= {"dash": more.pop("dash")} if "dash" in more else {}
         self._add("lines", x, y, name, {"line": style} | more)
 

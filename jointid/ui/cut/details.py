@@ -16,7 +16,7 @@ from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import NO_POSE, choose_segment, side_by_side
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.wording import length_with_error, minus, significant, three_digits
+from jointid.wording import length_with_error, minus, plain, significant, three_digits
 
 
 def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> None:
@@ -68,7 +68,7 @@ def show_tool_stiffness(page: Page, analysis: Analysis, robot: CutRobot) -> None
         show_error(error)
         return
     spatial = len(of.compliance) == 3
-    axes = ("the softest direction", "the second") if spatial else ("x", "y")
+    axes = ("the softest axis", "the second axis") if spatial else ("x", "y")
     draw = partial(deflection_ellipse, of, force, nominal, axes=axes)
     with figure:
         what = "Tool deflection under a force from any direction"
@@ -90,7 +90,8 @@ def _stiffnesses(
         if len(names) > 1:
             pose = choose_segment("Pose", names, "tool_pose", format_func=lambda name: name or NO_POSE)
         angles = study.pose_angles_rad[pose]
-        where = f"joint angles {three_digits(np.rad2deg(angles))}°"
+        degrees = ", ".join(minus(plain(round(x, 1) + 0.0)) for x in np.rad2deg(angles))
+        where = f"joint angles {degrees}°"
         of = partial(tool_stiffness, study.robot_model, angles)
         identified, nominal, covariance = fit.elasticity, study.nominal, fit.covariance
     assumed = None if nominal is None else of(nominal)

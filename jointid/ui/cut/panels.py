@@ -32,7 +32,7 @@ from jointid.ui.shared.messages import show_note, show_text_table, show_warning
 from jointid.ui.shared.method_steps import CUT
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.workspace import link_to
-from jointid.wording import counted, three_digits, unbroken
+from jointid.wording import capitalised, counted, three_digits, unbroken
 
 
 def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> None:
@@ -61,7 +61,7 @@ def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> N
             link_to(CUT, "All corner zones")
             return
     header, rows = rows_of([1e3 * zone for zone in ZONES_M], found)
-    show_text_table(dict(zip(header, zip(*rows, strict=True), strict=True)))
+    show_text_table(dict(zip(map(capitalised, header), zip(*rows, strict=True), strict=True)))
     st.caption(f"{meaning(analysis)} {COLUMNS_MEANING}")
 
 
@@ -69,7 +69,7 @@ def headline(outcome: Outcome) -> str:
     """Path error before and after, and its robot."""
     if outcome.robot.rule == "demonstration":
         return "A demonstration, not this study"
-    whose = " of the example arm" if outcome.robot.rule == "relative" else ""
+    whose = " of the example arm:" if outcome.robot.rule == "relative" else ""
     errors = f"{millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
     return unbroken(f"Path error{whose} {errors} ({outcome.which})")
 

@@ -249,6 +249,7 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
         num_rows="dynamic",
         hide_index=True,
         height=min(36 + 35 * (len(rows) + 1), 430),
+        placeholder="",
         key=key,
     )
 

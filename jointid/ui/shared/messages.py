@@ -59,10 +59,12 @@ show_error, show_warning, show_info, show_note = map(_message, ("error", "warnin
 def show_text_table(columns: Mapping[str, Sequence[Any]]) -> None:
     """Show a small table without a frame of its own; headings and cells are text.
 
-    A column without a heading holds names of quantities.
+    A column without a heading holds names of quantities. A narrow cell breaks before "±", not after.
     """
     escaped = {
-        markdown_escape(name or "Quantity"): [*map(markdown_escape, cells)]
+        markdown_escape(name or "Quantity"): [
+            markdown_escape(cell).replace("± ", "±\N{NO-BREAK SPACE}") for cell in cells
+        ]
         for name, cells in columns.items()
     }
     st.table(escaped, hide_index=True)

@@ -1,4 +1,5 @@
 // Wide equations, tables and listings: reached by keyboard, or stacked on a phone.
+const MOST_STACKED = 24;  // lines; a longer table scrolls sideways, its first column in view
 const WIDE = "pre, .katex-display, [data-testid=stTable] div";
 let waiting;
 
@@ -14,7 +15,8 @@ function mark() {
     const headings = [...table.querySelectorAll("th")].map((each) => each.textContent);
     table.classList.remove("stacked");
     const cut = table.scrollWidth > table.parentElement.clientWidth + 1;
-    table.classList.toggle("stacked", innerWidth <= 640 && cut);
+    const lines = headings.length * (table.rows.length - 1);
+    table.classList.toggle("stacked", innerWidth <= 640 && cut && lines <= MOST_STACKED);
     table.querySelectorAll("td").forEach((cell) => { cell.dataset.heading = headings[cell.cellIndex]; });
   }
   // An upload area has a name and takes the focus: it is no mere decoration.

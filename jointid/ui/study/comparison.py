@@ -89,8 +89,9 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     pairs = ((page, first), (other, second))
     unusable = [pair for pair in pairs if pair[1].state == NOT_USABLE]
     if not unusable:
-        doubtful = [markdown_escape(p.label) for p, each in pairs if each.state == WITH_CARE]
-        doubts = [f"{name} is usable with care only" for name in dict.fromkeys(doubtful)]
+        names = [p.method if same else markdown_escape(p.label) for p, _ in pairs]
+        states = zip(names, (each.state for _, each in pairs), strict=True)
+        doubts = [f"{name} is usable with care only" for name, state in states if state == WITH_CARE]
         said = [_sentence(rows, page, other), *([enumerated(doubts)] if doubts else [])]
         st.header(unbroken(", but ".join(said)), anchor=False)
     for whose, each in unusable:
@@ -102,7 +103,8 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     columns = {"": [f"{row.first.name} ({row.first.unit})" for row in rows]}
     if not unusable:
         columns["Difference"] = [signed_percent(100 * row.relative) for row in rows]
-        columns["Significant"] = [_significance(row) for row in rows]
+        if not same:  # else the difference has no standard error
+            columns["Significant"] = [_significance(row) for row in rows]
     columns["First"] = [row.first.shown[0] for row in rows]
     columns["Second"] = [row.second.shown[0] for row in rows]
     show_text_table(columns)
@@ -120,6 +122,10 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
         return
     names = (page.method, other.method) if page.digest == other.digest else ("first", "second")
     st.header("Both models", anchor=False)
+    st.caption(
+        "Acceleration of each motor over its own torque: models as lines, measurements as points, "
+        "without the identified effects such as friction."
+    )
     page.show_per_joint(
         f"compare {page.key} {other.key} {other.digest} {other.method}",
         partial(compared_responses, (first, second), names),

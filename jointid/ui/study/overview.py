@@ -154,7 +154,7 @@ def show_heading(page: Page) -> None:
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
     badge = f":gray-badge[{study.origin or 'origin not stated'}]"
     listed = [] if page.label == study.name else [f"listed as {markdown_escape(page.label)}"]
-    st.markdown(" &nbsp;·&nbsp; ".join([badge, *listed, *study.facts]))
+    st.markdown(" &nbsp;·&nbsp; ".join([badge, *listed, *map(unbroken, study.facts)]))
     for text in (study.description, *study.remarks):
         if text:
             st.caption(markdown_escape(text))
@@ -219,7 +219,7 @@ def _values_table(analysis: Analysis, found: Sequence[Quantity]) -> dict[str, li
     for name, own in (("K", found[:n]), ("D", found[n:])):
         columns[f"{name} ({own[0].unit})"] = [quantity.shown[0] for quantity in own]
         if analysis.nominal is not None and analysis.state != NOT_USABLE:
-            columns[f"nominal {name}"] = [_nominal(analysis, quantity) for quantity in own]
+            columns[f"Nominal {name}"] = [_nominal(analysis, quantity) for quantity in own]
     return columns
 
 

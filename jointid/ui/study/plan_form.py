@@ -90,6 +90,9 @@ def _ask_limits(place: DeltaGenerator, key: str, label: str, largest: Floats, of
     return enter_text(place, key, label, ", ".join(f"{x:.3g}" for x in largest), hint)
 
 
+_WORST = "Worst error afterwards"
+
+
 def largest_so_far(analysis: Analysis) -> tuple[Floats, Floats]:
     """Largest amplitudes of torque, and of velocity of motor or arm, each of shape (n,)."""
     fit, omega = analysis.fit, analysis.phasors.omega[:, None]
@@ -130,18 +133,20 @@ def suggestion(page: Page, settings: PlanSettings, analysis: Analysis) -> Sugges
 def show_suggestion(page: Page, settings: PlanSettings, found: Suggestion, analysis: Analysis) -> None:
     """Show the suggested records with the errors that they leave, and offer them as a file."""
     before, after = (float(found.worst[k]) for k in (0, -1))
-    gain = f": worst error {percent(before)} → {percent(after)}" * (analysis.state != NOT_USABLE)
+    usable = analysis.state != NOT_USABLE
+    gain = f": worst error {percent(before)} → {percent(after)}" * usable
     st.header(f"{counted(settings.count, 'additional record')}{gain}", anchor=False)
-    if not gain:
+    if not usable:
         st.caption("Predicted with K and D that are not usable: a guide to frequencies, not to errors.")
-    show_text_table(suggested_table(found))
+    columns = suggested_table(found)
+    show_text_table({name: columns[name] for name in columns if usable or name != _WORST})
     for advice in filter(None, (analysis.limit_of_records(found.worst), second_amplitude(analysis.fit))):
         st.info(advice)
     st.caption(
         "Torques: amplitude ∠ phase relative to the first driven joint"
         + (", without the friction of the motors." if analysis.fit.friction is not None else ".")
-        + " The errors include noise, inertias and torque scale, as in the study."
-        + _LARGE_GAIN * (before > 2 * after)
+        + " The errors include noise, inertias and torque scale, as in the study." * usable
+        + _LARGE_GAIN * (usable and before > 2 * after)
     )
     download(
         "Save these records (.csv)",
@@ -149,8 +154,9 @@ def show_suggestion(page: Page, settings: PlanSettings, found: Suggestion, analy
         "next_records.csv",
         hint="With the motor angles, for a controller that follows positions.",
     )
-    what = "Worst relative error over the number of records added"
-    page.show(f"worst {settings}", partial(worst_error, found), what)
+    if usable:
+        what = "Worst relative error over the number of records added"
+        page.show(f"worst {settings}", partial(worst_error, found), what)
 
 
 def suggested_table(found: Suggestion) -> Table:
@@ -165,7 +171,7 @@ def suggested_table(found: Suggestion) -> Table:
         ],
         "Motor velocities (rad/s)": [three_digits(row) for row in records.velocity_rad_s.tolist()],
         "Length (s)": [f"{s:g}" for s in records.duration_s.tolist()],
-        "Worst error afterwards": [
+        _WORST: [
             f"{found.names[k]} {'± ' * bool(np.isfinite(e))}{percent(e)}"
             for k, e in zip(worst, found.worst[1:].tolist(), strict=True)
         ],
