@@ -70,6 +70,8 @@ class TestErrorBars:
             parts = [bar(text) for text in column(at, name)]
             assert parts == pytest.approx(np.asarray(errors).tolist(), rel=0.06)
         assert any("torque scale is not stated" in caption.value for caption in at.caption)
+        explained = any("Choice of model: " in caption.value for caption in at.caption)
+        assert explained == any("Choice of model" in t.value for t in at.table)
 
     def test_given_and_fitted_inertias_are_listed_with_their_influence(
         self, app: AppTest, analyses: dict[int, Analysis], joints: int

@@ -95,7 +95,7 @@ def torsion_curve(
     height = np.log(np.maximum(size, np.finfo(float).tiny))
     ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: height[r])
     span = max(float(np.ptp(height[ends])), 1e-9) if ends else 1.0
-    named = dict(zip((*ends[:1], *ends[-1:]), ("from ", "to "), strict=False)) if ends else {}
+    named = {ends[0]: "from ", ends[-1]: "to "} if len(ends) > 1 else dict.fromkeys(ends, "")
     for r in ends:
         share = (height[r] - height[ends[0]]) / span * (len(_SCALE) - 1)
         x, y = (np.append(v[r], v[r, 0]) for v in (wind_up, torque))

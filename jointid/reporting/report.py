@@ -33,9 +33,9 @@ from jointid.reporting.pdf import to_pdf
 from jointid.study import INERTIA_STD, Study
 from jointid.uncertainty.answer_tables import (
     COMPARED_MODELS,
-    PARTS_MEANING,
     compared_models,
     error_table,
+    parts_meaning,
 )
 from jointid.uncertainty.prior_rows import prior_table
 from jointid.wording import UNDETERMINED, capitalised, minus, plain, significant
@@ -119,8 +119,9 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         )
         if outcome.robot.gears:
             yield Paragraph(gears_text(outcome))
-    caption = f"Parts of the standard errors by cause, {analysis.unit.side}. {PARTS_MEANING}"
-    yield Table.of(error_table(fit, analysis.unit), caption)
+    parts = error_table(fit, analysis.unit)
+    caption = f"Parts of the standard errors by cause, {analysis.unit.side}. {parts_meaning(parts)}"
+    yield Table.of(parts, caption.rstrip())
     caption = (
         "Inertias and torque scales, motor side: J_m rotors, J_a arm, J_12 coupling. σ: standard "
         "deviation of the less certain value. "

@@ -1,12 +1,14 @@
 """Tables of the answer: parts of the standard errors by their cause, and the compared models."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from jointid.answer import AT_MOTOR, StiffnessUnit, elasticity_quantities
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
-from jointid.wording import UNDETERMINED, significant
+from jointid.wording import UNDETERMINED, capitalised, significant
 
 _PARTS = {
     "noise": ("noise", "use longer records or a larger motion"),
@@ -21,11 +23,10 @@ _PARTS = {
     ),
 }
 """Name of each part, and what reduces it; the fit holds it as ``noise_error`` and so on."""
-PARTS_MEANING = (
-    "Friction harmonics: allowance for the shape of friction beyond the fitted harmonics. Choice of "
-    "model: difference from models that fit about as well."
-)
-"""Explains the parts that need it."""
+_MEANING = {
+    "friction harmonics": "allowance for the shape of friction beyond the fitted harmonics",
+    "choice of model": "difference from models that fit about as well",
+}
 
 
 def error_parts(fit: ElasticityFit) -> dict[str, Floats]:
@@ -62,6 +63,12 @@ def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> dict[str,
         sizes = zip(unit.shown(error).tolist(), np.isinf(total), strict=True)
         columns[name] = [unknown if lost else significant(size, 2) for size, lost in sizes]
     return columns
+
+
+def parts_meaning(table: Iterable[str]) -> str:
+    """Explain those columns of ``error_table`` that need it."""
+    found = [f"{capitalised(name)}: {_MEANING[name]}." for name in table if name in _MEANING]
+    return " ".join(found)
 
 
 COMPARED_MODELS = (

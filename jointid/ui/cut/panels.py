@@ -219,7 +219,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
         if has_own_path(analysis):
             show_own_path(page, analysis, summary=True)
         else:
-            link_to(CUT, "Path error on an example arm")
+            link_to(CUT, "A cut by the example arm, as a demonstration")
         return
     ink = colours(page.dark)
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)

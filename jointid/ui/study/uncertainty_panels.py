@@ -20,9 +20,9 @@ from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.shared.sidebar import ESTIMATORS
 from jointid.uncertainty.answer_tables import (
     COMPARED_MODELS,
-    PARTS_MEANING,
     compared_models,
     error_table,
+    parts_meaning,
 )
 from jointid.uncertainty.prior_rows import prior_table
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
@@ -87,7 +87,7 @@ def show_errors(analysis: Analysis) -> None:
     show_text_table({capitalised(name): cells for name, cells in columns.items()})
     st.caption(
         f"Estimator: **{analysis.fit.method}**. Total: one standard error; the squares "
-        f"of its parts add up to its square. K and D {analysis.unit.side}. {PARTS_MEANING}"
+        f"of its parts add up to its square. K and D {analysis.unit.side}. {parts_meaning(columns)}"
     )
     if analysis.study.torque_std is None:
         st.caption(UNSTATED_TORQUE_SCALE)
