@@ -279,6 +279,9 @@ class TestSetPoints:
     def test_a_plan_can_be_saved_once_it_is_checked(self, app: AppTest) -> None:
         at = opened(app, PLAN, plan_view="Set points")
         assert any("no check and no file" in caption.value for caption in at.caption)
+        at = shown(next(b for b in at.button if b.label.startswith("Check on")).click().run())
+        named = 'Not checked. Enter "Gear ratios", "Start pose (°), all axes", '
+        assert at.error[0].value.startswith(named)
         assert not any("set points" in d.label for d in at.get("download_button"))
         lines = [
             "gear_ratio = [100, 90]\nstart_deg = [0, -90, 90, 0, 45, 0]\nvelocity_deg_s = [200, 200]",

@@ -484,6 +484,7 @@ def test_friction_finding_states_the_difference_to_the_paper_method() -> None:
     assert friction.weight == pytest.approx(share, rel=0.02)
     assert f"{100 * share:.0f} % too high" in friction.title
     assert "0.1 and 0.02 N·m" in friction.detail
+    assert re.search(r"this fit \S+ ± \S+ N·m(·s)?/rad at the motor", friction.detail)
     assert found[0].level == "good"
 
 

@@ -492,6 +492,7 @@ def test_poses_with_different_stiffness_are_reported(
     given = case(poses=("", "far"), fit=two_joints(), phasors=None, inertias=())
     found = list(rules_causes.poses_disagree(given))
     assert [finding.title for finding in found] == ["The poses disagree on K2"] * told
+    assert all("(far) N·m/rad at the motor: " in finding.detail for finding in found)
     given.poses = ("far", "far")
     assert not list(rules_causes.poses_disagree(given))
 

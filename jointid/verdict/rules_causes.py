@@ -77,11 +77,17 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     also = f" ({', '.join(others)})" if others else ""
     yield note(
         f"{title}: the paper's estimate of {names[worst]} is {percent(share[worst])} too {high}",
-        f"{cause}With the same inertias, least squares gives {significant(float(other[worst]))}, "
-        f"this fit {with_error(float(p[worst]), float(fit.standard_error[worst]))}{also}.",
+        f"{cause}With the same inertias, least squares gives {significant(float(other[worst]))}, this "
+        f"fit {with_error(float(p[worst]), float(fit.standard_error[worst]))} "
+        f"{_unit(names[worst])}{also}.",
         remedy,
         float(share[worst]),
     )
+
+
+def _unit(name: str) -> str:
+    """Unit and side of a K or D in a finding, whatever the unit of the answer."""
+    return f"N·m{'' if name[0] == 'K' else '·s'}/rad at the motor"
 
 
 def lag_size(evidence: Evidence) -> str | None:
@@ -197,10 +203,11 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
             fits.names, fits.estimates[:, worst], fits.standard_error[:, worst], strict=True
         )
     )
+    name = elasticity_labels(evidence.fit.n)[worst]
     yield warning(
-        f"The poses disagree on {elasticity_labels(evidence.fit.n)[worst]}",
-        f"{values}: {percent(fits.spread[worst])} apart, {number(fits.significance[worst], 2)} standard "
-        "errors.",
+        f"The poses disagree on {name}",
+        f"{values} {_unit(name)}: {percent(fits.spread[worst])} apart, "
+        f"{number(fits.significance[worst], 2)} standard errors.",
         "Check M2 of each pose first, under [poses] in the inertia file or in study.toml. "
         "If the inertias are right, the gear is probably nonlinear: its stiffness then "
         "depends on the load, which depends on the pose.",

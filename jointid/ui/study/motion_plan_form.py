@@ -84,8 +84,8 @@ def show_set_points(
     for place, (name, key) in zip(places, keys.items(), strict=False):
         label, example, hint = _LIMITS[name]
         entered[name] = enter_text(place, key, label, "", hint, example)
-    one, two, three, four = st.columns(4)
-    kind = choose_from(one, "setpoints_kind", "Motion", list(_FORMS)) if sines else _SINES
+    *first, two, three, four = st.columns(4 if sines else 3)
+    kind = choose_from(first[0], "setpoints_kind", "Motion", list(_FORMS)) if sines else _SINES
     titles = {name: each.title for name, each in FORMATS.items()}
     file_format = choose_from(two, "setpoints_format", "Format", list(FORMATS), titles.__getitem__)
     interval_hint = "Empty: the default of the format."
@@ -100,13 +100,15 @@ def show_set_points(
     known = applied("Check on the simulated robot", f"setpoints {page.digest} {sines}", choice)
     entered, kind, file_format, interval, numbers, superposed = known or choice
     if known is None:
+        ratios_too = "gear ratios, " if ratios is None else ""
         st.caption(
-            "Enter gear ratios, start pose and limits: without them there is no check and no file."
+            f"Enter {ratios_too}start pose and limits: without them there is no check and no file."
         )
         return
     needed = [name for name in _LIMITS if name not in _OPTIONAL and not entered[name].strip()]
     if needed:
-        raise JointIdError(f"Not checked. Enter {enumerated([_LIMITS[name][0] for name in needed])}.")
+        labels = enumerated([f'"{_LIMITS[name][0]}"' for name in needed])
+        raise JointIdError(f"Not checked. Enter {labels}.")
     scale, repeats, ramp_s, rest_s = numbers
     n = analysis.fit.n
     given: dict[str, Any] = {

@@ -142,6 +142,7 @@ def _undo(before: str) -> None:
 _BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
 _STATE_COLOURS = {USABLE: "green", WITH_CARE: "orange"}
 _MOST_FINDINGS = 3
+_NOMINAL = "Nominal: in the controller at present."
 _MOST_TILES = 4
 """Joints; more are shown in a table."""
 _TILE_GAP = 16  # px, streamlit's
@@ -186,6 +187,7 @@ def show_tiles(analysis: Analysis) -> None:
     found = analysis.quantities
     if n > _MOST_TILES:
         show_text_table(_values_table(analysis, found))
+        st.caption(f"K and D {analysis.unit.side}. {ERROR_BARS} {_NOMINAL}")
         return
     with st.container(horizontal=True):  # K1, K2, D1, D2, as in sentences, tables and files
         for row in (found[:n], found[n:]) if n > 1 else (found,):
@@ -245,8 +247,7 @@ def _tile(analysis: Analysis, found: Quantity) -> None:
         delta_arrow="off",
         border=True,
         width=_TILE_WIDTH,
-        help=f"{capitalised(found.meaning)} {analysis.unit.side}. {ERROR_BARS} "
-        "Nominal: in the controller at present.",
+        help=f"{capitalised(found.meaning)} {analysis.unit.side}. {ERROR_BARS} {_NOMINAL}",
     )
 
 
