@@ -24,6 +24,7 @@ from jointid.figures import (
     torsion_curve,
     waveforms,
 )
+from jointid.figures.response_curves import in_legend
 from jointid.figures.style import DARK, LIGHT, frequency_axis, log_axis, plain_text
 from jointid.figures.waveforms import downsampled
 from jointid.ui.study.data_quality import phasor_table
@@ -255,6 +256,11 @@ def test_the_chosen_joint_is_highlighted_among_many(analyses: dict[int, Analysis
 def test_a_model_is_drawn_through_all_of_its_points(analyses: dict[int, Analysis]) -> None:
     """Simplified by plotly, it has visible corners."""
     assert trace(model_over_measurement(analyses[2], 0), "identified model").line.simplify is False
+
+
+def test_a_legend_stays_short_enough_for_a_phone() -> None:
+    assert in_legend("without friction and delay") == "without friction and delay"
+    assert in_legend("without friction, backlash and gear hysteresis") == "without fitted effects"
 
 
 def test_hover_texts_give_phasors_with_errors_in_rounded_digits(analyses: dict[int, Analysis]) -> None:

@@ -21,6 +21,7 @@ _POINTS = 400
 """Points of a model's curve over the band."""
 _PEAK_POINTS = 41
 """Additional points within 3 % of each resonance."""
+_LEGEND_LENGTH = len("without friction and delay")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +75,17 @@ def removed_effects(analysis: Analysis) -> str:
     return "" if analysis.state == NOT_USABLE else without(analysis.fit)
 
 
+def in_legend(removed: str) -> str:
+    """Return removed effects as a phone's legend has room for them."""
+    return removed if len(removed) <= _LEGEND_LENGTH else "without fitted effects"
+
+
 def compensated_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
-    """Return the transfer matrix to compare with the model, and the effects removed, in words."""
+    """Return the transfer matrix to compare with the model, and the effects removed, for a legend."""
     removed = removed_effects(analysis)
     if not removed or pose not in analysis.compensated_transfer_matrices:
         return analysis.transfer_matrices[pose], ""
-    return analysis.compensated_transfer_matrices[pose], removed
+    return analysis.compensated_transfer_matrices[pose], in_legend(removed)
 
 
 def identified(analysis: Analysis, pose: str, i: int, j: int) -> Response | None:

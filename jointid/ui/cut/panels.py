@@ -202,8 +202,8 @@ def show_gears(page: Page, settings: CutSettings, outcome: Outcome) -> None:
             st.metric(servo, error)
     st.caption(
         f"Largest path error of a robot with the identified gears ({laws}), as in all cuts of this "
-        "page. Left: K and D at the 95th percentile of the path error; right: the identified K and D. "
-        "Beyond the torques of the records the laws are extrapolated."
+        "page. The first has K and D at the 95th percentile of the path error, the second the "
+        "identified K and D. Beyond the torques of the records the laws are extrapolated."
     )
 
 

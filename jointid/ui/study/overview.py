@@ -11,7 +11,7 @@ from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
 from jointid.answer import ERROR_BARS, change_from
 from jointid.corrections.changes import corrected, label
 from jointid.estimation.quantities import Quantity
-from jointid.figures.response_curves import removed_effects
+from jointid.figures.response_curves import in_legend, removed_effects
 from jointid.files.digest import study_digest
 from jointid.ui.shared import workspace
 from jointid.ui.shared.messages import (
@@ -287,10 +287,10 @@ def _finding(page: Page, analysis: Analysis, finding: Finding, lead: str = "") -
 
 def freed_note(analysis: Analysis) -> str:
     """Explain "without friction" in a figure's legend, if present."""
-    words = removed_effects(analysis)
-    return (
-        f' "{words[0].upper()}{words[1:]}": data with the identified effects removed.' if words else ""
-    )
+    removed = removed_effects(analysis)
+    words = in_legend(removed)
+    meaning = "data with the identified effects removed" if words == removed else f"{removed}, as fitted"
+    return f' "{capitalised(words)}": {meaning}.' if words else ""
 
 
 def show_steps() -> None:
