@@ -317,6 +317,14 @@ def test_a_misfit_matters_with_its_share_of_the_torque(
     assert "problem" not in levels(rules_model.model_limits(given))
 
 
+def test_beside_a_known_payload_the_remedy_is_to_state_the_torque_scale() -> None:
+    """The fit takes it as exact otherwise, and the payload contradicts it."""
+    for added, std, told in ((1e-3, 0.0, True), (0.0, 0.0, False), (1e-3, 0.05, False)):
+        prior = case(added=np.full((2, 2, 2), added), torque_std=std)
+        given = case(fit=two_joints(prior=prior, friction=object()))
+        assert ("under [torque]" in rules_model._usual_cause(given, "")) == told
+
+
 def test_a_residual_is_negligible_only_beside_well_known_values() -> None:
     assert rules_model._left_of_torque(limited(9.0, 0.9e-4, K=0.0099))[1]
     assert not rules_model._left_of_torque(limited(9.0, 0.9e-4, K=0.0101))[1]

@@ -187,6 +187,12 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
             "Check the columns, the load and the sample rate of this record, or leave it out. Without "
             "an anti-alias filter, a record of low sample rate contains aliased torque."
         )
+    if fit.prior is not None and np.any(fit.prior.added) and fit.prior.torque_std == 0:
+        return (
+            "The fit takes the torque constants as exact, and the known payload contradicts wrong ones. "
+            "State how well they are known, for instance std = 0.05 under [torque] in study.toml: the "
+            "payload then determines the torque scale. Check its inertia too."
+        )
     if fit.friction is not None:
         return (
             "The fit already includes friction. Check the inertias, the torque constants and external "
