@@ -85,9 +85,10 @@ def show_errors(analysis: Analysis) -> None:
     """K and D with the parts of their errors."""
     columns = error_table(analysis.fit, analysis.unit)
     show_text_table({capitalised(name): cells for name, cells in columns.items()})
+    meaning = parts_meaning(columns)
     st.caption(
         f"Estimator: **{analysis.fit.method}**. Total: one standard error; the squares "
-        f"of its parts add up to its square. K and D {analysis.unit.side}. {parts_meaning(columns)}"
+        f"of its parts add up to its square. K and D {analysis.unit.side}. {meaning}"
     )
     if analysis.study.torque_std is None:
         st.caption(UNSTATED_TORQUE_SCALE)
