@@ -206,7 +206,7 @@ def show_bands(analysis: Analysis) -> None:
         name = record.label or f"motion record {index}"
         own = hz[labels == name]
         if own.size:
-            origin = "chosen from its spectrum" if record.band_hz is None else "as stated"
+            origin = "chosen from its spectrum" if record.band_hz is None else "from the study"
             low, high = significant(own.min(), 3), significant(own.max(), 3)
             bands.append(f"{markdown_escape(name)}: {low}–{high} Hz, {origin}")
     if bands:
