@@ -143,7 +143,12 @@ def test_the_bare_address_offers_the_last_workspace(
     open_file(first, "mine.zip", pack_study(studies[1]))
     place = workspace_of(first)
     again = visit(quick, "Import a log")
-    again.get_by_role("link", name="Continue where you left off").click()
+    way_back = again.get_by_role("link", name="Continue where you left off")
+    expect(way_back).to_have_count(1)
+    again.set_viewport_size({"width": 390, "height": 844})  # with its sidebar folded away
+    expect(again.get_by_test_id("stMain").get_by_text("Continue where you left off")).to_be_visible()
+    again.set_viewport_size({"width": 1280, "height": 800})
+    way_back.click()
     finished(again, "Import a log")
     chosen(again, "mine.zip")
     assert workspace_of(again) == place

@@ -16,6 +16,7 @@ from jointid.figures.style import colours
 from jointid.ui.shared.charts import choose_joint, introduce, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, REPORT, SIMULATE
+from jointid.ui.shared.recent_studies import link_to_last_on_a_phone
 from jointid.ui.shared.results import awaited, note_session, result_cache
 from jointid.ui.shared.sidebar import DEFAULT_METHOD, choose_study, remember_file
 from jointid.ui.shared.workspace import Refused, label, link_to, open_sample, open_study, sample_paths
@@ -190,6 +191,7 @@ def start(title: str, introduction: str = "", *, heading: bool = True) -> tuple[
     ink = f"--focus: {colours(dark).identified}; --on-primary: {'#10212C' if dark else '#FFFFFF'}"
     st.html(f"<style>:root {{ {ink}; }}\n{_CSS}</style>")
     choice = choose_study()
+    link_to_last_on_a_phone()
     _show_notices()
     if heading:
         st.title(title, anchor=False)

@@ -42,15 +42,26 @@ def _dismiss(place: str, note: str, forget: str) -> None:
         st.session_state.pop(forget, None)
 
 
+def _link_to_last(key: str) -> None:
+    """Let the browser remember workspace and study, forget an unknown one, or link to the last ones."""
+    chosen, unknown = (st.session_state.get(key) or "" for key in ("chosen", "unknown_workspace"))
+    data = {"current": workspace.workspace() or "", "study": quote(chosen), "unknown": unknown}
+    _component(key=key, data=data)
+
+
+def link_to_last_on_a_phone() -> None:
+    """Link to the last workspace on the page itself, where a phone has folded the sidebar."""
+    if not workspace.workspace():
+        with st.container(key="narrow way back"):
+            _link_to_last("last_workspace_on_page")
+
+
 def show_recent() -> None:
     """List the workspace's studies, with the notes and problems of the store."""
     if problem := st.session_state.pop("store_problem", None):
         show_warning(problem)
     show_notes(workspace.workspace())
-    chosen, unknown = (st.session_state.get(key) or "" for key in ("chosen", "unknown_workspace"))
-    # The browser remembers workspace and study, forgets an unknown one, or links to those opened last.
-    data = {"current": workspace.workspace() or "", "study": quote(chosen), "unknown": unknown}
-    _component(key="last_workspace", data=data)
+    _link_to_last("last_workspace")
     kept = workspace.recent()
     if not kept:
         return
