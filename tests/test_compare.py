@@ -79,7 +79,7 @@ def test_the_headline_names_a_study_that_is_usable_with_care(app: AppTest, first
     at = at.selectbox(key="compare_study").set_value("paper").run()
     assert not at.exception, at.exception[0].stack_trace
     said = at.header[0].value.replace("\N{NO-BREAK SPACE}", " ")
-    assert said.endswith(", but doubled.zip is usable with care only")
+    assert said.endswith(', but "doubled.zip" is usable with care only')
     at = at.selectbox(key="compare_study").set_value("doubled.zip").run()
     at = at.selectbox(key="compare_estimator").set_value("least-squares").run()
     assert not at.exception, at.exception[0].stack_trace
@@ -106,7 +106,7 @@ def test_a_softer_robot_differs_significantly_in_either_order(
     at = at.selectbox(key="compare_study").set_value("paper").run()
     assert not at.exception, at.exception[0].stack_trace
     said = at.header[0].value.replace("\N{NO-BREAK SPACE}", " ")
-    assert said.startswith(f"{first.study.name}, compared with soft.zip: joint 1 is 11 % stiffer")
+    assert said.startswith(f'"{first.study.name}" compared with "soft.zip": joint 1 is 11 % stiffer')
     assert said.endswith("(significant), if the torque scales are exact")
     table = at.table[0].value
     assert list(table.columns[:3]) == ["Quantity", "Difference", "Significant"]
@@ -114,12 +114,13 @@ def test_a_softer_robot_differs_significantly_in_either_order(
     states = [caption.value for caption in at.caption if caption.value.startswith("First: ")]
     name = re.escape(first.study.name)
     assert re.fullmatch(
-        rf"First: soft\.zip, auto, usable.*\. Second: {name}, auto, usable.*\.", states[0]
+        rf'First: "soft\.zip", estimator auto, usable.*\. Second: "{name}", estimator auto, usable.*\.',
+        states[0],
     )
     at = next(button for button in at.button if button.label == "Swap").click().run()
     assert not at.exception, at.exception[0].stack_trace
     said = at.header[0].value.replace("\N{NO-BREAK SPACE}", " ")
-    assert said.startswith(f"soft.zip, compared with {first.study.name}: joint 1 is 10 % softer")
+    assert said.startswith(f'"soft.zip" compared with "{first.study.name}": joint 1 is 10 % softer')
 
 
 def test_the_default_partner_is_one_of_the_users_studies(

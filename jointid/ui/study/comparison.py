@@ -32,7 +32,7 @@ def choose_other(page: Page) -> Page:
     """Ask for the second study and its estimator; end the page where it cannot be opened."""
     addresses = {name: address for address, name in names_by_address().items()}
     partner = _partner(page)
-    show_note(f"First study, chosen in the sidebar: {page.label}, estimator {page.method}.")
+    show_note(f'First study, chosen in the sidebar: "{page.label}", estimator {page.method}.')
     left, right, beside = st.columns([5, 5, 2], vertical_alignment="bottom")
     second = "compare_study", "Second study", list(addresses)
     key = choose_from(left, *second, label, first=partner)
@@ -89,7 +89,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     pairs = ((page, first), (other, second))
     unusable = [pair for pair in pairs if pair[1].state == NOT_USABLE]
     if not unusable:
-        names = [p.method if same else markdown_escape(p.label) for p, _ in pairs]
+        names = [p.method if same else _quoted(p) for p, _ in pairs]
         states = zip(names, (each.state for _, each in pairs), strict=True)
         doubts = [f"{name} is usable with care only" for name, state in states if state == WITH_CARE]
         said = [_sentence(rows, page, other), *([enumerated(doubts)] if doubts else [])]
@@ -97,8 +97,8 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     for whose, each in unusable:
         show_error(f"{whose.label}: {each.headline}")
     show_note(
-        f"First: {page.label}, {page.method}, {first.state}. "
-        f"Second: {other.label}, {other.method}, {second.state}."
+        f'First: "{page.label}", estimator {page.method}, {first.state}. '
+        f'Second: "{other.label}", estimator {other.method}, {second.state}.'
     )
     columns = {"": [f"{row.first.name} ({row.first.unit})" for row in rows]}
     if not unusable:
@@ -139,14 +139,19 @@ def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
         largest = max(abs(row.relative) for row in stiffness)
         between = f"between {page.method} and {other.method}"
         return f"The stiffnesses differ by at most {significant(100 * largest, 2)} % {between}"
-    names = [markdown_escape(name) for name in (other.label, page.label)]
+    names = _quoted(other), _quoted(page)
     clear = [row for row in stiffness if abs(row.sigmas) > _CLEAR]
     if not clear:
         return f"No stiffness of {names[0]} differs significantly from {names[1]}"
     changes = enumerated([f"joint {row.first.name[1:]} is {_change(row)}" for row in clear])
     stated = all(each.study.torque_std is not None for each in (page, other))
     condition = "" if stated else ", if the torque scales are exact"
-    return f"{', compared with '.join(names)}: {changes} (significant){condition}"
+    return f"{' compared with '.join(names)}: {changes} (significant){condition}"
+
+
+def _quoted(page: Page) -> str:
+    """The name of a study within a sentence; it may hold commas."""
+    return f'"{markdown_escape(page.label)}"'
 
 
 def _change(row: Difference) -> str:
