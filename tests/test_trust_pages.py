@@ -82,7 +82,9 @@ class TestErrorBars:
         assert column(at, "Fitted") == [row.cells[2] for row in rows]
         assert len(rows) == joints + joints * (joints + 1) // 2
         names = list(prior_influence(analyses[joints].fit).names)
-        assert any(list(t.value["Quantity"]) == names for t in at.table if "Quantity" in t.value)
+        (shifts,) = (t.value for t in at.table if "K1 (%)" in t.value)
+        assert list(shifts["Quantity"]) == names
+        assert "%" not in "".join(shifts.iloc[:, 1:].to_numpy().ravel())
 
     def test_closed_panels_are_not_computed_and_open_ones_show_their_figures(
         self, app: AppTest, joints: int

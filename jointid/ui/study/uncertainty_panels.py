@@ -118,7 +118,10 @@ def show_inertias(analysis: Analysis) -> None:
         f"{names[k]}. The table shows the change of each estimate when a given value is larger by its "
         "standard deviation. Near zero, the records determine the value better than its prior does."
     )
-    columns = {name: [signed_percent(x) for x in row] for name, row in zip(names, percent, strict=True)}
+    columns = {
+        f"{name} (%)": [signed_percent(x).removesuffix(" %") for x in row]
+        for name, row in zip(names, percent, strict=True)
+    }
     show_text_table({"": list(found.names)} | columns)
 
 
