@@ -183,7 +183,7 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
     lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0
     noise, found = curve.deflection_noise_rad, "not measured"
     if noise.size:
-        found = f"none found, deflection known to ± {wind_up(float(np.median(noise)), 1)}"
+        found = f"not detected (deflection known to ± {wind_up(float(np.median(noise)), 1)})"
     terms["Lost motion"] = wind_up(lost) if lost else found
     return terms
 

@@ -31,7 +31,7 @@ def convert(
         Path | None, typer.Option(help="JSON with the role of each column, as written by --guess.")
     ] = None,
     guess: Annotated[
-        Path | None, typer.Option(help="Write the guessed mapping to this file and stop.")
+        Path | None, typer.Option(help="Write the proposed mapping to this file and stop.")
     ] = None,
     inertia: Annotated[
         Path | None,

@@ -63,7 +63,7 @@ def _print_tables(analysis: Analysis) -> None:
     rows = [[q.name, *q.shown, *known[q.place : q.place + 1]] for q in fitted]
     print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
     if analysis.state != NOT_USABLE:
-        print("Gears, valid up to their largest torque, motor side:")
+        print("Gear laws, valid up to the largest torque in the records, motor side:")
         print(*(gear_text(fit, j) for j in range(fit.n)), sep="\n")
     print(f"\n{ERROR_BARS} Its parts:")
     columns = error_table(fit, analysis.unit)

@@ -120,14 +120,14 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
         "edit inertias",
     ),
     "arm angle": (
-        "The positions look measured at the arm, not at the motors",
+        "The positions seem to be measured at the arm, not at the motors",
         "Read as angles behind the gears, they give K of about {K}.",
         "Choose the columns of the motors' encoders as positions ({q} in a study's tables). An encoder "
         "behind the gear does not show the motion of the motor, whatever the gear ratio.",
         "edit mapping",
     ),
     "gear torque": (
-        "The torques look measured behind the gears, not at the motors",
+        "The torques seem to be measured behind the gears, not at the motors",
         "Read as torques behind the gears, which exclude the rotors, they give K of about {K}.",
         "Choose the columns of the motors' torques ({tau} in a study's tables), or add M times the "
         "motor's acceleration to them.",

@@ -68,7 +68,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
         return  # the cause is unknown
     else:
         title, cause = "Noise biases least squares", ""
-        remedy = "No action needed: the chosen estimate weights angles and torques by their noise."
+        remedy = "No action needed: the chosen estimator weights angles and torques by their noise."
     others = [
         f"{names[k]} {percent(share[k])} too {'high' if other[k] > p[k] else 'low'}"
         for k in np.flatnonzero(clear)
@@ -77,8 +77,9 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     also = f" ({', '.join(others)})" if others else ""
     yield note(
         f"{title}: the paper's estimate of {names[worst]} is {percent(share[worst])} too {high}",
-        f"{cause}With the same inertias, least squares gives {significant(float(other[worst]))}, this "
-        f"fit {with_error(float(p[worst]), float(fit.standard_error[worst]))} "
+        f"{cause}With the same inertias, the paper's least squares gives {names[worst]} = "
+        f"{significant(float(other[worst]))}, "
+        f"this fit {with_error(float(p[worst]), float(fit.standard_error[worst]))} "
         f"{_unit(names[worst])}{also}.",
         remedy,
         float(share[worst]),

@@ -58,8 +58,8 @@ _SURE = 5.0
 """Standard errors of a power."""
 _FOREIGN = (
     "The torques do not belong to the motions",
-    "Check that angles and torques of each record come from the same run and clock, and the columns and "
-    "signs of the torques.",
+    "Check that angles and torques of each record come from the same run and clock, and check the "
+    "columns of the torques and the signs of torques and gear ratios.",
 )
 _CUT_OFF = (
     "A logged torque is clipped",

@@ -52,7 +52,7 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
         make = problem if off[worst] > 0.05 else warning
         yield make(
             "A record contradicts its stated frequency",
-            f"{phasors.labels[worst]} states {number(stated[worst], 5)} Hz; the motor angle has "
+            f"{phasors.labels[worst]} states {number(stated[worst], 5)} Hz; the motor oscillates at "
             f"{number(phasors.frequency_found_hz[worst], 5)} Hz. "
             f"{_concerned(len(concerned))}",
             "Correct the frequency of the run or the unit of time on import, or frequency_hz and the "

@@ -84,7 +84,7 @@ def _controller_peak(
     others = [i + 1 for i in range(evidence.fit.n) if i != j]
     whose = f"joint {others[0]}" if len(others) == 1 else "the other joints"
     return note(
-        f"The peak of joint {j + 1} at {number(frequency[worst])} Hz belongs to the controller "
+        f"The peak of joint {j + 1} at {number(frequency[worst])} Hz comes from the controller "
         f"of {whose}",
         f"In the record {evidence.phasors.labels[records[worst]]} alone, acceleration over torque peaks "
         f"there at {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak. "

@@ -33,8 +33,8 @@ def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> Non
 def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     """Show the path error for some errors of K̂, in both joints and in each alone."""
     st.write(
-        "Largest path error, with this path and controller, when the servo's K̂ differs from the "
-        "robot's identified K: that of the worse sign."
+        "Worst-case path error on this path with this controller, if the servo's K̂ is this much above "
+        "or below the robot's identified K."
     )
     try:
         exact, wrong = cached_cuts.offset_costs(page, settings.after, outcome.robot)
