@@ -779,19 +779,21 @@ def test_known_factors_and_orders_can_be_corrected() -> None:
 
 
 @pytest.mark.parametrize(
-    ("order", "scale", "title"),
+    ("order", "scale", "title", "remedy"),
     [
-        ([0, 1, 2, 4, 3, 5], 1, "The torques of joints 1 and 2 look exchanged"),
-        ([0, 1, 2, 3, 5, 4], 1, "The torques of joints 2 and 3 look exchanged"),
-        ([1, 0, 2, 3, 4, 5], 1, "The positions of joints 1 and 2 look exchanged"),
-        ([1, 0, 2, 4, 3, 5], 1, "The inertias of joints 1 and 2 look exchanged"),
-        ([0, 1, 2, 3, 4, 5], -1, "Joint 3 looks reversed relative to the others"),
+        ([0, 1, 2, 4, 3, 5], 1, "The torques of joints 1 and 2 look exchanged", "tau_m1_Nm, tau_m2_Nm"),
+        ([0, 1, 2, 3, 5, 4], 1, "The torques of joints 2 and 3 look exchanged", "tau_m2_Nm, tau_m3_Nm"),
+        ([1, 0, 2, 3, 4, 5], 1, "The positions of joints 1 and 2 look exchanged", "theta_m1_rad, "),
+        ([1, 0, 2, 4, 3, 5], 1, "The inertias of joints 1 and 2 look exchanged", "same order"),
+        ([0, 1, 2, 3, 4, 5], -1, "Joint 3 looks reversed relative to the others", "coupling inertias"),
     ],
 )
-def test_exchanged_channels_are_named(order: list[int], scale: float, title: str) -> None:
+def test_exchanged_channels_are_named(order: list[int], scale: float, title: str, remedy: str) -> None:
     turned = np.array([1.0, 1.0, scale])
     fault = replace(Hypothesis.of("exchanged", turned, turned), order=np.array(order))
-    assert cause_findings.axes_look_wrong(fault, "").title == title
+    found = cause_findings.axes_look_wrong(fault, "")
+    assert found.title == title
+    assert remedy in found.remedy
 
 
 def test_joints_are_listed_in_words() -> None:

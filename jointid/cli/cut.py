@@ -95,7 +95,7 @@ def cut(
             row.append(millimetres(1e-3 * cut["gears_known_mm"]))
     print_table(columns, cells, right=tuple(range(len(columns))))
     for problem in dict.fromkeys(o.problem for o in outcomes if o.problem):
-        print(f"\nThe path error after identification is not known: {problem}")
+        print(f"\nThe path error after the identification cannot be computed: {problem}")
     if worse := [f"{zone:g} mm" for zone, o in zip(zones, outcomes, strict=True) if o.not_better]:
         print(f"Corner zone {enumerated(worse)}: {next(o.not_better for o in outcomes if o.not_better)}")
     if not (largest := outcomes[-1]).depends_on_elasticity:

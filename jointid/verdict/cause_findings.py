@@ -159,20 +159,30 @@ def _changes(hypothesis: Hypothesis) -> list[Change]:
 
 def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
     """Finding that names exchanged joints, a reversed one, or both."""
-    n, found, what = hypothesis.gear.size, [], "inertias"
+    n, what = hypothesis.gear.size, "inertias"
+    found, remedies = [], []
     moved = np.flatnonzero(hypothesis.order != np.arange(2 * n))
     if moved.size:
         what = "torques" if moved[0] >= n else "inertias" if moved.size > 2 else "positions"
-        joints = enumerated([f"{j + 1}" for j in np.unique(moved % n)])
-        found = [f"the {what} of joints {joints} look exchanged"]
+        joints = np.unique(moved % n).tolist()
+        found.append(f"the {what} of joints {enumerated([f'{j + 1}' for j in joints])} look exchanged")
+        remedy = "Check that M, M2 and the columns have the same order of joints."
+        if what != "inertias":
+            columns = _columns(what[:-1], joints)
+            remedy = f"Exchange the columns of these {what} on import ({columns} in a study's tables)."
+        remedies.append(remedy)
     for j in np.flatnonzero(hypothesis.scale[:n] < 0).tolist():
         which, others = ("1 or joint 2", "other") if n == 2 else (f"{j + 1}", "others")
         found.append(f"joint {which} looks reversed relative to the {others}")
+    if np.any(hypothesis.scale[:n] < 0):
+        remedies.append(
+            "Check the sign of the coupling inertias. If it is right, position and torque of this joint "
+            "are both reversed."
+        )
     return problem(
         capitalised(", and ".join(found)),
         proof,
-        "Check the order of the joints in the columns, M and M2, and the sign of the coupling inertias: "
-        "position and torque of a joint may both be reversed.",
+        " ".join(remedies),
         1.0,
         "edit inertias" if what == "inertias" else "edit columns",
         *_changes(hypothesis),

@@ -44,7 +44,7 @@ def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> N
     try:
         found = page.computed("own path", doing, own_path_deflections, analysis, ZONES_M)
     except JointIdError as error:
-        show_note(f"The tool deflection is not known. {error}")
+        show_note(f"The tool deflection cannot be computed. {error}")
         return
     largest = found[-1]
     before, servo = largest.assumed_m, "the nominal K"
@@ -78,7 +78,7 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
     """State which robot cuts, and explain the two path errors."""
     (st.caption if outcome.robot.rule == "direct" else st.info)(outcome.robot.meaning)
     if outcome.distribution is None:
-        show_warning(f"The path error after the identification is not known. {outcome.problem}")
+        show_warning(f"The path error after the identification cannot be computed. {outcome.problem}")
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
     st.caption(
         "Path error: largest simulated distance of the tool from the reference path.\n"
@@ -213,7 +213,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
         outcome = cached_cuts.overview(page, analysis)
     except JointIdError as error:
         if analysis.state != NOT_USABLE:  # the headline gives the reason
-            show_note(f"The path error is not known. {error}")
+            show_note(f"The path error cannot be computed. {error}")
         return
     if outcome is None:
         if has_own_path(analysis):

@@ -156,7 +156,7 @@ def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
         st.dataframe(narrow, hide_index=True, height=height)
     st.caption(
         f"K in {PARAMETERS['K'].unit}, D in {PARAMETERS['D'].unit}, seen from the motor, ± one standard "
-        "error, in a window that is wide enough. A table of many joints scrolls sideways."
+        "error, if the window is wide enough. A table of many joints scrolls sideways."
     )
     st.selectbox(
         "Study to show",

@@ -106,7 +106,7 @@ def show_drift(spreads: Sequence[Spread], drifts: Drifts, *, dark: bool) -> None
         format_func=_robot_name,
         key="fleet_robot",
         bind="query-params",
-        help="Those whose stiffness drifts most clearly come first.",
+        help="The robots with the most significant drift come first.",
     )
     for k, (spread, place) in enumerate(zip(spreads, side_by_side(len(spreads)), strict=True)):
         times = np.array([seconds(row.date) if row.date else np.nan for row in spread.rows])

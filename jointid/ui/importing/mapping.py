@@ -47,7 +47,7 @@ def remember(table: importing.LogTable, mapping: importing.Mapping) -> None:
 
 def keep_mapping(table: importing.LogTable, mapping: importing.Mapping) -> None:
     """Offer a mapping that a study was made with in later sessions of this workspace, too."""
-    with noting_problems("The mapping is known in this session only. "):
+    with noting_problems("The mapping is kept in this session only. "):
         stays = [*part_entries(_PART)][-_MOST_KNOWN:]
         data = importing.mapping_to_json(mapping).encode()
         keep_part(_PART, f"The mapping of {table.name}", table.signature, data, beside=stays)
@@ -58,7 +58,7 @@ def _known(signature: str) -> importing.Mapping | None:
     known: dict[str, importing.Mapping | None] = st.session_state.setdefault(_SAVED, {})
     if signature not in known:
         known[signature] = None
-        with noting_problems("The earlier mapping is no longer known. "):
+        with noting_problems("The earlier mapping is no longer available. "):
             if kept := read_part(_PART, signature):
                 known[signature] = importing.mapping_from_json(kept)
     return known[signature]

@@ -174,7 +174,7 @@ def choose_element(n: int) -> tuple[int, int]:
         names,
         "element",
         hint="$H_{ij}$ is the acceleration of motor i over the torque of motor j. "
-        "On the diagonal a motor's own torque acts.",
+        "Diagonal elements are the response to a motor's own torque.",
     )
     return pairs[names.index(shown)]
 
