@@ -41,7 +41,7 @@ def arm_directions(
 ) -> dict[int, Complexes]:
     """Phasors of the sign of each arm's velocity, (highest, n), by the row of the segment.
 
-    Those of an arm that stands still are zero. ``motors`` and ``arms`` have those of every row.
+    Those of an arm at rest are zero. ``motors`` and ``arms`` have those of every row.
     """
     return {
         row: _directions(each, arms[row].velocities(each, motors[row])) for row, each in segments.items()

@@ -13,7 +13,7 @@ _REFINED, _SAME = 30, 1e-4
 """Steps to the torque of a gear, each of which leaves the share of friction in it of the error, and the
 relative change below which they end."""
 _MOST = 0.9
-"""Largest share of friction: with all of its torque, a gear that drives the motor stands."""
+"""Largest share of friction: with all of its torque, a gear that drives the motor does not move."""
 
 
 class Motors(NamedTuple):

@@ -103,7 +103,9 @@ def finding_of(
         columns = _columns(cause.signal, joints)
         minus = " Reverse its sign as well." if reversed_too else ""
         remedies.append(f"{cause.remedy.format(whose)} ({columns} in a study's tables).{minus}")
-    remedies.append("If the units are right, check the gear ratio.")  # of this size by chance
+    remedies.append(  # either may be of this size by chance
+        "If the units are right, check the gear ratio and the rated torque or torque constant."
+    )
     title = capitalised("; ".join(titles))
     return problem(
         title, f"{' '.join(details)} {proof}", " ".join(remedies), effect, "edit mapping", *changes
@@ -234,7 +236,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
     causes = f"The cause may be {unit}"
     if gears:
         how = "applied once too often" if size.max() < 1 else "left out"
-        causes = f"The cause may be a gear ratio of {', or '.join(gears)}, {how}; or {unit}"
+        causes = f"The cause may be a gear ratio {how}: {', or '.join(gears)}; or {unit}"
         if side:
             causes += f" The coupling between the joints points to {_SEEN[side]}"
     if np.any(factor[wrong] < 0):

@@ -189,7 +189,7 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
     holds whatever makes the residuals as long as that differs by record, as sticking friction does. The
     scatter of few records is inaccurate: it counts if that of K and D is significant, and then widens
     the noise of each parameter by the ratio of both standard errors, if that is above 1. ``residual`` is
-    that at the estimate; ``prior_part`` of its covariance, both shape (P, P), is made by the prior, the
+    that at the estimate; ``prior_part`` of its covariance, both shape (P, P), comes from the prior, the
     rest by noise.
     """
     finite = finite_part(covariance)
