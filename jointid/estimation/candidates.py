@@ -125,7 +125,7 @@ class Choice:
 
 
 def dissipates(estimate: LikelihoodEstimate) -> bool:
-    """Whether the friction of an estimate takes energy: Coulomb friction, or viscous alone."""
+    """Whether the friction of an estimate dissipates energy: Coulomb friction, or viscous alone."""
     coulomb, viscous = (estimate.layout[name] for name in ("coulomb", "viscous"))
     ratio = estimate.p / np.sqrt(np.maximum(np.diag(estimate.covariance), np.finfo(float).tiny))
     return bool(np.any(ratio[coulomb] > _DISSIPATIVE) or np.any(ratio[viscous] > _SIGNIFICANT))

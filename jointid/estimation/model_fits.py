@@ -55,9 +55,9 @@ def loaded(
     prior: InertiaPrior,
     p: Parameters,
 ) -> FrictionWaveforms | None:
-    """Friction waveforms with that of friction by load, at the gear torque of some parameters.
+    """Friction waveforms with load-dependent friction, at the gear torque of some parameters.
 
-    Unchanged where it is none of the parts.
+    Unchanged without this part.
     """
     if waveforms is None or "load" not in parts:
         return waveforms
@@ -99,7 +99,7 @@ def fit_model(
             estimate = fitted(start)
             if not np.isfinite(estimate.cost):  # the gear's motion diverges from some starts
                 raise np.linalg.LinAlgError("not finite")
-            # Friction by load and, in motions, the directions of the arms follow from the parameters.
+            # Load-dependent friction and, in motions, the arms' directions follow from the parameters.
             turned = "arm_coulomb" in model.effects and phasors.motion.any()
             same = not ("load" in model.effects or turned)
             if waveforms and "position_filter" in model.effects and not phasors.motion.any():

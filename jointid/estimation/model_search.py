@@ -63,7 +63,7 @@ class Search:
     first: Model | None = None
     """The model of the start values. The noise of motions is then that of an earlier search."""
     most: float = np.inf
-    """Misfit above which a model has no use."""
+    """Misfit above which a model is not considered."""
     starts: dict[Model, int] = field(default_factory=dict)
     """Number of start values from which each model was fitted."""
     slow_fits: int = 0
@@ -80,7 +80,7 @@ class Search:
 
     @property
     def has_motions(self) -> bool:
-        """Whether a record is no sine."""
+        """Whether there is a motion record."""
         return bool(self.phasors.motion.any())
 
     @property

@@ -1,4 +1,4 @@
-"""Model selection: which friction, delay and effects the records ask for.
+"""Model selection: which friction, delay and effects the records require.
 
 Models grow from the simplest. A score test estimates in one evaluation how much every absent part would
 lower the cost; the best few are fitted, and parts that they make superfluous are dropped.

@@ -25,13 +25,13 @@ _MARGIN, _STATIONARY = 4.0, 0.5
 """An arm is stationary where so many standard deviations of the motor's velocity are this share of its
 own largest velocity."""
 _RENEWED = 3
-"""How often the motion of the arms is found with friction by their direction before."""
+"""Iterations of the arm's motion, each with friction by the direction of the previous one."""
 _ALIKE = 2.0
 """Difference of the torques over the noise of the measured one up to which the driven arms are right."""
 _MEDIAN = 0.455
 """Median square of normal noise over its mean."""
 _LEAST = 1e-30
-"""Square of a torque that is none, (N·m)²."""
+"""Squared torque that counts as zero, (N·m)²."""
 _DISTINCT = 1e-9
 """Relative singular value from which free motions of the arms are distinct."""
 

@@ -18,7 +18,7 @@ from jointid.motion.complement import DEPENDENT, Basis, Complement, Waveforms
 from jointid.small_matrices import inverse
 
 _MANY = 48
-"""Waveforms from which Cholesky's method pays for a call per record."""
+"""Number of waveforms from which Cholesky's method is faster despite a call per record."""
 _MOST = 500
 """Coordinates of the complement of a record, above which its evaluation is slow."""
 _RIDGE = DEPENDENT

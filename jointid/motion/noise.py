@@ -24,11 +24,11 @@ _REWEIGHTED = 10
 _PERIODIC = 0.9
 """Correlation of a motion with itself one period later."""
 _ALIKE = 1e-5
-"""Difference of such correlations that means nothing."""
+"""Insignificant difference of such correlations."""
 _SURE = 3.0
 """Standard errors above its estimate that a variance may have."""
 _LEAST_POWER = 1e-60
-"""Power of a joint that moves at all, (N·m)²."""
+"""Least power of a joint that moves, (N·m)²."""
 _FLOOR = 1e-10
 """Smallest standard deviation, over the signal's largest value."""
 

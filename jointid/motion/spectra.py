@@ -27,7 +27,7 @@ _SEGMENT_S, _PERIODS = 2.5, 40.0
 _CYCLES = 4.0
 """Cycles of the lowest frequency in a segment, where the record allows it."""
 _MOST_EQUATIONS = 1600
-"""Equations of many joints in a segment above which it is shorter: friction takes their cube of time."""
+"""Equations of many joints above which a segment is shorter: the time grows with their cube."""
 _LEAST_BINS = 8
 """Bins of a segment below which it has no equation beside the terms of its ends."""
 _LEAST_TORQUE_NOISE = 3e-3

@@ -37,11 +37,11 @@ _CLEAR = 3.0
 _POINTS = 8
 """Samples over a period for each harmonic."""
 _FINE = 250
-"""Samples from which half as many for each harmonic do."""
+"""Number of samples from which half as many per harmonic suffice."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where the phasors hold fewer."""
 _STILL = 1e-12
-"""Deflection and torque of a gear that transmits none, rad and N·m."""
+"""Deflection and torque below which a gear transmits no torque, rad and N·m."""
 _LEAST_ANGLE = 1e-30
 """Presliding angle of a joint that does not move, rad."""
 _STEP = 1e-3

@@ -9,11 +9,11 @@ from jointid.estimation.estimators.whitened_residual import POOR, WhitenedResidu
 from jointid.small_matrices import NO_EFFECT
 
 _ITERATIONS = 40
-"""Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
+"""Upper limit of iterations; small friction with a long delay took thirty."""
 _EVALUATIONS, _LAW_EVALUATIONS = 150, 24
-"""Upper limits of residuals evaluated; a law of the gears is slow, and the right one takes ten."""
+"""Upper limits of evaluations; those of a gear law are slow, and the right law takes ten."""
 _LEAST_DAMPING = 1e-12
-"""Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
+"""Added to the diagonal of the normalised normal matrix, so that rounding does not make it singular."""
 _IDLE, _MOST_IDLE = 0.02, 3
 """Decrease of the cost, over the misfit, that changes nothing, and how many in a row end the
 iteration."""

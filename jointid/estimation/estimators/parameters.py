@@ -30,7 +30,7 @@ class Effect:
     parameters: dict[str, tuple[str, str]]
     """Label, without the joint's number, and unit of each block of parameters."""
     positive: bool = False
-    """Whether the first parameter cannot be negative: friction and damping take energy, masses are."""
+    """Whether the first parameter cannot be negative, as of friction, damping and masses."""
 
 
 EFFECTS = {
@@ -236,7 +236,7 @@ class ParameterLayout:
 
     @cached_property
     def lowest(self) -> Floats:
-        """Lower bounds, shape (P,): play and friction by load are not negative."""
+        """Lower bounds, shape (P,): backlash and load-dependent friction are not negative."""
         lowest = np.full(self.size, -np.inf)
         for name in {"backlash", "load"}.intersection(self._slices):
             lowest[self[name]] = 0

@@ -33,7 +33,7 @@ _SHAPES = {"presliding": 0.03, "bristle": 0.03, "knee": 0.35, "second_knee": 0.3
 """Presliding deflections and angles, and deflections at changes of slope: start values over the largest
 deflection or angle."""
 _SHARPEST, _SLOWEST = 1e-4, 2.0
-"""Their range: beyond it a sharper hysteresis, or one that is a spring, looks the same."""
+"""Their range: beyond it, a sharper hysteresis or one like a spring cannot be distinguished."""
 _LARGEST = 4.0
 """Upper bound on backlash and hysteresis over the largest linear deflection and torque."""
 _FLATTEST = 0.1

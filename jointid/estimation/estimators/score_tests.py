@@ -19,7 +19,7 @@ from jointid.phasors.extract import Phasors
 _FILTER = 3e-3
 """Time constant of a filter where its score is evaluated beside a delay, as of ``Problem.start``."""
 _RIDGE = 1e-12
-"""Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
+"""Added to the diagonal of the normalised normal matrix, so that rounding does not make it singular."""
 
 
 @dataclass(frozen=True, eq=False)
