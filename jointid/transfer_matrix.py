@@ -23,6 +23,8 @@ _ORDERS = (7, 5, 3)
 resonance is several standard errors off."""
 _LINES, _NARROW = 8, 0.6
 """Half width of a local band: spectral lines of the longest record, and at least Hz."""
+_BIASED = 0.2
+"""Share of H by which noise of the torques may reduce it."""
 _UNKNOWN = 0.5
 """Relative standard error of H from a motion without information."""
 _NOISE_MARGIN = 3.0
@@ -149,20 +151,16 @@ def _polynomial(
     spectra: Sequence[tuple[Floats, Complexes, Complexes]], centre: float, half: float, order: int
 ) -> tuple[Complexes, Complexes, float]:
     """The same by polynomials of one order."""
-    rows, values, torques = [], [], []
-    for f, acceleration, torque in spectra:
-        near = np.abs(f - centre) <= half
-        if near.sum() <= order:
-            continue
-        x = np.vander((f[near] - centre) / half, order + 1, increasing=True)
-        left = np.linalg.qr(x, mode="complete")[0][:, order + 1 :].T  # orthogonal to the end terms
-        rows.append(left @ (torque[near, :, None] * x[:, None]).reshape(len(x), -1))
-        values.append(left @ acceleration[near])
-        torques.append(torque[near])
+    near = [np.abs(f - centre) <= half for f, *_ in spectra]
+    lines = [
+        ((f[own] - centre) / half, acceleration[own], torque[own])
+        for own, (f, acceleration, torque) in zip(near, spectra, strict=True)
+        if own.sum() > order
+    ]
     too_few = f"At {centre:.4g} Hz the records have too few spectral lines: record longer."
-    if not rows:
+    if not lines:
         raise JointIdError(too_few)
-    A, y = np.concatenate(rows), np.concatenate(values)
+    A, y = _regression([(x, torque, acceleration) for x, acceleration, torque in lines], order)
     n = y.shape[1]
     freedom = len(A) - A.shape[1]
     if freedom < n + 1:
@@ -178,14 +176,49 @@ def _polynomial(
     rest = y - A @ found
     noise = rest.T @ rest.conj() / freedom
     constant = np.arange(n) * (order + 1)
-    spread = (inverse @ inverse.conj().T)[np.ix_(constant, constant)]
+    squares = inverse @ inverse.conj().T
+    spread = squares[np.ix_(constant, constant)]
     covariance = np.einsum("ik,jl->ijkl", noise, spread).reshape(n * n, n * n)
     H = found[constant].T
     if np.all(np.diag(noise).real * np.diag(spread).real > np.abs(_UNKNOWN * np.diag(H)) ** 2):
         raise JointIdError(f"At {centre:.4g} Hz the motion does not exceed the noise.")
-    T = np.concatenate(torques)
+    # Noise of the torques, which the accelerations show, reduces H.
+    B, torques = _regression(lines, order)
+    scatter = torques - B @ np.linalg.lstsq(B, torques, rcond=None)[0]
+    of_torque = scatter.T.conj() @ scatter / freedom
+    bias = (squares @ np.kron(of_torque, sum(_noise_powers(x, order) for x, *_ in lines)) @ found)[
+        constant
+    ].T
+    if np.any(np.abs(np.diag(bias)) > _BIASED * np.abs(np.diag(H))):
+        raise JointIdError(f"At {centre:.4g} Hz the torques hardly exceed their noise.")
+    covariance += np.outer(bias, bias.conj())
+    T = np.concatenate([torque for *_, torque in lines])
     condition = np.linalg.cond(T / np.linalg.norm(T, axis=0)) if n > 1 else 1.0
     return H, covariance, float(condition)
+
+
+def _regression(
+    lines: Sequence[tuple[Floats, Complexes, Complexes]], order: int
+) -> tuple[Complexes, Complexes]:
+    """Regressors and values of y(x) = Σ x^k C_k u(x) of lines (x, u, y), without end terms."""
+    rows, values = [], []
+    for x, u, y in lines:
+        powers, left = _powers(x, order)
+        rows.append(left @ (u[..., None] * powers[:, None]).reshape(len(x), -1))
+        values.append(left @ y)
+    return np.concatenate(rows), np.concatenate(values)
+
+
+def _noise_powers(x: Floats, order: int) -> Floats:
+    """Mean of the regressors' squares (k, k) for u of white noise of unit variance."""
+    powers, left = _powers(x, order)
+    return np.asarray(powers.T @ (np.square(left).sum(axis=0)[:, None] * powers))
+
+
+def _powers(x: Floats, order: int) -> tuple[Floats, Floats]:
+    """Powers x^k, which are the end terms as well, and the rows that are orthogonal to them."""
+    powers = np.vander(x, order + 1, increasing=True)
+    return powers, np.linalg.qr(powers, mode="complete")[0][:, order + 1 :].T
 
 
 def _matrix(
