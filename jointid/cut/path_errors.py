@@ -17,9 +17,10 @@ from jointid.cut.arm_simulation import ManyArms, require_resolved
 from jointid.cut.feedforward import plan_servo
 from jointid.cut.servo import MotorFrictionLike, Servo, run_servo
 from jointid.cut.toolpath import Toolpath
-from jointid.cut.tracking import gear_laws, substeps_per_sample
+from jointid.cut.tracking import substeps_per_sample
 from jointid.errors import JointIdError
 from jointid.gears.gear import Gear
+from jointid.gears.laws import nonlinear_laws
 from jointid.joints import Elasticity
 
 _BATCH_RUNS = 512
@@ -167,7 +168,8 @@ def _largest_errors(
         K, D, K_assumed, D_assumed = (x if x.shape[1] == 1 else x[:, part] for x in (*true, *assumed))
         plan = plan_servo(arm, toolpath, servo, K_assumed, D_assumed)
         require_resolved(arm, K.max(axis=1), D.max(axis=1), step, plan.start_angle)
-        arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction, gear_laws(arm, K, gears))
+        laws = nonlinear_laws(K, gears, arm.gear_ratio)
+        arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction, laws)
         with np.errstate(over="ignore", invalid="ignore"):
             run_servo(plan, arms, substeps)
         tool = arm.tool_of_links(np.array([*arms.log, arms.link]).swapaxes(1, 2))

@@ -12,8 +12,8 @@ from jointid.cut.feedforward import plan_servo
 from jointid.cut.servo import MotorFrictionLike, Servo, run_servo
 from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
-from jointid.gears.gear import Gear, gears_with
-from jointid.gears.laws import GearLaws
+from jointid.gears.gear import Gear
+from jointid.gears.laws import nonlinear_laws
 from jointid.joints import Elasticity
 
 
@@ -123,10 +123,10 @@ def track(
     if assumed is not None:
         require_two_joints(assumed, "assumed elasticity")
     K, D = (None, None) if assumed is None else (assumed.K[:, None], assumed.D[:, None])
-    known = None if assumed is None else gear_laws(arm, assumed.K, assumed_gears)
+    known = None if assumed is None else nonlinear_laws(assumed.K, assumed_gears, arm.gear_ratio)
     plan = plan_servo(arm, toolpath, servo, K, D, elbow, known)
     step = servo.interval_s / substeps
-    true = gear_laws(arm, elasticity.K, gears)
+    true = nonlinear_laws(elasticity.K, gears, arm.gear_ratio)
     simulation = ArmSimulation(arm, elasticity, step, plan.start_angle, friction, true)
     held = np.array(run_servo(plan, simulation, substeps, progress))[..., 0]
     angles = np.array([*simulation.log, simulation.angles])
@@ -145,16 +145,6 @@ def track(
         tracking_error_m=np.hypot(*(tool - reference).T),
         torque_limit_hit=bool((np.abs(held) >= plan.limit).any()),
     )
-
-
-def gear_laws(arm: PlanarArm, K: Floats, gears: Sequence[Gear] | None) -> GearLaws | None:
-    """Laws of the gears of one arm or many, K (2,) or (2, runs), joint side; None of linear ones."""
-    if gears is None:
-        return None
-    of_runs = [gears_with(own, gears) for own in K.reshape(2, -1).T]
-    whole = [gear for of_joint in zip(*of_runs, strict=True) for gear in of_joint]
-    linear = all(gear.laws == ("linear",) for gear in whole)
-    return None if linear else GearLaws.of(whole, arm.gear_ratio, len(of_runs))
 
 
 def substeps_per_sample(servo: Servo, dt: float) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import solve_banded
 
 from jointid.arrays import Floats
-from jointid.gears.gear import Gear, knees
+from jointid.gears.gear import Gear, gears_with, knees
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +127,18 @@ class GearLaws:
 
     def _beyond_backlash(self, delta: Floats) -> Floats:
         return delta - self._within_backlash(delta) if self.has_backlash else delta
+
+
+def nonlinear_laws(
+    K: Floats, gears: Sequence[Gear] | None, ratio: Floats | float = 1.0
+) -> GearLaws | None:
+    """Laws of gears of stiffness K, (n,) or (n, runs), as ``GearLaws.of``; None where all are linear."""
+    if gears is None:
+        return None
+    of_runs = [gears_with(own, gears) for own in K.reshape(len(K), -1).T]
+    whole = [gear for of_joint in zip(*of_runs, strict=True) for gear in of_joint]
+    linear = all(gear.laws == ("linear",) for gear in whole)
+    return None if linear else GearLaws.of(whole, ratio, len(of_runs))
 
 
 def _beyond(x: Floats, edge: Floats) -> Floats:

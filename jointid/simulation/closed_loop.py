@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array, per_joint, whole_number
 from jointid.errors import JointIdError
-from jointid.gears.gear import Gear, gears_with
-from jointid.gears.laws import GearLaws
+from jointid.gears.gear import Gear
+from jointid.gears.laws import nonlinear_laws
 from jointid.joints import Elasticity, Inertia
 from jointid.records import MotionRecord, SineRecord
 from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction
@@ -82,7 +82,7 @@ def simulate_records(
     friction, measurement = friction or MotorFriction(), measurement or Measurement()
     frequencies = _frequencies(frequencies_hz, controller.sample_rate_hz)
     seed = whole_number("seed", seed, 0)
-    robot = Robot(inertia, elasticity, controller, friction, _laws(elasticity, gears))
+    robot = Robot(inertia, elasticity, controller, friction, nonlinear_laws(elasticity.K, gears))
     weights = excitation.weights(robot.n)
     A = excitation.amplitudes(2 * np.pi * frequencies, robot.n)[:, None, :] * weights
     reference = Reference(
@@ -154,7 +154,7 @@ def simulate_motion(
     motion, controller = motion or Motion(), controller or Controller()
     friction, measurement = friction or MotorFriction(), measurement or Measurement()
     seed, records = whole_number("seed", seed, 0), whole_number("records", records, 1, 1000)
-    robot = Robot(inertia, elasticity, controller, friction, _laws(elasticity, gears))
+    robot = Robot(inertia, elasticity, controller, friction, nonlinear_laws(elasticity.K, gears))
     before = int(np.ceil(2 * robot.settling_time_s() / robot.T))
     length = int(np.ceil(motion.duration_s / robot.T - 1e-6))
     _require_memory(before + length, 2 * robot.n * records)
@@ -171,12 +171,6 @@ def simulate_motion(
         )
         for r in range(records)
     )
-
-
-def _laws(elasticity: Elasticity, gears: Sequence[Gear] | None) -> GearLaws | None:
-    """Laws of the gears beside K and D; None where all are linear."""
-    curved = () if gears is None else gears_with(elasticity.K, gears)
-    return GearLaws.of(curved) if any(gear.laws != ("linear",) for gear in curved) else None
 
 
 def _stated(controller: Controller, pose: str | None, declare_timing: bool) -> dict[str, Any]:
