@@ -1,22 +1,6 @@
 """A study on disk: study.toml and its records, in a folder or the same folder zipped.
 
-format = 1
-name = "Waterjet cell, axes 1 and 2"
-[inertia]
-M  = [0.0025, 0.0010]
-M2 = [[0.004104, 0.000395], [0.000395, 0.001889]]
-std = 0.03                     # optional: known to 3 %
-[torque]                       # optional
-std = 0.02
-[poses.loaded]                 # optional
-added = [[0.0012, 0.0005], [0.0005, 0.0009]]
-[[records]]
-file = "records/01.csv"
-frequency_hz = 3.0              # a sine
-[[records]]
-file = "records/02.csv"        # any other motion
-band_hz = [2.5, 38]            # optional: frequencies to use
-
+``study_keys`` has every key with an example; docs/reference/study-format.md describes the format.
 """
 
 import re
@@ -38,7 +22,6 @@ from jointid.files.study_keys import (
     STUDY_KEYS,
     STUDY_VALUES,
     TIMING_KEYS,
-    in_place,
     read_angles,
     read_known,
     read_robot_model,
@@ -46,7 +29,7 @@ from jointid.files.study_keys import (
 )
 from jointid.files.study_parts import is_long, read_long_record
 from jointid.files.study_saving import STUDY_FILE, pack_study, save_study
-from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
+from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, in_place, parse_toml
 from jointid.records import MotionRecord, SineRecord
 from jointid.robot_models.model import MAX_FILE_BYTES
 from jointid.study import Study

@@ -1,18 +1,17 @@
 """Keys of a study.toml with an example of each, and the values that several readers share."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.errors import JointIdError
 from jointid.files.container_limits import safe_name
 from jointid.joints import Elasticity, Inertia
-from jointid.parsing.checked_toml import CheckedTable
+from jointid.parsing.checked_toml import CheckedTable, in_place
 from jointid.robot_models.model import RobotModel
+from jointid.robot_models.payload import PAYLOAD_KEYS
 from jointid.wording import listed, nearest
 
 PARTS = ("added", "gravity", "shared", "shared_gravity")
@@ -37,12 +36,6 @@ ROBOT_KEYS = {
     "gear_ratio": "gear_ratio = [240.0, 260.0]  # motor turns per joint turn, where the file has none",
     "rotor_inertia": "rotor_inertia = [0.009, 0.011]  # motor side, kg·m², where the file has none",
     "payload": "[robot_model.payload], mass = 120.0, center = [0.0, 0.0, 0.1]",
-}
-PAYLOAD_KEYS = {
-    "mass": "mass = 120.0  # kg",
-    "mass_std": "mass_std = 40.0  # standard deviation, kg",
-    "center": "center = [0.0, 0.0, 0.1]  # m, in the flange's frame",
-    "inertia": "inertia = [8.0, 8.0, 6.0, 0.0, 0.0, 0.0]  # xx yy zz xy yz xz, kg·m²",
 }
 TORQUE_KEYS = {"std": "std = 0.02  # the torque constants are known to 2 %"}
 NOMINAL_KEYS = {"K": "K = [20.0, 3.5]  # N·m/rad", "D": "D = [0.10, 0.015]  # N·m·s/rad"}
@@ -202,14 +195,3 @@ def _sum(table: CheckedTable, default: Inertia, poses: Mapping[str, Inertia]) ->
     with in_place(table.where, table.file):
         loaded = base.with_added(table.matrix("added"))
         return replace(loaded, M=np.array(table.numbers("M"))) if "M" in table else loaded
-
-
-@contextmanager
-def in_place(where: str, file: str) -> Iterator[None]:
-    """Put the place of a refused value before its message, unless the message names the file."""
-    try:
-        yield
-    except JointIdError as error:
-        if error.file == file:
-            raise
-        raise error.within(where, file=file) from error

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_banded
 
-from jointid.arrays import Floats
+from jointid.arrays import Floats, set_fields
 from jointid.gears.gear import Gear, gears_with, knees
 
 
@@ -32,8 +32,7 @@ class GearLaws:
             "hardens": self.cubic, "has_backlash": self.half_backlash, "hysteretic": self.level,
             "bent": np.abs(self.bends[0]).max() + np.abs(self.bends[1]).max(),
         }  # fmt: skip
-        for name, values in present.items():
-            object.__setattr__(self, name, bool(np.any(values)))
+        set_fields(self, **{name: bool(np.any(values)) for name, values in present.items()})
 
     hardens: bool = False
     has_backlash: bool = False

@@ -6,7 +6,8 @@ import datetime
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from typing import Any, TypeVar
 
@@ -167,6 +168,17 @@ class CheckedTable:
         return self.error(
             f"{key} must be {expected}; got {shown(value)}. Example: {self._examples[key]}."
         )
+
+
+@contextmanager
+def in_place(where: str, file: str) -> Iterator[None]:
+    """Put the place of a refused value before its message, unless the message names the file."""
+    try:
+        yield
+    except JointIdError as error:
+        if error.file == file:
+            raise
+        raise error.within(where, file=file) from error
 
 
 @cache

@@ -5,14 +5,12 @@ import re
 import numpy as np
 
 from jointid.arrays import Floats, frozen
-from jointid.errors import JointIdError
-from jointid.parsing.checked_toml import CheckedTable, parse_toml
+from jointid.parsing.checked_toml import CheckedTable, in_place, parse_toml
 from jointid.robot_models.description import RobotDescription
-from jointid.robot_models.payload import Counterbalance, Payload
+from jointid.robot_models.payload import PAYLOAD_KEYS, Counterbalance, Payload
 from jointid.robot_models.rigid_bodies import Frame, RigidBodies, symmetric_tensor
 from jointid.wording import counted
 
-_TENSOR = "[8.0, 8.0, 6.0, 0.0, 0.0, 0.0]  # xx yy zz xy yz xz about the centre of mass, kg·m²"
 _LINK = {
     "a": "a = 0.35  # m",
     "d": "d = -0.675  # m",
@@ -23,14 +21,8 @@ _LINK = {
     "rotor_inertia": "rotor_inertia = 0.0017  # motor side, kg·m²",
     "mass": "mass = 105.2  # kg",
     "center": "center = [-0.02, -0.02, -0.08]  # of mass, in the frame after the link, m",
-    "inertia": f"inertia = {_TENSOR}",
+    "inertia": PAYLOAD_KEYS["inertia"],
     "name": 'name = "axis 1"',
-}
-_PAYLOAD = {
-    "mass": "mass = 120.0  # kg",
-    "mass_std": "mass_std = 40.0  # standard deviation of the mass, kg",
-    "center": "center = [0.0, 0.0, 0.1]  # of mass, in the frame after the last link, m",
-    "inertia": f"inertia = {_TENSOR}",
 }
 _BASE = {
     "rotation": 'rotation = "x 180 deg"  # of the base in the world, whose z axis points up',
@@ -45,7 +37,7 @@ _COUNTERBALANCE = {
 _TOOL = {"origin": "origin = [0.0, 0.0, 0.2]  # tool point in the frame after the last link, m"}
 _ROBOT = {
     "link": f"[[link]], {_LINK['a']}",
-    "payload": f"[payload], {_PAYLOAD['mass']}",
+    "payload": f"[payload], {PAYLOAD_KEYS['mass']}",
     "base": f"[base], {_BASE['rotation']}",
     "counterbalance": "[counterbalance], joint = 2",
     "coupling": "coupling = [[0.01, 0.0], [-0.002, 0.008]]  # joint = C · motor, in place of gear_ratio",
@@ -163,16 +155,10 @@ def _coupling(top: CheckedTable, links: list[CheckedTable]) -> Floats:
 def _payload(top: CheckedTable) -> Payload:
     if "payload" not in top:
         return Payload()
-    table = top.table("payload", _PAYLOAD)
-    try:
-        return Payload(
-            table.number("mass"),
-            table.numbers("center"),
-            table.numbers("inertia") if "inertia" in table else np.zeros(6),
-            table.number("mass_std", 0.0),
-        )
-    except JointIdError as error:
-        raise error if error.file else error.within(table.where, file=table.file) from error
+    table = top.table("payload", PAYLOAD_KEYS)
+    given = [key for key in PAYLOAD_KEYS if key in table or key in ("mass", "center")]
+    with in_place(table.where, table.file):
+        return Payload(**{key: table.value(key) for key in given})
 
 
 def _counterbalance(top: CheckedTable, zero: Floats) -> Counterbalance | None:

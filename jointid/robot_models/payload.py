@@ -5,9 +5,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, bounded_number, finite_array
+from jointid.arrays import Floats, bounded_number, finite_array, set_fields
 from jointid.errors import JointIdError
 from jointid.robot_models.rigid_bodies import Array
+
+PAYLOAD_KEYS = {
+    "mass": "mass = 120.0  # kg",
+    "mass_std": "mass_std = 40.0  # standard deviation of the mass, kg",
+    "center": "center = [0.0, 0.0, 0.1]  # of mass, in the flange's frame, m",
+    "inertia": "inertia = [8.0, 8.0, 6.0, 0.0, 0.0, 0.0]  # xx yy zz xy yz xz about the centre of mass, "
+    "kg·m²",
+}
+"""Keys of a payload in a file, with an example of each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +42,16 @@ class Payload:
         inertia: ArrayLike = (0.0,) * 6,
         mass_std: float = 0.0,
     ) -> None:
-        object.__setattr__(self, "mass", bounded_number("payload mass", "kg", mass, zero=True))
-        object.__setattr__(self, "mass_std", bounded_number("mass_std", "kg", mass_std, zero=True))
+        set_fields(
+            self,
+            mass=bounded_number("payload mass", "kg", mass, zero=True),
+            mass_std=bounded_number("mass_std", "kg", mass_std, zero=True),
+        )
         for name, value, size in (("center", center, 3), ("inertia", inertia, 6)):
             array = finite_array(f"{name} of the payload", value, ndim=1)
             if array.shape != (size,):
                 raise JointIdError(f"{name} of the payload has {array.size} values: give {size}.")
-            object.__setattr__(self, name, array)
+            set_fields(self, **{name: array})
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array, per_joint
+from jointid.arrays import Floats, finite_array, per_joint, set_fields
 from jointid.errors import JointIdError
-from jointid.parsing.checked_toml import parse_toml
+from jointid.parsing.checked_toml import in_place, parse_toml
 from jointid.wording import counted
 
 LIMIT_KEYS = {
@@ -83,8 +83,7 @@ class RobotLimits:
                 "pose: give one of each per axis of the robot."
             )
         moving = tuple(int(axis) - 1 for axis in axes)
-        for name, value in {**values, "axes": axes, "joint_names": names, "moving": moving}.items():
-            object.__setattr__(self, name, value)
+        set_fields(self, **values, axes=axes, joint_names=names, moving=moving)
 
     def motor_velocity(self, joint_deg_s: ArrayLike) -> Floats:
         """Velocities of the motors in rad/s, of one velocity or one per joint in deg/s."""
@@ -99,7 +98,7 @@ def limits_from_toml(data: bytes, file: str) -> RobotLimits:
     """
     top = parse_toml(file, data, LIMIT_KEYS)
     given = {key: top.value(key) for key in LIMIT_KEYS if key in top or key not in _OPTIONAL}
-    try:
+    with in_place(file, file):
         limits = RobotLimits(**given)
         for j, pose in enumerate(limits.start_deg[list(limits.moving)].tolist()):
             low, high = limits.lower_deg[j], limits.upper_deg[j]
@@ -109,5 +108,3 @@ def limits_from_toml(data: bytes, file: str) -> RobotLimits:
                     f"{low:g}° and {high:g}°: give all of them in degrees."
                 )
         return limits
-    except JointIdError as error:
-        raise error.within(file, file=file) from error
