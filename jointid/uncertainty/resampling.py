@@ -21,7 +21,7 @@ from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import one_thread
+from jointid.small_matrices import one_thread, root
 from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, inertia_of_each, refit
 from jointid.uncertainty.sensitivity import prior_influence
 
@@ -121,14 +121,14 @@ def bootstrap(
     draws = whole_number("draws", draws, 2, 100_000)
     rng = np.random.default_rng(seed)
     noise = fit.equations.noise
-    root = _root(noise.covariance) * np.sqrt(fit.inflation)
-    root *= np.any(phasors.harmonics != 0, axis=2)[..., None, None]
+    size = root(noise.covariance) * np.sqrt(fit.inflation)
+    size *= np.any(phasors.harmonics != 0, axis=2)[..., None, None]
     centre = _explained(phasors, fit)
     prior = fit.prior.like(inertia, phasors.q.shape)
     friction = None if fit.friction is None else chosen_friction(phasors, fit, prior)
     found = []
     for k in range(draws):
-        drawn = _with_noise(centre, _circular(rng, root), rng)
+        drawn = _with_noise(centre, _circular(rng, size), rng)
         given = prior if fit.method in LINEAR else prior.redrawn(rng, fit.parameters)
         with contextlib.suppress(JointIdError), one_thread():
             found.append(refit(drawn, given, fit, friction=friction).elasticity)
@@ -161,17 +161,11 @@ def _explained(phasors: Phasors, fit: ElasticityFit) -> Phasors:
     return replace(phasors, q=harmonics[:, 0, :n], tau=harmonics[:, 0, n:], harmonics=harmonics)
 
 
-def _root(covariance: Complexes) -> Complexes:
-    """Square root L of a possibly singular covariance, L Lᴴ."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0))[..., None, :])
-
-
-def _circular(rng: np.random.Generator, root: Complexes) -> Complexes:
-    """Circular complex normal errors, shape (..., 2n)."""
-    shape = (*root.shape[:-1], 1)
+def _circular(rng: np.random.Generator, size: Complexes) -> Complexes:
+    """Circular complex normal errors (..., 2n) by the root of their covariance."""
+    shape = (*size.shape[:-1], 1)
     white = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
-    return np.asarray((root @ white)[..., 0])
+    return np.asarray((size @ white)[..., 0])
 
 
 def _with_noise(phasors: Phasors, error: Complexes, rng: np.random.Generator) -> Phasors:
@@ -181,7 +175,7 @@ def _with_noise(phasors: Phasors, error: Complexes, rng: np.random.Generator) ->
     covariance = phasors.harmonic_covariance - rounding
     for record in np.flatnonzero(phasors.degrees_of_freedom < _EXACT):
         degrees = max(int(phasors.degrees_of_freedom[record]), 1)
-        roots = np.repeat(_root(covariance[record])[None], degrees, axis=0)
+        roots = np.repeat(root(covariance[record])[None], degrees, axis=0)
         draws = _circular(rng, roots)
         covariance[record] = np.einsum("sha,shb->hab", draws, draws.conj()) / degrees
     covariance += rounding
