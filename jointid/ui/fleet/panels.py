@@ -1,6 +1,7 @@
 """Panels of the fleet page: headline, spread, outliers, failed and single studies."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import streamlit as st
@@ -20,7 +21,7 @@ from jointid.ui.shared.workspace import go_to, keep, recent
 from jointid.wording import counted, listed, minus, significant, with_error
 
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
-_WIDE_TABLE = "wide table of studies"
+_CHOOSABLE = "table of studies"
 _MOST_REASONS, _MOST_NAMES = 20, 5
 """Reasons of failed studies that are listed, and studies named with each."""
 
@@ -141,19 +142,8 @@ def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
     st.header("Every study", anchor=False)
     if not fleet.columns:
         fleet.columns = _columns(rows)
-    height = min(36 + 35 * len(rows), 400)
-    st.dataframe(
-        fleet.columns,
-        hide_index=True,
-        height=height,
-        key=_WIDE_TABLE,
-        on_select=_take_selection,
-        selection_mode="single-row",
-        column_config={"Study": st.column_config.Column(pinned=True)},
-    )
-    narrow = {name: fleet.columns[name] for name in ("Study", "State")}
-    with st.container(key="narrow table of studies"):
-        st.dataframe(narrow, hide_index=True, height=height)
+    taken: dict[str, Any] = {"on_select": _take_selection, "selection_mode": "single-row"}
+    table(fleet.columns, height=400, phone=("Study", "State"), key=_CHOOSABLE, **taken)
     st.caption(
         f"K in {PARAMETERS['K'].unit}, D in {PARAMETERS['D'].unit}, seen from the motor, ± one standard "
         "error, if the window is wide enough. A table of many joints scrolls sideways."
@@ -188,7 +178,7 @@ def _columns(rows: Sequence[Row]) -> dict[str, list[str]]:
 
 
 def _take_selection() -> None:
-    selected = st.session_state[_WIDE_TABLE]["selection"]["rows"]
+    selected = st.session_state[_CHOOSABLE]["selection"]["rows"]
     if selected:
         st.session_state["fleet_study"] = selected[0]
 

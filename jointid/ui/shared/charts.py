@@ -106,12 +106,12 @@ def show_tabs(key: str, panels: Mapping[str, Callable[[], object]]) -> None:
 
 
 def table(
-    columns: Table, *, height: int | None = None, exact: str = "", phone: Sequence[str] = ()
+    columns: Table, *, height: int | None = None, exact: str = "", phone: Sequence[str] = (), **more: Any
 ) -> None:
     """Show a table that scrolls within its own frame; a wide one keeps its first column in view.
 
     ``exact`` is the column whose numbers keep all their digits; the others have four decimals. On a
-    phone only the columns ``phone`` are shown, by default all.
+    phone only the columns ``phone`` are shown, by default all. ``more`` are arguments of the wide one.
     """
     first = next(iter(columns))
     fitting = min(36 + 35 * len(columns[first]), height or 430)
@@ -127,7 +127,7 @@ def table(
     shown = {"wide": columns, "narrow": {name: columns[name] for name in phone}}
     for width, each in shown.items():
         with st.container(key=f"{width} table {' '.join(columns)}"):
-            st.dataframe(dict(each), **about)
+            st.dataframe(dict(each), **about | (more if width == "wide" else {}))
 
 
 def choose_segment(
