@@ -757,6 +757,14 @@ def test_factors_near_a_known_one_are_recognised() -> None:
     assert wrong_data._snapped(1.4) == 1.4  # wrong inertias may be behind it
 
 
+@pytest.mark.parametrize(("after", "named"), [(1.0, True), (3e5, False)])
+def test_a_known_factor_of_one_joint_is_no_cause_beside_a_bad_fit(after: float, named: bool) -> None:
+    """Torques in percent beside inertias that are 20 % off made 1/2π of a joint by chance."""
+    fault = Hypothesis.of("torque", np.ones(2), np.array([1 / (2 * np.pi), 0.3]))
+    found = cause_findings.finding_of(fault, 1e7, after, "", 10.0, np.ones(2))
+    assert ("revolutions" in found.title) == named
+
+
 def test_every_sign_and_pair_of_channels_is_a_hypothesis() -> None:
     tried = list(wrong_data._hypotheses(2, None, [Inertia([0.1, 0.1], np.eye(2))]))
     scales = [tuple(h.scale) for h in tried if h.kind in ("angle", "torque")]

@@ -69,6 +69,8 @@ def finding_of(
     groups: dict[Cause | None, list[int]] = {}
     for j in wrong.tolist():
         groups.setdefault(known_cause(float(factor[j]), CLOSE if good else ROUGH), []).append(j)
+    if None in groups and not good:  # inertias that are off as well may make a known factor by chance
+        groups = {None: wrong.tolist()}
     if list(groups) == [None]:
         return _unknown_cause(factor, wrong, proof, effect, side)
     titles, details, remedies = [], [], []
