@@ -11,6 +11,8 @@ from jointid.errors import JointIdError
 from jointid.wording import counted
 
 _GLANCE = 64
+_LAG = 64
+"""Samples between two times whose difference shows the usual sample interval."""
 _FEWEST = 16
 """Samples of the shortest motion record: fewer leave no equation beside the terms of its ends."""
 
@@ -86,6 +88,12 @@ class JointRecord:
     def samples(self) -> int:
         """Number of samples used, those from ``start`` on."""
         return self.time_s.size - self.start
+
+    @property
+    def usual_interval_s(self) -> float:
+        """Sample interval without gaps, s; a median over several samples, for times may be rounded."""
+        used, lag = self.time_s[self.start :], min(_LAG, max(1, self.samples // 4))
+        return float(np.median(used[lag:] - used[:-lag])) / lag
 
     @property
     def constant(self) -> np.ndarray:

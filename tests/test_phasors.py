@@ -105,6 +105,16 @@ def test_hold_and_delay_against_the_staircase_itself(hold: bool, delay: float, f
     assert phasors.q[0, 0] == pytest.approx(np.exp(-1j * np.radians(40)), rel=1e-9)  # not touched
 
 
+def test_a_gap_does_not_lengthen_the_hold_of_the_torque() -> None:
+    time = np.arange(2000) / 500.0
+    kept = np.delete(time, slice(700, 1100))
+    whole, torn = (extract_phasors([sine(29.0, t, torque_hold=True)]) for t in (time, kept))
+    assert torn.hold_s == pytest.approx(0.002, rel=1e-9)
+    assert torn.tau == pytest.approx(whole.tau, rel=1e-9)
+    rounded = np.round(np.arange(2000) / 800.0, 3)  # steps of 1 and 2 ms
+    assert extract_phasors([sine(29.0, rounded, torque_hold=True)]).hold_s == pytest.approx(0.00125)
+
+
 def test_each_harmonic_is_delayed_at_its_own_frequency() -> None:
     time = np.arange(4000) / 1000.0
     angle = 2 * np.pi * 5 * time
