@@ -133,7 +133,8 @@ def test_an_initial_state_does_not_change_the_answer() -> None:
 def test_offsets_and_drift_do_not_change_the_answer() -> None:
     (r,) = simulate([(SINGLE, replace(EXACT, records=1))])[0]
     drift = r.time_s[:, None]
-    moved = cut(r, slice(None), theta_rad=r.theta_rad - 40 + 3 * drift, tau_Nm=r.tau_Nm + 0.4)
+    torque = r.tau_Nm + 0.4 - 0.1 * drift
+    moved = cut(r, slice(None), theta_rad=r.theta_rad - 40 + 3 * drift, tau_Nm=torque)
     whole, other = (identify_motion([x], Inertia(SINGLE.M, SINGLE.M2)).estimate for x in (r, moved))
     assert np.abs(other / whole - 1).max() < 1e-5
 

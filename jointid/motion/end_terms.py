@@ -2,7 +2,8 @@
 
 Over a finite time the motors and the arm differ at the ends in angle and velocity. In the residual
 that is a polynomial in s with real coefficients at each motor, and X A⁻¹ times one of degree 1 from the
-arm. Samples add terms of higher degree. The coefficients are eliminated like free friction.
+arm. Samples add terms of higher degree, and a linear drift of a logged torque one of degree −1. The
+coefficients are eliminated like free friction.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from jointid.arrays import Complexes, Floats
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Segment, bins_of
 
-_DEGREE = 3
-"""Of the polynomial at the motors: with 1 the Fourier integral is exact, with 3 that of samples."""
+_DEGREES = (0, 1, 2, 3, -1)
+"""Of the terms at the motors, those of the arm first: with 1 the Fourier integral is exact, with 3 that
+of samples; −1 is a drift of the torque, such as that of a sensor that warms up."""
 _ROWS = 150
 """Complex equations in a group of bins that share a misfit."""
 
@@ -28,7 +30,7 @@ class EndTerms:
     records: np.ndarray
     """Rows, shape (m,)."""
     powers: Complexes
-    """Of s over its largest value, with the factor i of phasors, shape (m, H, degree + 1)."""
+    """Of s over its largest value, with the factor i of phasors, shape (m, H, degrees)."""
 
     @classmethod
     def of(cls, phasors: Phasors, s: Complexes) -> EndTerms | None:
@@ -38,7 +40,7 @@ class EndTerms:
             return None
         highest = np.array([each.highest for each in phasors.segments if each is not None])
         unit = s[records] / np.abs(s[records, highest - 1])[:, None]
-        return cls(records, 1j * unit[..., None] ** np.arange(_DEGREE + 1))
+        return cls(records, 1j * unit[..., None] ** np.array(_DEGREES))
 
     def columns(self, arm: Complexes) -> Complexes:
         """Columns (m, H, n, k) for the response X A⁻¹ of the motors to the arm, (r, H, n, n).
