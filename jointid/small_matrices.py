@@ -122,13 +122,21 @@ def positive_inverse(A: Floats) -> Floats:
     return inverted
 
 
-def determined_covariance(normal: Floats) -> Floats:
-    """Inverse of a normal matrix, shape (P, P); infinite variances for undetermined parameters."""
+def determined_covariance(normal: Floats, prior: Floats | None = None) -> Floats:
+    """Inverse of a normal matrix, shape (P, P); infinite variances for undetermined parameters.
+
+    ``prior`` is the part of the matrix that does not come from data. A direction that it determines is
+    determined, however much more accurate the others are.
+    """
     seen, size, scaled = unit_diagonal(normal)
     covariance = np.zeros(normal.shape)
     covariance[~seen, ~seen] = np.inf
     values, vectors = np.linalg.eigh(scaled)
     known = values > INSEPARABLE
+    if prior is not None and not known.all():
+        weak = vectors / size[:, None]
+        by_prior = np.einsum("ik,ij,jk->k", weak, prior[np.ix_(seen, seen)], weak)
+        known |= (values > _LEAST_EIGENVALUE * values.size) & (by_prior > 0.5 * values)
     inner = (vectors[:, known] / values[known]) @ vectors[:, known].T
     unknown = np.any(np.abs(vectors[:, ~known]) > _INVOLVED, axis=1)
     inner[unknown, unknown] = np.inf

@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 
 from jointid.motion.complement import Complement, Waveforms
 from jointid.motion.free_friction import FreeFriction, real_rows
-from jointid.small_matrices import inverse, lifted, positive_inverse, root, whitener
+from jointid.small_matrices import (
+    determined_covariance,
+    inverse,
+    lifted,
+    positive_inverse,
+    root,
+    whitener,
+)
 
 
 def stack(n: int, seed: int) -> np.ndarray:
@@ -129,3 +136,11 @@ def test_a_parameter_without_effect_has_an_infinite_variance() -> None:
 def test_indistinguishable_parameters_have_huge_variances() -> None:
     J = np.array([[1.0, 1.0], [2.0, 2.0]])
     assert np.all(np.diag(positive_inverse(J.T @ J)) > 1e12)
+
+
+def test_a_prior_determines_what_much_better_data_leave_open() -> None:
+    J, prior = np.array([[1e6, -1e6], [3e6, -3e6]]), np.diag([0.0, 1.0])
+    assert np.isinf(np.diag(determined_covariance(J.T @ J + prior))).all()
+    covariance = determined_covariance(J.T @ J + prior, prior)
+    np.testing.assert_allclose(covariance, np.ones((2, 2)), rtol=1e-2)
+    assert np.isinf(np.diag(determined_covariance(J.T @ J, 0 * prior))).all()

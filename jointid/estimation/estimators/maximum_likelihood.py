@@ -158,8 +158,9 @@ def maximum_likelihood(
     named = problem.layout.named(p)
     if not prior.blocks():
         _require_separable(problem, normal)
-    normal = fitted.information() + 0.5 * problem.prior_residual(p)[1]
-    covariance = 0.5 * determined_covariance(normal)
+    given = 0.5 * problem.prior_residual(p)[1]
+    normal = fitted.information() + given
+    covariance = 0.5 * determined_covariance(normal, given)
     for name in ("coulomb", "curve"):
         if name in problem.layout:  # a motor that never reverses shows none
             own = np.arange(p.size)[problem.layout[name]]
