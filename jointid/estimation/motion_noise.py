@@ -36,7 +36,8 @@ def with_noise(
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
     residual = evaluated(phasors, prior, model, estimate, noise_of_rows(phasors, prior), unweighted)
     left, friction = residual.at.r - residual.free_friction(), residual.at.problem.friction
-    spread = np.zeros(left.shape) if friction is None else friction.spread
+    scale = np.square(residual.at.p.torque_scale)
+    spread = np.zeros(left.shape) if friction is None else friction.spread * scale
     rows = 2.0 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
     share = np.where(residual.at.problem.used, residual.projection.noise_left(rows) / rows, 0)
     clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
@@ -64,9 +65,10 @@ def with_torque_noise(
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             braked = np.maximum(segment.friction_at_reversals(motors[row]), 0)
+            unknown = braked / motors[row].torque_scale
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             late = np.minimum(late, _LATEST * np.abs(segment.velocity).max(axis=1))
-            segments[row] = replace(segment, torque_variance=torque, turn_rad_s=late, unknown_Nm=braked)
+            segments[row] = replace(segment, torque_variance=torque, turn_rad_s=late, unknown_Nm=unknown)
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
 

@@ -68,6 +68,10 @@ class FreeFriction:
         """Project columns (m, H, n, k) of some records (m,) out as well."""
         return replace(self, ends=(records, columns))
 
+    def scaled(self, scale: Floats) -> FreeFriction:
+        """With bounded waveforms of other sizes, by factors (n,)."""
+        return replace(self, bases=tuple(basis.sized(scale) for basis in self.bases))
+
     def moved(self, factor: Complexes) -> FreeFriction:
         """The waveforms of the records times phase factors (r, H, n): at other times."""
         groups = tuple((k, each * factor[k][..., None]) for k, each in self.groups)

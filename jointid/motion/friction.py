@@ -55,7 +55,7 @@ class FrictionWaveforms:
     unknown: Sequence[Waveforms]
     """Unknown friction of every record: free, or within the Coulomb friction."""
     sizes: Floats
-    """Standard deviation of the latter, shape (r, n), N·m."""
+    """Standard deviation of the latter, shape (r, n), N·m of the logged torque."""
     stationary: np.ndarray
     """Whether the joint's motion is within its noise for most of the time, shape (r, n): its friction is
     then unknown over the whole period, and its residual carries no information."""

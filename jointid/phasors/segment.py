@@ -83,7 +83,8 @@ class Segment:
     turn_rad_s: Floats | float = 0.0
     """Velocity, in the direction before, at which a motor with friction turns back, shape (n,)."""
     unknown_Nm: Floats | float = 0.0
-    """Size of the friction near reversals where it is not free: unknown, but bounded, shape (n,)."""
+    """Size of the friction near reversals where it is not free: unknown, but bounded, shape (n,), in
+    units of the logged torque."""
     known: dict[tuple[object, ...], Any] = field(default_factory=dict, repr=False)
     """Friction waveforms that were found already: of all fits they are the same."""
 

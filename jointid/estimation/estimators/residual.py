@@ -112,7 +112,7 @@ class Residual:
         r = torque - gear_torque(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
         if problem.friction is not None:
-            V += problem.friction.spread[..., None, :] * np.eye(n)
+            V += (problem.friction.spread * np.square(p.torque_scale))[..., None, :] * np.eye(n)
         if problem.law_noise is not None:
             V += (X * problem.law_noise[1][..., None, :]) @ X.conj().swapaxes(2, 3)
         return cls(

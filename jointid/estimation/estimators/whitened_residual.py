@@ -62,6 +62,8 @@ class WhitenedResidual:
         free = problem.free
         if free.shapes and "position_filter" in problem.layout:
             free = free.moved(np.asarray(friction_advance(problem, at.p)))
+        if free.bases and "torque_scale" in problem.layout:
+            free = free.scaled(at.p["torque_scale"])
         if problem.ends is not None:
             free = free.with_columns(problem.ends.records, problem.ends.columns(at.X @ at.arm))
         projection = free.projection(W, V)
@@ -85,7 +87,22 @@ class WhitenedResidual:
         if self.free.shapes and "position_filter" in layout:
             moved = self.at.by_position_filter(self.free_friction())
             J[..., layout["position_filter"]] -= moved[..., None] * np.eye(moved.shape[2])
+        if self.at.problem.ends is not None and "torque_scale" in layout:
+            # Unknown friction is a part of the logged torque and has its scale.
+            own = self._bounded_friction() / self.at.p.torque_scale
+            J[..., layout["torque_scale"]] -= own[..., None] * np.eye(own.shape[2])
         return J
+
+    def _bounded_friction(self) -> Complexes:
+        """Most likely friction of known size, shape (r, H, n), N·m; with a complement all free terms."""
+        friction = self.at.problem.friction
+        if friction is None:
+            return np.zeros_like(self.at.r)
+        if self.free.bases:
+            return self.free_friction()
+        left = self.W.conj().swapaxes(2, 3) @ self.projection.whitened(self.rows[..., None])
+        size = friction.spread * np.square(self.at.p.torque_scale) * self.weight[..., None]
+        return np.asarray(size * left[..., 0])
 
     def smoothed(self) -> Complexes:
         """Signals nearest to those measured, in units of noise, without residual: z − C Eᴴ V⁻¹r.
