@@ -38,10 +38,10 @@ _BETTER, _FAR_BETTER = 0.1, 0.01
 """Ratio of misfits from which other start values are the right ones, and from which no further ones are
 tried and free inertias in place of exact ones are right."""
 _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
-"""Variance that a law of the gears, presliding or friction at the arms in motions adds, over that of the
-noise, and one of hysteresis: its waveform is computed in steps. They shifted K of a robot with a loop of
-10 % by 0.06 %. The second holds for presliding where friction also varies with speed: Dahl is a rough
-model then."""
+"""Variance that a law of the gears or friction at the arms in motions adds, over that of the noise, and
+one of hysteresis: its waveform is computed in steps. They shifted K of a robot with a loop of 10 % by
+0.06 %. The second holds for presliding where friction also varies with speed: Dahl is a rough model
+then."""
 _LAW_ACCURACY = np.array([2e-4, 1e-3])
 """Relative standard error of K and D by these steps: D of robots without noise was 0.04 to 0.1 % low."""
 _RUBBING_SLOPES = np.array([1e-3, 3e-3])
@@ -232,7 +232,8 @@ def _choice(search: Search, best: Model) -> Choice:
     if search.has_motions:
         scored = {name: score for name, score in scored.items() if name != "link"}
         whole = whole + spread_of_reversals(search, best, found)
-        if best.is_slow or {"motor_presliding", "arm_coulomb"} & set(best.effects):
+        is_rough_friction = best.curve and "motor_presliding" in best.effects
+        if best.is_slow or is_rough_friction or "arm_coulomb" in best.effects:
             is_rough = "hysteresis" in best.effects or (best.curve and not best.is_slow)
             beyond = _LOOPS_BEYOND if is_rough else _LAWS_BEYOND
             whole = whole + beyond * found.elasticity_covariance
