@@ -187,8 +187,8 @@ def test_a_correction_is_applied_and_undone_on_the_page(
     at = upload(opened_app().run(), each(right, FAULTS["torques exchanged"]))
     assert "Not usable" in at.error[0].value
     folded = next(each for each in at.expander if each.label == "If this is not the cause")
-    assert "sign of the coupling inertias" in folded.markdown[0].value
-    assert "coupling" not in at.error[0].value
+    assert "Exchange the columns of these torques on import" in folded.markdown[0].value
+    assert "on import" not in at.error[0].value
     (fix,) = (b for b in at.button if b.label.startswith("Fix it"))
     assert fix.label == "Fix it: Exchange the torques of joints 1 and 2"
     at = fix.click().run()
