@@ -1,8 +1,11 @@
 """Transfer matrix of the motors from phasors, equations (16)-(18), independent of the controllers."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -135,6 +138,37 @@ def _spectrum(
     return (s.imag[inside] / (2 * np.pi), *chosen)
 
 
+class _Lines(NamedTuple):
+    """Spectral lines of a record around a frequency."""
+
+    powers: Floats
+    """Of the frequency, shape (k, order + 1); they are the terms of the record's ends as well."""
+    left: Floats
+    """Rows orthogonal to them, shape (k − order − 1, k)."""
+    acceleration: Complexes
+    """Shape (k, n)."""
+    torque: Complexes
+    """Shape (k, n)."""
+
+    @classmethod
+    def of(cls, x: Floats, order: int, acceleration: Complexes, torque: Complexes) -> _Lines:
+        """Lines at frequencies x, from -1 to 1."""
+        powers = np.vander(x, order + 1, increasing=True)
+        left = np.linalg.qr(powers, mode="complete")[0][:, order + 1 :].T
+        return cls(powers, left, acceleration, torque)
+
+    def regressors(self, u: Complexes) -> Complexes:
+        """Columns of the coefficients C_k of Σ x^k C_k u, without end terms."""
+        columns = u[..., None] * self.powers[:, None]
+        return np.asarray(self.left @ columns.reshape(len(u), -1))
+
+    @property
+    def noise_power(self) -> Floats:
+        """Expected normal matrix of the regressors of white noise of unit variance."""
+        squares = np.square(self.left).sum(axis=0)
+        return np.asarray(self.powers.T @ (squares[:, None] * self.powers))
+
+
 def _local(
     spectra: Sequence[tuple[Floats, Complexes, Complexes]], centre: float, half: float
 ) -> tuple[Complexes, Complexes, float]:
@@ -151,16 +185,16 @@ def _polynomial(
     spectra: Sequence[tuple[Floats, Complexes, Complexes]], centre: float, half: float, order: int
 ) -> tuple[Complexes, Complexes, float]:
     """The same by polynomials of one order."""
-    near = [np.abs(f - centre) <= half for f, *_ in spectra]
-    lines = [
-        ((f[own] - centre) / half, acceleration[own], torque[own])
-        for own, (f, acceleration, torque) in zip(near, spectra, strict=True)
-        if own.sum() > order
-    ]
+    lines = []
+    for f, acceleration, torque in spectra:
+        near = np.abs(f - centre) <= half
+        if near.sum() > order:
+            lines.append(_Lines.of((f[near] - centre) / half, order, acceleration[near], torque[near]))
     too_few = f"At {centre:.4g} Hz the records have too few spectral lines: record longer."
     if not lines:
         raise JointIdError(too_few)
-    A, y = _regression([(x, torque, acceleration) for x, acceleration, torque in lines], order)
+    A = np.concatenate([each.regressors(each.torque) for each in lines])
+    y = np.concatenate([each.left @ each.acceleration for each in lines])
     n = y.shape[1]
     freedom = len(A) - A.shape[1]
     if freedom < n + 1:
@@ -182,43 +216,25 @@ def _polynomial(
     H = found[constant].T
     if np.all(np.diag(noise).real * np.diag(spread).real > np.abs(_UNKNOWN * np.diag(H)) ** 2):
         raise JointIdError(f"At {centre:.4g} Hz the motion does not exceed the noise.")
-    # Noise of the torques, which the accelerations show, reduces H.
-    B, torques = _regression(lines, order)
-    scatter = torques - B @ np.linalg.lstsq(B, torques, rcond=None)[0]
-    of_torque = scatter.T.conj() @ scatter / freedom
-    bias = (squares @ np.kron(of_torque, sum(_noise_powers(x, order) for x, *_ in lines)) @ found)[
-        constant
-    ].T
+    bias = (squares @ _noise_power(lines, freedom) @ found)[constant].T
     if np.any(np.abs(np.diag(bias)) > _BIASED * np.abs(np.diag(H))):
         raise JointIdError(f"At {centre:.4g} Hz the torques hardly exceed their noise.")
     covariance += np.outer(bias, bias.conj())
-    T = np.concatenate([torque for *_, torque in lines])
+    T = np.concatenate([each.torque for each in lines])
     condition = np.linalg.cond(T / np.linalg.norm(T, axis=0)) if n > 1 else 1.0
     return H, covariance, float(condition)
 
 
-def _regression(
-    lines: Sequence[tuple[Floats, Complexes, Complexes]], order: int
-) -> tuple[Complexes, Complexes]:
-    """Regressors and values of y(x) = Σ x^k C_k u(x) of lines (x, u, y), without end terms."""
-    rows, values = [], []
-    for x, u, y in lines:
-        powers, left = _powers(x, order)
-        rows.append(left @ (u[..., None] * powers[:, None]).reshape(len(x), -1))
-        values.append(left @ y)
-    return np.concatenate(rows), np.concatenate(values)
+def _noise_power(lines: Sequence[_Lines], freedom: int) -> Complexes:
+    """Part of the regressors' normal matrix by noise of the torques, by which least squares reduce H.
 
-
-def _noise_powers(x: Floats, order: int) -> Floats:
-    """Mean of the regressors' squares (k, k) for u of white noise of unit variance."""
-    powers, left = _powers(x, order)
-    return np.asarray(powers.T @ (np.square(left).sum(axis=0)[:, None] * powers))
-
-
-def _powers(x: Floats, order: int) -> tuple[Floats, Floats]:
-    """Powers x^k, which are the end terms as well, and the rows that are orthogonal to them."""
-    powers = np.vander(x, order + 1, increasing=True)
-    return powers, np.linalg.qr(powers, mode="complete")[0][:, order + 1 :].T
+    The noise is what the accelerations leave of the torques: an upper bound, which includes theirs.
+    """
+    B = np.concatenate([each.regressors(each.acceleration) for each in lines])
+    torques = np.concatenate([each.left @ each.torque for each in lines])
+    scatter = torques - B @ np.linalg.lstsq(B, torques, rcond=None)[0]
+    covariance = scatter.T.conj() @ scatter / freedom
+    return np.asarray(np.kron(covariance, sum(each.noise_power for each in lines)))
 
 
 def _matrix(
