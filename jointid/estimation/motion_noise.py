@@ -12,6 +12,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
+from jointid.estimation.estimators.residual import unknown_friction
 from jointid.estimation.model_fits import evaluated
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Motors
@@ -35,9 +36,8 @@ def with_noise(
         return phasors
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
     residual = evaluated(phasors, prior, model, estimate, noise_of_rows(phasors, prior), unweighted)
-    left, friction = residual.at.r - residual.free_friction(), residual.at.problem.friction
-    scale = np.square(residual.at.p.torque_scale)
-    spread = np.zeros(left.shape) if friction is None else friction.spread * scale
+    left = residual.at.r - residual.free_friction()
+    spread = unknown_friction(residual.at.problem, residual.at.p)
     rows = 2.0 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
     share = np.where(residual.at.problem.used, residual.projection.noise_left(rows) / rows, 0)
     clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)

@@ -111,8 +111,7 @@ class Residual:
                 law = problem.laws.law(wound, gear), law[1]
         r = torque - gear_torque(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
-        if problem.friction is not None:
-            V += (problem.friction.spread * np.square(p.torque_scale))[..., None, :] * np.eye(n)
+        V += unknown_friction(problem, p)[..., None, :] * np.eye(n)
         if problem.law_noise is not None:
             V += (X * problem.law_noise[1][..., None, :]) @ X.conj().swapaxes(2, 3)
         return cls(
@@ -326,3 +325,10 @@ def with_law_noise(problem: Problem, vector: Floats) -> Problem:
     own, rest = wound.noise(variance.swapaxes(1, 2))
     by_deflection, rest = -own.swapaxes(1, 2) / at.gear, rest.swapaxes(1, 2) / np.abs(at.gear) ** 2
     return replace(problem, law_noise=(by_deflection, rest))
+
+
+def unknown_friction(problem: Problem, p: Parameters) -> Floats:
+    """Variance of the bounded friction in true units, shape (r, H, n), (N·m)²."""
+    if problem.friction is None:
+        return np.zeros((*problem.s.shape, problem.n))
+    return np.asarray(problem.friction.spread * np.square(p.torque_scale))

@@ -16,7 +16,7 @@ from jointid.estimation.estimators.problem import (
     friction_advance,
     motor_stiffness,
 )
-from jointid.estimation.estimators.residual import Residual, with_law_noise
+from jointid.estimation.estimators.residual import Residual, unknown_friction, with_law_noise
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.motion.free_friction import FreeFriction, Projection
 from jointid.small_matrices import finite_part, inverse, whitener
@@ -95,13 +95,10 @@ class WhitenedResidual:
 
     def _bounded_friction(self) -> Complexes:
         """Most likely friction of known size, shape (r, H, n), N·m; with a complement all free terms."""
-        friction = self.at.problem.friction
-        if friction is None:
-            return np.zeros_like(self.at.r)
         if self.free.bases:
             return self.free_friction()
         left = self.W.conj().swapaxes(2, 3) @ self.projection.whitened(self.rows[..., None])
-        size = friction.spread * np.square(self.at.p.torque_scale) * self.weight[..., None]
+        size = unknown_friction(self.at.problem, self.at.p) * self.weight[..., None]
         return np.asarray(size * left[..., 0])
 
     def smoothed(self) -> Complexes:
