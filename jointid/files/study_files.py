@@ -25,7 +25,6 @@ from jointid.files.study_keys import (
     read_angles,
     read_known,
     read_robot_model,
-    read_values,
 )
 from jointid.files.study_parts import is_long, read_long_record
 from jointid.files.study_saving import STUDY_FILE, pack_study, save_study
@@ -70,7 +69,7 @@ def load_study(path_or_file: Source) -> Study:
                 f"format = {shown(version)}, but this version reads format 1. Update jointid, or write "
                 "format = 1 if the file follows it."
             )
-        known = read_values(top, STUDY_VALUES)
+        known = top.values(STUDY_VALUES)
         table = top.table("inertia", INERTIA_KEYS)
         model = read_robot_model(top, lambda file: container.read(file, at_most=MAX_FILE_BYTES + 1))
         known |= read_known(top, table, model) | {"robot_model": model}
@@ -91,7 +90,7 @@ def study_name(path_or_file: Source) -> str:
     """Return the name that a study states, without reading its records; errors as ``load_study``."""
     with open_container(path_or_file, marker=STUDY_FILE) as container:
         top = parse_toml(STUDY_FILE, container.read(STUDY_FILE, at_most=MAX_TOML_BYTES + 1), STUDY_KEYS)
-        return str(read_values(top, STUDY_VALUES).get("name", ""))
+        return str(top.values(STUDY_VALUES).get("name", ""))
 
 
 def lines_around(path_or_file: Source, refusal: JointIdError) -> str:
@@ -138,9 +137,9 @@ def _record(
     poses: tuple[str, ...],
 ) -> SineRecord | MotionRecord:
     known: dict[str, Any] = {"label": PurePosixPath(file).name, "start_s": None}
-    known |= read_values(table, RECORD_VALUES)
+    known |= table.values(RECORD_VALUES)
     for of in (timing, table):
-        known |= {} if of is None else read_values(of, TIMING_KEYS)
+        known |= {} if of is None else of.values(TIMING_KEYS)
     pose = known.get("pose")
     if pose is not None and pose not in poses:
         raise JointIdError(

@@ -80,11 +80,6 @@ RECORD_VALUES = ("frequency_hz", "band_hz", "start_s", "pose", "label")
 """The same of a record."""
 
 
-def read_values(table: CheckedTable, keys: Iterable[str]) -> dict[str, Any]:
-    """Return the values of those keys of a table that are there."""
-    return {key: table.value(key) for key in keys if key in table}
-
-
 def written_values(source: object, keys: Iterable[str]) -> dict[str, Any]:
     """Return the attributes of these names as TOML has them, without empty ones."""
     values = {key: getattr(source, key, None) for key in keys}
@@ -133,14 +128,14 @@ def read_robot_model(top: CheckedTable, read: Callable[[str], bytes]) -> RobotMo
     if "robot_model" not in top:
         return None
     table = top.table("robot_model", ROBOT_KEYS)
-    given = read_values(table, ("gear_ratio", "rotor_inertia"))
+    given = table.values(("gear_ratio", "rotor_inertia"))
     with in_place(table.where, table.file):
         name = safe_name(table.text("file"))
         robot = RobotModel.parse(name, read(name), **given)
     if "payload" not in table:
         return robot
     load = table.table("payload", PAYLOAD_KEYS)
-    values = read_values(load, PAYLOAD_KEYS)
+    values = load.values(PAYLOAD_KEYS)
     with in_place(load.where, load.file):
         return robot.with_payload(**values)
 

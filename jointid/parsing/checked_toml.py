@@ -6,7 +6,7 @@ import datetime
 import math
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from typing import Any, TypeVar
@@ -58,6 +58,10 @@ class CheckedTable:
     def value(self, key: str) -> Any:
         """Return a value of the type of its example."""
         return getattr(self, _reader(self._examples[key]))(key)
+
+    def values(self, keys: Iterable[str], required: Iterable[str] = ()) -> dict[str, Any]:
+        """Return the values of those keys that are there or required."""
+        return {key: self.value(key) for key in keys if key in self or key in required}
 
     def text(self, key: str, default: str | None = None) -> str:
         """Return a string."""

@@ -156,9 +156,9 @@ def _payload(top: CheckedTable) -> Payload:
     if "payload" not in top:
         return Payload()
     table = top.table("payload", PAYLOAD_KEYS)
-    given = [key for key in PAYLOAD_KEYS if key in table or key in ("mass", "center")]
+    values = table.values(PAYLOAD_KEYS, required=("mass", "center"))
     with in_place(table.where, table.file):
-        return Payload(**{key: table.value(key) for key in given})
+        return Payload(**values)
 
 
 def _counterbalance(top: CheckedTable, zero: Floats) -> Counterbalance | None:

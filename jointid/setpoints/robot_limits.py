@@ -97,7 +97,7 @@ def limits_from_toml(data: bytes, file: str) -> RobotLimits:
     Raises JointIdError when a key is missing, unknown or wrong.
     """
     top = parse_toml(file, data, LIMIT_KEYS)
-    given = {key: top.value(key) for key in LIMIT_KEYS if key in top or key not in _OPTIONAL}
+    given = top.values(LIMIT_KEYS, required=LIMIT_KEYS.keys() - _OPTIONAL)
     with in_place(file, file):
         limits = RobotLimits(**given)
         for j, pose in enumerate(limits.start_deg[list(limits.moving)].tolist()):
