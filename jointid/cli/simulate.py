@@ -55,7 +55,9 @@ def simulate(
     ] = None,
     coulomb: Annotated[str, typer.Option(help="Coulomb friction of the motors, N·m.")] = "0",
     viscous: Annotated[str, typer.Option(help="Viscous friction of the motors, N·m·s/rad.")] = "0",
-    load_friction: Annotated[str, typer.Option(help="Load-dependent friction over gear torque.")] = "0",
+    load_friction: Annotated[
+        str, typer.Option(help="Ratio of load-dependent friction to gear torque.")
+    ] = "0",
     gear: Annotated[
         list[str] | None,
         typer.Option(

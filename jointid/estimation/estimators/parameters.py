@@ -30,7 +30,7 @@ class Effect:
     parameters: dict[str, tuple[str, str]]
     """Label, without the joint's number, and unit of each block of parameters."""
     positive: bool = False
-    """Whether the first parameter cannot be negative, as of friction, damping and masses."""
+    """Whether the first parameter cannot be negative, such as a friction, damping or mass."""
 
 
 EFFECTS = {
