@@ -223,8 +223,13 @@ def without(fit: ElasticityFit) -> str:
 
 def fitted_parts(fit: ElasticityFit) -> list[str]:
     """Names of the effects fitted in addition to K, D, inertias and torque scales."""
-    found = ["friction"] * (fit.friction is not None) + ["delay"] * (fit.delay is not None)
-    return found + [EFFECTS[name].name for name in EFFECTS if name in fit.parameters.layout]
+    layout = fit.parameters.layout
+    found = ["friction"] * ("coulomb" in layout) + ["delay"] * (fit.delay is not None)
+    return found + [
+        EFFECTS[name].name
+        for name in EFFECTS
+        if name in layout and not (name == "viscous" and "coulomb" in layout)
+    ]
 
 
 def answer_sentence(

@@ -302,6 +302,24 @@ def test_coulomb_friction_at_the_arm_is_found_in_random_motion() -> None:
     assert np.abs(fit.parameters["arm_coulomb"] / level - 1).max() < 0.02
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_viscous_friction_of_the_motor_and_of_the_arm_are_told_apart(seed: int) -> None:
+    """Without Coulomb friction a rest has none: with any torque there, filters explained it, too.
+
+    D was 5 and 11 stated errors off.
+    """
+    moves = Motion("moves", duration_s=10.0, seed=seed, noise_Nm=5e-4)
+    rubbing = replace(SINGLE, viscous=[5e-4], arm_viscous=[8e-4])
+    fit = identify_motion(
+        simulate([(rubbing, moves)])[0], Inertia(SINGLE.M, SINGLE.M2), inertia_std=0.05
+    )
+    assert "viscous" in next(each.parts for each in fit.candidates if each.chosen)
+    assert np.all(np.abs(fit.estimate - SINGLE.answer) < 3 * fit.standard_error)
+    assert fit.friction is not None
+    assert fit.friction.viscous == pytest.approx([5e-4], rel=0.05)
+    assert not fit.friction.coulomb.any()
+
+
 @pytest.mark.parametrize("wrong", [0.0, 0.3])
 def test_the_motion_of_the_arm_follows_from_the_torque_and_from_the_motor(wrong: float) -> None:
     """The motor tells it without the noise of the torque; a wrong arm inertia does no harm."""

@@ -63,12 +63,13 @@ class Model:
         return not set(GEAR_LAWS).isdisjoint(self.effects)
 
     def with_part(self, part: str) -> Model:
-        """The model with one more part."""
+        """The model with one more part; friction and viscous friction alone replace each other."""
         if part == "friction":
-            return replace(self, reversal=0.0)
+            return replace(self.without("viscous"), reversal=0.0)
         if part == "delay":
             return replace(self, delay=True)
-        return replace(self, effects=tuple(e for e in EFFECTS if e in (*self.effects, part)))
+        base = self.without("friction") if part == "viscous" else self
+        return replace(base, effects=tuple(e for e in EFFECTS if e in (*base.effects, part)))
 
     def without(self, part: str) -> Model:
         """The model with one part less."""

@@ -203,6 +203,8 @@ def likelihood_fit(
         choice_error=np.sqrt(np.diag(choice.spread)),
     )
     fit = replace(fit, covariance=fit.covariance + choice.spread)
+    if "viscous" in layout:
+        fit = replace(fit, friction=_friction(estimate))
     if "coulomb" in layout:
         braked, size = 4 / np.pi * np.abs(p["coulomb"]), np.median(estimate.phasors.torque_size, axis=0)
         share = np.divide(braked, size, out=np.where(braked > 0, np.inf, 0.0), where=size > 0)
@@ -216,7 +218,6 @@ def likelihood_fit(
             fit,
             covariance=fit.covariance + np.diag(floor**2),
             unseen_error=floor,
-            friction=_friction(estimate),
         )
     if "delay" in layout:
         fit = replace(fit, delay=p.delay, delay_error=float(error[layout["delay"]].item()))
@@ -226,6 +227,9 @@ def likelihood_fit(
 def _friction(estimate: LikelihoodEstimate) -> Friction:
     """Friction after long moves, when that with presliding has its whole level."""
     p, C = estimate.named, estimate.covariance
+    if "coulomb" not in p.layout:
+        none, error = np.zeros(p.K.size), np.sqrt(np.diag(C)[p.layout["viscous"]])
+        return Friction(none, p["viscous"], np.concatenate([none, error]))
     coulomb, variance = p["coulomb"], np.diag(C).copy()
     if "motor_presliding" in p.layout:
         own, rising = p.layout["coulomb"], p.layout["motor_presliding"]

@@ -159,7 +159,7 @@ class _Data:
                 delay=self.delay,
                 exactly=method != "auto",
                 gear=self.gear,
-                first=self.first,
+                first=() if self.first is None else (self.first,),
                 most=self.most,
             )
             if isinstance(estimate := choice.estimate, LikelihoodEstimate):

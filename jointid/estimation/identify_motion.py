@@ -10,7 +10,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Model, dissipates
+from jointid.estimation.candidates import Choice, Model, dissipates
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
@@ -42,6 +42,8 @@ _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
 _POOR, _FAR_BETTER = 1.5, 0.3
 """Misfit from which friction of motors at rest may bias the start; ratio for which another is right."""
+_EQUAL = 10.0
+"""Information criterion over the least up to which a model is compared again with other noise."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
 _FEW = 6
@@ -144,13 +146,13 @@ def _identified(
     phasors, start, first = _with_first_noise(phasors, prior, rows, motion_start(*whole), many)
     search = partial(choose_model, friction=friction, delay=delay, gear=gear)
     few, own = phasors.select(rows), prior.of_rows(rows)
-    choice = search(few, own, start, noise=noise_of_rows(few, own), first=first if many else None)
+    choice = search(few, own, start, noise=noise_of_rows(few, own), first=first if many else ())
     again = with_noise(phasors, prior, choice.model, choice.estimate)
-    same = SAME_OF_MANY if many and choice.model == first else SAME
+    same = SAME_OF_MANY if many and (choice.model,) == first else SAME
     if rows.size < phasors.omega.size or noise_differs(again, phasors, same):
         phasors, found = again, choice.estimate
         if isinstance(found, LikelihoodEstimate):
-            search = partial(search, first=choice.model, is_lost=found.misfit >= LOST)
+            search = partial(search, first=_equals(choice), is_lost=found.misfit >= LOST)
             start = found.named
         choice = search(phasors, prior, start, noise=noise_of_rows(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):
@@ -178,12 +180,12 @@ def _identified(
 
 def _with_first_noise(
     phasors: Phasors, prior: InertiaPrior, rows: np.ndarray, start: Parameters, many: bool
-) -> tuple[Phasors, Floats | Parameters, Model | None]:
+) -> tuple[Phasors, Floats | Parameters, tuple[Model, ...]]:
     """Phasors with the noise from a fit of some rows with simple friction, and its parameters and model.
     With ``many`` equations the noise is estimated several times.
     """
     if not phasors.motion.any():
-        return phasors, start, None
+        return phasors, start, ()
     if "coulomb" in start.layout:
         size = np.maximum(start["coulomb"], 0.0)
         bounded = [each and replace(each, unknown_Nm=size) for each in phasors.segments]
@@ -205,7 +207,7 @@ def _with_first_noise(
                     found = richer
                     break
     if found is None:
-        return phasors, start, None
+        return phasors, start, ()
     phasors = with_noise(phasors, prior, model, found)
     for _ in range(_NOISES if many else 1):
         before = phasors
@@ -216,7 +218,14 @@ def _with_first_noise(
             phasors = with_noise(phasors, prior, model, found)
         if not noise_differs(before, phasors):
             break
-    return phasors, found.named if "coulomb" in found.layout else found.elasticity, model
+    return phasors, found.named if "coulomb" in found.layout else found.elasticity, (model,)
+
+
+def _equals(choice: Choice) -> tuple[Model, ...]:
+    """The chosen model, and quick ones that other noise may prefer to it."""
+    least = min(each.criterion for each in choice.candidates)
+    near = [each for each in choice.candidates if each.criterion < least + _EQUAL and not each.chosen]
+    return (choice.model, *(each.model for each in near if not each.model.is_slow))
 
 
 def _are_many(phasors: Phasors) -> bool:

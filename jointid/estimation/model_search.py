@@ -60,8 +60,8 @@ class Search:
     base: Model
     """Parts that every model has."""
     fits: Fits
-    first: Model | None = None
-    """The model of the start values. The noise of motions is then that of an earlier search."""
+    first: tuple[Model, ...] = ()
+    """Models of an earlier search, whose noise motions then have; that of the start values first."""
     most: float = np.inf
     """Misfit above which a model is not considered."""
     starts: dict[Model, int] = field(default_factory=dict)
@@ -193,8 +193,9 @@ class Search:
         found = self.fits.estimate(model)
         full = len(model.effects) >= MOST_EFFECTS
         absent = [p for p in self.fits.optional if p not in model.parts and not (full and p in EFFECTS)]
-        if model.reversal is None:  # unmodelled Coulomb friction looks like them
-            absent = [part for part in absent if part not in FRICTION_EFFECTS]
+        # Unmodelled Coulomb friction looks like them, and friction contains the viscous one.
+        never = FRICTION_EFFECTS if model.reversal is None else ("viscous",)
+        absent = [part for part in absent if part not in never]
         if found is None or not absent:
             return {}
         if model not in self._scores or self._scores[model][0] is not found:
@@ -222,6 +223,8 @@ class Search:
         """The model without each part that is not certain, and with a delay in place of others."""
         for part in model.parts:
             if part in self.fits.optional:
+                if part == "friction" and not self.fits.is_certain(model, "coulomb"):
+                    yield model.with_part("viscous")
                 if not self.fits.is_certain(model, part):
                     yield model.without(part)
                 if part in ("lag", *FILTERS) and "delay" in self.fits.optional:  # one common delay

@@ -59,7 +59,7 @@ def choose_model(
     delay: bool,
     exactly: bool = False,
     gear: str = "auto",
-    first: Model | None = None,
+    first: Sequence[Model] = (),
     most: float = np.inf,
     is_lost: bool = False,
 ) -> Choice:
@@ -75,8 +75,9 @@ def choose_model(
         Exclude the optional parts; only the form of the friction reversals is chosen.
     gear : {"auto", "linear"}
         Whether nonlinear laws of the gears are among the optional parts.
-    first : Model, optional
-        The model of the start values, which is fitted first.
+    first : sequence of Model, optional
+        Models that an earlier search could not tell apart, which are fitted first. The start values are
+        those of the first one.
     most : float, optional
         Misfit above which the choice has no use: the search ends where some records show it.
     is_lost : bool
@@ -87,6 +88,8 @@ def choose_model(
     excluded = {"piecewise"}  # in place of a cubic law
     if gear == "linear":
         excluded |= set(GEAR_LAWS)
+    if friction:
+        excluded.add("viscous")
     if phasors.is_superposed:  # presliding of sines is computed for angles that return
         excluded.add("motor_presliding")
     parts = ("friction",) * (not friction) + ("delay",) * (not delay)
@@ -100,13 +103,13 @@ def choose_model(
         noise,
         Model(0.0 if friction else None, delay),
         Fits(optional, max(rows, 1)),
-        first=first,
+        first=tuple(first),
         most=most,
     )
-    if is_lost and first is not None:
-        search.fit(first, linear)
-        if LOST <= search.fits.misfit(first) < np.inf:
-            return _choice(search, first)
+    if is_lost and first:
+        search.fit(first[0], linear)
+        if LOST <= search.fits.misfit(first[0]) < np.inf:
+            return _choice(search, first[0])
     if search.may_have_friction and not isinstance(start, Parameters):
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
     return _searched(search)
@@ -123,8 +126,9 @@ def _searched(search: Search) -> Choice:
     if not search.has_motions and least_misfit(phasors.omega, phasors.z, phasors.covariance) > LOST:
         search.fit(search.base, search.start)
         return _choice(search, search.base)
-    if search.first is not None and search.first not in search.fits.tried:
-        search.fit(search.first, search.start)
+    for model in search.first:
+        if model not in search.fits.tried:
+            search.fit(model, search.start)
     fit_first(search)
     rows = search.few_rows()
     if search.is_lost and rows.size < phasors.omega.size:

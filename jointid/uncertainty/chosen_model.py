@@ -41,7 +41,7 @@ def refit(
     if fit.method in LINEAR:
         each = inertia.inertias(inertia.M, inertia.M2)
         return LINEAR[fit.method](spring_equations(phasors, each))
-    if friction is None and fit.friction is not None:
+    if friction is None:
         friction = chosen_friction(phasors, fit, inertia)
     return maximum_likelihood(
         phasors,
@@ -62,7 +62,7 @@ def fitted_problem(phasors: Phasors, fit: ElasticityFit) -> Problem:
     if fit.method in LINEAR:
         phasors = replace(phasors, harmonics=phasors.harmonics[:, :1])
         noise = replace(noise, covariance=noise.covariance[:, :1])
-    friction = None if fit.friction is None else chosen_friction(phasors, fit)
+    friction = chosen_friction(phasors, fit)
     layout, vector = fit.parameters.layout, fit.parameters.vector.copy()
     vector[layout["K"]] = np.maximum(np.abs(fit.K), _LEAST_STIFFNESS)
     return make_problem(phasors, fit.prior, layout, layout.named(vector), friction, noise)
@@ -73,12 +73,14 @@ def chosen_friction(
     fit: ElasticityFit,
     prior: InertiaPrior | None = None,
     parameters: Parameters | None = None,
-) -> FrictionWaveforms:
-    """Friction waveforms of these phasors for the friction model of the fit.
+) -> FrictionWaveforms | None:
+    """Friction waveforms of these phasors for the model of the fit, if that has Coulomb friction.
 
     Of other records than those of the fit, ``prior`` holds the inertias; ``parameters`` replace those
     of the fit.
     """
+    if "coulomb" not in fit.parameters.layout:
+        return None
     model = next((c.model for c in fit.candidates if c.chosen), Model(0.0, delay=False))
     p = parameters or fit.parameters
     filters = filters_before_friction(model, p)

@@ -85,9 +85,8 @@ class PlanningModel:
         shape (r, n), by the model.
         """
         r, n = q.shape
-        has_friction = self.fit.friction is not None
         laws = self.problem.laws
-        distorted = has_friction or laws is not None
+        distorted = self.problem.friction is not None or laws is not None
         scales = np.atleast_2d(self.scale)[0]  # a harmonic of sines has one misfit in all records
         orders = np.arange(1, (scales.size if distorted else 1) + 1)
         s = np.asarray(1j * np.multiply.outer(omega, orders))
@@ -104,7 +103,7 @@ class PlanningModel:
             noise=Noise(C, np.full(r, _EXACT)),
             known=np.ones(s.shape, bool),
             prior=prior,
-            friction=waveforms() if has_friction else None,
+            friction=waveforms(),
             group=np.broadcast_to(np.arange(orders.size), s.shape),
             main=np.arange(orders.size) == 0,
             held=HeldTorque.of(s, np.zeros(r), np.zeros(r)),
@@ -169,7 +168,7 @@ class PlanningModel:
         harmonics: Complexes,
         C: Complexes,
         duration_s: Floats,
-    ) -> FrictionWaveforms:
+    ) -> FrictionWaveforms | None:
         """Friction waveforms of the chosen model for pure sines."""
         r, _, channels = harmonics.shape
         sines = Phasors(

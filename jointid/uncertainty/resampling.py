@@ -125,7 +125,7 @@ def bootstrap(
     size *= np.any(phasors.harmonics != 0, axis=2)[..., None, None]
     centre = _explained(phasors, fit)
     prior = fit.prior.like(inertia, phasors.q.shape)
-    friction = None if fit.friction is None else chosen_friction(phasors, fit, prior)
+    friction = chosen_friction(phasors, fit, prior)
     found = []
     for k in range(draws):
         drawn = _with_noise(centre, _circular(rng, size), rng)

@@ -50,14 +50,15 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     worst = int(np.argmax(np.where(clear, share, 0.0)))
     high = "high" if other[worst] > p[worst] else "low"
     if fit.friction is not None:
-        coulomb = enumerated([number(c, 2) for c in fit.friction.coulomb])
-        title, cause = "Friction matters", f"Coulomb friction is {coulomb} N·m; the fit includes it. "
+        found = f"Coulomb friction is {enumerated([number(c, 2) for c in fit.friction.coulomb])} N·m"
+        if not np.any(fit.friction.coulomb):
+            viscous = enumerated([number(v, 2) for v in fit.friction.viscous])
+            found = f"Viscous friction is {viscous} N·m·s/rad"
+        title, cause = "Friction matters", f"{found}; the fit includes it. "
         if (lag := lag_size(evidence)) is not None:
             verb = "lags" if fit.delay is not None and fit.delay > 0 else "leads"
             title = f"Friction and a torque {verb[:-1]} matter"
-            cause = (
-                f"Coulomb friction is {coulomb} N·m, the torque {verb} by {lag}; the fit includes both. "
-            )
+            cause = f"{found}, the torque {verb} by {lag}; the fit includes both. "
         remedy = (
             "No action needed. Larger motions, or a superposed constant velocity, reduce the effect of "
             "friction."

@@ -203,9 +203,10 @@ def same_experiment(evidence: Evidence) -> Iterator[Finding]:
 def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
     """A sticking joint has no friction phasor, and its torque carries little information."""
     fit, phasors = evidence.fit, evidence.phasors
-    if fit.friction is None:
+    waveforms = chosen_friction(phasors, fit)
+    if waveforms is None or fit.friction is None:
         return
-    stationary = chosen_friction(phasors, fit).stationary
+    stationary = waveforms.stationary
     has_friction = fit.friction.coulomb > 3 * fit.errors["coulomb"]
     for j in np.flatnonzero(stationary.any(axis=0) & has_friction):
         names = [phasors.labels[i] for i in np.flatnonzero(stationary[:, j])]

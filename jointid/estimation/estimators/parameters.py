@@ -34,6 +34,11 @@ class Effect:
 
 
 EFFECTS = {
+    "viscous": Effect(
+        "viscous motor friction",
+        {"viscous": ("viscous friction", "N·m·s/rad")},
+        positive=True,
+    ),
     "arm_viscous": Effect(
         "arm-side viscous friction",
         {"arm_viscous": ("arm-side viscous friction", "N·m·s/rad")},
@@ -81,7 +86,8 @@ EFFECTS = {
         positive=True,
     ),
 }
-"""By key. With s = iω, ``arm_viscous`` v and ``gravity`` G add sv + G to the arm's dynamic stiffness,
+"""By key. With s = iω, ``viscous`` v, without Coulomb friction, adds sv to a motor's dynamic stiffness,
+which friction contains; ``arm_viscous`` v and ``gravity`` G add sv + G to the arm's dynamic stiffness,
 and ``link`` c adds −s⁴c (the first term of a mode above the band, c = J_link/ω_link²); ``loss_factor``
 η adds iηK, and the stiffness that comes with it, to the gear's. ``lag`` d multiplies a joint's torque
 by e^{-sd}, ``torque_filter`` T by 1/(1 + sT), or by 1 − sT where T is negative, and
@@ -203,7 +209,8 @@ class ParameterLayout:
         if delay:
             blocks.append(Block("delay", (), (PARAMETERS["delay"].name,), ((),)))
         for effect in effects:
-            blocks += map(of_joints, EFFECTS[effect].parameters)
+            if not (friction and effect == "viscous"):
+                blocks += map(of_joints, EFFECTS[effect].parameters)
         if rotors:
             names = [
                 f"{PARAMETERS['M'].of_joint(j)}{_suffix(m, rotors)}"

@@ -278,7 +278,7 @@ def motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
     """s²M with viscous friction, shape (r, H, n), N·m/rad."""
     s = problem.s[..., None]
     inertial = s * s * problem.rotor_inertia(p)[problem.prior.rotor, None]
-    return np.asarray(inertial if problem.friction is None else inertial + s * p["viscous"])
+    return np.asarray(inertial + s * p.effect("viscous"))
 
 
 def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:

@@ -126,7 +126,7 @@ class Residual:
             return self.torque, q
         velocity, acceleration = problem.motion
         inertial = acceleration * problem.rotor_inertia(p)[problem.prior.rotor, None]
-        viscous = 0.0 if problem.friction is None else p["viscous"] * velocity
+        viscous = p.effect("viscous") * velocity
         moved = np.any(velocity != 0, axis=(1, 2))[:, None, None]
         torque = self.torque + motor_stiffness(problem, p) * q - inertial - viscous
         angle = np.where(moved, acceleration / problem.s[..., None] ** 2, q)

@@ -91,7 +91,7 @@ def scores(
         positive = name in EFFECTS and (
             EFFECTS[name].positive or (squared and name == "position_filter")
         )
-        own = np.arange(layout.size)[layout.of_part(name)]
+        own = np.setdiff1d(np.arange(layout.size)[layout.of_part(name)], base)
         step, gain, through, left = _further_step(gradient, normal, inner, base, own)
         possible = gain, through @ step / size[base]
         if positive and np.any(step > 0):
