@@ -17,7 +17,7 @@ from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors
 from jointid.phasors.sensor_steps import quantum
 from jointid.records import MotionRecord
-from jointid.wording import counted
+from jointid.wording import counted, percent
 
 _SINGULAR = 1e-8
 """Smallest singular value of the torques over the largest; below it, records are the same experiment."""
@@ -27,7 +27,7 @@ resonance is several standard errors off."""
 _LINES, _NARROW = 8, 0.6
 """Half width of a local band: spectral lines of the longest record, and at least Hz."""
 _BIASED = 0.2
-"""Share of H by which noise of the torques may reduce it."""
+"""Share of H by which noise of the torques may reduce it, if all noise is theirs."""
 _UNKNOWN = 0.5
 """Relative standard error of H from a motion without information."""
 _NOISE_MARGIN = 3.0
@@ -218,7 +218,10 @@ def _polynomial(
         raise JointIdError(f"At {centre:.4g} Hz the motion does not exceed the noise.")
     bias = (squares @ _noise_power(lines, freedom) @ found)[constant].T
     if np.any(np.abs(np.diag(bias)) > _BIASED * np.abs(np.diag(H))):
-        raise JointIdError(f"At {centre:.4g} Hz the torques hardly exceed their noise.")
+        raise JointIdError(
+            f"At {centre:.4g} Hz noise may reduce H by more than {percent(_BIASED)}: move the joints more "
+            "at this frequency, or record longer."
+        )
     covariance += np.outer(bias, bias.conj())
     T = np.concatenate([each.torque for each in lines])
     condition = np.linalg.cond(T / np.linalg.norm(T, axis=0)) if n > 1 else 1.0

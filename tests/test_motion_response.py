@@ -168,5 +168,5 @@ def test_noise_of_the_torque_counts_in_the_error() -> None:
     true = motor_response(found.omega, *ROBOTS[1])
     assert found.omega.size > 40
     assert np.mean(np.abs((found.H - true) / found.standard_deviation) ** 2) < 2
-    with pytest.raises(JointIdError, match="torques hardly exceed their noise"):
+    with pytest.raises(JointIdError, match="noise may reduce H by more than 20 %"):
         motion_transfer_matrix(with_torque_noise(150.0))
