@@ -475,6 +475,21 @@ def test_wrong_inertias_are_not_attributed_to_friction() -> None:
     assert other == pytest.approx(right, rel=0.1)
 
 
+def test_viscous_friction_alone_is_named_in_the_unit_of_its_coefficient() -> None:
+    records = simulate_records(
+        PARALLELOGRAM,
+        PAPER,
+        np.geomspace(3, 30, 6).round(2),
+        friction=MotorFriction(viscous=[0.02, 0.004]),
+        measurement=Measurement(torque_noise_Nm=0.005),
+        seed=1,
+    )
+    analysis = analyse(Study(records, PARALLELOGRAM))
+    (friction,) = said(analysis.findings, "Friction matters")
+    assert "Viscous friction is 0.02 and 0.004 N·m·s/rad; the fit includes it." in friction.detail
+    assert not unsound(analysis)
+
+
 def test_friction_finding_states_the_difference_to_the_paper_method() -> None:
     case = of_rubbing(friction=True)
     found = findings(case)

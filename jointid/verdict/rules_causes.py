@@ -33,7 +33,8 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     fit, logged = evidence.fit, evidence.phasors
     if fit.method == "least-squares" or np.any(fit.K <= 0):
         return
-    if fit.friction is not None and np.any(fit.friction.coulomb < -fit.errors["coulomb"]):
+    coulomb = fit.friction.coulomb if fit.friction and "coulomb" in fit.parameters.layout else None
+    if coulomb is not None and np.any(coulomb < -fit.errors["coulomb"]):
         return  # friction dissipates energy
     if any(gear.laws != ("linear",) for gear in fit.gears):
         return  # the gears make most of the difference, and have findings of their own
@@ -50,10 +51,10 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     worst = int(np.argmax(np.where(clear, share, 0.0)))
     high = "high" if other[worst] > p[worst] else "low"
     if fit.friction is not None:
-        found = f"Coulomb friction is {enumerated([number(c, 2) for c in fit.friction.coulomb])} N·m"
-        if not np.any(fit.friction.coulomb):
-            viscous = enumerated([number(v, 2) for v in fit.friction.viscous])
-            found = f"Viscous friction is {viscous} N·m·s/rad"
+        kind, levels, unit = "Coulomb", fit.friction.coulomb, "N·m"
+        if coulomb is None:
+            kind, levels, unit = "Viscous", fit.friction.viscous, "N·m·s/rad"
+        found = f"{kind} friction is {enumerated([number(level, 2) for level in levels])} {unit}"
         title, cause = "Friction matters", f"{found}; the fit includes it. "
         if (lag := lag_size(evidence)) is not None:
             verb = "lags" if fit.delay is not None and fit.delay > 0 else "leads"
