@@ -219,8 +219,8 @@ def _polynomial(
     bias = (squares @ _noise_power(lines, freedom) @ found)[constant].T
     if np.any(np.abs(np.diag(bias)) > _BIASED * np.abs(np.diag(H))):
         raise JointIdError(
-            f"At {centre:.4g} Hz noise may reduce H by more than {percent(_BIASED)}: move the joints more "
-            "at this frequency, or record longer."
+            f"At {centre:.4g} Hz noise may reduce H by more than {percent(_BIASED)}: move the joints "
+            "more at this frequency, or record longer."
         )
     covariance += np.outer(bias, bias.conj())
     T = np.concatenate([each.torque for each in lines])
