@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_simpson
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.laws import dahl_from_rest
@@ -20,7 +20,7 @@ def presliding_bins(segments: Mapping[int, Segment], sharpness: Floats) -> dict[
     for row, segment in segments.items():
         velocity = segment.uniform_velocity  # that of all segments of a record
         if id(velocity) not in of_records:
-            angle = cumulative_trapezoid(velocity, dx=segment.interval_s, axis=1, initial=0)
+            angle = cumulative_simpson(velocity, dx=segment.interval_s, axis=1, initial=0)
             of_records[id(velocity)] = dahl_from_rest(angle, sharpness)
         z = of_records[id(velocity)][:, segment.begin : segment.end]
         found[row] = bins_of(z, segment.highest).T

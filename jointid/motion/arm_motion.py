@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_simpson
+from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from jointid.arrays import Complexes, Floats
@@ -30,6 +31,8 @@ _ALIKE = 2.0
 """Difference of the torques over the noise of the measured one up to which the driven arms are right."""
 _MEDIAN = 0.455
 """Median square of normal noise over its mean."""
+_FINE = 30.0
+"""Points per period of the highest frequency in the arms' motion."""
 _LEAST = 1e-30
 """Squared torque that counts as zero, (N·m)²."""
 _DISTINCT = 1e-9
@@ -49,12 +52,18 @@ def arm_directions(
 
 
 def _directions(segment: Segment, velocities: Floats) -> Complexes:
-    found = np.zeros((segment.highest, len(velocities)), complex)
+    found, finer = np.zeros((segment.highest, len(velocities)), complex), _finer(segment)
     for j, velocity in enumerate(velocities):
         if _MARGIN * segment.velocity_noise[j] < _STATIONARY * np.abs(velocity).max():
-            turns = reversals(velocity, 0.0, 0.0, 0.0)
-            found[:, j] = phasors_of_turns(*turns, segment.samples, segment.highest)
+            turns, rests, signs = reversals(velocity, 0.0, 0.0, 0.0)
+            places = turns / finer, rests / finer, signs
+            found[:, j] = phasors_of_turns(*places, segment.samples, segment.highest)
     return found
+
+
+def _finer(segment: Segment) -> int:
+    """Points of the arms' motion for each sample: between few samples per period it is no line."""
+    return int(np.ceil(_FINE * segment.highest / segment.samples))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,17 +89,21 @@ class DrivenArms:
         return poles.astype(complex), shapes.astype(complex)
 
     def velocities(self, segment: Segment, motors: Motors) -> Floats:
-        """Velocities of the arms in a segment, shape (n, N), rad/s."""
-        measured = segment.gear_torque(motors, np.sign(segment.velocity))
-        found = by_torque = self._by_torque(segment, measured)
+        """Velocities of the arms at the samples of a segment and, if few, in between, rad/s, (n, p)."""
+        finer = _finer(segment)
+        torque = segment.gear_torque(motors, np.sign(segment.velocity))
+        splines = CubicSpline(np.arange(segment.samples), [segment.velocity, torque], axis=2)
+        velocity, measured = splines(np.arange((segment.samples - 1) * finer + 1) / finer)
+        T = segment.interval_s / finer
+        found = by_torque = self._by_torque(velocity, measured, T)
         if not self.coulomb.any() or self.modes[0].real.max() > 0:
             return found
-        angle = cumulative_trapezoid(segment.velocity, dx=segment.interval_s, axis=1, initial=0)
+        angle = cumulative_simpson(velocity, dx=T, axis=1, initial=0)
         share = min(1.0, 4 * segment.highest / segment.samples)  # of the lines that ``gear_torque`` has
         noise = _ALIKE**2 * share * segment.torque_variance
         friction = self.coulomb[:, None] * np.sign(found)
         for _ in range(_RENEWED):
-            torque, by_motor = self._driven(segment, angle, friction, measured)
+            torque, by_motor = self._driven(angle, velocity, friction, measured, T)
             if not np.isfinite(by_motor).all():  # two poles are equal
                 return by_torque
             difference = np.median((measured - torque) ** 2, axis=1) / _MEDIAN  # apart from the ends
@@ -100,39 +113,39 @@ class DrivenArms:
             friction = 0.5 * (friction + self.coulomb[:, None] * np.sign(found))
         return found
 
-    def _by_torque(self, segment: Segment, torque: Floats) -> Floats:
-        T, found = segment.interval_s, np.zeros_like(torque)
+    def _by_torque(self, velocity: Floats, torque: Floats, T: float) -> Floats:
+        found = np.zeros_like(torque)
         for j in range(self.K.size):
             damped = 2 * abs(self.D[j]) / T
             wound = lfilter([1, 1], [self.K[j] + damped, self.K[j] - damped], torque[j] - torque[j, 0])
-            found[j] = segment.velocity[j] - np.gradient(wound) / T
+            found[j] = velocity[j] - np.gradient(wound) / T
         return found
 
     def _driven(
-        self, segment: Segment, angle: Floats, friction: Floats, measured: Floats
+        self, angle: Floats, velocity: Floats, friction: Floats, measured: Floats, T: float
     ) -> tuple[Floats, Floats]:
         """Torques through the gears, and velocities of the arms, that the motors' motion causes.
 
-        The start of the arms is the one that fits the measured torques best. All have shape (n, N).
+        The start of the arms is the one that fits the measured torques best. All have shape (n, p).
         """
-        n, T, (poles, shapes) = self.K.size, segment.interval_s, self.modes
-        drive = self.K[:, None] * angle + self.D[:, None] * segment.velocity
+        (n, points), (poles, shapes) = angle.shape, self.modes
+        drive = self.K[:, None] * angle + self.D[:, None] * velocity
         push = np.linalg.solve(self.M2, drive - friction)
         sizes = np.linalg.solve(shapes, np.vstack([0 * push, push]))
         x = (poles * T)[:, None]
         whole, late = np.expm1(x) / x, (np.expm1(x) - x) / x**2  # forces change linearly in a step
         steps = T * ((whole - late) * sizes[:, :-1] + late * sizes[:, 1:])
-        moved = np.zeros((2 * n, segment.samples), complex)
+        moved = np.zeros((2 * n, points), complex)
         for k, pole in enumerate(x[:, 0]):
             moved[k, 1:] = lfilter([1], [1, -np.exp(pole)], steps[k])
         # The arms' free motion from any start, real and imaginary part, and a constant torque.
         of_gears, decay = (
             np.hstack([np.diag(self.K), np.diag(self.D)]) @ shapes,
-            np.exp(x * np.arange(segment.samples)),
+            np.exp(x * np.arange(points)),
         )
         free = -of_gears[:, :, None] * decay
         columns = np.concatenate([free.real, -free.imag], axis=1).swapaxes(1, 2).reshape(-1, 4 * n)
-        columns = np.hstack([columns, np.kron(np.eye(n), np.ones((segment.samples, 1)))])
+        columns = np.hstack([columns, np.kron(np.eye(n), np.ones((points, 1)))])
         torque = drive - (of_gears @ moved).real
         start = np.linalg.lstsq(columns, (measured - torque).ravel(), rcond=_DISTINCT)[0]
         moved += (start[: 2 * n] + 1j * start[2 * n : 4 * n])[:, None] * decay

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.fft import dct, idct
+from scipy.interpolate import CubicSpline
 
 from jointid.arrays import Complexes, Floats
 
@@ -99,13 +101,10 @@ class Segment:
         Of frequencies up to twice the band. Farther ones lack the jumps of friction, which the velocity
         is too smooth for; without those just above the band, the load of the end of a sweep is missing.
         """
-        places = np.arange(self.begin, self.end) - 0.5 * self.held  # the mean of two held torques
-        count, late = np.arange(self.torque.shape[1]), motors.lag_s / self.interval_s
-        left = np.stack(
-            [np.interp(places - own, count, tau) for own, tau in zip(late, self.torque, strict=True)]
-        )
-        left *= motors.torque_scale[:, None]
-        left -= motors.M[:, None] * np.gradient(self.velocity, self.interval_s, axis=1)
+        places, late = np.arange(self.begin, self.end), motors.lag_s / self.interval_s
+        acting = (self._torque_at(j, places - late[j]) for j in range(late.size))
+        left = motors.torque_scale[:, None] * np.stack([*acting])
+        left -= motors.M[:, None] * self._acceleration
         left -= motors.viscous[:, None] * self.velocity + motors.coulomb[:, None] * direction
 
         def low(torque: Floats) -> Floats:
@@ -114,6 +113,20 @@ class Segment:
             return np.asarray(idct(lines, axis=1))
 
         return motors.without_load_friction(left, direction, low)
+
+    def _torque_at(self, j: int, places: Floats) -> Floats:
+        """Torque of motor j at samples of the record, with their fraction: of held ones, their mean."""
+        tau = self.torque[j]
+        torque, places = CubicSpline(np.arange(tau.size), tau), np.clip(places, self.held, tau.size - 1)
+        if not self.held:
+            return np.asarray(torque(places))
+        whole = torque.antiderivative()
+        return np.asarray(whole(places) - whole(places - 1))
+
+    @cached_property
+    def _acceleration(self) -> Floats:
+        spline = CubicSpline(np.arange(self.samples), self.velocity, axis=1)
+        return np.asarray(spline(spline.x, 1) / self.interval_s)
 
     def friction_at_reversals(self, motors: Motors) -> Floats:
         """Coulomb friction and the root mean square of that by load there, shape (n,), N·m."""
