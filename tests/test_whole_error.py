@@ -25,6 +25,8 @@ from benchmarks.real_robots import (
     Case,
     Loads,
     band,
+    free_hz,
+    link_share,
     varied,
 )
 from benchmarks.whole_error import (
@@ -182,6 +184,26 @@ def test_a_part_that_few_records_leave_open_is_found_in_all() -> None:
     assert not found.alarms, told([found])
     assert np.abs(found.z).max() < 4, told([found])
     assert np.abs(found.error).max() < 1e-3, told([found])
+
+
+def test_two_parts_are_found_past_a_third_that_is_nearer_to_both() -> None:
+    """Other losses and filters replaced both: K was 2.5 % off, under a warning."""
+    case = Case(change=lambda robot, _: {"lag_s": [3e-4, 0.0], "arm_viscous": 0.05 * robot.D})
+    (found,) = outcomes([case.campaign(18)])
+    assert not found.alarms, told([found])
+    assert np.abs(found.z).max() < 4, told([found])
+
+
+def test_terms_that_a_fitted_link_mode_lacks_are_in_the_error() -> None:
+    """The third harmonic of a hardening gear is near the mode: K was 13 stated errors off."""
+
+    def change(robot: Robot, loads: Loads) -> dict[str, Any]:
+        link = {"link_share": link_share(robot), "link_hz": 8 * free_hz(robot)}
+        return link | {"cubic": 0.2 * robot.K / loads.deflection**2}
+
+    (found,) = outcomes([Case(change=change).campaign(39)])
+    assert np.abs(found.z).max() < 4, told([found])
+    assert np.abs(found.standard_error).max() < 0.01, told([found])
 
 
 def test_friction_that_rises_slowly_after_a_reversal_is_fitted() -> None:

@@ -133,6 +133,22 @@ def spread_of_unseen(
     return found
 
 
+def spread_of_modes(found: LikelihoodEstimate, prior: InertiaPrior) -> Floats:
+    """Covariance of K and D by the further terms of fitted link modes, shape (2n, 2n).
+
+    A mode adds −s⁴c/(1 + s²c/J), of which the fit has the first term: at the highest frequency the
+    share ω²c/J of it is missing, and of its change of K and D. The harmonics of nonlinear gears are
+    nearer to the mode and show another c: all of a usual link may then be missing.
+    """
+    of_link, size = found.layout["link"], len(found.elasticity_covariance)
+    c, C = np.abs(found.named["link"]), found.covariance[:, of_link]
+    missing = c * np.minimum(found.phasors.omega.max() ** 2 * c / prior.link_inertia, 1.0)
+    if any(law in found.layout for law in GEAR_LAWS):
+        missing = np.maximum(c, prior.link_std(found.named.K, USUAL_LINK))
+    shift = C[:size] @ np.linalg.pinv(C[of_link]) * missing
+    return np.asarray(shift @ shift.T)
+
+
 def _in_place_of_delay(p: Parameters, name: str, score: Score) -> Score:
     """Score of filters in place of a part of a delay or of lags, along one direction.
 

@@ -11,7 +11,7 @@ from scipy.special import chdtri
 from jointid.estimation.candidates import CHANCE, EXPLAINED, WORTH, Model
 from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
-from jointid.estimation.estimators.parameters import GEAR_LAWS, LAWS
+from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.estimators.score_tests import Score
 from jointid.estimation.model_fits import stepped
 from jointid.estimation.model_search import POOR, Search
@@ -56,6 +56,27 @@ def grown(search: Search, best: Model) -> Model:
             _fit_wider(search, wider, best, leading)
             found.append(search.pruned(wider) if _is_kept(search, wider, best) else wider)
     return fits.least(found)
+
+
+def exchanged(search: Search, best: Model) -> Model:
+    """The best of a model and those with another quick part in place of one of its own, pruned.
+
+    On the way to two parts together, a third may be the nearest to both: each then gains nothing more.
+    """
+    fits = search.fits
+    if (found := fits.estimate(best)) is None:
+        return best
+    others: list[Model] = []
+    for part in set(best.parts).intersection(fits.optional).difference(LAWS, ("friction",)):
+        base = best.without(part)
+        for other in set(fits.optional).difference(best.parts, LAWS, FRICTION_EFFECTS, ("friction",)):
+            model = base.with_part(other)
+            if model not in (*others, *fits.tried):
+                others.append(model)
+    for model in others:
+        search.fit(model, found.named)
+    nearest = min([best, *others], key=fits.misfit)
+    return best if nearest == best else fits.least([best, search.pruned(nearest)])
 
 
 def _order(search: Search, wider: Model, best: Model) -> tuple[bool, bool]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Choice, Fits, Model
+from jointid.estimation.candidates import EXPLAINED, Choice, Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
@@ -22,10 +22,15 @@ from jointid.estimation.estimators.parameters import (
     ParameterLayout,
     Parameters,
 )
-from jointid.estimation.model_average import spread, spread_of_reversals, spread_of_unseen
+from jointid.estimation.model_average import (
+    spread,
+    spread_of_modes,
+    spread_of_reversals,
+    spread_of_unseen,
+)
 from jointid.estimation.model_climb import climb_from_nearest, climbed, fit_first, fit_laws, fit_slopes
 from jointid.estimation.model_fits import fit_without_inertias, freest
-from jointid.estimation.model_growth import NEARLY_ALL, grown
+from jointid.estimation.model_growth import NEARLY_ALL, exchanged, grown
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.passivity import least_misfit
 from jointid.estimation.start_values import at_resonances, friction_start
@@ -223,6 +228,8 @@ def _best(search: Search) -> Model:
         best = better
     if not (lost or search.has_motions or search.is_spent) and fits.misfit(best) > POOR:
         best = search.pruned(climbed(search, best))  # each of several parts alone helps little
+    if not (lost or search.has_motions or best.reversal) and EXPLAINED < fits.misfit(best) < LOST:
+        best = exchanged(search, best)
     return best
 
 
@@ -233,6 +240,8 @@ def _choice(search: Search, best: Model) -> Choice:
         return Choice(best, found, candidates, np.zeros((0, 0)))
     scored = search.scores(best)
     whole = spread(search.fits, best, found, scored)
+    if "link" in best.effects:
+        whole = whole + spread_of_modes(found, search.prior)
     if search.has_motions:
         scored = {name: score for name, score in scored.items() if name != "link"}
         whole = whole + spread_of_reversals(search, best, found)

@@ -184,15 +184,22 @@ class InertiaPrior:
     def link_std(self, K: Floats, times: float) -> Floats:
         """Standard deviation of a usual link's flexibility J/ω², shape (n,), kg·m²·s².
 
-        Of links with modes at ``times`` the joint's resonance with the motor free. A coupling allows
-        less: M2 without the links' inertia J stays positive definite.
+        Of links with modes at ``times`` the joint's resonance with the motor free.
+        """
+        arm = np.diag(self.M2.mean(axis=0))
+        squared = np.abs(K) * (1 / self.M.mean(axis=0) + 1 / arm)
+        return np.asarray(self.link_inertia / (times**2 * squared))
+
+    @property
+    def link_inertia(self) -> Floats:
+        """Inertia J of usual links behind their flexibility, shape (n,), kg·m².
+
+        A coupling allows less: M2 without it stays positive definite.
         """
         M2 = self.M2.mean(axis=0)
         arm = np.diag(M2)
         rest = float(np.linalg.eigvalsh(M2 / np.sqrt(np.outer(arm, arm)))[0])
-        share = np.clip(rest / 2, _LEAST_LINK_SHARE, _LINK_SHARE)
-        squared = np.abs(K) * (1 / self.M.mean(axis=0) + 1 / arm)
-        return np.asarray(share * arm / (times**2 * squared))
+        return np.asarray(np.clip(rest / 2, _LEAST_LINK_SHARE, _LINK_SHARE) * arm)
 
     def covariance(self, name: str) -> Floats:
         """Covariance of the values of one block, shape (E, E); infinite where they are unknown."""
