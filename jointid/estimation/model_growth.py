@@ -74,7 +74,8 @@ def exchanged(search: Search, best: Model) -> Model:
             if model not in (*others, *fits.tried):
                 others.append(model)
     for model in others:
-        search.fit(model, found.named)
+        if not search.is_spent:
+            search.fit(model, found.named)
     nearest = min([best, *others], key=fits.misfit)
     return best if nearest == best else fits.least([best, search.pruned(nearest)])
 
