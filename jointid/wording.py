@@ -131,13 +131,13 @@ def three_digits(values: Iterable[float]) -> str:
 
 
 def percent(share: float) -> str:
-    """Return the size of a share or relative error in per cent, with about two digits."""
+    """Return the size of a share or relative error in per cent, with two digits."""
     if not math.isfinite(share):
         return UNDETERMINED
     size = 100 * abs(share)
     if size > 1000:
         return "more than 1000 %"
-    return f"{size:.0f} %" if size >= 10 else f"{plain(float(f'{size:.2g}'))} %"
+    return f"{size:.0f} %" if size >= 10 else f"{significant(size, 2)} %"
 
 
 def signed_percent(change: float) -> str:

@@ -455,6 +455,14 @@ def test_half_a_sample_is_a_hold(samples: float, held: bool, text: str) -> None:
     assert [change.values for change in changes] == [(float(not held),)] * bool(text)
 
 
+def test_a_delay_with_a_torque_filter_of_half_a_sample_together_is_a_hold() -> None:
+    """The filter stands for the fall of a hold's magnitude, 1 - (ωT)²/24."""
+    parameters = case(delay=0.21e-3, effect=lambda name: 0.29e-3 * (name == "torque_filter"))
+    fit = two_joints(parameters=parameters, candidates=())
+    given = case(fit=fit, records=[case(torque_hold=False, interval_s=1e-3)])
+    assert "torque_hold = true" in rules_causes.half_a_sample(given)[0]
+
+
 def test_models_of_as_many_parts_within_six_of_the_criterion_are_alternatives() -> None:
     def model(criterion: float, *parts: str, chosen: bool = False) -> Any:
         return case(criterion=criterion, parts=parts, chosen=chosen)
@@ -493,14 +501,14 @@ def test_poses_with_different_stiffness_are_reported(
         significance=np.array([0.0, significance, 9.0, 0.0]),
         spread=np.array([0.9, spread, 1e-4, 0.9]),
         probability=probability,
-        estimates=np.ones((2, 4)),
-        standard_error=np.full((2, 4), 0.01),
+        estimates=np.array([[20.0, 4.0, 0.1, 0.02], [20.0, 4.1, 0.1, 0.02]]),
+        standard_error=np.full((2, 4), 0.02),
     )
     monkeypatch.setattr(rules_causes, "fits_by_pose", lambda *_: fits)
     given = case(poses=("", "far"), fit=two_joints(), phasors=None, inertias=())
     found = list(rules_causes.poses_disagree(given))
     assert [finding.title for finding in found] == ["The poses disagree on K2"] * told
-    assert all("(far) N·m/rad at the motor: " in finding.detail for finding in found)
+    assert all("0.0 ± 0.5 % (no pose), +2.5 ± 0.5 % (far)." in finding.detail for finding in found)
     given.poses = ("far", "far")
     assert not list(rules_causes.poses_disagree(given))
 

@@ -22,7 +22,7 @@ from jointid.verdict.evidence import (
     relative,
     warning,
 )
-from jointid.wording import enumerated, percent, significant, with_error
+from jointid.wording import decimal_place, enumerated, percent, with_error
 
 CLEAR = 4.0
 """Standard errors that are not by chance."""
@@ -50,20 +50,20 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     names = elasticity_labels(fit.n)
     worst = int(np.argmax(np.where(clear, share, 0.0)))
     high = "high" if other[worst] > p[worst] else "low"
+    lag = lag_size(evidence)
     if fit.friction is not None:
         kind, levels, unit = "Coulomb", fit.friction.coulomb, "N·m"
         if coulomb is None:
             kind, levels, unit = "Viscous", fit.friction.viscous, "N·m·s/rad"
         found = f"{kind} friction is {enumerated([number(level, 2) for level in levels])} {unit}"
         title, cause = "Friction matters", f"{found}; the fit includes it. "
-        if (lag := lag_size(evidence)) is not None:
+        if lag is not None:
             verb = "lags" if fit.delay is not None and fit.delay > 0 else "leads"
             title = f"Friction and a torque {verb[:-1]} matter"
             cause = f"{found}, the torque {verb} by {lag}; the fit includes both. "
-        remedy = (
-            "No action needed. Larger motions, or a superposed constant velocity, reduce the effect of "
-            "friction."
-        )
+        remedy = "Larger motions, or a superposed constant velocity, reduce the effect of friction."
+        if lag is None:  # a lag has a remedy of its own
+            remedy = f"No action needed. {remedy}"
     elif fit.delay is not None:
         return  # covered by the rule of the delay
     elif fit.misfit > 3:
@@ -76,21 +76,15 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
         for k in np.flatnonzero(clear)
         if k != worst
     ]
-    also = f" ({', '.join(others)})" if others else ""
+    also = "The comparison uses the same inertias."
+    if others:
+        also = f"With the same inertias, the paper's least squares also gives {enumerated(others)}."
     yield note(
         f"{title}: the paper's estimate of {names[worst]} is {percent(share[worst])} too {high}",
-        f"{cause}With the same inertias, the paper's least squares gives {names[worst]} = "
-        f"{significant(float(other[worst]))}, "
-        f"this fit {with_error(float(p[worst]), float(fit.standard_error[worst]))} "
-        f"{_unit(names[worst])}{also}.",
+        f"{cause}{also}",
         remedy,
         float(share[worst]),
     )
-
-
-def _unit(name: str) -> str:
-    """Unit and side of a K or D in a finding, whatever the unit of the answer."""
-    return f"N·m{'' if name[0] == 'K' else '·s'}/rad at the motor"
 
 
 def lag_size(evidence: Evidence) -> str | None:
@@ -99,7 +93,7 @@ def lag_size(evidence: Evidence) -> str | None:
     interval = float(np.median([record.interval_s for record in evidence.records]))
     if lag is None or error is None or abs(lag) < max(0.01 * interval, CLEAR * error):
         return None
-    return f"{number(1e3 * abs(lag))} ms"
+    return f"{_as_text(1e3 * abs(_rounded(lag, error)))} ms"
 
 
 def torque_lags(evidence: Evidence) -> Iterator[Finding]:
@@ -123,22 +117,28 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
         without = "negative"
     samples = with_error(abs(lag) / interval, fit.delay_error / interval)
     remedy, changes = half_a_sample(evidence)
+    rounded = _rounded(lag, fit.delay_error)
     yield note(
         f"{title}, or there is {others}" if others else title,
         f"{CANNOT_TELL if others else ''}That is {samples} samples; the fit includes it. Without it, "
         f"{elasticity_labels(fit.n)[worst]} would be {without}.",
         remedy
-        or f"If the drive has such a delay, add {_in_a_file(1e3 * lag)} ms to the torque's delay on "
-        f"import, or {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml.",
+        or f"If the drive has such a delay, add {_as_text(1e3 * rounded)} ms to the torque's delay on "
+        f"import, or {_as_text(rounded)} s to torque_delay_s under [timing] in study.toml.",
         float(share[worst]),
         "edit mapping",
-        *(changes or [Change("delay", values=(lag,))]),
+        *(changes or [Change("delay", values=(rounded,))]),
     )
 
 
-def _in_a_file(value: float) -> str:
+def _rounded(lag: float, error: float) -> float:
+    """Round to the digits that the standard error supports, at most four: sentence and button agree."""
+    return round(lag, -max(decimal_place(error), decimal_place(lag) - 3))
+
+
+def _as_text(value: float) -> str:
     """Format a number for the app or a study.toml."""
-    return np.format_float_positional(float(f"{value:.3g}"), trim="-")
+    return np.format_float_positional(float(f"{value:.6g}"), trim="-")
 
 
 CANNOT_TELL = "The records cannot distinguish these. "
@@ -165,12 +165,14 @@ def half_a_sample(evidence: Evidence) -> tuple[str, list[Change]]:
     """Remedy and change for a delay from a missing or wrong statement of the hold; else empty.
 
     A filter of the torque acts like a delay by its time constant, one of the position like a lead. They
-    count where a delay explains the data as well.
+    count where a delay explains the data as well, and beside a delay: together these have phase and
+    magnitude of a hold.
     """
     p, held = evidence.fit.parameters, [record.torque_hold for record in evidence.records]
     lag = p.delay + p.effect("lag")
+    delayed = bool(np.any(lag))
     for name, sign in (("torque_filter", 1), ("position_filter", -1)):
-        if {"delay", "lag"} & alternatives(evidence.fit, name).keys():
+        if delayed or {"delay", "lag"} & alternatives(evidence.fit, name).keys():
             lag = lag + sign * p.effect(name)
     samples = np.atleast_1d(lag) / float(np.median([r.interval_s for r in evidence.records]))
     if not any(held) and np.all(np.abs(samples - 0.5) < 0.1):
@@ -200,8 +202,9 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
     worst = int(np.argmax(apart))
     if apart[worst] < 5e-3 or fits.probability > 1e-4:
         return
+    common = float(evidence.fit.estimate[worst])
     values = ", ".join(
-        f"{with_error(float(value), float(error))} ({name or 'no pose'})"
+        f"{_change(float(value) / common - 1, float(error) / abs(common))} ({name or 'no pose'})"
         for name, value, error in zip(
             fits.names, fits.estimates[:, worst], fits.standard_error[:, worst], strict=True
         )
@@ -209,14 +212,18 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
     name = elasticity_labels(evidence.fit.n)[worst]
     yield warning(
         f"The poses disagree on {name}",
-        f"{values} {_unit(name)}: {percent(fits.spread[worst])} apart, "
-        f"{number(fits.significance[worst], 2)} standard errors.",
+        f"Each pose alone, relative to all together: {values}. They are "
+        f"{percent(fits.spread[worst])} apart, {number(fits.significance[worst], 2)} standard errors.",
         "Check M2 of each pose first, under [poses] in the inertia file or in study.toml. "
         "If the inertias are right, the gear is probably nonlinear: its stiffness then "
         "depends on the load, which depends on the pose.",
         float(apart[worst]),
         "edit inertias",
     )
+
+
+def _change(share: float, error: float) -> str:
+    return f"{'+' * (share > 0)}{with_error(100 * share, 100 * error)} %"
 
 
 def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
