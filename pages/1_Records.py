@@ -13,7 +13,7 @@ page = open_page(
 )
 if page.study.sine_records:
     st.write("A sine, an offset and a linear trend are fitted to each signal; the sine is its phasor.")
-    st.latex(r"f(t) \approx a\,\sin\omega t + b\,\cos\omega t + c_0 + c_1 t \qquad (2)")
+    st.latex(r"f(t) \approx a\,\sin\omega t + b\,\cos\omega t + c_0 + c_1 t \;\; (2)")
 
 records = page.study.records
 number = st.selectbox(

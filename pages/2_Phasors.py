@@ -33,8 +33,9 @@ chosen = st.selectbox(
     key="record",
     bind="query-params",
 )
+joints = range(phasors.n)
 has_many = phasors.n > 2  # they would hide each other
-joint = choose_joint(range(phasors.n), "phasor_joint")
+joint = choose_joint(joints, "phasor_joint") if has_many else 0
 drawn = joint if has_many else None
 signals = (("Motor angle (rad)", "angles", False), ("Motor torque (N·m)", "torques", True))
 for place, (heading, what, torque) in zip(st.columns(2), signals, strict=True):
@@ -50,6 +51,8 @@ st.caption(
     "is the phase against sin ωt on the record's clock. Two records of one frequency must differ to "
     "add information."
 )
+if phasors.n == 2:  # the figures show both
+    joint = choose_joint(joints, "phasor_joint")
 columns = phasor_table(phasors, joint)
 table(columns, phone=[*columns][::2])  # amplitudes
 records = page.study.sine_records

@@ -28,7 +28,7 @@ if has_own_path(analysis):
 stage = st.container()  # the drawing, above the controls
 try:
     robot = cut_robot(analysis)
-    settings = ask_or_last(robot, page.digest)
+    settings = ask_or_last(robot, page.digest, analysis.unit)
     outcome = cached_cuts.outcome(page, settings, analysis)
 except JointIdError as error:
     show_error(error)
@@ -40,7 +40,7 @@ with stage:
     st.header(panels.headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)
 panels.show_gears(page, settings, outcome)
-panels.show_meaning(outcome, settings)
+panels.show_meaning(outcome, settings, analysis.unit)
 
 show_tabs(
     "cut_details",

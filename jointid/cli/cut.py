@@ -104,12 +104,19 @@ def cut(
 
 def _print_own_path(analysis: Any, zones_mm: Sequence[float], as_json: bool) -> None:
     """Print the deflection of the study's own robot along the path."""
-    from jointid.cut.path_deflection import COLUMNS_MEANING, meaning, own_path_deflections, rows_of
+    from jointid.cut.path_deflection import (
+        COLUMNS,
+        COLUMNS_MEANING,
+        meaning,
+        own_path_deflections,
+        rows_of,
+    )
 
     found = own_path_deflections(analysis, [1e-3 * zone for zone in zones_mm])
     if as_json:
         cuts = [
-            {"zone_mm": zone} | {f"{name}m": value and 1e3 * value for name, value in vars(each).items()}
+            {"zone_mm": zone}
+            | {f"{name}m": (value := getattr(each, name)) and 1e3 * value for name in COLUMNS}
             for zone, each in zip(zones_mm, found, strict=True)
         ]
         print_json({"rule": "own robot", "meaning": meaning(analysis), "cuts": cuts})

@@ -19,8 +19,10 @@ from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
 from jointid.robot_models.model import RobotModel
 
-COLUMNS_MEANING = "Servo: K that it compensates; rigid: no compensation."
-_COLUMNS = {
+COLUMNS_MEANING = (
+    "Servo: K that it compensates; rigid: no compensation, with its parts by inertia and by gravity."
+)
+COLUMNS = {
     "assumed_m": "servo: nominal K",
     "identified_m": "servo: identified K (95th percentile)",
     "rigid_m": "servo: rigid",
@@ -51,6 +53,17 @@ class PathDeflection:
     """With a servo that assumes the study's nominal K; None without."""
     identified_m: float
     """With a servo that assumes the identified K: 95th percentile."""
+    reference_m: Floats
+    """The path, horizontal, shape (k, 2)."""
+    before_error_m: Floats
+    """Deflection from the start with the nominal K, or with a rigid servo without one, (k, 3)."""
+    after_error_m: Floats
+    """The same with the identified K, of the robot at the 95th percentile."""
+
+    @property
+    def before_m(self) -> float:
+        """With the nominal K, or with a rigid servo without one."""
+        return self.rigid_m if self.assumed_m is None else self.assumed_m
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +81,14 @@ class JointPath:
         """Tool deflection, shape (..., k, 3), m, of compliances (..., n), rad/(N·m)."""
         return np.asarray(np.einsum("kdn,kn,...n->...kd", self.lever, torque, compliance))
 
+    def error(self, torque: Floats, compliance: Floats) -> Floats:
+        """Deflection relative to that at the start, shape (..., k, 3), m."""
+        moved = self.deflection(torque, compliance)
+        return np.asarray(moved - moved[..., :1, :])
+
     def change(self, torque: Floats, compliance: Floats) -> Floats:
         """Largest distance of the deflection from that at the start, shape (...), m."""
-        moved = self.deflection(torque, compliance)
-        return np.asarray(np.linalg.norm(moved - moved[..., :1, :], axis=-1).max(axis=-1))
+        return np.asarray(np.linalg.norm(self.error(torque, compliance), axis=-1).max(axis=-1))
 
 
 def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[PathDeflection]:
@@ -91,17 +108,34 @@ def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[P
         )
     found = []
     for zone in zones_m:
-        path = joint_path(robot, q, rectangle(zone_m=zone, centre_m=(0.0, 0.0)))
+        toolpath = rectangle(zone_m=zone, centre_m=(0.0, 0.0))
+        path = joint_path(robot, q, toolpath)
         both, compliance = path.gravity + path.inertia, 1 / fit.K
         sag = float(np.linalg.norm(path.deflection(path.gravity, compliance)[0]))
-        assumed = None
+        assumed, before = None, compliance
         if study.nominal is not None:
-            assumed = float(path.change(both, compliance - 1 / study.nominal.K))
+            before = compliance - 1 / study.nominal.K
+            assumed = float(path.change(both, before))
         gravity, inertia, rigid = (
             float(path.change(torque, compliance)) for torque in (path.gravity, path.inertia, both)
         )
-        identified = float(np.quantile(path.change(both, 1 / draws - compliance), 0.95))
-        found.append(PathDeflection(sag, gravity, inertia, rigid, assumed, identified))
+        after = 1 / draws - compliance
+        drawn = path.change(both, after)
+        identified = float(np.quantile(drawn, 0.95))
+        near = after[np.argmin(np.abs(drawn - identified))]
+        found.append(
+            PathDeflection(
+                sag,
+                gravity,
+                inertia,
+                rigid,
+                assumed,
+                identified,
+                toolpath.position(_times(toolpath)),
+                path.error(both, before),
+                path.error(both, near),
+            )
+        )
     return found
 
 
@@ -112,11 +146,11 @@ def rows_of(
     rows = [
         [
             f"{zone:g} mm",
-            *("–" if (x := getattr(each, name)) is None else millimetres(x) for name in _COLUMNS),
+            *("–" if (x := getattr(each, name)) is None else millimetres(x) for name in COLUMNS),
         ]
         for zone, each in zip(zones_mm, found, strict=True)
     ]
-    return ["corner zone", *_COLUMNS.values()], rows
+    return ["corner zone", *COLUMNS.values()], rows
 
 
 def has_own_path(analysis: Analysis) -> bool:
@@ -136,12 +170,16 @@ def meaning(analysis: Analysis) -> str:
     )
 
 
+def _times(path: Toolpath) -> Floats:
+    return np.arange(0.0, path.end_s + _STEP_S, _STEP_S)
+
+
 def joint_path(robot: RobotModel, q: ArrayLike, path: Toolpath) -> JointPath:
     """Follow a horizontal path about the tool at q, shape (n,), by the shortest joint motion.
 
     Raises JointIdError when the robot does not reach a point of the path.
     """
-    time = np.arange(0.0, path.end_s + _STEP_S, _STEP_S)
+    time = _times(path)
     target = np.zeros((time.size, 3))
     target[:, :2] = path.position(time)
     angles, lever = np.empty((time.size, robot.n)), np.empty((time.size, 3, robot.n))

@@ -138,7 +138,8 @@ def good(title: str, detail: str) -> Finding:
 def times_noise(misfit: float) -> str:
     """Format a misfit, a ratio of variances, as a multiple of the noise."""
     ratio = np.sqrt(misfit)
-    return f"over {_MOST_TIMES:.0f} × noise" if ratio > _MOST_TIMES else f"{significant(ratio, 2)} × noise"
+    size = f"over {_MOST_TIMES:.0f}" if ratio > _MOST_TIMES else significant(ratio, 2)
+    return f"{size} × noise"
 
 
 def number(value: float, digits: int = 3) -> str:

@@ -1,11 +1,14 @@
 """Panels of the page Cut, and its summary for the first screen."""
 
+from functools import partial
 from html import escape
 
+import numpy as np
 import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.analysis import NOT_USABLE
+from jointid.answer import AT_MOTOR, StiffnessUnit
 from jointid.cut.outcome import (
     TYPICAL_SERVO,
     ZONES_M,
@@ -26,7 +29,15 @@ from jointid.cut.robot import CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.figures.style import colours
 from jointid.ui.cut import cached_cuts
-from jointid.ui.cut.pictures import key_line, picture, window
+from jointid.ui.cut.pictures import (
+    deflection_pictures,
+    deflections_html,
+    key,
+    key_line,
+    magnification,
+    picture,
+    window,
+)
 from jointid.ui.cut.settings import CutSettings, usual
 from jointid.ui.shared.messages import show_note, show_text_table, show_warning
 from jointid.ui.shared.method_steps import CUT
@@ -46,20 +57,31 @@ def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> N
     except JointIdError as error:
         show_note(f"The tool deflection cannot be computed. {error}")
         return
-    largest = found[-1]
-    before, servo = largest.assumed_m, "the nominal K"
-    if before is None:
-        before, servo = largest.rigid_m, "a rigid servo"
-    with st.container(border=summary):
-        headline = (
-            f"Tool deflection of this robot: {millimetres(before)} with {servo}, "
-            f"{millimetres(largest.identified_m)} with the identified K"
-        )
-        st.header(unbroken(headline), anchor=False)
-        if summary:
-            st.caption(f"Corner zone {1e3 * ZONES_M[-1]:g} mm. {meaning(analysis)}")
-            link_to(CUT, "All corner zones")
-            return
+    largest, servo = found[-1], "the nominal K"
+    if largest.assumed_m is None:
+        servo = "a rigid servo"
+    answer = unbroken(
+        f"Tool deflection of this robot: {millimetres(largest.before_m)} with {servo}, "
+        f"{millimetres(largest.identified_m)} with the identified K"
+    )
+    found = found[-1:] if summary else found
+    times, ink = magnification(found), colours(page.dark)
+    names = {servo.split(maxsplit=1)[1]: ink.nominal, "identified K": ink.identified}
+    legend = f"{key(names | {'reference path': '#999999'})}<br>Seen from above, deflection × {times}"
+    if summary:
+        with st.container(border=True):
+            left, words = st.columns([1, 4], vertical_alignment="center")
+            draw = partial(deflection_pictures, [largest], "max-width:9rem")
+            left.html(page.drawn("own path overview", draw)[0][0])
+            with words:
+                st.header(answer, anchor=False)
+                st.html(legend)
+                st.caption(f"Corner zone {1e3 * ZONES_M[-1]:g} mm. {meaning(analysis)}")
+                link_to(CUT, "All corner zones")
+        return
+    st.header(answer, anchor=False)
+    st.html(legend)
+    st.html(page.drawn("own path", partial(deflections_html, found, ZONES_M)))
     header, rows = rows_of([1e3 * zone for zone in ZONES_M], found)
     show_text_table(dict(zip(map(capitalised, header), zip(*rows, strict=True), strict=True)))
     st.caption(f"{meaning(analysis)} {COLUMNS_MEANING}")
@@ -74,24 +96,24 @@ def headline(outcome: Outcome) -> str:
     return unbroken(f"Path error{whose} {errors} ({outcome.which})")
 
 
-def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
-    """State which robot cuts, and explain the two path errors."""
+def show_meaning(outcome: Outcome, settings: CutSettings, unit: StiffnessUnit) -> None:
+    """State which robot cuts, and explain the two path errors; ``unit`` is the study's."""
     (st.caption if outcome.robot.rule == "direct" else st.info)(outcome.robot.meaning)
     if outcome.distribution is None:
         show_warning(f"The path error after the identification cannot be computed. {outcome.problem}")
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
     st.caption(
         "Path error: largest simulated distance of the tool from the reference path.\n"
-        f"- **Before, {before}**: {_robot(outcome.robot)} {_servo(outcome)}\n"
+        f"- **Before, {before}**: {_robot(outcome.robot, unit)} {_servo(outcome, unit)}\n"
         f"- **After, {after}**: the servo assumes the identified values. "
         f"{accuracy_text(outcome, settings.servo, settings.friction, 'The tab Accuracy of K')}\n"
         f"- **Both**: {_conditions(settings)}"
     )
 
 
-def _robot(robot: CutRobot) -> str:
+def _robot(robot: CutRobot, unit: StiffnessUnit) -> str:
     """Springs of the robot before the identification."""
-    springs = _springs(robot.elasticity)
+    springs = _springs(robot.elasticity, _of_the_arm(robot, unit))
     if robot.rule == "demonstration":
         return f"the example arm with the paper's springs, {springs}."
     if robot.rule != "relative":
@@ -99,23 +121,31 @@ def _robot(robot: CutRobot) -> str:
     own, factor = robot.of_the_study(robot.elasticity), three_digits(robot.scale)
     return (
         f"the example arm with the identified springs scaled by {factor}: {springs}, where this study's "
-        f"robot has {_springs(own)}."
+        f"robot has {_springs(own, unit)}."
     )
 
 
-def _servo(outcome: Outcome) -> str:
+def _of_the_arm(robot: CutRobot, unit: StiffnessUnit) -> StiffnessUnit:
+    """Unit of the springs that cut: that of the study, if they are its own."""
+    return unit if robot.rule in ("direct", "springs") else AT_MOTOR
+
+
+def _servo(outcome: Outcome, unit: StiffnessUnit) -> str:
     """Assumptions of the servo before the identification."""
     robot, assumed = outcome.robot, outcome.assumed
     if assumed is None:
         return "Its servo assumes rigid joints."
-    text = f"Its servo assumes {_springs(assumed)}"
+    text = f"Its servo assumes {_springs(assumed, _of_the_arm(robot, unit))}"
     if robot.rule == "relative":
-        text += f", which corresponds to {_springs(robot.of_the_study(assumed))} on this study's robot"
+        own = _springs(robot.of_the_study(assumed), unit)
+        text += f", which corresponds to {own} on this study's robot"
     return text + "."
 
 
-def _springs(elasticity: Elasticity) -> str:
-    return f"K = {three_digits(elasticity.K)} N·m/rad, D = {three_digits(elasticity.D)} N·m·s/rad"
+def _springs(elasticity: Elasticity, unit: StiffnessUnit) -> str:
+    K, D = np.split(unit.shown(np.concatenate([elasticity.K, elasticity.D])), 2)
+    side = "" if unit.is_default else f" {unit.side}"
+    return f"K = {three_digits(K)} N·m/{unit.angle}, D = {three_digits(D)} N·m·s/rad{side}"
 
 
 def accuracy_text(

@@ -1,7 +1,7 @@
 """Pictures of cuts: the animation, a canvas component, and Figure 7 of the paper."""
 
 from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from html import escape
@@ -15,6 +15,7 @@ from jointid import TrackingRun
 from jointid.arrays import Floats
 from jointid.cut.arm import PlanarArm
 from jointid.cut.outcome import Outcome, millimetres
+from jointid.cut.path_deflection import PathDeflection
 from jointid.figures.style import colours
 from jointid.reporting.drawing import Drawing, Line, to_svg
 from jointid.reporting.figures import cut_figure
@@ -35,6 +36,8 @@ _CRANK_M = 0.18
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 _RECOGNISABLE = 0.3
 """A magnified error may reach this share of the path's shorter side; beyond, the shape is lost."""
+_DRAWN = 0.15
+"""The same for a still picture, where the paths before and after stay apart from the opposite side."""
 
 _component = st.components.v2.component(
     "jointid_cut",
@@ -105,6 +108,7 @@ def _box(points: Floats, margin: float) -> list[float]:
 
 
 _WIDTH, _STRIDE, _AROUND_M = 190.0, 4, 0.002
+_ROW = "display:grid;grid-template-columns:repeat(3,minmax(0,1fr));gap:0.75rem;max-width:44rem"
 _COLUMN = "min-width:0;text-align:center;font-size:0.9rem;line-height:1.35"
 
 
@@ -139,8 +143,7 @@ def _figure_7_html(pairs: cached_cuts.Pairs, names: tuple[str, str], *, dark: bo
         parts.append(
             f'<div style="padding:0.5rem 0 0.25rem">{key_line(colour)}'
             f"<b>{escape(capitalised(name))}</b></div>"
-            '<div style="display:grid;grid-template-columns:repeat(3,minmax(0,1fr));gap:0.75rem;'
-            'max-width:44rem">'
+            f'<div style="{_ROW}">'
         )
         for zone, runs in pairs:
             label = f"zone {1e3 * zone:g} mm"
@@ -152,6 +155,14 @@ def _figure_7_html(pairs: cached_cuts.Pairs, names: tuple[str, str], *, dark: bo
             parts.append(f'<div style="{_COLUMN}">{image}<br><b>{error}</b><br>{label}</div>')
         parts.append("</div>")
     return "".join(parts)
+
+
+def key(lines: Mapping[str, str]) -> str:
+    """Meanings with their colours in one line, which breaks between them."""
+    return " ".join(
+        f'<span style="display:inline-block;margin-right:1em">{key_line(colour)}{escape(name)}</span>'
+        for name, colour in lines.items()
+    )
 
 
 def key_line(colour: str) -> str:
@@ -170,12 +181,53 @@ def picture(
 ) -> str:
     """Cuts in their colours as an image element: inline SVG does not pass streamlit's cleaning."""
     tracks = [(run.tool_m, colour) for run, colour in runs]
-    svg = to_svg(cut_drawing(runs[0][0].reference_m, tracks, around, description))
-    data = b64encode(svg.encode()).decode()
+    return _image(cut_drawing(runs[0][0].reference_m, tracks, around, description), style)
+
+
+def _image(drawing: Drawing, style: str) -> str:
+    data = b64encode(to_svg(drawing).encode()).decode()
     return (
-        f'<img src="data:image/svg+xml;base64,{data}" alt="{escape(description)}" '
+        f'<img src="data:image/svg+xml;base64,{data}" alt="{escape(drawing.description)}" '
         f'style="width:100%;{style}">'
     )
+
+
+def magnification(found: Sequence[PathDeflection]) -> int:
+    """Factor by which the deflections of a robot along its paths are drawn."""
+    largest = max(float(np.linalg.norm(each.before_error_m, axis=1).max()) for each in found)
+    room = _DRAWN * float(np.ptp(found[0].reference_m, axis=0).min())
+    return max((f for f in _MAGNIFICATIONS if f * largest <= room), default=1)
+
+
+def deflection_pictures(
+    found: Sequence[PathDeflection], style: str = "", *, dark: bool
+) -> list[tuple[str, str]]:
+    """Paths of a robot with a model of its own from above, magnified, each with its largest errors."""
+    times, ink = magnification(found), colours(dark)
+    drawn = [
+        [
+            (each.reference_m + times * each.before_error_m[:, :2], ink.nominal),
+            (each.reference_m + times * each.after_error_m[:, :2], ink.identified),
+        ]
+        for each in found
+    ]
+    around = _box(np.concatenate([track for tracks in drawn for track, _ in tracks]), _AROUND_M)
+    pictures = []
+    for each, tracks in zip(found, drawn, strict=True):
+        errors = f"{millimetres(each.before_m)} → {millimetres(each.identified_m)}"
+        what = f"Path of the tool from above, deflection × {times}: {errors}"
+        drawing = cut_drawing(each.reference_m, tracks, around, what, stride=1)
+        pictures.append((_image(drawing, style), errors))
+    return pictures
+
+
+def deflections_html(found: Sequence[PathDeflection], zones_m: Sequence[float], *, dark: bool) -> str:
+    """One picture per corner zone in a row, with its deflections below."""
+    parts = []
+    for zone, (image, errors) in zip(zones_m, deflection_pictures(found, dark=dark), strict=True):
+        label = f"<b>{errors}</b><br>zone {1e3 * zone:g} mm"
+        parts.append(f'<div style="{_COLUMN}">{image}<br>{label}</div>')
+    return f'<div style="{_ROW}">{"".join(parts)}</div>'
 
 
 def cut_drawing(
@@ -183,6 +235,8 @@ def cut_drawing(
     tracks: Sequence[tuple[Floats, str]],
     around: list[float],
     description: str,
+    *,
+    stride: int = _STRIDE,
 ) -> Drawing:
     """Paths of the tool, shape (k, 2), m, each with its colour, over the reference path."""
     x, y, width, height = around
@@ -192,7 +246,7 @@ def cut_drawing(
         *((track, colour, 2.0, 1.0) for track, colour in tracks),
     ]
     lines = [
-        Line((track[::_STRIDE] - (x, y + height)) * (scale, -scale), colour, size, opacity=opacity)
+        Line((track[::stride] - (x, y + height)) * (scale, -scale), colour, size, opacity=opacity)
         for track, colour, size, opacity in drawn
     ]
     return Drawing(_WIDTH, height * scale, tuple(lines), description)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import streamlit as st
 
 from jointid import Elasticity, JointIdError
+from jointid.answer import AT_MOTOR, StiffnessUnit
 from jointid.cut.arm import Drive
 from jointid.cut.outcome import TYPICAL_SERVO
 from jointid.cut.rectangle import rectangle
@@ -101,11 +103,11 @@ def usual(robot: CutRobot) -> CutSettings:
     return CutSettings(assumption=assumption, friction=robot.friction, drive=robot.arm.drive)
 
 
-def ask_or_last(robot: CutRobot, digest: str) -> CutSettings:
+def ask_or_last(robot: CutRobot, digest: str, unit: StiffnessUnit) -> CutSettings:
     """Draw the controls; while an entry is wrong, say so and return the last valid settings."""
     key = f"cut_settings {digest}"
     try:
-        entered = ask(robot, digest)
+        entered = ask(robot, digest, unit)
         _ = entered.custom  # refuses values that are no springs
         st.session_state[key] = entered
     except JointIdError as error:
@@ -115,11 +117,11 @@ def ask_or_last(robot: CutRobot, digest: str) -> CutSettings:
     return settings
 
 
-def ask(robot: CutRobot, digest: str) -> CutSettings:
+def ask(robot: CutRobot, digest: str, unit: StiffnessUnit) -> CutSettings:
     """Draw the controls and return the choice. Raises JointIdError when an entry is not a number.
 
     The robot of the study has the drive that suits its inertias; the study's digest keeps entries for
-    one robot from applying to another.
+    one robot from applying to another. ``unit`` is that of the study's K and D.
     """
     left, right = st.columns([3, 2])
     with left:
@@ -142,7 +144,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
             help="Distance before a corner at which the tool begins to turn: it passes the rounded "
             "corner without stopping.",
         )
-    K, D = _ask_custom(robot, digest) if assumption == "custom" else ((), ())
+    K, D = _ask_custom(robot, digest, unit) if assumption == "custom" else ((), ())
     with st.expander("Path, servo and drive"):
         places = st.columns(3)
         number: dict[str, float] = {}
@@ -187,18 +189,25 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
     )
 
 
-def _ask_custom(robot: CutRobot, digest: str) -> list[tuple[float, ...]]:
-    """Ask for nominal K and D in the study's units; defaults are its nominal or identified values."""
-    start = robot.of_the_study(robot.nominal or robot.elasticity)
-    whose = "the example arm" if robot.rule == "demonstration" else "this study's robot"
+def _ask_custom(robot: CutRobot, digest: str, unit: StiffnessUnit) -> list[tuple[float, ...]]:
+    """Ask for nominal K and D in the study's unit; defaults are its nominal or identified values.
+
+    Returns them in N·m/rad and N·m·s/rad at the motor.
+    """
+    start, whose = robot.of_the_study(robot.nominal or robot.elasticity), "this study's robot"
+    if robot.rule == "demonstration":
+        unit, whose = AT_MOTOR, "the example arm"
+    factors = np.split(unit.shown(np.ones(4)), 2)
+    side = "" if unit.is_default else f" {unit.side}"
     found = []
-    units = {"K": "N·m/rad", "D": "N·m·s/rad"}
-    for place, (name, unit) in zip(st.columns(2), units.items(), strict=True):
-        value = numbers_out(float(f"{x:.5g}") for x in getattr(start, name))
-        label = f"{name}1, {name}2 in the servo before, of {whose} ({unit})"
-        text = enter_text(place, f"cut_{name}_{digest[:12]}", label, value)  # of this study only
-        found.append(numbers_in(f"{name} in the servo", text))
-        if len(found[-1]) != 2:
-            count = counted(len(found[-1]), "value")
+    units = {"K": f"N·m/{unit.angle}{side}", "D": f"N·m·s/rad{side}"}
+    for place, (name, of), factor in zip(st.columns(2), units.items(), factors, strict=True):
+        value = numbers_out(float(f"{x:.5g}") for x in factor * getattr(start, name))
+        label = f"{name}1, {name}2 in the servo before, of {whose} ({of})"
+        key = f"cut_{name}_{digest[:12]}{'' if unit.is_default else of}"  # of this study and unit only
+        values = numbers_in(f"{name} in the servo", enter_text(place, key, label, value))
+        if len(values) != 2:
+            count = counted(len(values), "value")
             raise JointIdError(f"{name} in the servo: {count} for 2 joints. Give one per joint.")
+        found.append(tuple((np.array(values) / factor).tolist()))
     return found

@@ -1,6 +1,6 @@
 """Tables and figures of records, phasors and the transfer matrix."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -23,7 +23,7 @@ from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, table
 from jointid.ui.shared.messages import show_error, show_info, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
-from jointid.wording import minus, plain, significant, with_error
+from jointid.wording import plain, significant, with_error
 
 _ROUNDING_S = 1e-9
 """Below a nanosecond, uneven time steps are rounding of the times."""
@@ -41,6 +41,7 @@ def show_quality(page: Page) -> None:
         show_text_table(motion_table(page.study.motion_records))
     if not page.study.sine_records:
         return
+    st.caption("Signal/noise and distortion: of angle and torque of the joint with the largest motion.")
     try:
         columns = quality_table(page.study.sine_records, page.sine_phasors())
         table(columns, phone=[*columns][:3])
@@ -48,11 +49,10 @@ def show_quality(page: Page) -> None:
         show_error(error)
     with st.expander("What the columns mean"):
         st.markdown(
-            "Values of the joint with the largest motion, of its angle **θ** and torque **τ**.\n"
-            "- **S/N**, signal to noise: amplitude of the sine over its own standard error.\n"
-            "- **Dist.**, distortion: amplitude of the harmonics over that of the sine, "
+            "- **Signal/noise**: amplitude of the sine over its own standard error.\n"
+            "- **Distortion**: amplitude of the harmonics over that of the sine, "
             "from friction or a nonlinear gear.\n"
-            "- **Settl.**, settling: relative difference of the sine between the first quarter "
+            "- **Settling**: relative difference of the sine between the first quarter "
             "and the second half. Above 1 % the robot has not settled.\n"
             "- **Found**, where it is not the stated frequency: that of the motor's angle.\n"
             "- **Jitter**, where there is any: largest deviation of a sample time from a uniform grid."
@@ -72,10 +72,10 @@ def quality_table(records: Sequence[SineRecord], phasors: Phasors) -> Table:
     jitter = [_figure(1e3 * r.jitter_s) if r.jitter_s > _ROUNDING_S else "0" for r in records]
     return {
         "Record": [r.label or f"record {i}" for i, r in enumerate(records, start=1)],
-        "S/N θ, τ": both(phasors.signal_to_noise),
-        "Dist. θ, τ (%)": both(100 * phasors.total_harmonic_distortion),
-        "Settl. (%)": [_figure(100 * x) for x in phasors.settling[rows, mover]],
-        "Hz": [plain(f) for f in stated],
+        "Signal/noise": both(phasors.signal_to_noise),
+        "Distortion (%)": both(100 * phasors.total_harmonic_distortion),
+        "Settling (%)": [_figure(100 * x) for x in phasors.settling[rows, mover]],
+        "Frequency (Hz)": _hertz(stated),
         **({} if np.allclose(found, stated, 1e-4) else {"Found (Hz)": [f"{f:.6g}" for f in found]}),
         "Periods": [round(r.periods, 1) for r in records],
         "Samples": [r.samples for r in records],
@@ -123,9 +123,9 @@ def phasor_table(phasors: Phasors, joint: int) -> Table:
     """One row per record: amplitude and phase of one joint's angle and torque, with ± one error."""
     n = phasors.n
     z, error = phasors.z, phasors.standard_deviation / np.sqrt(2)  # half of the variance lies along z
-    columns: dict[str, list[object]] = {
+    columns: dict[str, list[str]] = {
         "Record": list(phasors.labels),
-        "Hz": [significant(f, 5) for f in phasors.omega / (2 * np.pi)],
+        "Frequency (Hz)": _hertz(phasors.omega / (2 * np.pi)),
     }
     # In mrad an angle and its error have fewer zeros, so that a narrow column holds both.
     for k, name, unit, times in (
@@ -136,13 +136,23 @@ def phasor_table(phasors: Phasors, joint: int) -> Table:
         columns[f"|{name}| ({unit})"] = [
             with_error(times * a, times * e) for a, e in zip(size, error[:, k], strict=True)
         ]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            turn = np.degrees(np.where(size > 0, error[:, k] / size, np.inf))
-        angle = np.degrees(np.angle(z[:, k]))
-        columns[f"∠{name} (°)"] = [
-            with_error(a, e) if e < 60 else "–" for a, e in zip(angle, turn, strict=True)
-        ]
+        columns[f"∠{name} (°)"] = _angles(size, np.angle(z[:, k]), error[:, k])
     return columns
+
+
+def _angles(size: Floats, angle: Floats, error: Floats) -> list[str]:
+    """Phases in degrees with ± one error, "–" where the amplitude is within its noise."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = np.degrees(np.where(size > 0, error / size, np.inf))
+    pairs = zip(np.degrees(angle), turn, strict=True)
+    return ["–" if e >= 60 else with_error(a, e) for a, e in pairs]
+
+
+def _hertz(frequencies: Iterable[float]) -> list[str]:
+    """Format frequencies with five digits at most, all to the same decimal place."""
+    rounded = [float(f"{f:.5g}") for f in frequencies]
+    places = max((len(plain(f).partition(".")[2]) for f in rounded), default=0)
+    return [f"{f:.{places}f}" for f in rounded]
 
 
 def _figure(value: float) -> str:
@@ -223,20 +233,19 @@ def show_how_well_known(matrix: TransferMatrix, i: int, j: int) -> None:
         show_info(text)
     columns = element_table(matrix, i, j)
     table(columns, phone=[*columns][:4])
-    st.caption("The chosen element as measured. |H| in 1/(kg·m²) with ± one standard error.")
+    st.caption("The chosen element as measured, with ± one standard error. |H| in 1/(kg·m²).")
 
 
 def element_table(matrix: TransferMatrix, i: int, j: int) -> Table:
     """One row per frequency: magnitude of H_ij, and H_ji, with standard error; phase; condition."""
     n = matrix.H.shape[1]
-    columns: dict[str, list[object]] = {"Hz": [significant(f, 5) for f in matrix.omega / (2 * np.pi)]}
+    columns: dict[str, list[str]] = {"Frequency (Hz)": _hertz(matrix.omega / (2 * np.pi))}
     error = matrix.standard_deviation / np.sqrt(2)
     for row, column in dict.fromkeys([(i, j), (j, i)]):
         size, angle = (f(matrix.H[:, row, column]) for f in (np.abs, np.angle))
-        name = f"H{row + 1}{column + 1}"
-        pairs = zip(size, error[:, row, column], strict=True)
-        columns[f"|{name}|"] = [with_error(a, e) for a, e in pairs]
-        columns[f"∠{name} (°)"] = [minus(f"{a:.1f}") for a in np.degrees(angle)]
+        name, noise = f"H{row + 1}{column + 1}", error[:, row, column]
+        columns[f"|{name}|"] = [with_error(a, e) for a, e in zip(size, noise, strict=True)]
+        columns[f"∠{name} (°)"] = _angles(size, angle, noise)
     if n > 1:
         columns["Condition"] = [significant(c, 3) for c in matrix.condition]
         columns["Reciprocity (%)"] = [significant(100 * e, 2) for e in matrix.reciprocity_error]

@@ -1,6 +1,6 @@
 """Figures of the page Elasticity, the checks of its model, and K from sensors behind the gears."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from hashlib import sha256
 from typing import Any, get_args
@@ -93,20 +93,38 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], object]]:
 
 
 def _show_torsion(page: Page, analysis: Analysis) -> None:
+    sines, motions = page.study.sine_records, page.study.motion_records
     st.caption(
         "Torque through the gear over its deflection, from motor data alone. The blue line is the "
         "fitted elastic law; its slope at zero torque, outside any backlash, is K, the tangent "
-        "stiffness. Damping and hysteresis open the loops, one per record, drawn with ± two standard "
-        "errors. Motions appear as dots."
+        "stiffness."
+        + " Damping and hysteresis open the loops, one per record, drawn with ± two standard errors."
+        * bool(sines)
+        + " Motions appear as dots." * bool(motions)
     )
     if missing := without_curve(analysis.fit):
         show_info(missing)
-    by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
+    by: ColourBy = "amplitude"
+    if sines:  # a motion has no frequency
+        by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
     joints = page.show_per_joint(
         f"torsion {by}",
         partial(torsion_curve, analysis.fit, colour_by=by, unit=analysis.unit),
         "Torsion curve of joint {0}, torque over deflection with the fitted law",
     )
+    if analysis.state != NOT_USABLE:
+        _show_gear_terms(analysis, joints)
+    download(
+        "Torsion curves (.csv)",
+        lambda: torsion_table(analysis),
+        f"{file_stem(page.study.name)}_torsion.csv",
+        hint="Torque u = τ − Mθ̈ − friction over deflection θ − θₐ, with M₂θ̈ₐ = u. It includes damping "
+        "and hysteresis, the elastic law does not. The mean deflection of a record is not observable "
+        "and set to 0.",
+    )
+
+
+def _show_gear_terms(analysis: Analysis, joints: Sequence[int]) -> None:
     # One row for all joints, whose largest torques differ and have a row of their own.
     each = [
         {
@@ -122,14 +140,6 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
             f"Joint {j + 1}": [terms.get(name, "–") for name in names]
             for j, terms in zip(joints, each, strict=True)
         }
-    )
-    download(
-        "Torsion curves (.csv)",
-        lambda: torsion_table(analysis),
-        f"{file_stem(page.study.name)}_torsion.csv",
-        hint="Torque u = τ − Mθ̈ − friction over deflection θ − θₐ, with M₂θ̈ₐ = u. It includes damping "
-        "and hysteresis, the elastic law does not. The mean deflection of a record is not observable "
-        "and set to 0.",
     )
 
 
@@ -213,6 +223,10 @@ def show_prediction(page: Page, analysis: Analysis) -> None:
 def show_model_holds(page: Page, analysis: Analysis) -> None:
     """Prediction, residuals and harmonics; amplitudes when a study has several."""
     st.markdown("**Prediction of records left out of the fit**")
+    st.caption(
+        "Torques through the gears, predicted with K and D from the other half of the frequencies, "
+        "minus the measured ones."
+    )
     try:
         prediction = _predicted(page, analysis)
     except JointIdError as error:

@@ -175,8 +175,8 @@ def show_headline(analysis: Analysis, page: Page | None = None) -> None:
         return
     st.markdown(f":{_STATE_COLOURS[analysis.state]}-badge[{analysis.state.capitalize()}]")
     st.header(unbroken(analysis.headline), anchor=False)
-    if analysis.caution:
-        show_note(analysis.caution)
+    if analysis.state == WITH_CARE:
+        show_note(f"{analysis.state_reason}.")
     if analysis.unit.is_default and str(st.session_state.get("unit")).endswith("joint"):
         st.caption("The study has no gear ratios: K and D are shown at the motor.")
 
@@ -186,7 +186,9 @@ def show_tiles(analysis: Analysis) -> None:
     n = analysis.fit.n
     found = analysis.quantities
     if n > _MOST_TILES:
-        show_text_table(_values_table(analysis, found))
+        for place, own in zip(st.columns(2), (found[:n], found[n:]), strict=True):
+            with place:
+                show_text_table(_values_table(analysis, own))
         st.caption(f"K and D {analysis.unit.side}. {ERROR_BARS} {_NOMINAL}")
         return
     with st.container(horizontal=True):  # K1, K2, D1, D2, as in sentences, tables and files
@@ -214,14 +216,13 @@ def show_bands(analysis: Analysis) -> None:
         st.caption(f"Band of the motions: {'; '.join(bands)}. {how}")
 
 
-def _values_table(analysis: Analysis, found: Sequence[Quantity]) -> dict[str, list[str]]:
-    """One row per joint, for many joints."""
-    n = analysis.fit.n
-    columns: dict[str, list[str]] = {"Joint": [f"{j + 1}" for j in range(n)]}
-    for name, own in (("K", found[:n]), ("D", found[n:])):
-        columns[f"{name} ({own[0].unit})"] = [quantity.shown[0] for quantity in own]
-        if analysis.nominal is not None and analysis.state != NOT_USABLE:
-            columns[f"Nominal {name}"] = [_nominal(analysis, quantity) for quantity in own]
+def _values_table(analysis: Analysis, own: Sequence[Quantity]) -> dict[str, list[str]]:
+    """One row per joint, for many joints: K of all of them, or D."""
+    name = own[0].parameter
+    columns: dict[str, list[str]] = {"Joint": [f"{q.joints[0]}" for q in own]}
+    columns[f"{name} ({own[0].unit})"] = [quantity.shown[0] for quantity in own]
+    if analysis.nominal is not None and analysis.state != NOT_USABLE:
+        columns[f"Nominal {name}"] = [_nominal(analysis, quantity) for quantity in own]
     return columns
 
 

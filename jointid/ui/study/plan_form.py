@@ -198,11 +198,16 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
 
     Raises JointIdError when a cell is empty, or the plan is no experiment.
     """
+    usable = analysis.state != NOT_USABLE
     st.write(
         "Change the records, add some, or delete some: frequency f (Hz), length t (s), amplitude τ "
-        "(N·m) and phase φ (°) of each motor's torque. The table below shows the expected accuracy."
+        "(N·m) and phase φ (°) of each motor's torque."
+        + " The table below shows the expected accuracy."
+        * usable
     )
     plan = _own_plan(_edit_plan(found, page.digest), page, analysis, pose)
+    if not usable:
+        return plan
     errors = page.computed(
         ("own plan", pose, content(plan)),
         "Predicting the errors",
