@@ -248,6 +248,7 @@ class TestAnalysisThatFails:
         for page, count in FIGURES.items():
             at = shown(at.switch_page(page).run())
             assert figures(at) == count
+            assert not any("Lost motion" in table.value.to_string() for table in at.table)
 
 
 class TestSimulating:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from base64 import b64decode
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from streamlit.testing.v1.element_tree import TextInput
 
 from jointid import Analysis, Elasticity, PlanarArm, analyse, load_study, rectangle
 from jointid.cut.outcome import Outcome, cut_outcome, millimetres, study_outcome
+from jointid.cut.path_deflection import PathDeflection
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.figures.cut import (
     cut_over_time,
@@ -29,7 +31,13 @@ from jointid.gears.gear import Gear
 from jointid.reporting.drawing import to_svg
 from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts as cut_cached
-from jointid.ui.cut.pictures import animation_data, cut_drawing, tracks
+from jointid.ui.cut.pictures import (
+    animation_data,
+    cut_drawing,
+    deflections_html,
+    magnification,
+    tracks,
+)
 from jointid.ui.cut.settings import CutSettings, usual
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import ResultCache
@@ -207,6 +215,17 @@ class TestPage:
         at = shown(nominal(at, "D").set_value("0.1, 0.015").run())
         assert headline(at)[0] < 0.1
 
+    def test_springs_have_the_unit_of_the_sidebar(self, app: AppTest) -> None:
+        at = shown(app.switch_page(PAGE).run())
+        at = shown(at.selectbox(key="unit").set_value("N·m/arcmin at the motor").run())
+        assert "springs, K = 0.0125, 0.00218 N·m/arcmin, D = 0.1" in words(at)
+        assert "assumes K = 0.00625, 0.00109 N·m/arcmin" in words(at)
+        before = headline(at)
+        at = shown(control(at, "cut_nominal").set_value("custom").run())
+        assert "(N·m/arcmin seen from the motor)" in nominal(at, "K").label
+        assert nominal(at, "K").value == "0.0062541, 0.0010908"
+        assert headline(at) == before  # the nominal values, in another unit
+
     def test_of_another_robot_custom_values_are_its_own(self, app: AppTest, another_robot: None) -> None:
         """The study's own identified values leave as much as the identification does."""
         at = shown(app.switch_page(PAGE).run())
@@ -319,6 +338,23 @@ class TestWhatTheBrowserIsSent:
             drawn = run.reference_m + max(fits, default=1) * (run.tool_m - run.reference_m)
             assert np.all(drawn > [x, y])
             assert np.all(drawn < [x + width, y + height])
+
+    def test_deflections_of_six_axes_have_one_scale_and_state_it(self) -> None:
+        """0.4 mm is drawn tenfold: 15 % of the shorter side are 4.2 mm."""
+        path = rectangle(centre_m=(0.0, 0.0))
+        reference = path.position(np.linspace(0, path.end_s, 100))
+        error = np.zeros((100, 3))
+        error[50] = 0.0, 0.4e-3, 0.0
+        found = [
+            PathDeflection(5e-4, 1e-4, 9e-4, 9e-4, f * 4e-4, 1e-7, reference, f * error, 0 * error)
+            for f in (1.0, 0.5)
+        ]
+        assert magnification(found) == 10
+        html = deflections_html(found, (0.001, 0.01), dark=False)
+        assert html.count("deflection × 10: 0.40 mm → under 0.001 mm") == 1
+        assert html.count("<b>0.20 mm → under 0.001 mm</b><br>zone 10 mm") == 1
+        drawn = [b64decode(each).decode() for each in re.findall(r"base64,([^\"]+)", html)]
+        assert len({re.search(r"viewBox=\S+ \S+ \S+ \S+", svg)[0] for svg in drawn}) == 1  # type: ignore[index]
 
     def test_large_errors_are_not_magnified_at_all(self) -> None:
         robot = CutRobot("direct", PlanarArm.example(), PAPER, 1e6 * COVARIANCE, None, None)

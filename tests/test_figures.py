@@ -27,7 +27,7 @@ from jointid.figures import (
 from jointid.figures.response_curves import in_legend
 from jointid.figures.style import DARK, LIGHT, frequency_axis, log_axis, plain_text
 from jointid.figures.waveforms import downsampled
-from jointid.ui.study.data_quality import phasor_table
+from jointid.ui.study.data_quality import element_table, phasor_table
 from jointid.verdict.evidence import problem
 
 
@@ -273,6 +273,18 @@ def test_hover_texts_give_phasors_with_errors_in_rounded_digits(analyses: dict[i
     cells = [str(cell) for name, column in columns.items() if name.startswith("|θ") for cell in column]
     assert all(float(cell.split("± ")[1].lstrip("<")) > 0 for cell in cells)
     assert float(cells[0].split(" ")[0]) == pytest.approx(1e3 * abs(phasors.q[0, 0]), rel=0.01)
+
+
+def test_frequencies_of_a_table_end_at_one_place_and_phases_have_errors(
+    analyses: dict[int, Analysis],
+) -> None:
+    (matrix,) = analyses[2].transfer_matrices.values()
+    columns = element_table(matrix, 0, 0)
+    hertz = columns["Frequency (Hz)"]
+    np.testing.assert_allclose([float(f) for f in hertz], matrix.omega / (2 * np.pi), rtol=1e-4)
+    assert len({len(str(f).partition(".")[2]) for f in hertz}) == 1
+    assert not all(str(f).endswith("0") and "." in str(f) for f in hertz)
+    assert all("±" in str(phase) for phase in columns["∠H11 (°)"])
 
 
 def test_thinning_loses_no_spike() -> None:

@@ -169,6 +169,7 @@ class TestTheNextExperiment:
         assert at.error[0].value.startswith("Not usable")
         assert [header.value for header in at.header] == ["3 additional records"]
         assert "Worst error afterwards" not in at.table[0].value
+        assert len(at.table) == 1  # no errors of a plan of one's own either
         assert len(at.get("plotly_chart")) == 0
         assert not any("large gain" in caption.value for caption in at.caption)
         assert any("findings and remedies" in link.proto.label for link in at.get("page_link"))
