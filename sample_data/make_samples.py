@@ -187,8 +187,9 @@ def six_axes() -> Study:
     return Study(
         name="Six axes of a heavy robot, from its own model",
         origin="simulated",
-        description="A robot of our own making, given by Denavit-Hartenberg parameters and joint "
-        "angles; 5.0, 7.5, 4.2, 1.3, 1.1 and 0.4 million N·m/rad at the joints, with gravity.",
+        description="A robot of our own, given by its Denavit–Hartenberg parameters and joint angles, "
+        "under gravity. At the joints K = 5.0, 7.5, 4.2, 1.3, 1.1 and 0.4 million N·m/rad; the nominal "
+        "K is 30 % lower. D as nominal.",
         records=_compact(records),
         inertia=inertia,
         nominal=Elasticity(0.7 * elasticity.K, elasticity.D),

@@ -8,7 +8,7 @@ from jointid.analysis import NOT_USABLE, Analysis
 from jointid.answer import gear_text
 from jointid.errors import JointIdError
 from jointid.exporting.identification import answer_text, origin_text, warning_text
-from jointid.wording import enumerated
+from jointid.wording import enumerated, unbroken
 
 _NAMES = {name: name for name in ("K", "K_std", "D", "D_std", "K_secant", "T_secant")}
 _GLOBAL_NAMES = {
@@ -68,7 +68,7 @@ def code_listing(analysis: Analysis, language: str) -> str:
         facts.append(_SECANT)
         facts += [f"Nonlinear gear of {gear_text(fit, j)}".replace("Joint", "joint", 1) for j in gears]
     width = _WIDTH - len(comment)
-    lines = [comment + part for fact in facts for part in wrap(fact, width, break_long_words=False)]
+    lines = [comment + part for fact in facts for part in _wrapped(fact, width)]
     lines += [unusable + first for first in frame[:1]]
     rows = {"K": fit.K, "K_std": fit.errors.K, "D": fit.D, "D_std": fit.errors.D}
     if gears:
@@ -84,6 +84,12 @@ def code_listing(analysis: Analysis, language: str) -> str:
             lines.append(f"{comment}{name}: not determined by the records")
     lines += [unusable + last for last in frame[1:]]
     return "\n".join(lines) + "\n"
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    """Break a text into lines, but no number from its error and unit."""
+    lines = wrap(unbroken(text), width, break_long_words=False)
+    return [line.replace("\N{NO-BREAK SPACE}", " ").replace("\N{WORD JOINER}", "") for line in lines]
 
 
 def _real(value: float) -> str:

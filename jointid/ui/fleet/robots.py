@@ -22,15 +22,15 @@ Drifts = Mapping[str, list[Drift]]
 
 
 def show_summary(spreads: Sequence[Spread], drifts: Drifts) -> None:
-    """The softest or stiffest robot, the stiffness of the fleet, outliers and drift, in a sentence."""
+    """The softest or stiffest robot or else the stiffness of the fleet, outliers and drift."""
     if not (stiffness := spreads[0]).value.size:
         return
     counts = [(int(s.outliers.sum()), s.name) for s in spreads if np.isfinite(s.z).any()]
     outliers = [f"{counted(count, 'outlier')} of {name}" for count, name in counts if count]
     if counts and not outliers:
         outliers = ["no outliers"]
-    parts = [_farthest_robots(stiffness)] if len(drifts) > 1 else []
-    parts = [part for part in parts if part] + [f"{stiffness.name}: {spread_in_words(stiffness)}"]
+    far = _farthest_robots(stiffness) if len(drifts) > 1 else ""
+    parts = [far or f"{stiffness.name}: {spread_in_words(stiffness)}"]  # also above its figure
     if outliers:
         parts.append(enumerated(outliers))
     name, (clearest, *_) = next(iter(drifts.items()))
