@@ -242,6 +242,43 @@ def test_errors_are_magnified_about_the_reference_path(browse: Browse) -> None:
     browse(look)
 
 
+COLOURED = """canvas => {
+    const {width, height} = canvas;
+    const {data} = canvas.getContext("2d").getImageData(0, 0, width, height);
+    const found = {nominal: [0, 0], identified: [0, 0]};
+    for (let k = 0; k < data.length; k += 4) {
+        const [red, , blue, alpha] = data.slice(k, k + 4);
+        const warm = alpha < 200 ? 0 : red - blue;
+        const name = warm > 100 ? "nominal" : warm < -100 ? "identified" : "";
+        const column = (k / 4) % width;
+        // but for the names at the top, on either side of the line
+        if (name && k / 4 / width > 60) found[name][Number(column > 0.4 * width)] += 1;
+    }
+    return found;
+}"""
+"""Pixels of each cut left and right of 40 % of the width."""
+
+
+def test_the_wipe_shows_one_cut_on_either_side(browse: Browse) -> None:
+    def look(page: Page) -> None:
+        playing(page)
+        page.get_by_role("button", name="Pause", exact=True).click()
+        scrub(page, 10.0)
+        both = canvas(page).evaluate(COLOURED)
+        assert all(count > 100 for sides in both.values() for count in sides)
+        wipe = page.get_by_role("slider", name="Wipe")
+        for _ in range(20):
+            wipe.press("ArrowRight")
+        assert state(page)["wipe"] == "0.4"
+        halves = canvas(page).evaluate(COLOURED)
+        assert halves["nominal"][1] == halves["identified"][0] == 0
+        assert halves["nominal"][0] > 100 < halves["identified"][1]
+        wipe.press("Home")
+        assert canvas(page).evaluate(COLOURED) == both
+
+    browse(look)
+
+
 def test_another_setting_changes_the_path_and_keeps_the_time(browse: Browse) -> None:
     def look(page: Page) -> None:
         playing(page)

@@ -32,6 +32,7 @@ from jointid.reporting.drawing import to_svg
 from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts as cut_cached
 from jointid.ui.cut.pictures import (
+    animated_svg,
     animation_data,
     cut_drawing,
     deflections_html,
@@ -398,6 +399,22 @@ class TestShapes:
 
 
 class TestFigures:
+    def test_the_animated_file_holds_both_cuts_and_stands_still_on_demand(
+        self, outcome: Outcome
+    ) -> None:
+        svg = animated_svg(outcome, "0.4 K", "<cell> 1 & 2", dark=False)
+        drawing = ElementTree.fromstring(svg)
+        assert {e.get("class") for e in drawing.iter() if e.get("class")} == {"run", "run trace"}
+        assert drawing.get("aria-label", "").startswith("Cut of <cell> 1 & 2. 0.4 K: path error ")
+        style = next(e.text or "" for e in drawing.iter() if e.tag.endswith("style"))
+        assert "@media (prefers-reduced-motion:reduce){.run{animation:none!important}}" in style
+        keys = re.findall(r"@keyframes tip1\{(.*?)100%", style)[0]
+        x = np.array(re.findall(r"translate\(([-\d.]+)px", keys), float)
+        run = outcome.after
+        place = np.interp(np.linspace(0, run.time_s[-1], x.size), run.time_s, run.tool_m[:, 0])
+        slope, offset = np.polyfit(place, x, 1)
+        np.testing.assert_allclose(slope * place + offset, x, atol=0.5)  # pixels
+
     def test_axes_have_units_and_meanings_their_colour(self, outcome: Outcome) -> None:
         for dark, ink in ((False, LIGHT), (True, DARK)):
             figure = cut_over_time(outcome, dark=dark)

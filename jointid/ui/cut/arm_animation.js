@@ -31,6 +31,7 @@ class CutAnimation {
     this.speed = before ? before.speed : SPEED;
     const last = data.magnifications.length - 1;
     const common = data.magnifications.findLastIndex((m) => m * Math.max(...data.reach_m) <= data.room_m);
+    this.wipe = before ? before.wipe : 0; // share of the width that shows the cut before alone; 0: both
     this.step = before ? Math.min(before.step, last) : Math.max(common, 0);
     // A person who wants no motion sees the finished cut.
     this.time = before ? Math.min(before.time, this.end) : this.playing ? 0 : this.end;
@@ -91,6 +92,11 @@ class CutAnimation {
       this.controls();
       this.draw();
     });
+    on(this.find(".wipe input"), "input", (event) => {
+      this.wipe = Number(event.target.value);
+      this.controls();
+      this.draw();
+    });
     on(this.root, "keydown", (event) => this.key(event));
     // A button or list that has the focus would act on the space bar once more.
     on(this.root, "keyup", (event) => event.key === " " && event.preventDefault());
@@ -113,8 +119,8 @@ class CutAnimation {
 
   key(event) {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
-    // These two have values of their own, which a person without a mouse must be able to change.
-    const own = event.composedPath()[0]?.matches?.(".speed select, .magnify input");
+    // These have values of their own, which a person without a mouse must be able to change.
+    const own = event.composedPath()[0]?.matches?.(".speed select, .magnify input, .wipe input");
     const moves = { ArrowRight: 1, ArrowLeft: -1, ArrowUp: 10, ArrowDown: -10 };
     if (event.key === " ") event.repeat || this.toggle();
     else if (event.key in moves && !own) this.move(moves[event.key]);
@@ -164,6 +170,9 @@ class CutAnimation {
     slider.disabled = this.data.magnifications.length < 2;
     slider.value = this.step;
     slider.setAttribute("aria-valuetext", `${this.magnification} times`);
+    const wipe = this.find(".wipe input");
+    wipe.value = this.wipe;
+    wipe.setAttribute("aria-valuetext", this.wipe ? `${Math.round(100 * this.wipe)} %` : "off");
     const factors = TOOLS.map((name) => this.factor(name));
     const alike = factors.every((factor) => factor === this.magnification);
     this.find(".magnify output").textContent = `${alike ? "" : "up to "}× ${this.magnification}`;
@@ -256,6 +265,7 @@ class CutAnimation {
       time: shown.toFixed(4),
       speed: String(this.speed),
       magnification: String(this.magnification),
+      wipe: String(this.wipe),
       factors: TOOLS.map((name) => this.factor(name)).join(" "),
       nominal: millimetre(now.nominal),
       identified: millimetre(now.identified),
@@ -267,14 +277,19 @@ class CutAnimation {
     const { pen } = view;
     this.trace(view, this.reference, this.frames - 1, { colour: this.ink.reference, width: 6, alpha: 0.55 });
     for (const name of TOOLS) {
+      pen.save();
+      this.clip(view, name);
       const factor = this.factor(name);
       this.band(view, this[name], now.k, this.ink[name], factor);
       const whole = { colour: this.ink[name], width: 1, alpha: 0.55 };
       this.trace(view, this[name], this.frames - 1, whole, factor);
       const done = { colour: this.ink[name], width: 2.5, alpha: 1 };
       this.trace(view, this[name], now.k, done, factor, now[name]);
+      pen.restore();
     }
     for (const name of TOOLS) {
+      pen.save();
+      this.clip(view, name);
       pen.beginPath();
       pen.arc(view.x(now[name].x), view.y(now[name].y), name === "nominal" ? 6.5 : 5, 0, 2 * Math.PI);
       pen.fillStyle = name === "nominal" ? this.ink.paper : this.ink[name];
@@ -282,8 +297,39 @@ class CutAnimation {
       pen.lineWidth = 2.5;
       pen.strokeStyle = this.ink[name];
       pen.stroke();
+      pen.restore();
     }
+    if (this.wipe) this.divide(view);
     this.scale(view);
+  }
+
+  // The wipe: the cut before left of a line, the cut after right of it.
+  clip(view, name) {
+    if (!this.wipe) return;
+    const x = this.wipe * view.width;
+    view.pen.beginPath();
+    if (name === "nominal") view.pen.rect(0, 0, x, view.height);
+    else view.pen.rect(x, 0, view.width - x, view.height);
+    view.pen.clip();
+  }
+
+  divide(view) {
+    const { pen } = view;
+    const x = this.wipe * view.width;
+    pen.strokeStyle = this.ink.text;
+    pen.lineWidth = 1.5;
+    pen.beginPath();
+    pen.moveTo(x, 0);
+    pen.lineTo(x, view.height);
+    pen.stroke();
+    pen.font = `13px ${getComputedStyle(this.root).fontFamily}`;
+    pen.textBaseline = "top";
+    for (const [name, align, gap] of [["nominal", "right", -8], ["identified", "left", 8]]) {
+      pen.textAlign = align;
+      pen.fillStyle = this.ink[name];
+      pen.fillText(name === "nominal" ? this.data.nominal_name : name, x + gap, 8);
+    }
+    pen.textAlign = "left";
   }
 
   // The error so far: the area between the reference path and the tool's.

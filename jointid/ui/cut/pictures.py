@@ -17,6 +17,7 @@ from jointid.cut.arm import PlanarArm
 from jointid.cut.outcome import Outcome, millimetres
 from jointid.cut.path_deflection import PathDeflection
 from jointid.figures.style import colours
+from jointid.reporting.cut_animation import animated_cut
 from jointid.reporting.drawing import Drawing, Line, to_svg
 from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts
@@ -61,8 +62,7 @@ def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[s
     side = max(_SHEET_M, float((high - low).max()) + 0.08)
     sheet = [*(0.5 * (low + high) - 0.5 * side).tolist(), side, side]
     margin = _MARGIN_M + 1.2 * min(outcome.before.max_contour_error_m, 0.03)
-    reach = [run.max_tracking_error_m for run in (outcome.before, outcome.after)]
-    room = min(_RECOGNISABLE * float(np.ptp(path, axis=0).min()), margin)
+    reach, room = _reach_and_room(outcome)
     return {
         "tracks": tracks(outcome.before, outcome.after),
         "length_m": arm.length_m.tolist(),
@@ -79,6 +79,28 @@ def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[s
         "nominal_name": nominal_name,
         "description": f"Tool paths over the reference path. Largest path error, {before}; {after}.",
     }
+
+
+def _reach_and_room(outcome: Outcome) -> tuple[list[float], float]:
+    """Largest distances from the reference, before and after, and how far they may be drawn, m."""
+    margin = _MARGIN_M + 1.2 * min(outcome.before.max_contour_error_m, 0.03)
+    reach = [run.max_tracking_error_m for run in (outcome.before, outcome.after)]
+    side = float(np.ptp(outcome.before.reference_m, axis=0).min())
+    return reach, min(_RECOGNISABLE * side, margin)
+
+
+def animated_svg(outcome: Outcome, nominal: str, study: str, *, dark: bool) -> str:
+    """The animation as a file to hand on, magnified as at first."""
+    reach, room = _reach_and_room(outcome)
+    times = max((f for f in _MAGNIFICATIONS if f * max(reach) <= room), default=1)
+    ink = colours(dark)
+    return animated_cut(
+        (outcome.before, outcome.after),
+        (capitalised(nominal), "Identified"),
+        (ink.nominal, ink.identified),
+        times=times,
+        title=f"Cut of {study or 'a study'}",
+    )
 
 
 def tracks(before: TrackingRun, after: TrackingRun) -> Any:
@@ -128,7 +150,14 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
         return
     figure = partial(cut_figure, [capitalised(name) for name in names], done)
     title = f"Cuts of {page.study.name or 'a study'}"
-    download("Save the figure (.svg)", lambda: to_svg(figure(), title=title), "cuts.svg")
+    with st.container(horizontal=True):
+        download("Save the figure (.svg)", lambda: to_svg(figure(), title=title), "cuts.svg")
+        download(
+            "Save the animation (.svg)",
+            lambda: animated_svg(outcome, nominal, page.study.name, dark=False),
+            "cut_animated.svg",
+            hint="The chosen corner zone in slow motion, for a browser or a presentation.",
+        )
 
 
 def _figure_7_html(pairs: cached_cuts.Pairs, names: tuple[str, str], *, dark: bool) -> str:
