@@ -470,7 +470,7 @@ class CutAnimation {
   view(canvas, [x0, y0, across, up]) {
     const pen = canvas.getContext("2d");
     const { clientWidth: width, clientHeight: height } = canvas;
-    pen.clearRect(0, 0, width, height);
+    pen.clearRect(0, 0, canvas.width, canvas.height); // below its border too
     const scale = Math.min(width / across, height / up);
     const [cx, cy] = [x0 + across / 2, y0 + up / 2];
     return {
