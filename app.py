@@ -9,12 +9,12 @@ from jointid.ui.cut.panels import outcome_panel
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import overview
-from jointid.ui.study.elasticity_figures import show_prediction
+from jointid.ui.study.elasticity_figures import show_arm_side, show_prediction
 
 page = open_page("Study", heading=False)
 overview.show_heading(page)
 overview.show_changes(page)
-analysis = page.analysis()
+analysis = page.analysis(sensors=partial(show_arm_side, page))
 
 overview.show_headline(analysis, page)
 overview.show_tiles(analysis)

@@ -2,6 +2,7 @@
 
 import streamlit as st
 
+from jointid import MotionRecord
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import show_quality
 from jointid.ui.study.record_views import show_record
@@ -16,10 +17,11 @@ if page.study.sine_records:
     st.latex(r"f(t) \approx a\,\sin\omega t + b\,\cos\omega t + c_0 + c_1 t \;\; (2)")
 
 records = page.study.records
+kinds = ["motion, " * isinstance(record, MotionRecord) for record in records]
 number = st.selectbox(
     "Record",
     range(len(records)),
-    format_func=lambda i: f"{i + 1}: {records[i].label or records[i].excitation}",
+    format_func=lambda i: f"{i + 1}: {records[i].label or kinds[i] + records[i].excitation}",
     key="record",
     bind="query-params",
 )

@@ -319,10 +319,18 @@ def test_gear_ratios_missing_in_the_model_are_those_of_the_study() -> None:
     np.testing.assert_allclose(found.K[:SENSORS], fit().K[:SENSORS], rtol=1e-9)
 
 
-def test_the_page_shows_stiffness_also_where_motor_data_give_none() -> None:
+def test_the_pages_show_stiffness_also_where_motor_data_give_none() -> None:
     data = pack_study(own_study(model=True), record_format="parquet")
     at = upload(opened_app().run(), data)
-    at = shown(at.switch_page(ELASTICITY).run())
-    shown_K = next(t.value for t in at.table if "Note" in t.value)["K at the joint (N·m/rad)"]
-    assert [k.replace("\xa0", " ") for k in shown_K] == fit().table["K at the joint (N·m/rad)"]
-    assert len(at.get("plotly_chart")) == 1
+    for page in ("app.py", ELASTICITY):
+        at = shown(at.switch_page(page).run())
+        shown_K = next(t.value for t in at.table if "Note" in t.value)["K at the joint (N·m/rad)"]
+        assert [k.replace("\xa0", " ") for k in shown_K] == fit().table["K at the joint (N·m/rad)"]
+        assert len(at.get("plotly_chart")) == 1
+        assert not at.error
+        assert at.info[0].value.startswith("The motors alone give no K and D. ")
+        assert not any(link.proto.label == "Elasticity" for link in at.main.get("page_link"))
+    at = shown(at.selectbox(key="unit").set_value("N·m/arcmin at the joint").run())
+    (table,) = (t.value for t in at.table if "Note" in t.value)
+    value, _ = table["K at the joint (N·m/arcmin)"][0].split("±")
+    assert float(value) == pytest.approx(fit().K[0] * np.pi / 10800, rel=0.01)

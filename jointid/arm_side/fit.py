@@ -63,10 +63,14 @@ class ArmSideFit:
     @property
     def table(self) -> dict[str, list[str]]:
         """K with its standard error, skew and reason for refusal of every joint, as text."""
+        return self.table_in("N·m/rad", 1.0)
+
+    def table_in(self, unit: str, factor: float) -> dict[str, list[str]]:
+        """Return the table with K in another unit, ``factor`` of it for each N·m/rad."""
         known = np.isfinite(self.K)
         pairs = {
-            "K at the joint (N·m/rad)": (self.K, self.standard_error, known),
-            "Skew of the sensor (ms)": (1e3 * self.skew_s, 1e3 * self.skew_error_s, known),
+            f"K at the joint ({unit})": (factor * self.K, factor * self.standard_error, known),
+            "Skew of the sensor (µs)": (1e6 * self.skew_s, 1e6 * self.skew_error_s, known),
         }
         cells = {
             name: [

@@ -65,6 +65,7 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     if contradicts(fit):
         return
+    tried = False  # stated once
     for name, found in quantities(fit).items():
         if name not in _REMEDIES:
             continue
@@ -77,8 +78,8 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         title = re.sub(r"\{(.*)\|(.*)\}", r"\2" if clearest.value < 0 else r"\1", title)
         others = " or ".join(alternatives(fit, name).values())
         hold, changes = half_a_sample(evidence) if name in _TIMES else ("", [])
-        if name in GEAR_LAWS:
-            remedy = f"{remedy} {_settled_by(evidence)}".strip()
+        if name in GEAR_LAWS and not tried:
+            remedy, tried = f"{remedy} {_settled_by(evidence)}".strip(), True
         yield note(
             f"{title}, or there is {others}" if others else title,
             f"{capitalised(PARAMETERS[name].name)}: {values}. {CANNOT_TELL if others else ''}"
@@ -94,8 +95,10 @@ def _value(fit: ElasticityFit, found: Quantity) -> str:
     """Value of an effect at its joint; of backlash also in arc minutes and over the deflection."""
     (j,) = found.joints
     text, gear = " ".join(found.shown).rstrip() + f" (joint {j}", fit.gears[j - 1]
+    if found.parameter in GEAR_LAWS:
+        text = text.replace(" (joint", " at the motor (joint")  # whatever the unit of the answer
     if found.parameter == "backlash":
-        text += f", {significant(np.degrees(60 * found.value), 3)} arcmin at the motor"
+        text += f", {significant(np.degrees(60 * found.value), 3)} arcmin"
         text += f", {percent(gear.backlash_share)} of the peak-to-peak deflection"
     return f"{text})"
 
@@ -110,4 +113,4 @@ def _settled_by(evidence: Evidence) -> str:
     tried = enumerated(
         [f"{significant(gear.tried_Nm, 2)} N·m (joint {j})" for j, gear in enumerate(fit.gears, start=1)]
     )
-    return f"Largest torques in the records: {tried}. {second_amplitude(fit)}".strip()
+    return f"Largest motor torques in the records: {tried}. {second_amplitude(fit)}".strip()

@@ -58,8 +58,8 @@ class CutAnimation {
     this.end = t[t.length - 1];
     this.interval = this.end / (t.length - 1);
     this.reference = { x: wx, y: wy };
-    this.nominal = { x: nx, y: ny, error: ne };
-    this.identified = { x: ix, y: iy, error: ie };
+    this.nominal = { x: nx, y: ny, error: ne, largest: running_maximum(ne) };
+    this.identified = { x: ix, y: iy, error: ie, largest: running_maximum(ie) };
   }
 
   get magnification() {
@@ -254,6 +254,10 @@ class CutAnimation {
     this.find(".time").textContent = `${shown.toFixed(3)} s`;
     this.find(".nominal-error").textContent = millimetres(nominal);
     this.find(".identified-error").textContent = millimetres(identified);
+    for (const name of TOOLS) {
+      const largest = this[name].largest[Math.min(Math.round(place), this.frames - 1)];
+      this.find(`.${name}-largest`).textContent = millimetres(largest);
+    }
     const scrub = this.find(".scrub input");
     scrub.value = shown;
     scrub.setAttribute("aria-valuetext", `${shown.toFixed(3)} seconds`);
@@ -482,6 +486,11 @@ class CutAnimation {
       y: (value) => height / 2 - (value - cy) * scale,
     };
   }
+}
+
+function running_maximum(values) {
+  let largest = 0;
+  return Float32Array.from(values, (value) => (largest = Math.max(largest, value)));
 }
 
 // The elbow of an arm that reaches a point, link 2 turned counter-clockwise; nothing out of reach.

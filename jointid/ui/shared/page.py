@@ -56,21 +56,34 @@ class Page:
         """The study's name as the list shows it."""
         return label(self.key)
 
-    def analysis(self, *, otherwise: Callable[[], object] | None = None) -> Analysis:
+    def analysis(
+        self,
+        *,
+        otherwise: Callable[[], object] | None = None,
+        sensors: Callable[[], object] | None = None,
+    ) -> Analysis:
         """Return the result of the whole method; without one, show the reason and end the page.
 
-        ``otherwise`` shows what the page has without a result.
+        ``otherwise`` shows what the page has without a result, ``sensors`` K from sensors behind the
+        gears; by default the page refers to them.
         """
         try:
             found = self.analysed()
         except JointIdError as error:
-            _show_problem(error)
+            if any(record.arm_rad is not None for record in self.study.motion_records):
+                if sensors is None:
+                    st.write("The sensors behind the gears give K of the joints:")
+                    link_to(ELASTICITY)
+                else:
+                    sensors()
+                show_info(f"The motors alone give no K and D. {error.__cause__ or error}")
+            else:
+                show_error(error)
+            st.write("The records themselves can still be viewed:")
+            link_to(RECORDS)
             if self.study.motion_records:
                 st.markdown(_ABOUT_MOTIONS)
                 link_to(SIMULATE)
-            if any(record.arm_rad is not None for record in self.study.motion_records):
-                st.write("The sensors behind the gears give K of the joints:")
-                link_to(ELASTICITY)
             if otherwise is None:
                 st.write("The study can be saved:")
                 link_to(REPORT)
@@ -169,7 +182,9 @@ class Page:
         try:
             return self.sine_phasors()
         except JointIdError as error:
-            _show_problem(error)
+            show_error(error)
+            st.write("The records themselves can still be viewed:")
+            link_to(RECORDS)
             st.stop()
 
 
@@ -244,9 +259,3 @@ def analyse_first_sample() -> None:
         opened = open_sample(name)
         page = Page(name, opened.study, opened.digest, DEFAULT_METHOD, unit="", dark=False)
         page.begin("analysis", analyse, opened.study).result()
-
-
-def _show_problem(error: JointIdError) -> None:
-    show_error(error)
-    st.write("The records themselves can still be viewed:")
-    link_to(RECORDS)

@@ -10,7 +10,7 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError, RobotModel
 from jointid.analysis import NOT_USABLE, analyse_arm_side
-from jointid.answer import gear_terms, without_curve
+from jointid.answer import STIFFNESS_UNITS, StiffnessUnit, gear_terms, without_curve
 from jointid.exporting import torsion_table
 from jointid.figures import (
     dynamic_stiffness,
@@ -169,7 +169,8 @@ def show_arm_side(page: Page) -> None:
     except JointIdError as error:
         show_error(error)
         return
-    show_text_table(fit.table)
+    angle = StiffnessUnit(STIFFNESS_UNITS[page.unit][1])
+    show_text_table(fit.table_in(f"N·m/{angle.angle}", float(angle.shown(np.ones(2))[0])))
     st.caption(
         "± one standard error: noise, choice of model, payload, and 3 % of the robot model's torque. "
         "Skew: age of the sample behind the gear relative to that of the motor."
