@@ -70,13 +70,13 @@ def gear_deflection(
     All shape (N,); one constant offset is not observable and is removed.
     """
     sketch, middle = Sketch(dark), float(np.mean(measured_rad))
-    for name, y, colour, axis in (
-        ("measured", measured_rad - middle, "measured", "y1"),
-        ("fitted", fitted_rad - middle, "identified", "y1"),
-        ("measured − fitted", measured_rad - fitted_rad, "quiet", "y2"),
+    for name, y, colour, axis, width in (
+        ("measured", measured_rad - middle, "measured", "y1", 1.2),
+        ("fitted", fitted_rad - middle, "identified", "y1", 2.5),
+        ("measured − fitted", measured_rad - fitted_rad, "quiet", "y2", 1.2),
     ):
         hover: Trace = {"hovertemplate": "%{x:.4f} s<br>%{y:.4g} mrad", "yaxis": axis}
-        sketch.line(*downsampled(time_s, 1e3 * y), name, colour, width=1.2, **hover)
+        sketch.line(*downsampled(time_s, 1e3 * y), name, colour, width=width, **hover)
     axes = linear_axis("Deflection (mrad)", share=2.0), linear_axis("Difference (mrad)")
     return sketch.figure(linear_axis("Time (s)"), *axes, height=430)
 

@@ -172,8 +172,8 @@ def show_arm_side(page: Page) -> None:
     angle = StiffnessUnit(STIFFNESS_UNITS[page.unit][1])
     show_text_table(fit.table_in(f"N·m/{angle.angle}", float(angle.shown(np.ones(2))[0])))
     st.caption(
-        "± one standard error: noise, choice of model, payload, and 3 % of the robot model's torque. "
-        "Skew: age of the sample behind the gear relative to that of the motor."
+        "± one standard error: noise, choice of model, payload, and 3\N{NO-BREAK SPACE}% of the robot "
+        "model's torque. Skew: age of the sample behind the gear relative to that of the motor."
     )
     joints = [j for j in range(fit.robot.n) if fit.joints[j] is not None]
     if not joints:

@@ -8,7 +8,7 @@ import streamlit as st
 
 from jointid import Analysis, Finding, JointIdError, Study
 from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
-from jointid.answer import ERROR_BARS, change_from
+from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, change_from
 from jointid.corrections.changes import corrected, label
 from jointid.estimation.quantities import Quantity
 from jointid.figures.response_curves import in_legend, removed_effects
@@ -174,7 +174,9 @@ def show_headline(analysis: Analysis, page: Page | None = None) -> None:
             _finding(page, analysis, analysis.findings[0], lead)
         return
     st.markdown(f":{_STATE_COLOURS[analysis.state]}-badge[{analysis.state.capitalize()}]")
-    st.header(unbroken(analysis.headline), anchor=False)
+    unstated = analysis.study.torque_std is None
+    hint = UNSTATED_TORQUE_SCALE if unstated else None
+    st.header(unbroken(analysis.headline), anchor=False, help=hint)
     if analysis.state == WITH_CARE:
         show_note(f"{analysis.state_reason}.")
     if analysis.unit.is_default and str(st.session_state.get("unit")).endswith("joint"):
