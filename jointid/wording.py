@@ -8,7 +8,7 @@ from collections.abc import Container, Iterable, Sequence
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _MOST_DIGITS = 7
 """Most significant digits shown, whatever the standard error."""
-_WITHIN_NUMBER = re.compile(r"(?<=\d) (?=[%°±]|mm\b|Hz\b|N·m)|(?<=±) ")
+_WITHIN_NUMBER = re.compile(r"(?<=\d) (?=[%°±]|m[ms]\b|Hz\b|rad\b|N·m|kg·m)|(?<=±) ")
 _RANGE = re.compile(r"(?<=\d)–(?=\d)")
 UNDETERMINED = "not determined"
 """In place of a value whose standard error is infinite."""

@@ -63,14 +63,21 @@ def show_fitted_model(fit: ElasticityFit) -> None:
 
 def show_matrix(fit: ElasticityFit) -> None:
     """Equation (12) with its condition, and the correlation of the estimates."""
+    joints = range(1, fit.n + 1)
+    names = [f"{name}{j}" for j in joints for name in "DK"]
+    unknowns = r"\;".join(f"{name[0]}_{{{name[1:]}}}" for name in names[:4])
+    dots = r"\cdots" if fit.n > 2 else ""
+    st.latex(rf"\mathbf A\,[{unknowns}{dots}]^T = \mathbf b \quad (12)")
     st.write(
         f"A has {2 * fit.n * fit.equations.omega.size} rows, two per joint and record. With columns of "
         f"unit length its condition number is {significant(fit.condition, 3)}; near 1, the records "
         "determine K and D independently."
     )
     A, b = fit.equations.matrix()
-    names = [name for j in range(1, fit.n + 1) for name in (f"D{j}", f"K{j}")]
-    table({name: A[:, k].tolist() for k, name in enumerate(names)} | {"b": b.tolist()}, height=300)
+    rows_of = [label + f", joint {j}" * (fit.n > 1) for label in fit.phasors.labels for j in joints]
+    columns = {"Row": [f"{part} {row}" for row in rows_of for part in ("Re", "Im")]}
+    columns |= {name: [significant(float(x), 5) for x in A[:, k]] for k, name in enumerate(names)}
+    table(columns | {"b": [significant(float(x), 5) for x in b]}, height=300)
     st.write("Correlation of the estimates:")
     order = list(elasticity_labels(fit.n))
     rows = [[significant(float(x), 2) for x in row] for row in fit.correlation]
