@@ -11,6 +11,7 @@ from jointid.ui.study.data_quality import (
     show_element,
     show_how_well_known,
 )
+from jointid.ui.study.overview import warn_if_unusable
 
 page = open_page("Transfer matrix")
 n = page.study.inertia.n
@@ -39,6 +40,7 @@ if page.study.motion_records:
         "Close to a narrow resonance the polynomials underestimate the curvature of H."
     )
 analysis = page.analysis()
+warn_if_unusable(analysis)
 if analysis.transfer_problem:
     show_warning(analysis.transfer_problem)
 if not analysis.transfer_matrices:

@@ -3,20 +3,16 @@
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.analysis import NOT_USABLE
 from jointid.ui.shared.charts import introduce
 from jointid.ui.shared.messages import show_error
-from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.page import open_page
-from jointid.ui.shared.workspace import link_to
 from jointid.ui.study import plan_form
 from jointid.ui.study.motion_plan_form import show_motion_plan, show_set_points
+from jointid.ui.study.overview import warn_if_unusable
 
 page = open_page("Plan")
 analysis = page.analysis()
-if analysis.state == NOT_USABLE:
-    show_error(analysis.headline)
-    link_to(OVERVIEW, f"{OVERVIEW.name}: findings and remedies")
+warn_if_unusable(analysis)
 if page.study.motion_records:  # the plan of sines needs the noise of sines
     show_motion_plan(page, analysis)
     st.stop()

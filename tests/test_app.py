@@ -249,6 +249,8 @@ class TestAnalysisThatFails:
             at = shown(at.switch_page(page).run())
             assert figures(at) == count
             assert not any("Lost motion" in table.value.to_string() for table in at.table)
+            if "Transfer" in page:  # with the model
+                assert at.error[0].value.startswith("Not usable: ")
 
 
 class TestSimulating:

@@ -95,7 +95,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         said = [_sentence(rows, page, other), *([enumerated(doubts)] if doubts else [])]
         st.header(unbroken(", but ".join(said)), anchor=False)
     for whose, each in unusable:
-        show_error(f"{whose.label}: {each.headline}")
+        show_error(f'"{whose.label}": {each.headline[0].lower()}{each.headline[1:]}')
     show_note(
         f'First: "{page.label}", estimator {page.method}, {first.state}. '
         f'Second: "{other.label}", estimator {other.method}, {second.state}.'
@@ -105,8 +105,12 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         columns["Difference"] = [signed_percent(100 * row.relative) for row in rows]
         if not same:  # else the difference has no standard error
             columns["Significant"] = [_significance(row) for row in rows]
-    columns["First"] = [row.first.shown[0] for row in rows]
-    columns["Second"] = [row.second.shown[0] for row in rows]
+    names = [
+        name + ", not usable" * (one.state == NOT_USABLE)
+        for name, (_, one) in zip(("First", "Second"), pairs, strict=True)
+    ]
+    columns[names[0]] = [row.first.shown[0] for row in rows]
+    columns[names[1]] = [row.second.shown[0] for row in rows]
     show_text_table(columns)
     caption = f"K and D {units[0].side}{'' if one_side else ': one of the studies has no gear ratios'}."
     if not unusable:

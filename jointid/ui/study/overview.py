@@ -21,7 +21,7 @@ from jointid.ui.shared.messages import (
     show_text_table,
     show_warning,
 )
-from jointid.ui.shared.method_steps import ACTIONS, METHOD
+from jointid.ui.shared.method_steps import ACTIONS, METHOD, OVERVIEW
 from jointid.ui.shared.page import Page
 from jointid.verdict.evidence import Change
 from jointid.wording import UNDETERMINED, capitalised, counted, plain, significant, unbroken
@@ -181,6 +181,13 @@ def show_headline(analysis: Analysis, page: Page | None = None) -> None:
         show_note(f"{analysis.state_reason}.")
     if analysis.unit.is_default and str(st.session_state.get("unit")).endswith("joint"):
         st.caption("The study has no gear ratios: K and D are shown at the motor.")
+
+
+def warn_if_unusable(analysis: Analysis) -> None:
+    """Say on another page that the answer is not usable, with the way to its reason."""
+    if analysis.state == NOT_USABLE:
+        show_error(analysis.headline)
+        workspace.link_to(OVERVIEW, f"{OVERVIEW.name}: findings and remedies")
 
 
 def show_tiles(analysis: Analysis) -> None:
