@@ -28,7 +28,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "arm_side::clear_tooth_errors_and_starts_and_stops_do_not_change_stiffness": (),
     "arm_side::jitter_of_the_clock_is_resampled": (),
     "arm_side::joints_whose_torque_hardly_varies_or_that_rest_are_refused": (),
-    "arm_side::the_page_shows_stiffness_also_where_motor_data_give_none": (),
+    "arm_side::the_pages_show_stiffness_also_where_motor_data_give_none": (),
     "arm_side::with_known_payload_and_a_quiet_gear_stiffness_is_within_one_per_cent": (),
     "arm_side::without_gravity_a_few_moves_do_not_show_stiffness": (),
     "aside::a_call_whose_process_is_killed_is_repeated_in_another": (),
