@@ -59,11 +59,15 @@ show_error, show_warning, show_info, show_note = map(_message, ("error", "warnin
 def show_text_table(columns: Mapping[str, Sequence[Any]]) -> None:
     """Show a small table without a frame of its own; headings and cells are text.
 
-    A column without a heading holds names of quantities. A narrow cell breaks before "±", not after.
+    A column without a heading holds names of quantities. A narrow cell breaks before "±", not after, and
+    not before "mm".
     """
     escaped = {
         markdown_escape(name or "Quantity"): [
-            markdown_escape(cell).replace("± ", "±\N{NO-BREAK SPACE}") for cell in cells
+            markdown_escape(cell)
+            .replace("± ", "±\N{NO-BREAK SPACE}")
+            .replace(" mm", "\N{NO-BREAK SPACE}mm")
+            for cell in cells
         ]
         for name, cells in columns.items()
     }
