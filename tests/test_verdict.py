@@ -36,6 +36,7 @@ from jointid.verdict.evidence import number, times_noise
 from jointid.verdict.findings import Evidence
 from jointid.verdict.findings import findings as all_findings
 from jointid.verdict.rules_causes import against_the_paper, half_a_sample, torque_lags
+from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import axes_exchanged
 from jointid.verdict.rules_model import model_limits, not_physical
 from jointid.verdict.rules_records import loop_below_steps, stationary_joint
@@ -1158,6 +1159,20 @@ def test_a_filter_is_a_wrong_hold_only_where_a_delay_explains_the_data(other: st
     twin = replace(chosen, parts=(other,), chosen=False)
     fit = replace(case.fit, parameters=p, candidates=(chosen, twin))
     assert bool(half_a_sample(replace(case, fit=fit))[0]) == named
+
+
+def test_a_filter_of_the_other_signal_is_named_once() -> None:
+    """The title of a position filter names the torque filter that explains the data as well."""
+    case = evidence(sound(), SERIAL, method="auto")
+    layout = ParameterLayout.of(2, effects=["position_filter"])
+    p = layout.named(np.append(case.fit.estimate, [2e-4] * 2))
+    chosen = replace(case.fit.candidates[0], parts=("position_filter",), chosen=True)
+    twin = replace(chosen, parts=("torque_filter",), chosen=False)
+    C = 1e-10 * np.eye(p.vector.size)
+    fit = replace(case.fit, parameters=p, parameter_covariance=C, candidates=(chosen, twin))
+    (found,) = effects_found(replace(case, fit=fit))
+    assert found.title == "The positions are filtered, or the torques are delayed by a filter"
+    assert "cannot distinguish these" in found.detail
 
 
 def test_indistinguishable_effects_are_named_together() -> None:

@@ -76,13 +76,15 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         clearest = max(found, key=lambda q: abs(q.value) / (q.error if q.error > 0 else np.inf))
         title, remedy = _REMEDIES[name]
         title = re.sub(r"\{(.*)\|(.*)\}", r"\2" if clearest.value < 0 else r"\1", title)
-        others = " or ".join(alternatives(fit, name).values())
+        alike = alternatives(fit, name)
+        twin = _TWINS.get(name, "") if clearest.value > 0 else ""  # named in the title
+        others = " or ".join(text for part, text in alike.items() if part != twin)
         hold, changes = half_a_sample(evidence) if name in _TIMES else ("", [])
         if name in GEAR_LAWS and not tried:
             remedy, tried = f"{remedy} {_settled_by(evidence)}".strip(), True
         yield note(
             f"{title}, or there is {others}" if others else title,
-            f"{capitalised(PARAMETERS[name].name)}: {values}. {CANNOT_TELL if others else ''}"
+            f"{capitalised(PARAMETERS[name].name)}: {values}. {CANNOT_TELL if alike else ''}"
             "The fit includes it.",
             hold or remedy,
             0.01,
@@ -103,6 +105,7 @@ def _value(fit: ElasticityFit, found: Quantity) -> str:
     return f"{text})"
 
 
+_TWINS = {"torque_filter": "position_filter", "position_filter": "torque_filter"}
 _TIMES = ("lag", "position_filter", "torque_filter")
 """Effects that act like a delay."""
 
