@@ -1,4 +1,4 @@
-"""The arm: kinematics, the equations of motion against pen and paper, and pymunk against both."""
+"""The planar arm: kinematics, equations of motion against closed forms, and pymunk against both."""
 
 from __future__ import annotations
 

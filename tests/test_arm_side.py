@@ -1,4 +1,4 @@
-"""Stiffness from a second encoder: a robot of known gears, and refusals."""
+"""Stiffness from sensors behind the gears: robots with known gears, and refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated robot: exact linear dynamics, exact friction, and the log of a digital controller."""
+"""The simulated robot: exact linear dynamics, set-valued friction, and the log of a controller."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Equations (8)-(15): exact without noise, honest about its error with it, clear when it cannot."""
+"""Equations (8)-(15): exact without noise, calibrated errors with noise, clear refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every page with hostile names in every field, in Chromium: no request to other machines."""
+"""Markup in every name, in Chromium: no page sends a request to another machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every page with hostile names in every field of studies, logs and fleets: all are shown unchanged."""
+"""Markup in every name of studies, logs and fleets is shown unchanged on every page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Archives of logs, bags of both kinds, MATLAB's time series, marks between thousands."""
+"""Archives of logs, ROS bags, MATLAB timeseries, thousands separators."""
 
 from __future__ import annotations
 

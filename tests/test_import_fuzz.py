@@ -1,4 +1,4 @@
-"""Damaged logs of every kind: a table or a JointIdError, never anything else, in bounded time."""
+"""Damaged logs of every format: a table or a JointIdError, in bounded time."""
 
 from __future__ import annotations
 

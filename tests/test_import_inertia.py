@@ -1,4 +1,4 @@
-"""Inertias as people have them: numbers on either side of the gears, TOML, and the links of an arm."""
+"""Entry of inertias: numbers on either side of the gears, TOML, and links of an arm."""
 
 from __future__ import annotations
 

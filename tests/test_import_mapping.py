@@ -1,4 +1,4 @@
-"""What a column means: units there and back, sides of the gear, guesses with reasons, JSON."""
+"""Mapping of columns: units and back, sides of the gear, guesses with reasons, JSON."""
 
 from __future__ import annotations
 

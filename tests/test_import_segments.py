@@ -1,4 +1,4 @@
-"""One long log falls into its steady sine runs, with their frequencies, whatever lies between them."""
+"""Search for steady sine runs in one long log, with their frequencies."""
 
 from __future__ import annotations
 

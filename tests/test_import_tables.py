@@ -1,4 +1,4 @@
-"""Every kind of log comes in: the same numbers, with their names and units."""
+"""All file formats: equal numbers with equal names and units."""
 
 from __future__ import annotations
 

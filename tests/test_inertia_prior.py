@@ -1,4 +1,4 @@
-"""Inertias and torque scales with a prior, and effects: known robots are found from wrong inertias."""
+"""Priors on inertias and torque scales, and effects: known robots, from wrong given inertias."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""K and D from records of any motion, on robots that share nothing with the package."""
+"""K and D from records of any motion, on robots simulated independently of the package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an identification is worth on the path: known answers, scaling laws, and which arm it is."""
+"""Path error before and after an identification: known answers, scaling laws, choice of the arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Equations (2)-(4), the timing of the torque, the noise, and what a record says about its quality."""
+"""Equations (2)-(4), timing of the torque, noise covariance, and quality figures of a record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A record is checked where it enters: shapes, times, timing, and at least one period below Nyquist."""
+"""Checks of a record: shapes, times, timing, and at least one period below Nyquist."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report: it holds the fit's digits, needs nothing from outside, and is the same every time."""
+"""The report: all digits of the fit, no external resources, reproducible bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The servo: feedforward against calculus and closed forms, and each option with its counterpart."""
+"""The servo: feedforward against closed forms, and each option against its counterpart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The fast fit against least squares row by row, its stated noise against the scatter of many fits."""
+"""The fast sine fit against least squares, and its stated noise against the scatter of many fits."""
 
 from __future__ import annotations
 

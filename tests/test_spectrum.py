@@ -1,4 +1,4 @@
-"""A sine is found where it is, with its amplitude."""
+"""Frequency and amplitude of a sine from its spectrum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A study survives the disk bit for bit; a broken one gives one clear error; nothing else escapes."""
+"""Studies on disk: exact round trips, and one clear error for an invalid study."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tool path: smooth in every derivative, within its limits, and the rectangle that was asked for."""
+"""The tool path: smooth derivatives, limits, and dimensions of the rectangle."""
 
 from __future__ import annotations
 

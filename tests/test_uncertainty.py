@@ -1,4 +1,4 @@
-"""Error bars: what the inertias add, and whether independent checks agree with the stated ones."""
+"""Error bars: the share of the inertias, and agreement with independent checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The answer can be believed: short versions of ``benchmarks/whole_error.py``, on its independent robot.
+"""Answers and error bars: short versions of ``benchmarks/whole_error.py``, on its independent robot.
 
 The benchmark itself makes fifty of each.
 """

@@ -1,4 +1,4 @@
-"""As many digits as the uncertainty supports, and no more."""
+"""Numbers with as many digits as their standard error supports."""
 
 from __future__ import annotations
 

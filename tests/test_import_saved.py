@@ -1,4 +1,4 @@
-"""The import in progress outlives its session: another session at the address goes on with it."""
+"""The saved state of an unfinished import: another session at the address continues it."""
 
 from __future__ import annotations
 
