@@ -122,7 +122,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
     left = "" if outcome.depends_on_elasticity else remaining_error_text(outcome, friction=friction)
     yield Paragraph(
         "The same path, a rectangle of 28 × 45 mm at 300 mm/s, cut before and after. Before: a robot "
-        f"with the identified springs{' and friction' * (friction is not None)}, whose servo {servo}. "
+        f"with the identified K{' and D' if friction is None else ', D and friction'}, whose servo "
+        f"{servo}. "
         "After: the servo assumes the identified values, "
         + (
             "and those of the robot are drawn from their uncertainty: of "

@@ -115,8 +115,7 @@ def _joints_at_rest(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
             f"{some([f'Joint {k + 1}' for k in joints])} rest{'s' * (joints.size == 1)} for much of the "
             "motion",
             f"Motor {j + 1} hardly moves for {percent(shares[j])} of the time. While friction holds "
-            "it, its torque carries no information on the spring. The other joints and the short moves "
-            + result,
+            "it, its torque carries no information on K. The other joints and the short moves " + result,
             f"Move joint {j + 1} faster or farther, with torques well above its friction, so that it "
             "reverses without a rest.",
             float(min(known[j], 1.0)),

@@ -283,7 +283,7 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
             element = f"J_m{i + 1} + J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}"
             yield problem(
                 f"The inertias look wrong{where}",
-                "At low frequency, where the springs have no effect, torque over acceleration gives "
+                "At low frequency, where the elasticity has no effect, torque over acceleration gives "
                 f"about {element} = {number((measured[i, j] + measured[j, i]) / 2, 2)} kg·m² (entered: "
                 f"{number(given[i, j])}). The residual is {times_noise(fit.misfit)}.",
                 "Check M and M2 for another pose or drive, a missing payload or wrong gear ratios.",

@@ -90,16 +90,16 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
 
 
 def _robot(robot: CutRobot) -> str:
-    """Springs of the robot before the identification."""
-    springs = _springs(robot.elasticity)
+    """K and D of the robot before the identification."""
+    values = _values(robot.elasticity)
     if robot.rule == "demonstration":
-        return f"the example arm with the paper's springs, {springs}."
+        return f"the example arm with the paper's {values}."
     if robot.rule != "relative":
-        return f"a robot with the identified springs, {springs}."
+        return f"a robot with the identified {values}."
     own, factor = robot.of_the_study(robot.elasticity), three_digits(robot.scale)
     return (
-        f"the example arm with the identified springs scaled by {factor}: {springs}, where this study's "
-        f"robot has {_springs(own)}."
+        f"the example arm with the identified values scaled by {factor}: {values}, where this study's "
+        f"robot has {_values(own)}."
     )
 
 
@@ -108,13 +108,13 @@ def _servo(outcome: Outcome) -> str:
     robot, assumed = outcome.robot, outcome.assumed
     if assumed is None:
         return "Its servo assumes rigid joints."
-    text = f"Its servo assumes {_springs(assumed)}"
+    text = f"Its servo assumes {_values(assumed)}"
     if robot.rule == "relative":
-        text += f", which corresponds to {_springs(robot.of_the_study(assumed))} on this study's robot"
+        text += f", which corresponds to {_values(robot.of_the_study(assumed))} on this study's robot"
     return text + "."
 
 
-def _springs(elasticity: Elasticity) -> str:
+def _values(elasticity: Elasticity) -> str:
     return f"K = {three_digits(elasticity.K)} N·m/rad, D = {three_digits(elasticity.D)} N·m·s/rad"
 
 
@@ -126,7 +126,7 @@ def accuracy_text(
 ) -> str:
     """Explain the path error after the identification; ``where`` an error of K is examined."""
     if outcome.distribution is None:
-        return "The robot has exactly the identified springs; their error is not known."
+        return "The robot has exactly the identified K and D; their error is not known."
     if not outcome.depends_on_elasticity:
         text = remaining_error_text(outcome, servo, friction)
         return f"{text} {where} shows the effect of an error of K."
@@ -155,7 +155,7 @@ def _conditions(settings: CutSettings) -> str:
 def show_assumptions() -> None:
     """Law of the servo, the paper's statements on its cuts, and the assumptions made here."""
     st.write(
-        "The springs deflect while the arm accelerates, and the tool leaves its path unless the servo "
+        "The gears deflect while the arm accelerates, and the tool leaves its path unless the servo "
         "pre-compensates the deflection x. It computes x from the K̂ and D̂ that it assumes; errors in "
         "these become path errors."
     )
@@ -173,11 +173,11 @@ def show_assumptions() -> None:
         "largest zone.\n\n"
         "**Our assumption**, not printed in the paper: link lengths, masses, gear ratios "
         "and inertias of the arm (two links of 0.705 and 0.755 m, tool at 1.15 m from the base); "
-        "the law by which the servo compensates the springs, its feedback (10 Hz), rate, delay and "
+        "the law by which the servo compensates the deflection, its feedback (10 Hz), rate, delay and "
         "encoders; the sizes of the zones (1, 5 and 10 mm) and how a corner is rounded; an "
         "acceleration of at most 15 m/s² and ramps of at least 50 ms; which parameters were "
         "non-optimal.\n\n"
-        "**Both robots are simulated.** Before identification, the robot has the identified springs, "
+        "**Both robots are simulated.** Before identification, the robot has the identified K and D, "
         "the best estimate of the real ones. The blue path is that of the robot at the 95th percentile "
         "of the path error. Errors of the inertias act through K and D; links are rigid."
     )
@@ -242,7 +242,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             included = " and ".join(name for name, part in parts.items() if part)
             if of.rule == "relative":
                 arm = (
-                    "the example arm, because this robot's geometry is not known. Its springs are "
+                    "the example arm, because this robot's geometry is not known. Its K and D are "
                     "scaled so that the ratios of nominal to identified values and the relative errors "
                     "equal those of this study"
                 )

@@ -50,8 +50,8 @@ The real part of b/a is K at every frequency, the imaginary part Ï‰D; bars are Â
 Deviations at only some frequencies indicate friction, a torque delay or wrong inertias.
 """
 _REMOVED = (
-    "The points are {removed}, as identified here: with a nonlinear gear they show its linear part, "
-    "where K over amplitude shows the whole gear."
+    "The points are {removed}, as identified. Of a nonlinear gear they show the linear part only; "
+    "K over amplitude shows the whole gear."
 )
 
 
