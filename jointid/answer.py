@@ -108,7 +108,7 @@ class GearScale(NamedTuple):
     angle: str
     """Unit of the deflection."""
     unit: str
-    """Of the stiffness."""
+    """Unit of the stiffness."""
     side: str
 
 

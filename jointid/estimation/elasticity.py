@@ -36,7 +36,7 @@ class Friction:
     viscous: Floats
     """Shape (n,), N·m·s/rad."""
     standard_error: Floats
-    """Of coulomb (n), then viscous (n), shape (2n,); 0 where the records contain no reversal."""
+    """Standard errors of coulomb (n), then viscous (n), shape (2n,); 0 without a reversal."""
     load: Floats | float = 0.0
     """Shape (n,); 0 where it was not fitted."""
 
@@ -224,7 +224,7 @@ def likelihood_fit(
 
 
 def _friction(estimate: LikelihoodEstimate) -> Friction:
-    """Friction after long moves, when that with presliding has its whole level."""
+    """Friction after long moves, at which presliding friction is fully developed."""
     p, C = estimate.named, estimate.covariance
     coulomb, variance = p["coulomb"], np.diag(C).copy()
     if "motor_presliding" in p.layout:

@@ -41,7 +41,7 @@ class KnownRobot:
     inertia_std: float | None = None
     """Relative standard deviation of the inertias, if given."""
     torque_std: float | None = None
-    """The same of the torque constants."""
+    """Relative standard deviation of the torque constants, if given."""
 
 
 def robot_from_toml(

@@ -192,9 +192,10 @@ def _refitted(
     misfit: float,
     probes: Sequence[Callable[[Phasors, InertiaPrior], _Probe | None]],
 ) -> ElasticityFit | None:
-    """Search for a fit with other inertias that explains the records; None in vain.
+    """Search for a fit with other inertias that explains the records; None without success.
 
-    It takes long: one fit, the first of ``probes`` that does, must explain far more than ``misfit``.
+    The search is slow. It requires that the first successful fit of ``probes`` explains far more than
+    ``misfit``.
     """
     phasors, found, near = evidence.phasors, None, None
     for probe in () if evidence.has_motions else probes:

@@ -46,7 +46,7 @@ _LOWEST = 0.1
 _GAP = 1.4
 """Factor within which a frequency covers a resonance."""
 _SEEN, _CERTAIN = 2.0, 4.0
-"""Standard errors below zero from which a damping is called negative, and from which no robot has it."""
+"""Standard errors below zero from which a damping is called negative, and certainly negative."""
 _FINE = 0.01
 """Relative standard error of K and D that needs no further frequency."""
 
