@@ -39,7 +39,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.start_values import other_laws, with_backlash
-from jointid.figures.springs import stiffness_over_amplitude, torsion_curve
+from jointid.figures.stiffness import stiffness_over_amplitude, torsion_curve
 from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffness
 from jointid.gears.laws import GearLaws

@@ -24,7 +24,7 @@ from jointid.figures.response_curves import (
     phases_deg,
     single_record_curves,
 )
-from jointid.figures.springs import drawn_records
+from jointid.figures.stiffness import drawn_records
 from jointid.figures.style import LIGHT
 from jointid.reporting.drawing import Drawing, Line, Marks, Symbol, Text
 from jointid.wording import minus

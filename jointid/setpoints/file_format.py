@@ -9,8 +9,8 @@ from jointid.arrays import Floats
 from jointid.files.application import __version__
 from jointid.setpoints.experiment import Motion
 from jointid.setpoints.limit_check import LimitRow, require_within_limits
-from jointid.setpoints.played import PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits
+from jointid.setpoints.simulated_experiment import SimulatedExperiment
 
 _ASCII = str.maketrans({"−": "-", "·": " ", "°": "deg", "²": "^2"})
 """Controllers may refuse other characters, in comments too."""
@@ -64,7 +64,7 @@ class SetPoints:
     motion: Motion
     """The motion of all axes from the start pose, rad and s, each (N, m)."""
     robot: RobotLimits
-    played: PlayedExperiment
+    simulated: SimulatedExperiment
     rows: tuple[LimitRow, ...]
     """Check against the limits."""
     study: str
@@ -73,7 +73,7 @@ class SetPoints:
     @property
     def scale(self) -> float:
         """Factor on all motion, as chosen by the user."""
-        return self.played.experiment.scale
+        return self.simulated.experiment.scale
 
     def text(self) -> str:
         """Return the file.
@@ -91,7 +91,7 @@ class SetPoints:
 
 
 def _head(points: SetPoints) -> Iterator[str]:
-    robot, played, experiment = points.robot, points.played, points.played.experiment
+    robot, simulated, experiment = points.robot, points.simulated, points.simulated.experiment
     axes, rate_hz = _list(robot.axes), max(1e3 / points.interval_ms, 8 * experiment.highest_hz)
     yield from (
         f"jointid {__version__}: set points of an experiment. NOT RUN ON HARDWARE.",
@@ -112,9 +112,10 @@ def _head(points: SetPoints) -> Iterator[str]:
             f"joint {row.joint} {row.quantity}: {row.peak:.4g}, limit {row.limit:.4g} "
             f"{row.unit}, margin {row.margin:.3g} ({row.where})"
         )
+    springs = simulated.elasticity
     yield from (
-        f"Simulated with K = {_list(played.elasticity.K)} N·m/rad, D = {_list(played.elasticity.D)} "
-        f"N·m·s/rad, Coulomb friction {_list(played.coulomb_Nm)} N·m,",
+        f"Simulated with K = {_list(springs.K)} N·m/rad, D = {_list(springs.D)} N·m·s/rad, "
+        f"Coulomb friction {_list(simulated.coulomb_Nm)} N·m,",
         f"load at rest {_list(robot.load_Nm)} N·m.",
         "",
         "LOG",

@@ -20,7 +20,7 @@ from jointid.figures import (
     torsion_curve,
 )
 from jointid.figures.response_curves import removed_effects
-from jointid.figures.springs import ColourBy
+from jointid.figures.stiffness import ColourBy
 from jointid.figures.uncertainty import left_out_prediction, normalised_residuals
 from jointid.ui.shared.charts import NO_POSE, choose_joint, choose_segment, download, plot, table
 from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
