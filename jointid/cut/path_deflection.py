@@ -19,7 +19,7 @@ from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
 from jointid.robot_models.model import RobotModel
 
-COLUMNS_MEANING = "Servo: the K that it assumes; rigid: no compensation."
+COLUMNS_MEANING = "Servo: K that it compensates; rigid: no compensation."
 _COLUMNS = {
     "assumed_m": "servo: nominal K",
     "identified_m": "servo: identified K (95th percentile)",
