@@ -211,7 +211,7 @@ class TestPage:
         """The study's own identified values leave as much as the identification does."""
         at = shown(app.switch_page(PAGE).run())
         assert at.header[0].value.startswith("Path error of the example arm: ")
-        assert "the example arm with the identified values scaled by" in words(at)
+        assert "the example arm with the identified springs scaled by" in words(at)
         assert "K = 60.0, 5.00 N·m/rad" in words(at)
         assert "robot has K = 43.0, 7.50 N·m/rad" in words(at)
         at = shown(control(at, "cut_nominal").set_value("custom").run())

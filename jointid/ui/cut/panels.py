@@ -90,16 +90,16 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
 
 
 def _robot(robot: CutRobot) -> str:
-    """K and D of the robot before the identification."""
-    values = _values(robot.elasticity)
+    """Springs of the robot before the identification."""
+    springs = _springs(robot.elasticity)
     if robot.rule == "demonstration":
-        return f"the example arm with the paper's {values}."
+        return f"the example arm with the paper's {springs}."
     if robot.rule != "relative":
-        return f"a robot with the identified {values}."
+        return f"a robot with the identified {springs}."
     own, factor = robot.of_the_study(robot.elasticity), three_digits(robot.scale)
     return (
-        f"the example arm with the identified values scaled by {factor}: {values}, where this study's "
-        f"robot has {_values(own)}."
+        f"the example arm with the identified springs scaled by {factor}: {springs}, where this study's "
+        f"robot has {_springs(own)}."
     )
 
 
@@ -108,13 +108,13 @@ def _servo(outcome: Outcome) -> str:
     robot, assumed = outcome.robot, outcome.assumed
     if assumed is None:
         return "Its servo assumes rigid joints."
-    text = f"Its servo assumes {_values(assumed)}"
+    text = f"Its servo assumes {_springs(assumed)}"
     if robot.rule == "relative":
-        text += f", which corresponds to {_values(robot.of_the_study(assumed))} on this study's robot"
+        text += f", which corresponds to {_springs(robot.of_the_study(assumed))} on this study's robot"
     return text + "."
 
 
-def _values(elasticity: Elasticity) -> str:
+def _springs(elasticity: Elasticity) -> str:
     return f"K = {three_digits(elasticity.K)} N·m/rad, D = {three_digits(elasticity.D)} N·m·s/rad"
 
 
