@@ -90,7 +90,7 @@ class ElasticityFit:
     choice_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from models that explain the data as well, (2n,)."""
     torque_scale: Floats | float = 1.0
-    """Torque over logged torque, shape (n,); 1 where it was exact."""
+    """True over logged torque, shape (n,); 1 where it was exact."""
     friction: Friction | None = None
     """Friction, if it was fitted."""
     delay: float | None = None

@@ -157,8 +157,8 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
             "another robot."
         )
     sure = change - relative(_SURE * own.standard_error, fit.estimate)
-    useless = absurd or (exact and contradicts(fit) and sure.max() > _FAR_OFF)
-    yield (problem if useless else warning)(
+    unusable = absurd or (exact and contradicts(fit) and sure.max() > _FAR_OFF)
+    yield (problem if unusable else warning)(
         "The inertias look wrong" if row.unit else "The torque scales or inertias look wrong",
         f"{capitalised(row.name)} was entered as {given}{unit}; the records indicate "
         f"{with_error(row.fitted, row.fitted_std)}{unit}.{others} {accounts}",

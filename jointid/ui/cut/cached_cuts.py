@@ -25,7 +25,7 @@ OFFSETS = (0.01, 0.03, 0.10, 0.30)
 
 
 def outcome(page: Page, settings: CutSettings, analysis: Analysis) -> Outcome:
-    """Cut before and after, with the path error that the identification promises.
+    """Cut before and after, with the predicted path error after the identification.
 
     A new nominal controller recomputes the cut before, a new zone both; the rest is kept.
     """
