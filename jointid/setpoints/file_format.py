@@ -20,10 +20,10 @@ _SAFETY = (
     "and limits. It is not a safety function and does not replace a risk assessment (ISO 10218).",
     "Release: by the person responsible for this cell. Safety-rated monitoring of speed, space and stop",
     "remains on; nobody is in the safeguarded space; an emergency stop is within reach.",
-    "First run: in the maker's simulator, then on the robot with a file of scale 0.1 at reduced speed,",
-    "then in steps. Keep the whole range of the joints below clear for arm, tool and workpiece.",
-    "The experiment excites resonances on purpose: secure tool, hoses and workpiece. Stop at growing",
-    "vibration, following errors or hot drives. It starts and ends at the start pose, at rest.",
+    "First run: in the manufacturer's simulator, then on the robot with a file of scale 0.1, at reduced",
+    "speed; then in steps. Keep the whole range of the joints below clear for arm, tool and workpiece.",
+    "The experiment excites resonances on purpose: secure tool, hoses and workpiece. Stop if vibration",
+    "or following errors grow, or drives overheat. It starts and ends at the start pose, at rest.",
 )
 
 
@@ -96,7 +96,7 @@ def _head(points: SetPoints) -> Iterator[str]:
     yield from (
         f"jointid {__version__}: set points of an experiment. NOT RUN ON HARDWARE.",
         f"Study: {_one_line(points.study)}. Robot: {_one_line(robot.robot)}.",
-        f"Joints of the study: axes {axes}, gear ratios {_list(robot.gear_ratio)}; others stay still.",
+        f"Joints of the study: axes {axes}, gear ratios {_list(robot.gear_ratio)}; others stand still.",
         f"Start and end pose (deg): {_list(robot.start_deg)}.",
         f"Duration: {experiment.duration_s:.3f} s, {len(points.values)} set points every "
         f"{points.interval_ms:g} ms. Scale: {experiment.scale:g}.",
