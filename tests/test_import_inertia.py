@@ -92,6 +92,7 @@ class TestToml:
         ("text", "said"),
         [
             ("", "[inertia] is missing"),
+            pytest.param(SIX_AXES, "describes a robot model, not inertias", id="robot file"),
             ("M = [1]", "M2 is missing"),
             ("[inertia]\nM = [0.1]\nM2 = [[0.1, 0.2]]", "M2 has shape"),
             ("[inertia]\nM = [0.1]\nM2 = 'x'", "M2 must be"),
