@@ -204,7 +204,7 @@ def test_a_gear_without_a_curve_is_valid_up_to_the_torque_of_the_motion(
     assert gears[0].torque(gears[0].tried_rad) == pytest.approx(gears[0].tried_Nm)
     fit = replace(stiffening, torsion_curves=(curve, stiffening.torsion_curves[1]), gears=gears * 2)
     assert gear_terms(fit, 0)["Lost motion"] == "not measured"
-    assert "no torsion curve of joint 1:" in without_curve(fit)
+    assert "No measured torsion curve of joint 1:" in without_curve(fit)
     assert without_curve(stiffening) == ""
 
 
