@@ -184,7 +184,7 @@ def _local(
 def _polynomial(
     spectra: Sequence[tuple[Floats, Complexes, Complexes]], centre: float, half: float, order: int
 ) -> tuple[Complexes, Complexes, float]:
-    """The same by polynomials of one order."""
+    """H, its covariance and the condition by polynomials of one order."""
     lines = []
     for f, acceleration, torque in spectra:
         near = np.abs(f - centre) <= half

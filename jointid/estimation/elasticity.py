@@ -22,9 +22,9 @@ _UNSEEN_K, _UNSEEN_D = 5e-4, 1.5e-3
 """Relative error of K and D, per unit of Coulomb friction over torque, that is not in the noise:
 truncated harmonics, motion between samples. Measured on simulated robots."""
 _TURNING_K, _TURNING_D = 3e-3, 6e-3
-"""The same for motions, per square of that ratio: rests are alike at all reversals, so that the error of
-their friction does not average. Measured likewise. Not added where the covariance already contains the
-friction of each rest as noise: the rms error on six axes is then one standard error."""
+"""Relative error of K and D from motions, per square of that ratio: rests are alike at all reversals, so
+that the error of their friction does not average. Measured likewise. Not added where the covariance
+contains the friction of each rest as noise: the rms error on six axes is then one standard error."""
 
 
 @dataclass(frozen=True, eq=False)
