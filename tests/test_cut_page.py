@@ -90,7 +90,7 @@ class TestPage:
         assert before > 1.5
         assert after < 0.1
         assert "with a parallelogram drive: its K and D apply unchanged" in words(at)
-        assert "a robot with the identified K = 43" in words(at)
+        assert "a robot with the identified springs, K = 43" in words(at)
         assert "assumes K = 21.5, 3.75 N·m/rad" in words(at)  # what the study calls nominal
         assert not at.get("plotly_chart")  # the tabs are computed when opened
         assert [c.key for c in at.get("bidi_component")].count("cut_animation") == 1
@@ -122,7 +122,7 @@ class TestPage:
         assert "not this study" in at.info[0].value
         assert "Nominal" not in control(at, "cut_servo").options
         assert "mm" not in at.header[0].value
-        assert "the example arm with the paper's K = 43" in words(at)
+        assert "the example arm with the paper's springs" in words(at)
         before, after = meant(at)
         assert before > 2 > 0.1 > after
 

@@ -1,4 +1,4 @@
-"""First fits of a model search, and stepwise additions where no simple model explains the data."""
+"""First fits of a model search, and its way to the data where no simple model comes near them."""
 
 from dataclasses import replace
 from functools import partial
@@ -13,12 +13,12 @@ from jointid.estimation.motion_start import motion_start
 from jointid.estimation.start_values import by_motion, with_backlash
 
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
-"""Gear laws to try first if the linear fit does not explain the data at all."""
+"""Laws that are fitted where the linear fit does not explain the data at all."""
 _NEAR = 0.5
 """Ratio of the misfits of a cubic law and of linear gears below which slopes are tried: 0.01 to 0.4 with
 three slopes, mostly more with wrong data."""
 _CLIMB = 0.7
-"""Largest ratio of the misfits with and without a part that is kept in a model far from the data."""
+"""Ratio of misfits by which a part must lower that of a model far from the data."""
 
 
 def fit_first(search: Search) -> None:

@@ -93,9 +93,9 @@ def _robot(robot: CutRobot) -> str:
     """Springs of the robot before the identification."""
     springs = _springs(robot.elasticity)
     if robot.rule == "demonstration":
-        return f"the example arm with the paper's {springs}."
+        return f"the example arm with the paper's springs, {springs}."
     if robot.rule != "relative":
-        return f"a robot with the identified {springs}."
+        return f"a robot with the identified springs, {springs}."
     own, factor = robot.of_the_study(robot.elasticity), three_digits(robot.scale)
     return (
         f"the example arm with the identified springs scaled by {factor}: {springs}, where this study's "
