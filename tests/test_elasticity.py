@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from examples import examples, tries
 from hypothesis import given
 from hypothesis import strategies as st
 from plants import (
@@ -24,6 +23,7 @@ from plants import (
     random_covariance,
     steady_records,
 )
+from random_cases import examples, tries
 
 from jointid import (
     Elasticity,

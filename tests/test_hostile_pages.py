@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from examples import tries
 from hostile import (
     JOINER,
     PIECES,
@@ -18,6 +17,7 @@ from hostile import (
     markup,
     refused_study,
 )
+from random_cases import tries
 from streamlit.testing.v1 import AppTest
 
 from jointid import Study

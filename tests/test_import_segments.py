@@ -7,10 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from examples import examples, tries
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from plants import PAPER, PARALLELOGRAM
+from random_cases import examples, tries
 
 from jointid import Inertia, JointIdError, analyse, extract_phasors, motor_response
 from jointid.arrays import Complexes

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from log_makers import (
@@ -29,6 +28,7 @@ from log_makers import (
     parquet,
     ros_bag,
 )
+from random_cases import examples
 
 from jointid import JointIdError
 from jointid.arrays import Floats

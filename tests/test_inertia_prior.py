@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from examples import tries
 from plants import BAND_HZ, PAPER, PARALLELOGRAM, SERIAL, campaign, circular, exact_phasors, motion
+from random_cases import tries
 
 from jointid import Elasticity, Inertia, JointIdError, Phasors, identify_elasticity
 from jointid.estimation.estimators.inertia_prior import InertiaPrior, checked_std

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from examples import tries
+from random_cases import tries
 from scipy.integrate import solve_ivp
 
 from benchmarks.motion import CELL, MANUTEC, SINGLE, Motion, simulate

@@ -15,7 +15,7 @@ import traceback
 
 import numpy as np
 import pytest
-from examples import tries
+from random_cases import tries
 from study_generator import faults, random_study
 
 from benchmarks import random_studies

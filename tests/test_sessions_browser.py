@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from browsing import Server
-from examples import tries
+from random_cases import tries
 from sessions import Session
 
 from jointid import Elasticity, Inertia, SineRecord, Study, motor_response

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examples import share
 from plants import PAPER, PARALLELOGRAM, ROBOTS
+from random_cases import share
 from setpoint_readers import limit_shares, outcome, random_trial, read
 from typer.testing import CliRunner
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import example, given
 from hypothesis import strategies as st
+from random_cases import examples
 
 from jointid import SineRecord
 from jointid.phasors.sine_fit import fit_sines, is_uniform

@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from examples import tries
 from plants import (
     BAND_HZ,
     PAPER,
@@ -21,6 +20,7 @@ from plants import (
     rubbing,
     steady_records,
 )
+from random_cases import tries
 
 from jointid import (
     ElasticityFit,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from examples import tries
+from random_cases import tries
 
 from benchmarks.independent_robot import MAX_STEP_S, Robot, paper_motions, simulate
 from benchmarks.real_robots import (

@@ -6,9 +6,9 @@ import math
 import re
 
 import pytest
-from examples import examples
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from random_cases import examples
 
 from jointid.wording import length_with_error, plain, significant, unbroken, with_error
 
