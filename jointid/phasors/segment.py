@@ -96,8 +96,8 @@ class Segment:
     def gear_torque(self, motors: Motors, direction: Floats) -> Floats:
         """Torque through the gears, shape (n, N), N·m, by the balance at motors moving in a direction.
 
-        It is limited to twice the highest frequency of the band. Above, the smoothed velocity lacks the
-        jumps of friction; between, the load at the end of a sweep has a part.
+        It is limited to twice the highest frequency of the band: the load at the end of a sweep reaches
+        beyond the band, but farther on the smoothed velocity lacks the jumps of friction.
         """
         places = np.arange(self.begin, self.end) - 0.5 * self.held  # the mean of two held torques
         count, late = np.arange(self.torque.shape[1]), motors.lag_s / self.interval_s
