@@ -14,15 +14,15 @@ from benchmarks.harness import Table
 from jointid import identify_arm_side
 from tests.arm_side_robot import ARC_SECOND, ROBOT, SENSORS, motion_record, random_truth
 
-COLUMNS = {"robots": "", "K found": ".0f", "refused": ".0f", "K off %, median": ".2f", "largest": ".2f",
-           "pull, rms": ".2f", "beyond 3 σ": ".0f", "skew off, largest, ms": ".4f",
-           "prediction off, median, arc s": ".1f", "largest, arc s": ".1f"}  # fmt: skip
+COLUMNS = {"robots": "", "identified": ".0f", "refused": ".0f", "error of K, median, %": ".2f",
+           "largest": ".2f", "rms, σ": ".2f", "beyond 3 σ": ".0f", "error of skew, largest, ms": ".4f",
+           "error of prediction, median, ″": ".1f", "largest, ″": ".1f"}  # fmt: skip
 QUIET = {"eccentricity": 2.0, "ripple": 1.0, "teeth": 2.0, "vibration": 0.3, "hysteresis": 2.0}
 
 
 def row(title: str, payload_known: bool, cases: int, **changes: float) -> dict[str, str | float]:
     """Errors over random robots; each fit predicts another record of its robot."""
-    pulls, errors, skews, left, refused = [], [], [], [], 0
+    ratios, errors, skews, left, refused = [], [], [], [], 0
     for seed in range(cases):
         truth = random_truth(np.random.default_rng(seed), **changes)
         robot = ROBOT.with_payload(mass=truth.payload_kg, mass_std=0.0) if payload_known else ROBOT
@@ -30,16 +30,16 @@ def row(title: str, payload_known: bool, cases: int, **changes: float) -> dict[s
         K, sigma = fit.K[:SENSORS], fit.standard_error[:SENSORS]
         kept = np.isfinite(K)
         refused += int((~kept).sum())
-        pulls += list(((K - truth.K) / sigma)[kept])
+        ratios += list(((K - truth.K) / sigma)[kept])
         errors += list(100 * np.abs(K / truth.K - 1)[kept])
         skews += list(1e3 * np.abs(fit.skew_s[:SENSORS] - truth.skew_s))
         other = motion_record(truth, seed + 5000)
         assert other.arm_rad is not None
         rest = other.theta_rad / ROBOT.gear_ratio - other.arm_rad - fit.predict(other)
         left += list(rest[:, :SENSORS].std(axis=0) / ARC_SECOND)
-    pull = np.array(pulls)
-    figures = [title, pull.size, refused, np.median(errors), max(errors), np.sqrt(np.mean(pull**2))]
-    figures += [np.sum(np.abs(pull) > 3), max(skews), np.median(left), max(left)]
+    z = np.array(ratios)
+    figures = [title, z.size, refused, np.median(errors), max(errors), np.sqrt(np.mean(z**2))]
+    figures += [np.sum(np.abs(z) > 3), max(skews), np.median(left), max(left)]
     return dict(zip(COLUMNS, figures, strict=True))
 
 
@@ -47,8 +47,8 @@ def measure(quick: bool, cases: int = 50) -> Iterator[Table]:
     """Return the table for ``python -m benchmarks arm_side``."""
     cases = 1 if quick else cases
     rows = (
-        row("payload unknown by 40 kg", False, cases),
-        row("payload known, quiet gear", True, cases, **QUIET),
+        row("payload uncertain by 40 kg", False, cases),
+        row("payload known, small transmission error", True, cases, **QUIET),
     )
     title = f"Second encoders, {cases} robots, 20 s each, skew of 0 to 5 ms"
     yield Table("arm_side", title, COLUMNS, rows)

@@ -156,12 +156,13 @@ def found(made: GearCase, runs: int) -> list[Found]:
 
 
 COLUMNS = {
-    "gears": "", "runs": ".0f", "laws right": ".0f", "play off, most %": ".1f",
-    "Dahl off, most %": ".1f", "torque off, most %": ".2f", "K off, most %": ".2f",
-    "D off, most %": ".2f", "most |z| K": ".1f", "most |z| D": ".1f",
-    "95 % holds": ".1f", "p of 95 %": ".3f",
-    "silent wrong": ".0f", "with alarm": ".0f", "in aim": ".0f",
-    "CPU s, median": ".2f", "CPU s, most": ".2f", "models": "", "alarms": "",
+    "gears": "", "runs": ".0f", "laws right": ".0f", "error of backlash, largest, %": ".1f",
+    "error of hysteresis, largest, %": ".1f", "error of torque, largest, %": ".2f",
+    "error of K, largest, %": ".2f", "error of D, largest, %": ".2f",
+    "error of K, largest, σ": ".1f", "error of D, largest, σ": ".1f",
+    "truth within 95 %, %": ".1f", "p": ".3f",
+    "silently wrong": ".0f", "with a warning": ".0f", "within the target": ".0f",
+    "CPU, median, s": ".2f", "CPU, largest, s": ".2f", "models": "", "warnings": "",
 }  # fmt: skip
 AIMS = {"backlash_rad": 0.10, "hysteresis_Nm": 0.15}
 """Largest relative error of a law's value; the torque has 1 % of its peak, K and D 3 stated errors."""
@@ -177,7 +178,10 @@ def in_aim(each: Found, laws: Mapping[str, Any]) -> bool:
 def intervals(z: Array) -> Row:
     """Coverage of the 95 % intervals, and the probability of a share so far from 95 % by chance."""
     held = int((z <= NORMAL_95).sum())
-    return {"95 % holds": 100 * held / z.size, "p of 95 %": float(binomtest(held, z.size, 0.95).pvalue)}
+    return {
+        "truth within 95 %, %": 100 * held / z.size,
+        "p": float(binomtest(held, z.size, 0.95).pvalue),
+    }
 
 
 def row(name: str, made: GearCase, runs: int) -> tuple[Row, Array]:
@@ -196,21 +200,21 @@ def row(name: str, made: GearCase, runs: int) -> tuple[Row, Array]:
         "gears": name,
         "runs": runs,
         "laws right": sum(each.kinds_right() for each in good),
-        "play off, most %": most("backlash_rad"),
-        "Dahl off, most %": most("hysteresis_Nm"),
-        "torque off, most %": 100 * max((each.torque_error() for each in good), default=np.nan),
-        "K off, most %": float(error[:, :n].max()),
-        "D off, most %": float(error[:, n:].max()),
-        "most |z| K": float(z[:, :n].max()),
-        "most |z| D": float(z[:, n:].max()),
+        "error of backlash, largest, %": most("backlash_rad"),
+        "error of hysteresis, largest, %": most("hysteresis_Nm"),
+        "error of torque, largest, %": 100 * max((each.torque_error() for each in good), default=np.nan),
+        "error of K, largest, %": float(error[:, :n].max()),
+        "error of D, largest, %": float(error[:, n:].max()),
+        "error of K, largest, σ": float(z[:, :n].max()),
+        "error of D, largest, σ": float(z[:, n:].max()),
         **intervals(z),
-        "silent wrong": sum(each.outcome.silent_wrong for each in every),
-        "with alarm": sum(bool(each.outcome.alarms) for each in every),
-        "in aim": sum(in_aim(each, made.laws) for each in good),
-        "CPU s, median": float(np.median(cpu)),
-        "CPU s, most": max(cpu),
+        "silently wrong": sum(each.outcome.silent_wrong for each in every),
+        "with a warning": sum(bool(each.outcome.alarms) for each in every),
+        "within the target": sum(in_aim(each, made.laws) for each in good),
+        "CPU, median, s": float(np.median(cpu)),
+        "CPU, largest, s": max(cpu),
         "models": frequent((each.outcome.model for each in every), 3),
-        "alarms": alarms([each.outcome for each in every]),
+        "warnings": alarms([each.outcome for each in every]),
     }
     return cells, z
 
@@ -258,7 +262,7 @@ COMBINED = {
 }
 
 
-POOLED = "runs", "laws right", "silent wrong", "with alarm", "in aim"
+POOLED = "runs", "laws right", "silently wrong", "with a warning", "within the target"
 
 
 Made = Callable[[int, Sequence[str]], Iterator[Row]]
@@ -290,8 +294,8 @@ DESIGNED = 0.005
 """Rate at which linear robots may be called nonlinear."""
 LINEAR_COLUMNS = {
     "linear robots": "", "runs": ".0f", "called nonlinear": ".0f", "p of 0.5 %": ".3f",
-    "95 % holds": ".1f", "p of 95 %": ".3f",
-    "CPU s, auto": ".2f", "CPU s, linear": ".2f", "times, median": ".2f", "times, most": ".2f",
+    "truth within 95 %, %": ".1f", "p": ".3f",
+    "CPU, auto, s": ".2f", "CPU, linear, s": ".2f", "ratio, median": ".2f", "ratio, largest": ".2f",
 }  # fmt: skip
 
 
@@ -314,10 +318,10 @@ def linear_row(name: str, case: Case, runs: int) -> Row:
         "called nonlinear": called,
         "p of 0.5 %": float(binomtest(called, runs, DESIGNED, alternative="greater").pvalue),
         **intervals(np.array(sizes)),
-        "CPU s, auto": float(auto),
-        "CPU s, linear": float(linear),
-        "times, median": float(np.median(times)),
-        "times, most": max(times),
+        "CPU, auto, s": float(auto),
+        "CPU, linear, s": float(linear),
+        "ratio, median": float(np.median(times)),
+        "ratio, largest": max(times),
     }
 
 

@@ -186,9 +186,9 @@ def given(robot: Robot, std: float, rng: np.random.Generator) -> Inertia:
 
 
 FIGURES = {
-    "K off, %": ".2g", "D off, %": ".2g", "K stated, %": ".2g", "D stated, %": ".2g",
-    "within 95 %": "", "p": ".2g", "worst z": ".2g", "misfit": ".2g", "CPU, s": ".2g",
-    "warned": ".0f", "silent": ".0f", "refused": ".0f",
+    "error of K, %": ".2g", "error of D, %": ".2g", "σ of K, %": ".2g", "σ of D, %": ".2g",
+    "truth within 95 %": "", "p": ".2g", "largest error, σ": ".2g", "misfit": ".2g", "CPU, s": ".2g",
+    "with a warning": ".0f", "silent": ".0f", "refused": ".0f",
 }  # fmt: skip
 """Largest errors, medians of the stated ones, and counts of the realisations: first those with the truth
 within the 95 % interval, of K1 ... Kn, D1 ... Dn, with the probability p of so unlikely a count."""

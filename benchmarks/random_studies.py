@@ -2,9 +2,9 @@
 
     python -m benchmarks.random_studies [count] [first seed]    or  python -m benchmarks random_studies
 
-The studies are those of ``tests/any_study.py``: 1 to 6 joints at any scale, single records, collinear,
-constant, clipped, tiny and huge signals. The inertias are exact, known to 5 or 30 %, or unknown. A seed
-with a fault is printed with its exception.
+The studies are those of ``tests/study_generator.py``: 1 to 6 joints at any scale, single records,
+collinear, constant, clipped, tiny and huge signals. The inertias are exact, known to 5 or 30 %, or
+unknown. A seed with a fault is printed with its exception.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from jointid import Analysis, JointIdError, Study, analyse
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from any_study import random_study
+from study_generator import random_study
 
 LARGE = 4
 """One in this many studies is large; the others have at most 3 joints and 4 records."""

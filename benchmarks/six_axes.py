@@ -43,9 +43,10 @@ FRICTION = MotorFriction(
 
 
 NOISE = Measurement(position_noise_rad=1e-5, torque_noise_Nm=0.01)
-COLUMNS = {"records": "", "prior": ".2f", "payload σ, kg": ".0f", "payload off, kg": ".0f",
-           "K off %": ".3f", "D off %": ".3f", "K σ %": ".3f", "D σ %": ".3f",
-           "noise alone: K %": ".3f", "D %": ".3f", "CPU s": ".1f", "findings": ""}  # fmt: skip
+COLUMNS = {"records": "", "prior": ".2f", "payload σ, kg": ".0f", "error of payload, kg": ".0f",
+           "error of K, %": ".3f", "error of D, %": ".3f", "σ of K, %": ".3f", "σ of D, %": ".3f",
+           "noise part of σ of K, %": ".3f", "noise part of σ of D, %": ".3f",
+           "CPU, s": ".1f", "findings": ""}  # fmt: skip
 CASES = ((0.0, 0.0, 0.0), (0.05, 0.0, 0.0), (0.0, 40.0, 35.0), (0.05, 40.0, 35.0))
 """Prior of the inertias, standard deviation and error of the payload, kg."""
 KINDS = {

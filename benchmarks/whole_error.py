@@ -141,9 +141,10 @@ def alarms(found: Sequence[Outcome]) -> str:
 
 
 CASES = {
-    "study": "", "runs": ".0f", "silent wrong": ".0f", "with alarm": ".0f", "false alarm": ".0f",
-    "95 % holds": ".0f", "median max |z|": ".1f", "largest silent |z|": ".1f", "K off, median %": ".3f",
-    "D off, median %": ".3f", "CPU s, median": ".2f", "CPU s, most": ".2f", "models": "", "alarms": "",
+    "study": "", "runs": ".0f", "silently wrong": ".0f", "with a warning": ".0f", "false warning": ".0f",
+    "truth within 95 %, %": ".0f", "largest error of a run, median, σ": ".1f",
+    "largest silent error, σ": ".1f", "error of K, median, %": ".3f", "error of D, median, %": ".3f",
+    "CPU, median, s": ".2f", "CPU, largest, s": ".2f", "models": "", "warnings": "",
 }  # fmt: skip
 
 
@@ -158,18 +159,18 @@ def case_row(name: str, case: Case, runs: int, *, perfect: bool = False) -> Row:
     return {
         "study": f"{name}. {case.title}" if case.title else name,
         "runs": runs,
-        "silent wrong": sum(each.silent_wrong for each in found),
-        "with alarm": runs - len(calm),
-        "false alarm": sum(false) if perfect else None,
-        "95 % holds": 100 * float(held(found).mean()),
-        "median max |z|": float(np.median([np.abs(each.z).max() for each in found])),
-        "largest silent |z|": max(calm, default=None),
-        "K off, median %": 100 * float(np.nanmedian(error[:, 0])),
-        "D off, median %": 100 * float(np.nanmedian(error[:, 1])),
-        "CPU s, median": float(np.median(cpu)),
-        "CPU s, most": max(cpu),
+        "silently wrong": sum(each.silent_wrong for each in found),
+        "with a warning": runs - len(calm),
+        "false warning": sum(false) if perfect else None,
+        "truth within 95 %, %": 100 * float(held(found).mean()),
+        "largest error of a run, median, σ": float(np.median([np.abs(each.z).max() for each in found])),
+        "largest silent error, σ": max(calm, default=None),
+        "error of K, median, %": 100 * float(np.nanmedian(error[:, 0])),
+        "error of D, median, %": 100 * float(np.nanmedian(error[:, 1])),
+        "CPU, median, s": float(np.median(cpu)),
+        "CPU, largest, s": max(cpu),
         "models": frequent((each.model for each in found), 2),
-        "alarms": alarms(found),
+        "warnings": alarms(found),
     }
 
 
@@ -198,10 +199,10 @@ INERTIAS = {
 """Errors of the given inertias, ``inertia_std`` of the study, and whether the errors are uniform."""
 ROBOTS = {"paper": PAPER, "Manutec": MANUTEC, "random": None}
 INERTIA_COLUMNS = {
-    "robot": "", "inertias": "", "runs": ".0f", "K rms %": ".3f", "D rms %": ".3f",
+    "robot": "", "inertias": "", "runs": ".0f", "error of K, rms, %": ".3f", "error of D, rms, %": ".3f",
     "σ / bound, median": ".2f", "worst parameter": ".2f", "rms error / bound": ".2f",
-    "95 % holds": ".1f", "least p × cells": ".3f", "with alarm": ".0f", "CPU s, median": ".2f",
-    "CPU s, most": ".2f", "alarms": "",
+    "truth within 95 %, %": ".1f", "least p × cells": ".3f", "with a warning": ".0f",
+    "CPU, median, s": ".2f", "CPU, largest, s": ".2f", "warnings": "",
 }  # fmt: skip
 
 
@@ -234,17 +235,17 @@ def inertia_row(robot: str, inertias: str, runs: int) -> tuple[Row, Array]:
         "robot": robot,
         "inertias": inertias,
         "runs": runs,
-        "K rms %": 100 * rms(off[:, :n]),
-        "D rms %": 100 * rms(off[:, n:]),
+        "error of K, rms, %": 100 * rms(off[:, :n]),
+        "error of D, rms, %": 100 * rms(off[:, n:]),
         "σ / bound, median": float(np.median(stated)),
         "worst parameter": float(stated.max()),
         "rms error / bound": rms(off / bounds),
-        "95 % holds": 100 * float(holds.mean()),
+        "truth within 95 %, %": 100 * float(holds.mean()),
         "least p × cells": min(1.0, p * cells),
-        "with alarm": sum(bool(each.alarms) for each in found),
-        "CPU s, median": float(np.median(cpu)),
-        "CPU s, most": max(cpu),
-        "alarms": alarms(found),
+        "with a warning": sum(bool(each.alarms) for each in found),
+        "CPU, median, s": float(np.median(cpu)),
+        "CPU, largest, s": max(cpu),
+        "warnings": alarms(found),
     }
     return row, holds
 
@@ -256,12 +257,16 @@ def inertia_rows(runs: int) -> Iterator[Row]:
             row, holds = inertia_row(robot, inertias, runs)
             pooled.append(holds)
             yield row
-    yield {"robot": "all", "runs": runs, "95 % holds": 100 * float(np.concatenate(pooled).mean())}
+    yield {
+        "robot": "all",
+        "runs": runs,
+        "truth within 95 %, %": 100 * float(np.concatenate(pooled).mean()),
+    }
 
 
 SPEED_COLUMNS = {
     "study": "", "records": ".0f", "samples": ",.0f", "paper's least squares, ms": ".1f",
-    "analyse, ms": ".0f", "times": ".1f", "aim": "", "alarms": "",
+    "analyse, ms": ".0f", "ratio": ".1f", "target": "", "warnings": "",
 }  # fmt: skip
 
 
@@ -307,9 +312,9 @@ def speed_rows(rounds: int) -> Iterator[Row]:
             "samples": sum(record.time_s.size for record in study.records),
             "paper's least squares, ms": 1e3 * paper_s,
             "analyse, ms": 1e3 * whole_s,
-            "times": ratio,
-            "aim": aim,
-            "alarms": said,
+            "ratio": ratio,
+            "target": aim,
+            "warnings": said,
         }
 
 

@@ -108,7 +108,7 @@ class GearScale(NamedTuple):
     angle: str
     """Unit of the deflection."""
     unit: str
-    """Of the stiffness."""
+    """Unit of the stiffness."""
     side: str
 
 
@@ -194,8 +194,8 @@ def without_curve(fit: ElasticityFit) -> str:
     if not names:
         return ""
     return (
-        f"The motion measures no torsion curve of {enumerated(names)}: a curve needs motion above the "
-        "resonance with locked motors. The line is the fitted law up to the largest torque."
+        f"No measured torsion curve of {enumerated(names)}: it needs motion above the resonance with "
+        "locked motors. The line is the fitted law up to the largest torque."
     )
 
 

@@ -12,7 +12,7 @@ _MOST = 3000
 class JointIdError(ValueError):
     """Input that cannot be used.
 
-    ``str(error)`` is the whole message for a person: the fault, its place (file, row, column, value,
+    ``str(error)`` is the whole message for the user: the fault, its place (file, row, column, value,
     unit) and what to do. A program reads the place from the attributes, never from the message.
 
     Parameters

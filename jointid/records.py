@@ -14,7 +14,7 @@ _GLANCE = 64
 _LAG = 64
 """Samples between two times whose difference shows the usual sample interval."""
 _FEWEST = 16
-"""Samples of the shortest motion record: fewer leave no equation beside the terms of its ends."""
+"""Fewest samples of a motion record: fewer leave no equation beyond the end terms."""
 
 
 @dataclass(frozen=True, eq=False)

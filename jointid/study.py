@@ -50,7 +50,7 @@ class Study:
     """Relative standard deviation of the given inertias: 0.05 for 5 %, 0 for exact ones, ``math.inf``
     for unknown ones."""
     torque_std: float | None = None
-    """The same for the torque constant of each joint. None: not stated and assumed exact."""
+    """Relative standard deviation of each joint's torque constant. None: not stated; assumed exact."""
     robot_model: RobotModel | None = None
     """Rigid model of the robot."""
     pose_angles_rad: Mapping[str, Floats] = field(default_factory=dict)

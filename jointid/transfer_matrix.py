@@ -22,8 +22,8 @@ from jointid.wording import counted, percent
 _SINGULAR = 1e-8
 """Smallest singular value of the torques over the largest; below it, records are the same experiment."""
 _ORDERS = (7, 5, 3)
-"""Of the local polynomials of H and of the ends, the highest that the lines allow: of order 3, a sharp
-resonance is several standard errors off."""
+"""Orders of the local polynomials of H and of the end terms; the highest that the lines allow is used.
+At a sharp resonance, order 3 is several standard errors off."""
 _LINES, _NARROW = 8, 0.6
 """Half width of a local band: spectral lines of the longest record, and at least Hz."""
 _BIASED = 0.2
@@ -142,7 +142,7 @@ class _Lines(NamedTuple):
     """Spectral lines of a record around a frequency."""
 
     powers: Floats
-    """Of the frequency, shape (k, order + 1); they are the terms of the record's ends as well."""
+    """Powers of the frequency, shape (k, order + 1); also the end terms of the record."""
     left: Floats
     """Rows orthogonal to them, shape (k − order − 1, k)."""
     acceleration: Complexes
@@ -184,7 +184,7 @@ def _local(
 def _polynomial(
     spectra: Sequence[tuple[Floats, Complexes, Complexes]], centre: float, half: float, order: int
 ) -> tuple[Complexes, Complexes, float]:
-    """The same by polynomials of one order."""
+    """H, its covariance and the condition by polynomials of one order."""
     lines = []
     for f, acceleration, torque in spectra:
         near = np.abs(f - centre) <= half

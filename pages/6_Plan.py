@@ -18,8 +18,8 @@ if page.study.motion_records:  # the plan of sines needs the noise of sines
     st.stop()
 introduce(
     "Records that reduce the error bars most. The search covers frequencies and relative phases of the "
-    "joints, at the largest motion within the limits. It takes the record that reduces the worst error "
-    "most, then the next one. Any controller may be used; only the resulting motion matters."
+    "joints, at the largest motion within the limits. It adds one record at a time, each the one that "
+    "reduces the worst error most. Any controller may be used; only the resulting motion matters."
 )
 try:
     settings = plan_form.ask(analysis, page.digest)

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from examples import begin
 from normal_run import COLLECTED, of_long_run
+from random_cases import begin
 from threadpoolctl import threadpool_limits
 
 if TYPE_CHECKING:  # the process that only hands out the tests loads none of them

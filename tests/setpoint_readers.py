@@ -14,8 +14,8 @@ from jointid.setpoints.experiment import Experiment
 from jointid.setpoints.file_format import SetPoints
 from jointid.setpoints.files import set_points
 from jointid.setpoints.from_plan import KINDS, planned_experiment
-from jointid.setpoints.played import PlayedExperiment, play
 from jointid.setpoints.robot_limits import RobotLimits
+from jointid.setpoints.simulated_experiment import SimulatedExperiment, simulate_experiment
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
 
 NUMBER = r"[-+]?\d+\.\d+"
@@ -95,11 +95,13 @@ class Trial(NamedTuple):
     def experiment(self, scale: float) -> Experiment:
         return planned_experiment(self.plan, self.inertia, self.elasticity, scale=scale, **self.settings)
 
-    def played(self, scale: float) -> PlayedExperiment:
-        return play(self.experiment(scale), self.inertia, self.elasticity, friction=self.friction)
+    def simulated(self, scale: float) -> SimulatedExperiment:
+        return simulate_experiment(
+            self.experiment(scale), self.inertia, self.elasticity, friction=self.friction
+        )
 
     def points(self, scale: float) -> SetPoints:
-        return set_points(self.played(scale), self.robot, self.file_format)
+        return set_points(self.simulated(scale), self.robot, self.file_format)
 
 
 def random_trial(seed: int) -> Trial:

@@ -1,4 +1,4 @@
-"""The app as a person clicks it, without a browser."""
+"""The app without a browser: clicks, uploads and page texts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The arm: kinematics, the equations of motion against pen and paper, and pymunk against both."""
+"""The planar arm: kinematics, equations of motion against closed forms, and pymunk against both."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
+from random_cases import examples
 from scipy.integrate import solve_ivp
 
 from jointid.cut.arm import PlanarArm

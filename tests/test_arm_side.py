@@ -1,4 +1,4 @@
-"""Stiffness from a second encoder: a robot of known gears, and refusals."""
+"""Stiffness from sensors behind the gears: robots with known gears, and refusals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from app_pages import ELASTICITY, opened_app, shown, upload
-from examples import tries
+from random_cases import tries
 from typer.testing import CliRunner
 
 from jointid import (

@@ -1,4 +1,4 @@
-"""The simulated robot: exact linear dynamics, exact friction, and the log of a digital controller."""
+"""The simulated robot: exact linear dynamics, set-valued friction, and the log of a controller."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import itertools
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from plants import PAPER, PARALLELOGRAM, ROBOTS, SERIAL
+from random_cases import examples
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.signal import find_peaks

@@ -1,4 +1,4 @@
-"""Coherence of a record, its band, and distortion of a multisine: signals of known content."""
+"""Coherence of a record, its band, and distortion of a multisine, on signals of known content."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Changes of a study that remedy a finding: a fault put into right data is found and taken out again."""
+"""Corrections of a study: each removes the fault for which the verdict suggests it."""
 
 from __future__ import annotations
 

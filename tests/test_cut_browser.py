@@ -1,4 +1,4 @@
-"""The animated cut in a real browser: it advances, pauses, scrubs, and shows what the settings say."""
+"""The animated cut in a browser: playing, pausing, scrubbing, and the settings shown."""
 
 from __future__ import annotations
 

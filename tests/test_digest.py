@@ -1,4 +1,4 @@
-"""Digests differ exactly where two studies differ, however little."""
+"""Digests of two studies differ exactly if the studies differ."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     runpy.run_path(str(ROOT / "examples" / "twincat_log.py"), run_name="__main__")
     shutil.copy("cell7.csv", "log.csv")
     shutil.copytree(ROOT / "sample_data" / "single_joint", "cells/one")
-    for source, target in (("tutorials/own-robot", "robot.toml"), ("how-to/plan", "cell7.toml")):
+    for source, target in (("tutorials/own-robot", "inertia.toml"), ("how-to/plan", "cell7.toml")):
         text = (ROOT / "docs" / f"{source}.md").read_text("utf-8")
         Path(target).write_text(re.findall(r"^```toml\n(.*?)^```", text, re.M | re.S)[0], "utf-8")
     lines = [line for block in SHELL.findall(page.read_text("utf-8")) for line in block.splitlines()]

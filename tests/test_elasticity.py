@@ -1,10 +1,9 @@
-"""Equations (8)-(15): exact without noise, honest about its error with it, clear when it cannot."""
+"""Equations (8)-(15): exact without noise, calibrated errors with noise, clear refusals."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from examples import examples, tries
 from hypothesis import given
 from hypothesis import strategies as st
 from plants import (
@@ -24,6 +23,7 @@ from plants import (
     random_covariance,
     steady_records,
 )
+from random_cases import examples, tries
 
 from jointid import (
     Elasticity,

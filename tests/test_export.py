@@ -1,4 +1,4 @@
-"""Export: exact round trips, models that answer as the robot does, the right side of the gear."""
+"""Export: exact round trips, equal models in other software, and the right side of the gear."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A batch: every good study has its exact row, once, whatever happens to the others and to the batch."""
+"""Batches: one exact row per study, even if other studies crash or the batch is interrupted."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from examples import tries
+from random_cases import tries
 from scipy.integrate import solve_ivp
 
 from benchmarks.independent_robot import MAX_STEP_S, Robot, paper_motions, simulate
@@ -39,7 +39,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.start_values import other_laws, with_backlash
-from jointid.figures.springs import stiffness_over_amplitude, torsion_curve
+from jointid.figures.stiffness import stiffness_over_amplitude, torsion_curve
 from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffness
 from jointid.gears.laws import GearLaws
@@ -204,7 +204,7 @@ def test_a_gear_without_a_curve_is_valid_up_to_the_torque_of_the_motion(
     assert gears[0].torque(gears[0].tried_rad) == pytest.approx(gears[0].tried_Nm)
     fit = replace(stiffening, torsion_curves=(curve, stiffening.torsion_curves[1]), gears=gears * 2)
     assert gear_terms(fit, 0)["Lost motion"] == "not measured"
-    assert "no torsion curve of joint 1:" in without_curve(fit)
+    assert "No measured torsion curve of joint 1:" in without_curve(fit)
     assert without_curve(stiffening) == ""
 
 

@@ -1,4 +1,4 @@
-"""Stiffness of gravity in the model, the simulated robot, the fit and the study."""
+"""Gravity stiffness in the model, the simulated robot, the fit and the study."""
 
 from __future__ import annotations
 

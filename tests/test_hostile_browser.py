@@ -1,4 +1,4 @@
-"""Every page with hostile names in every field, in Chromium: no request to other machines."""
+"""Markup in every name, in Chromium: no page sends a request to another machine."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from urllib.parse import urlsplit
 
 import pytest
 from browsing import answered, finished, follow, open_file, rested
-from examples import tries
 from hostile import (
     PIECES,
     SHOWN,
@@ -20,6 +19,7 @@ from hostile import (
     refused_study,
 )
 from playwright.sync_api import Error, Page, Request, expect
+from random_cases import tries
 from streamlit.proto.ForwardMsg_pb2 import ForwardMsg
 
 from jointid import Study

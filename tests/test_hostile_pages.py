@@ -1,4 +1,4 @@
-"""Every page with hostile names in every field of studies, logs and fleets: all are shown unchanged."""
+"""Markup in every name of studies, logs and fleets is shown unchanged on every page."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from examples import tries
 from hostile import (
     JOINER,
     PIECES,
@@ -18,6 +17,7 @@ from hostile import (
     markup,
     refused_study,
 )
+from random_cases import tries
 from streamlit.testing.v1 import AppTest
 
 from jointid import Study

@@ -1,4 +1,4 @@
-"""A log in real Chromium, from the upload to K and D; and nothing lost in between."""
+"""Import in Chromium, from the upload to K and D, with reloads in between."""
 
 from __future__ import annotations
 

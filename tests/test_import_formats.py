@@ -1,4 +1,4 @@
-"""Archives of logs, bags of both kinds, MATLAB's time series, marks between thousands."""
+"""Archives of logs, ROS bags, MATLAB timeseries, thousands separators."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from log_makers import (
@@ -23,6 +22,7 @@ from log_makers import (
     ros_bag,
     zipped,
 )
+from random_cases import examples
 
 from jointid import JointIdError
 from jointid.importing import apply_mapping, find_segments, guess_mapping, main_tables, read_log

@@ -1,4 +1,4 @@
-"""Damaged logs of every kind: a table or a JointIdError, never anything else, in bounded time."""
+"""Damaged logs of every format: a table or a JointIdError, in bounded time."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from examples import examples, share, tries
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from log_makers import cell_log, comma_log
 from log_mutations import KINDS, check, mutated
+from random_cases import examples, share, tries
 
 from benchmarks.mutated_logs import outcomes
 from jointid import JointIdError

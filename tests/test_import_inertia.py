@@ -1,4 +1,4 @@
-"""Inertias as people have them: numbers on either side of the gears, TOML, and the links of an arm."""
+"""Entry of inertias: numbers on either side of the gears, TOML, and links of an arm."""
 
 from __future__ import annotations
 
@@ -92,6 +92,7 @@ class TestToml:
         ("text", "said"),
         [
             ("", "[inertia] is missing"),
+            pytest.param(SIX_AXES, "describes a robot model, not inertias", id="robot file"),
             ("M = [1]", "M2 is missing"),
             ("[inertia]\nM = [0.1]\nM2 = [[0.1, 0.2]]", "M2 has shape"),
             ("[inertia]\nM = [0.1]\nM2 = 'x'", "M2 must be"),

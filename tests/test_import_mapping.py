@@ -1,4 +1,4 @@
-"""What a column means: units there and back, sides of the gear, guesses with reasons, JSON."""
+"""Mapping of columns: units and back, sides of the gear, guesses with reasons, JSON."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from log_makers import ANGLE, ROWS, TIME_S, TORQUE, cell_log, comma_log, mat_scope, unsure
+from random_cases import examples
 
 from jointid import Inertia, JointIdError
 from jointid.importing import (

@@ -1,4 +1,4 @@
-"""Several lines at once in a log: one phasor per line, whatever their shares, and nothing made up."""
+"""Multisines in a log: one phasor per line, whatever the amplitudes, and no spurious line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers as a person types them, with decimal points or decimal commas."""
+"""Typed numbers with decimal points or commas."""
 
 from __future__ import annotations
 

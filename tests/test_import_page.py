@@ -1,4 +1,4 @@
-"""Importing logs as a person clicks it: mapping, sine runs, study."""
+"""The import page without a browser: mapping, sine runs, study."""
 
 from __future__ import annotations
 

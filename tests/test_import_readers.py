@@ -1,4 +1,4 @@
-"""Formats that declare themselves: each is read with its names, units, scales and clocks."""
+"""File formats with stated names, units, scales and clocks: each is read with them."""
 
 from __future__ import annotations
 

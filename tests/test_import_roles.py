@@ -1,4 +1,4 @@
-"""Never a wrong role: a column is proposed only for the quantity that its name, unit or shape says."""
+"""Guessed roles: a column is proposed only for a quantity that its name, unit or shape supports."""
 
 from __future__ import annotations
 

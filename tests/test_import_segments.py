@@ -1,4 +1,4 @@
-"""One long log falls into its steady sine runs, with their frequencies, whatever lies between them."""
+"""Search for steady sine runs in one long log, with their frequencies."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from examples import examples, tries
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from plants import PAPER, PARALLELOGRAM
+from random_cases import examples, tries
 
 from jointid import Inertia, JointIdError, analyse, extract_phasors, motor_response
 from jointid.arrays import Complexes

@@ -1,4 +1,4 @@
-"""Every kind of log comes in: the same numbers, with their names and units."""
+"""All file formats: equal numbers with equal names and units."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from log_makers import (
@@ -29,6 +28,7 @@ from log_makers import (
     parquet,
     ros_bag,
 )
+from random_cases import examples
 
 from jointid import JointIdError
 from jointid.arrays import Floats

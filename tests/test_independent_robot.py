@@ -1,4 +1,4 @@
-"""The independent simulated robot of the benchmarks obeys physics."""
+"""The independent simulated robot of the benchmarks: conservation laws and closed forms."""
 
 from __future__ import annotations
 

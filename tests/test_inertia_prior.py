@@ -1,4 +1,4 @@
-"""Inertias and torque scales with a prior, and effects: known robots are found from wrong inertias."""
+"""Priors on inertias and torque scales, and effects: known robots, from wrong given inertias."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from examples import tries
 from plants import BAND_HZ, PAPER, PARALLELOGRAM, SERIAL, campaign, circular, exact_phasors, motion
+from random_cases import tries
 
 from jointid import Elasticity, Inertia, JointIdError, Phasors, identify_elasticity
 from jointid.estimation.estimators.inertia_prior import InertiaPrior, checked_std

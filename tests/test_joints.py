@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from plants import PAPER, PARALLELOGRAM, ROBOTS, SERIAL, state_space
+from random_cases import examples
 
 from jointid import (
     Elasticity,

@@ -1,4 +1,4 @@
-"""The picture of the house, read from the imports: they point down, each library has one home."""
+"""Layers of the package, read from its imports: they point down, and each library has one home."""
 
 from __future__ import annotations
 

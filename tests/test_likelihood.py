@@ -1,4 +1,4 @@
-"""Maximum likelihood with friction and delay: known answers under the friction laws that users meet."""
+"""Maximum likelihood with friction and delay: known answers for common friction laws."""
 
 from __future__ import annotations
 

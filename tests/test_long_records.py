@@ -1,4 +1,4 @@
-"""Records larger than memory: read in parts, the same answer as read at once."""
+"""Records larger than memory: reading in parts gives the answer of reading at once."""
 
 from __future__ import annotations
 

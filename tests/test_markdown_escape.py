@@ -1,4 +1,4 @@
-"""Text from files and people is shown as it stands: no picture, link, formula or colour comes of it."""
+"""Text from files and users is shown literally: no picture, link, formula or colour."""
 
 from __future__ import annotations
 

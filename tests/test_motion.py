@@ -1,4 +1,4 @@
-"""K and D from records of any motion, on robots that share nothing with the package."""
+"""K and D from records of any motion, on robots simulated independently of the package."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from examples import tries
+from random_cases import tries
 from scipy.integrate import solve_ivp
 
 from benchmarks.motion import CELL, MANUTEC, SINGLE, Motion, simulate

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
+from random_cases import examples
 from streamlit.testing.v1 import AppTest
 
 from jointid import (

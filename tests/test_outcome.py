@@ -1,4 +1,4 @@
-"""What an identification is worth on the path: known answers, scaling laws, and which arm it is."""
+"""Path error before and after an identification: known answers, scaling laws, choice of the arm."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from plants import ONE, PAPER, PARALLELOGRAM, SERIAL, THREE, THREE_SPRINGS
+from random_cases import examples
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm, Study, analyse, rectangle
 from jointid.cut.outcome import cut_outcome, cut_with_laws, gears_text, millimetres, study_outcome

@@ -1,4 +1,4 @@
-"""Many cuts at once: each one is the cut that pymunk makes, and uncertainty becomes millimetres."""
+"""Vectorised cuts: equal to those of pymunk, and the spread of path errors within the error bars."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Given inertias with errors, and a known payload: what the records then determine."""
+"""Records without and with a known payload: they determine the torque scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Equations (2)-(4), the timing of the torque, the noise, and what a record says about its quality."""
+"""Equations (2)-(4), timing of the torque, noise covariance, and quality figures of a record."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from plants import BAND_HZ, PAPER, SERIAL, campaign, motion, steady_records
+from random_cases import examples
 
 from jointid import JointIdError, SineRecord, extract_phasors
 from jointid.phasors.extract import Phasors, no_phasors

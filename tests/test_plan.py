@@ -1,4 +1,4 @@
-"""The next experiment: predictions against what campaigns give, suggestions against their limits."""
+"""Planned records: predictions against simulated campaigns, suggestions within their limits."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from examples import tries
 from plants import BAND_HZ, PAPER, SERIAL, campaign, circular, noisy, plant_phasors, random_covariance
+from random_cases import tries
 
 from jointid import Inertia, Phasors, identify_elasticity
 from jointid.estimation.estimators.levenberg_marquardt import quadratic

@@ -1,4 +1,4 @@
-"""A record is checked where it enters: shapes, times, timing, and at least one period below Nyquist."""
+"""Checks of a record: shapes, times, timing, and at least one period below Nyquist."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
+from random_cases import examples
 
 from jointid import JointIdError, MotionRecord, SineRecord, extract_phasors
 

@@ -1,4 +1,4 @@
-"""The report: it holds the fit's digits, needs nothing from outside, and is the same every time."""
+"""The report: all digits of the fit, no external resources, reproducible bytes."""
 
 from __future__ import annotations
 
@@ -230,7 +230,8 @@ def test_state_and_entries_are_stated(analyses: dict[int, Analysis]) -> None:
     html = to_html(make_report(replace(analyses[2], study=study), cut=False))
     assert "<h2>Answer</h2>\n<p>Usable" in html
     assert "100, −90, given" in html
-    assert "direction of joint 2" in html.partition("As entered")[0].rpartition("Not confirmed")[2]
+    entries = html.partition("As entered")[0].rpartition("Assumed, not confirmed")[2]
+    assert "direction of joint 2" in entries
     assert "5 %, assumed where nothing is stated" in html
     assert "not stated: assumed exact" in html
 

@@ -1,4 +1,4 @@
-"""The page Report: what is offered is what the library writes, for any number of joints."""
+"""The page Report: its downloads equal the library's files, for any number of joints."""
 
 from __future__ import annotations
 

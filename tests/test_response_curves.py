@@ -1,4 +1,4 @@
-"""Curves that the app and the report both draw: errors along and across, branches, shared scales."""
+"""Response curves of app and report: error bars, branches, shared scales."""
 
 from __future__ import annotations
 

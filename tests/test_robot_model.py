@@ -1,4 +1,4 @@
-"""The rigid model against pinocchio, against the energy of the bodies, and against bad files."""
+"""The rigid model against pinocchio, the energy of the bodies, and invalid files."""
 
 from __future__ import annotations
 

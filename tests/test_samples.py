@@ -1,4 +1,4 @@
-"""The samples beside the usable studies: a failed one, and a fleet."""
+"""The samples: the exercises and the fleet."""
 
 from pathlib import Path
 

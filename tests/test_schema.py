@@ -1,4 +1,4 @@
-"""The JSON Schema of study.toml describes what the reader reads."""
+"""The JSON Schema of study.toml agrees with its reader."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps of a sensor: found whatever they are, and no error bar is smaller for them."""
+"""Detection of quantisation steps, and error bars that include them."""
 
 from __future__ import annotations
 

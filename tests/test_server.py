@@ -1,4 +1,4 @@
-"""The server under clients that stall, and after its visitors have left; attacked without a browser."""
+"""The server: stalled clients, closed sessions and malformed requests, without a browser."""
 
 from __future__ import annotations
 

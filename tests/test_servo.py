@@ -1,4 +1,4 @@
-"""The servo: feedforward against calculus and closed forms, and each option with its counterpart."""
+"""The servo: feedforward against closed forms, and each option against its counterpart."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
+from random_cases import examples
 
 from jointid.cut.arm import PlanarArm
 from jointid.cut.feedforward import deflection, joint_motion, plan_servo

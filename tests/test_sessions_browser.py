@@ -1,4 +1,4 @@
-"""Persons at once, each with a study of their own: nobody sees anything of another's.
+"""Simultaneous users, each with an own study: no session shows data of another.
 
 Twenty real browsers weigh more than the server that is tested, so that the sessions speak its protocol.
 """
@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from browsing import Server
-from examples import tries
+from random_cases import tries
 from sessions import Session
 
 from jointid import Elasticity, Inertia, SineRecord, Study, motor_response

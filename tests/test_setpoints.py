@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examples import share
 from plants import PAPER, PARALLELOGRAM, ROBOTS
+from random_cases import share
 from setpoint_readers import limit_shares, outcome, random_trial, read
 from typer.testing import CliRunner
 
@@ -34,8 +34,8 @@ from jointid.importing import MappedLog, find_segments, study_from_logs
 from jointid.setpoints.experiment import Experiment
 from jointid.setpoints.files import FORMATS, set_points
 from jointid.setpoints.from_plan import KINDS, planned_experiment
-from jointid.setpoints.played import PlayedExperiment, play
 from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml
+from jointid.setpoints.simulated_experiment import SimulatedExperiment, simulate_experiment
 from jointid.uncertainty.motion_plan import PlannedMotion
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
 
@@ -77,8 +77,8 @@ def experiment(**settings: object) -> Experiment:
 
 
 @cache
-def played(kind: str = "sines") -> PlayedExperiment:
-    return play(experiment(kind=kind), PARALLELOGRAM, PAPER)
+def simulated(kind: str = "sines") -> SimulatedExperiment:
+    return simulate_experiment(experiment(kind=kind), PARALLELOGRAM, PAPER)
 
 
 # ----------------------------------------------------------------------------------------- motion
@@ -139,7 +139,7 @@ def test_a_sweep_runs_through_its_frequencies_at_one_velocity_amplitude() -> Non
 
 @pytest.mark.parametrize("kind", ["multisine", "sweep"])
 def test_other_motions_stay_within_the_velocities_and_torques_of_the_plan(kind: str) -> None:
-    made = played(kind)
+    made = simulated(kind)
     velocity = made.experiment.motion(made.time_s).velocity
     assert np.all(np.abs(velocity).max(axis=0) < 1.05 * plan().velocity_rad_s.max(axis=0))
     torque = peaks(made)["torque", "exact following"]
@@ -157,7 +157,9 @@ def test_exact_following_needs_the_torque_of_the_model(n: int) -> None:
     records = planned_records(
         inertia, springs, [9.0, 16.0], torque_Nm=np.exp(1j * np.arange(n)), duration_s=0.5
     )
-    made = play(planned_experiment(records, inertia, springs, rest_s=2.0), inertia, springs)
+    made = simulate_experiment(
+        planned_experiment(records, inertia, springs, rest_s=2.0), inertia, springs
+    )
     torque, arm = followed(made.time_s, made.experiment.motion(made.time_s).position, inertia, springs)
     found = {each[:2]: each for each in made.peaks}
     for key, expected in (
@@ -172,7 +174,7 @@ def test_exact_following_needs_the_torque_of_the_model(n: int) -> None:
             assert np.allclose(expected[at, j], extremes[:, j], atol=5e-3 * np.abs(expected).max())
 
 
-def peaks(made: PlayedExperiment) -> dict[tuple[str, str], Floats]:
+def peaks(made: SimulatedExperiment) -> dict[tuple[str, str], Floats]:
     """Largest magnitudes by quantity and source, each (n,)."""
     return {each[:2]: np.abs(each.values).max(axis=0) for each in made.peaks}
 
@@ -192,10 +194,10 @@ def followed(time: Floats, theta: Floats, inertia: object, springs: object) -> t
 
 
 def test_friction_adds_to_the_torque() -> None:
-    free = played("multisine")
+    free = simulated("multisine")
     coulomb, viscous, load = np.array([[0.3, 0.1], [0.002, 0.001], [0.2, 0.1]])
     friction = MotorFriction(coulomb=coulomb, viscous=viscous, load=load)
-    made = play(free.experiment, PARALLELOGRAM, PAPER, friction=friction)
+    made = simulate_experiment(free.experiment, PARALLELOGRAM, PAPER, friction=friction)
     position, velocity, acceleration = made.experiment.motion(made.time_s)
     torque, _ = followed(made.time_s, position, PARALLELOGRAM, PAPER)
     level = coulomb + load * np.abs(torque - PARALLELOGRAM.M * acceleration)
@@ -211,9 +213,9 @@ def test_friction_adds_to_the_torque() -> None:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_saved_file_holds_the_motion(name: str) -> None:
-    text = set_points(played(), WIDE, name, study="Paper").text()
+    text = set_points(simulated(), WIDE, name, study="Paper").text()
     found = read(name, text, START_DEG)
-    made = played().experiment
+    made = simulated().experiment
     assert found.time_s[-1] >= made.duration_s - 1e-9
     expected = np.tile(START_DEG, (found.time_s.size, 1))
     expected[:, [2, 4]] += np.degrees(made.motion(found.time_s).position / RATIO)
@@ -226,13 +228,13 @@ def test_a_saved_file_holds_the_motion(name: str) -> None:
 
 
 def test_the_ros_file_holds_velocities_and_accelerations() -> None:
-    lines = set_points(played(), WIDE, "ros2").text().splitlines()
+    lines = set_points(simulated(), WIDE, "ros2").text().splitlines()
     points = [json.loads(re.sub(r"(\w+):", r'"\1":', line[2:])) for line in lines if line[:2] == "- "]
     times = np.array(
         [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
     )
     assert np.allclose(times, 0.004 * np.arange(1, times.size + 1), atol=1e-12)
-    _, dq, ddq = played().experiment.motion(times)
+    _, dq, ddq = simulated().experiment.motion(times)
     for key, values in (("velocities", dq), ("accelerations", ddq)):
         found = np.array([p[key] for p in points])
         assert np.allclose(found[:, [2, 4]], values / RATIO, atol=1e-8)
@@ -244,7 +246,7 @@ def test_the_ros_file_holds_velocities_and_accelerations() -> None:
 )
 def test_the_set_points_of_a_file_give_k_and_d_back(kind: str, name: str) -> None:
     """Another robot follows the file exactly; its log goes through the importer."""
-    found = read(name, set_points(played(kind), WIDE, name).text(), START_DEG)
+    found = read(name, set_points(simulated(kind), WIDE, name).text(), START_DEG)
     theta = np.radians(found.position_deg[:, [2, 4]] - START_DEG[[2, 4]]) * RATIO
     torque, _ = followed(found.time_s, theta, PARALLELOGRAM, PAPER)
     noise = np.random.default_rng(1).standard_normal((2, *theta.shape))
@@ -253,16 +255,16 @@ def test_the_set_points_of_a_file_give_k_and_d_back(kind: str, name: str) -> Non
 
 
 @pytest.mark.parametrize("kind", ["sines", "multisine"])
-def test_the_played_motion_gives_k_and_d_back(kind: str) -> None:
-    made = played(kind)
-    log = MappedLog(made.time_s, made.theta_rad, made.tau_Nm, torque_hold=True, name="played")
+def test_the_simulated_motion_gives_k_and_d_back(kind: str) -> None:
+    made = simulated(kind)
+    log = MappedLog(made.time_s, made.theta_rad, made.tau_Nm, torque_hold=True, name="simulated")
     imported(log, kind)
 
 
 @pytest.mark.long
 def test_a_rest_without_noise_is_imported() -> None:
     """The torque of the arm decays below 1e-12 N·m while the angles are constant to the last bit."""
-    found = read("csv", set_points(played(), WIDE, "csv").text(), START_DEG)
+    found = read("csv", set_points(simulated(), WIDE, "csv").text(), START_DEG)
     theta = np.radians(found.position_deg[:, [2, 4]] - START_DEG[[2, 4]]) * RATIO
     torque, _ = followed(found.time_s, theta, PARALLELOGRAM, PAPER)
     part = (found.time_s > 8) & (found.time_s < 12)
@@ -281,14 +283,16 @@ def imported(log: MappedLog, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["sweep", "multisine", "random", "moves"])
-def test_a_planned_motion_is_played_and_gives_k_and_d_back(kind: str) -> None:
+def test_a_planned_motion_is_simulated_and_gives_k_and_d_back(kind: str) -> None:
     """Within its limits, from rest to rest; a log of the full amplitude goes to the estimator."""
     motion = Motion(
         kind, 3, 30, 8.0, velocity_rad_s=6.0, acceleration_rad_s2=[300.0, 500.0], position_rad=0.5
     )
     (record,) = simulate_motion(PARALLELOGRAM, PAPER, replace(motion, duration_s=2.0), records=1)
     planned = PlannedMotion(motion, (record, record), (), np.zeros(4), np.zeros(4))
-    made = play(planned_experiment(planned, PARALLELOGRAM, PAPER, scale=0.5), PARALLELOGRAM, PAPER)
+    made = simulate_experiment(
+        planned_experiment(planned, PARALLELOGRAM, PAPER, scale=0.5), PARALLELOGRAM, PAPER
+    )
     spans = list(made.experiment.spans())
     assert len(spans) == 2
     position, velocity, acceleration = made.experiment.motion(made.time_s)
@@ -318,7 +322,7 @@ def test_texts_of_a_user_cannot_close_the_comment() -> None:
         WIDE, robot="x\nmovej([0,0,0,0,0,0])\u2028y", joint_names=tuple("a: ]\nb" + c for c in "123456")
     )
     one = planned_records(PARALLELOGRAM, PAPER, [9.0], torque_Nm=[1.0, 0.3j], duration_s=0.5)
-    short = play(planned_experiment(one, PARALLELOGRAM, PAPER), PARALLELOGRAM, PAPER)
+    short = simulate_experiment(planned_experiment(one, PARALLELOGRAM, PAPER), PARALLELOGRAM, PAPER)
     for name in FORMATS:
         text = set_points(short, evil, name, study="s\r\nstopj(1)").text()
         assert read(name, text, START_DEG).time_s.size > 100
@@ -334,17 +338,17 @@ def test_texts_of_a_user_cannot_close_the_comment() -> None:
 )
 def test_over_a_limit_nothing_is_written(quantity: str, factor: float) -> None:
     row = {"velocity_deg_s": 2, "acceleration_deg_s2": 3, "torque_Nm": 4}[quantity]
-    peak = set_points(played(), WIDE, "egm").rows[row].peak
+    peak = set_points(simulated(), WIDE, "egm").rows[row].peak
     limits = getattr(WIDE, quantity).copy()
     limits[0] = factor * peak
     tight = replace(WIDE, **{quantity: limits})
     name = quantity.split("_")[0]
     expected = rf"The {name} of joint 1 reaches .* \(record \d \(.* Hz\), [\d.]+ s, .*; its limit is"
     with pytest.raises(JointIdError, match=expected) as refusal:
-        set_points(played(), tight, "egm").text()
+        set_points(simulated(), tight, "egm").text()
     scale = float(re.search(r"scale of the motion to ([\d.]+) \(now 1\)", str(refusal.value))[1])
     assert 0.88 * factor < scale < factor
-    smaller = play(experiment(scale=scale), PARALLELOGRAM, PAPER)
+    smaller = simulate_experiment(experiment(scale=scale), PARALLELOGRAM, PAPER)
     text = set_points(smaller, tight, "egm").text()
     assert max(limit_shares(read("egm", text, START_DEG), axes_first(tight)).values()) < 1
 
@@ -361,29 +365,31 @@ def axes_first(robot: RobotLimits) -> RobotLimits:
 
 
 def test_a_position_limit_holds_for_the_motion_around_the_start_pose() -> None:
-    rows = set_points(played(), WIDE, "ur").rows
+    rows = set_points(simulated(), WIDE, "ur").rows
     low, high = rows[5], rows[6]
     assert (low.quantity, high.quantity) == ("lowest position", "highest position")
     assert low.peak < 45 < high.peak
     half = (high.peak - 45) / 2
     tight = replace(WIDE, upper_deg=np.array([170.0, 45 + half]))
     with pytest.raises(JointIdError, match=r"highest position of joint 2 .* scale of the motion to 0.4"):
-        set_points(played(), tight, "ur").text()
+        set_points(simulated(), tight, "ur").text()
     outside = replace(WIDE, upper_deg=np.array([170.0, 44.0]))
     with pytest.raises(JointIdError, match="another start pose"):
-        set_points(played(), outside, "ur").text()
+        set_points(simulated(), outside, "ur").text()
 
 
 def test_the_load_at_rest_uses_up_torque() -> None:
     loaded = replace(WIDE, load_Nm=np.array([0.0, -19.9]))
     with pytest.raises(JointIdError, match=r"torque of joint 2 .* Set the scale of the motion to 0\.\d"):
-        set_points(played(), loaded, "csv").text()
+        set_points(simulated(), loaded, "csv").text()
     with pytest.raises(JointIdError, match="check load and friction"):
-        set_points(played(), replace(WIDE, load_Nm=np.array([0.0, 20.1])), "csv").text()
+        set_points(simulated(), replace(WIDE, load_Nm=np.array([0.0, 20.1])), "csv").text()
 
 
 def test_no_scale_helps_where_rest_exceeds_the_limit() -> None:
-    made = play(experiment(scale=1e-6), PARALLELOGRAM, PAPER, friction=MotorFriction(coulomb=0.5))
+    made = simulate_experiment(
+        experiment(scale=1e-6), PARALLELOGRAM, PAPER, friction=MotorFriction(coulomb=0.5)
+    )
     with pytest.raises(JointIdError, match="check load and friction"):
         set_points(made, replace(WIDE, torque_Nm=np.array([0.3, 9.0])), "csv").text()
 
@@ -395,10 +401,10 @@ def test_a_plan_without_motion_is_constant() -> None:
         assert not still.motion(np.linspace(0, still.duration_s, 999)).position.any()
 
 
-def test_a_heavy_arm_on_small_rotors_is_played() -> None:
+def test_a_heavy_arm_on_small_rotors_is_simulated() -> None:
     heavy = Inertia(M=[1e-4, 1e-4], M2=[[0.02, 0.001], [0.001, 0.01]])
     records = planned_records(heavy, PAPER, [9.0], torque_Nm=[0.1, 0.1j], duration_s=0.5)
-    made = play(planned_experiment(records, heavy, PAPER), heavy, PAPER)
+    made = simulate_experiment(planned_experiment(records, heavy, PAPER), heavy, PAPER)
     assert np.all(peaks(made)["torque", "simulated control"] < 1.0)
 
 
@@ -427,20 +433,20 @@ def test_invalid_settings_are_refused(settings: dict[str, object], said: str) ->
 
 def test_a_format_refuses_unsupported_motions() -> None:
     with pytest.raises(JointIdError, match="start angles of 6 axes"):
-        set_points(played(), replace(WIDE, start_deg=START_DEG[:5], joint_names=()), "ur")
+        set_points(simulated(), replace(WIDE, start_deg=START_DEG[:5], joint_names=()), "ur")
     with pytest.raises(JointIdError, match="expected 4 and 12 ms"):
-        set_points(played(), WIDE, "rsi", interval_ms=2.0)
+        set_points(simulated(), WIDE, "rsi", interval_ms=2.0)
     with pytest.raises(JointIdError, match=r"23\.00 Hz has fewer than 5 .* plan up to 16\.67 Hz"):
-        set_points(played(), WIDE, "rsi", interval_ms=12.0)
+        set_points(simulated(), WIDE, "rsi", interval_ms=12.0)
     with pytest.raises(JointIdError, match="csv, ros2, ur, egm, rsi"):
-        set_points(played(), WIDE, "krl")
+        set_points(simulated(), WIDE, "krl")
     one = limits_from_toml(
         b"gear_ratio = 100\nstart_deg = 0\nlower_deg = -90\nupper_deg = 90\n"
         b"velocity_deg_s = 9\nacceleration_deg_s2 = 9\ntorque_Nm = 9",
         "one.toml",
     )
     with pytest.raises(JointIdError, match="has 2 joints"):
-        set_points(played(), one, "csv")
+        set_points(simulated(), one, "csv")
 
 
 # ------------------------------------------------------------------------- limits as a file

@@ -1,12 +1,12 @@
-"""The fast fit against least squares row by row, its stated noise against the scatter of many fits."""
+"""The fast sine fit against least squares, and its stated noise against the scatter of many fits."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import example, given
 from hypothesis import strategies as st
+from random_cases import examples
 
 from jointid import SineRecord
 from jointid.phasors.sine_fit import fit_sines, is_uniform

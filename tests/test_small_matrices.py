@@ -1,4 +1,4 @@
-"""Many small matrices at once: the same as LAPACK, one at a time."""
+"""Algebra of many small matrices: equal to LAPACK one at a time."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""A sine is found where it is, with its amplitude."""
+"""Frequency and amplitude of a sine from its spectrum."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
+from random_cases import examples
 
 from jointid import JointIdError
 from jointid.phasors.spectrum import amplitude_spectrum, largest_line_hz, vertex

@@ -1,4 +1,4 @@
-"""Work that is not lost: crashes, damage, many writers, a full store, ids from strangers."""
+"""The store: crashes, damage, simultaneous writers, a full store, ids of other users."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nothing is lost: refresh, closed tab, kill -9, links.
+"""Stored studies survive a refresh, a closed tab and kill -9, and open by their links.
 
 Who lacks the address sees nothing: ``test_workspace.py``, ``test_sessions_browser.py``.
 """

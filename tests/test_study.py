@@ -1,4 +1,4 @@
-"""A study holds together, and ``analyse`` says with one call what the steps say one by one."""
+"""Consistency of a study; ``analyse`` equals the steps called one by one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A study survives the disk bit for bit; a broken one gives one clear error; nothing else escapes."""
+"""Studies on disk: exact round trips, and one clear error for an invalid study."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
+from random_cases import examples
 
 from jointid import Elasticity, Inertia, JointIdError, SineRecord, Study
 from jointid.files import container_limits as contained

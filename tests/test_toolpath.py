@@ -1,4 +1,4 @@
-"""The tool path: smooth in every derivative, within its limits, and the rectangle that was asked for."""
+"""The tool path: smooth derivatives, limits, and dimensions of the rectangle."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
+from random_cases import examples
 
 from jointid.cut.rectangle import rectangle
 from jointid.cut.toolpath import Toolpath

@@ -1,4 +1,4 @@
-"""The cut: pymunk against an independent integration, and the millimetres that physics predicts."""
+"""The cut: pymunk against an independent integration, and closed forms of the path error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Equations (16)-(18): exact without noise, calibrated with it, refused where they cannot be solved."""
+"""Equations (16)-(18): exact without noise, calibrated with noise, refused where singular."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Error bars: what the inertias add, and whether independent checks agree with the stated ones."""
+"""Error bars: the share of the inertias, and agreement with independent checks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from examples import tries
 from plants import (
     BAND_HZ,
     PAPER,
@@ -21,6 +20,7 @@ from plants import (
     rubbing,
     steady_records,
 )
+from random_cases import tries
 
 from jointid import (
     ElasticityFit,

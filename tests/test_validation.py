@@ -1,4 +1,4 @@
-"""Validation: silent and calibrated when the model holds, loud when it does not."""
+"""Validation: silent and calibrated if the model holds, a clear deviation if not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Findings: silent about sound data, and each kind of unsound data by its name with a remedy."""
+"""Findings: none on good data, and each fault by its name with a remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each rule of the verdict at its thresholds, on evidence of one's own choice."""
+"""Each rule of the verdict at its thresholds, with handwritten evidence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wheel: package, app and samples, all that ``pip install`` gives, and the same from the sdist."""
+"""The wheel and the sdist: package, app and samples are complete."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The answer can be believed: short versions of ``benchmarks/whole_error.py``, on its independent robot.
+"""Answers and error bars: short versions of ``benchmarks/whole_error.py``, on its independent robot.
 
 The benchmark itself makes fifty of each.
 """
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from examples import tries
+from random_cases import tries
 
 from benchmarks.independent_robot import MAX_STEP_S, Robot, paper_motions, simulate
 from benchmarks.real_robots import (

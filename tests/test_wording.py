@@ -1,4 +1,4 @@
-"""As many digits as the uncertainty supports, and no more."""
+"""Numbers with as many digits as their standard error supports."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import math
 import re
 
 import pytest
-from examples import examples
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from random_cases import examples
 
 from jointid.wording import length_with_error, plain, significant, unbroken, with_error
 

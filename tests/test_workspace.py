@@ -1,4 +1,4 @@
-"""What is kept at an address, as the app's pages use it, without a browser."""
+"""Studies stored at an address, as the pages of the app use them, without a browser."""
 
 from __future__ import annotations
 

@@ -41,7 +41,8 @@ class ArmSideFit:
     K: Floats
     """Stiffness, shape (n,), N·m/rad; NaN where refused."""
     standard_error: Floats
-    """Of K, shape (n,), N·m/rad: noise, payload, choice of terms, rigid model; NaN where refused."""
+    """Standard error of K, shape (n,), N·m/rad: noise, payload, choice of terms, rigid model; NaN where
+    refused."""
     skew_s: Floats
     """Age of the arm's sample relative to the motor's, shape (n,), s; NaN without a sensor."""
     skew_error_s: Floats

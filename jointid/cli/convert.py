@@ -37,7 +37,8 @@ def convert(
         Path | None,
         typer.Option(
             parser=options.named,
-            help="TOML with M, M2 (motor side, kg·m²), std and poses; or a study.",
+            help="TOML with M, M2 (motor side, kg·m²), std and poses, or with [robot_model] and joint "
+            "angles; or a study.",
         ),
     ] = None,
     pose: Annotated[

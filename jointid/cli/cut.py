@@ -62,7 +62,7 @@ def cut(
             return
     own = "study" if robot.nominal else "soft" if study is None else "rigid"
     choice: Any = assumed or own
-    with progress("Cutting") as tell:
+    with progress("Simulating the cut") as tell:
         document, outcomes = cut_results(robot, choice, zones, tell)
     document["assumption"] = choice
     document["meaning"] = DEMONSTRATION if study is None else robot.meaning
@@ -82,7 +82,8 @@ def cut(
     robots = "with the paper's K and D on the example arm"
     if study is not None and robot.rule != "demonstration":
         robots = "with the identified K and D"
-    print(f"Largest path error, simulated {robots}. Servo before: {NOMINAL_NAMES[choice]}.")
+    before = "no compensation" if choice == "rigid" else f"K in the servo: {NOMINAL_NAMES[choice]}"
+    print(f"Largest path error, simulated {robots}. Before: {before}.")
     print(f"{document['meaning']}\n")
     columns = ["corner zone", "before", "after (95th percentile)"]
     cells = [

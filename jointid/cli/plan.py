@@ -226,8 +226,8 @@ def setpoints(
     from jointid.setpoints.files import set_points
     from jointid.setpoints.from_plan import planned_experiment
     from jointid.setpoints.limit_check import check_table
-    from jointid.setpoints.played import play
     from jointid.setpoints.robot_limits import limits_from_toml
+    from jointid.setpoints.simulated_experiment import simulate_experiment
 
     require_new_output(output, overwrite, [study, limits])
     robot = limits_from_toml(read_toml(limits), limits.name)
@@ -248,7 +248,7 @@ def setpoints(
             scale=scale,
         )
         points = set_points(
-            play(experiment, fit.inertias[0], fit.elasticity, friction=fit.friction),
+            simulate_experiment(experiment, fit.inertias[0], fit.elasticity, friction=fit.friction),
             robot,
             file_format,
             interval_ms=interval_ms,

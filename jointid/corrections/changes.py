@@ -20,7 +20,7 @@ from jointid.verdict.steady_state import steady_from
 from jointid.wording import capitalised, counted, enumerated, listed, minus, plain, significant
 
 _STEPS = 4
-"""Of the search for a frequency; each leaves a tenth of the difference or less."""
+"""Steps of the search for a frequency; each reduces the difference to a tenth or less."""
 _Record = SineRecord | MotionRecord
 
 

@@ -213,10 +213,10 @@ def study_outcome(analysis: Analysis) -> Outcome | None:
 def robot_text(robot: CutRobot) -> str:
     """Describe the robot that cuts: geometry, and origin of its stiffness."""
     return {
-        "direct": "an arm with this study's inertias and springs",
-        "springs": "the example arm with this study's springs",
-        "relative": "the example arm with this study's springs, scaled to it",
-        "demonstration": "the example arm with the paper's springs",
+        "direct": "an arm with this study's inertias, K and D",
+        "springs": "the example arm with this study's K and D",
+        "relative": "the example arm with this study's K and D, scaled to it",
+        "demonstration": "the example arm with the paper's K and D",
     }[robot.rule]
 
 
@@ -253,7 +253,7 @@ def remaining_error_text(
     )
     if outcome.before_m < outcome.after_m:
         wrong = (
-            "the missing compensation cancels" if outcome.assumed is None else "the wrong springs cancel"
+            "the missing compensation cancels" if outcome.assumed is None else "the error of K cancels"
         )
         text += f" The smaller error before is a coincidence: {wrong} part of the remaining error."
     return text

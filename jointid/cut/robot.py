@@ -58,8 +58,8 @@ RULES: dict[Rule, str] = {
     "springs": "K and D of this study apply unchanged, but its inertias are those of the other drive: "
     "the arm that cuts is not the study's robot.",
     "relative": "This study's robot has other inertias than the example arm, and its geometry is not "
-    "known. The example arm cuts with the paper's stiffnesses (K = 43, 7.5 N·m/rad); the "
-    "ratios of nominal to identified values, D/K, and the relative uncertainties are this study's.",
+    "known. The cut is that of the example arm with the paper's K = 43, 7.5 N·m/rad; the ratios of "
+    "nominal to identified values, D/K and the relative errors are those of this study.",
     "demonstration": "A cut in the plane needs a study of two joints. This is a demonstration, not this "
     f"study. {DEMONSTRATION}",
 }

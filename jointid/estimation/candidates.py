@@ -186,8 +186,8 @@ class Fits:
         """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
 
         Schwarz's penalty ln(rows) for the parameters, Akaike's 2 for each degree of freedom of the free
-        friction. It is infinite where a part is not significant (``judged``), and where other reversals
-        of the friction explain the fundamentals, which give K and D, and these do not: noise in many
+        friction. It is infinite if a part is not significant (``judged``), or if only a model with
+        other friction reversals explains the fundamentals, which give K and D: noise in many
         harmonics hides the misfit of wrong reversals.
         """
         fitted = {m: e for m in self.tried if (e := self.estimate(m))}

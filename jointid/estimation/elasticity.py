@@ -22,9 +22,9 @@ _UNSEEN_K, _UNSEEN_D = 5e-4, 1.5e-3
 """Relative error of K and D, per unit of Coulomb friction over torque, that is not in the noise:
 truncated harmonics, motion between samples. Measured on simulated robots."""
 _TURNING_K, _TURNING_D = 3e-3, 6e-3
-"""The same for motions, per square of that ratio: rests are alike at all reversals, so that the error of
-their friction does not average. Measured likewise. Not added where the covariance already contains the
-friction of each rest as noise: the rms error on six axes is then one standard error."""
+"""Relative error of K and D from motions, per square of that ratio: rests are alike at all reversals, so
+that the error of their friction does not average. Measured likewise. Not added where the covariance
+contains the friction of each rest as noise: the rms error on six axes is then one standard error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Friction:
     viscous: Floats
     """Shape (n,), N·m·s/rad."""
     standard_error: Floats
-    """Of coulomb (n), then viscous (n), shape (2n,); 0 where the records contain no reversal."""
+    """Standard errors of coulomb (n), then viscous (n), shape (2n,); 0 without a reversal."""
     load: Floats | float = 0.0
     """Shape (n,); 0 where it was not fitted."""
 
@@ -90,7 +90,7 @@ class ElasticityFit:
     choice_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from models that explain the data as well, (2n,)."""
     torque_scale: Floats | float = 1.0
-    """Torque over logged torque, shape (n,); 1 where it was exact."""
+    """True over logged torque, shape (n,); 1 where it was exact."""
     friction: Friction | None = None
     """Friction, if it was fitted."""
     delay: float | None = None
@@ -225,7 +225,7 @@ def likelihood_fit(
 
 
 def _friction(estimate: LikelihoodEstimate) -> Friction:
-    """Friction after long moves, when that with presliding has its whole level."""
+    """Friction after long moves, at which presliding friction is fully developed."""
     p, C = estimate.named, estimate.covariance
     if "coulomb" not in p.layout:
         none, error = np.zeros(p.K.size), np.sqrt(np.diag(C)[p.layout["viscous"]])

@@ -41,16 +41,16 @@ from jointid.small_matrices import one_thread
 _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
 _POOR, _FAR_BETTER = 1.5, 0.3
-"""Misfit from which friction of motors at rest may bias the start; ratio for which another is right."""
+"""Misfit above which friction of motors at rest may bias the start; ratio that shows a better one."""
 _EQUAL = 10.0
 """Information criterion over the least up to which a model is compared again with other noise."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
 _FEW = 6
-"""Segments of motions that show the first noise, and the first model, from which all start."""
+"""Segments of motions for the first estimates of noise and model, from which the whole fit starts."""
 _MANY, _NOISES = 10_000, 4
-"""Equations of many joints from which the first ones show the model as well, and how often they show
-the noise."""
+"""Equations of many joints above which the first segments also give the model, and number of noise
+estimates from them."""
 
 
 def identify_motion(

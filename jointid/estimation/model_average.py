@@ -20,15 +20,15 @@ _DOUBT, _DOUBT_IF_FAR = 0.005, 0.05
 """Probability that the score of any part widens the error bars on an ideal robot, and the same if it
 moves K or D far, which few parts do."""
 _FAR_OFF = 4.0
-"""Standard errors that are far."""
+"""Standard errors of a shift that counts as far."""
 _OCCAM = 1 / 20
-"""Weight of a model, over the best, from which it explains the data as well."""
+"""Weight of a model, relative to the best, above which it explains the data equally well."""
 _EVIDENCE = 3.0
-"""Bayes factor from which evidence counts."""
+"""Bayes factor above which evidence counts."""
 _DRAWS = 1024
 """Points of an integral over positive values: accurate to a per cent."""
 _RIDGE = 1e-12
-"""Variance, over the prior's, below that of any part."""
+"""Added relative variance, below that of any part."""
 _RICHER_LAW = {"cubic"}, {"piecewise"}
 """A law, and that of more parameters that imitates it."""
 _ALIKE = 1.2
@@ -36,7 +36,7 @@ _ALIKE = 1.2
 _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
 """The next narrower and wider reversals of each one."""
 USUAL_LINK = 10.0
-"""Mode of a link of a usual arm, over the joint's with free motor."""
+"""Link mode of a usual arm over the resonance of the joint with its motor free."""
 _USUAL = {"loss_factor": 0.05, "hysteresis": 0.05}
 """Standard deviations of usual gears: of the loss factor, and of the hysteresis over the peak torque."""
 

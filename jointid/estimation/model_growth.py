@@ -103,7 +103,7 @@ def _is_passed_over(search: Search, wider: Model, best: Model, leading: Model) -
 
 
 def _is_kept(search: Search, wider: Model, narrow: Model) -> bool:
-    """Whether a wider model may last; a slow one with a part that is not significant does not."""
+    """Whether a wider model is kept; a slow one is not if one of its parts is not significant."""
     estimate = search.fits.estimate(wider)
     if estimate is None or not wider.is_slow:
         return True

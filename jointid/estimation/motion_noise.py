@@ -18,11 +18,11 @@ from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Motors
 
 SAME, SAME_OF_MANY = 0.1, 0.3
-"""Relative change of the variances from which the models are compared again, and with many equations,
-whose noise is found with the same model before."""
+"""Relative change of the variances above which the models are compared again; the second for many
+equations, whose noise is already that of the chosen model."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
-"""Least share of a joint's equations in a segment that free friction leaves, and that from which the
-segment shows the noise; without such segments those with the largest share do."""
+"""Smallest share of a joint's equations in a segment that free friction leaves, and share above which
+the segment shows the noise; if no segment does, those with the largest share are used."""
 _LATEST = 0.2
 """Largest share of a motor's velocity at which friction may have turned it back: more is friction in a
 wrong unit, with which all of the motion would be a reversal."""

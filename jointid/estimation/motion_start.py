@@ -18,7 +18,7 @@ from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors
 
 _DEGREE = 5
-"""Of the polynomial in s by which motors and arm differ at the ends of a segment."""
+"""Degree of the polynomial in s for the states of motors and arm at the ends of a segment."""
 _STEPS, _NEAR = 8, 0.1
 """Most steps, and the step in standard errors that ends them."""
 _SLOWEST = 2.0

@@ -238,7 +238,7 @@ class _Fundamentals:
     shared: Floats
     """Its change with a common unknown such as the payload, per standard deviation, (r, n, n)."""
     friction: Complexes
-    """Of Coulomb and viscous friction, shape (r, n, 2)."""
+    """Phasors of Coulomb and viscous friction, shape (r, n, 2)."""
     moving: np.ndarray
     """Whether a joint moves in a record, shape (r, n)."""
 

@@ -17,7 +17,7 @@ _GLOBAL_NAMES = {
     "K_secant": "JointSecantStiffness",
     "T_secant": "JointSecantTorque",
 }
-"""Of a global variable list, where K and D may have other meanings; the errors are comments."""
+"""Names in a global variable list, where K and D may have other meanings; errors are comments."""
 _GLOBAL = "    {name} : ARRAY [1..{n}] OF LREAL := {values};"
 LANGUAGES = {
     "Text": ("", "{name} = {values}", ("", "", ", "), _NAMES, ()),
@@ -41,7 +41,7 @@ _SECANT = (
 )
 _DIGITS = 7
 _WIDTH = 80
-"""Of a comment, in characters."""
+"""Width of a comment, characters."""
 
 
 def code_listing(analysis: Analysis, language: str) -> str:

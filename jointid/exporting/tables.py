@@ -16,7 +16,7 @@ from jointid.records import SineRecord
 from jointid.transfer_matrix import TransferMatrix
 
 _EVERY = 4
-"""Of the points of a torsion curve, for a file of moderate size."""
+"""Every fourth point of a torsion curve is written, for a file of moderate size."""
 _ROWS = 101
 """Rows of the look-up table of a law, besides its kinks; odd, so that zero is one of them."""
 _NOT_TRIED_RAD = 1e-3

@@ -4,9 +4,9 @@ from .response import compared_responses as compared_responses
 from .response import element_response as element_response
 from .response import model_over_measurement as model_over_measurement
 from .response import single_record as single_record
-from .springs import dynamic_stiffness as dynamic_stiffness
-from .springs import stiffness_over_amplitude as stiffness_over_amplitude
-from .springs import torsion_curve as torsion_curve
+from .stiffness import dynamic_stiffness as dynamic_stiffness
+from .stiffness import stiffness_over_amplitude as stiffness_over_amplitude
+from .stiffness import torsion_curve as torsion_curve
 from .waveforms import coherences as coherences
 from .waveforms import gear_deflection as gear_deflection
 from .waveforms import raw_columns as raw_columns

@@ -18,7 +18,7 @@ Axis = dict[str, Any]
 Shape = dict[str, Any]
 
 _MOST_DECADES = 3
-"""Of an axis with ticks at 1, 2 and 5; a longer one has ticks at some powers of ten."""
+"""Decades of the longest axis with ticks at 1, 2 and 5; longer ones have ticks at some powers of ten."""
 _GAP = 0.16
 """Share of a panel below it that stays free."""
 GRID = "rgba(150, 150, 150, 0.35)"

@@ -26,7 +26,7 @@ def study_digest(study: Study) -> str:
 
 
 _digests: WeakKeyDictionary[Study, str] = WeakKeyDictionary()
-"""Of studies in memory, which do not change."""
+"""Digests of the studies in memory, which are immutable."""
 
 
 def _computed(study: Study) -> str:

@@ -136,8 +136,8 @@ class Store:
         if checksum(data) != meta.checksum:
             self.set_aside(workspace, entry, "its checksum is wrong")
             raise JointIdError(
-                f'The kept copy of "{meta.name}" is damaged: its checksum is wrong. It was set aside in '
-                f"{self.folder / 'damaged'}; open its file again."
+                f'The stored copy of "{meta.name}" is damaged: its checksum is wrong. It was set '
+                f"aside in {self.folder / 'damaged'}; open its file again."
             )
         self.touch(workspace, meta)
         return data
@@ -254,7 +254,7 @@ class Store:
             name = latest_name(file) or str(json.loads(file.with_suffix(".json").read_bytes())["name"])
         except (OSError, *DAMAGED):
             name = ""
-        name = one_line(name) or "A kept study"
+        name = one_line(name) or "A stored study"
         write_whole(file.with_suffix(".note"), f"{name} {what}".encode("utf-8", "replace"))
 
     @contextmanager

@@ -77,7 +77,7 @@ STUDY_VALUES = (
 )  # fmt: skip
 """Keys that are attributes of a study, in their order on disk."""
 RECORD_VALUES = ("frequency_hz", "band_hz", "start_s", "pose", "label")
-"""The same of a record."""
+"""Keys that are attributes of a record, in their order on disk."""
 
 
 def written_values(source: object, keys: Iterable[str]) -> dict[str, Any]:

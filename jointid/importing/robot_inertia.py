@@ -41,7 +41,7 @@ class KnownRobot:
     inertia_std: float | None = None
     """Relative standard deviation of the inertias, if given."""
     torque_std: float | None = None
-    """The same of the torque constants."""
+    """Relative standard deviation of the torque constants, if given."""
 
 
 def robot_from_toml(
@@ -54,6 +54,11 @@ def robot_from_toml(
     when the text is not TOML, or M or M2 is missing or invalid.
     """
     data = text.encode() if isinstance(text, str) else text
+    if b"[[link]]" in data:
+        raise JointIdError(
+            f"{file} describes a robot model, not inertias: write another TOML with [robot_model], "
+            "file = the name of this file, and [inertia], angles_deg = the joint angles of the log."
+        )
     top = parse_toml(file, data, _TOP)
     if "inertia" not in top and "M" not in top and "M2" not in top:
         raise JointIdError(f"{file}: [inertia] is missing. Example: {_TOP['inertia']}.")

@@ -17,8 +17,8 @@ from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Segment, bins_of
 
 _DEGREES = (0, 1, 2, 3, -1)
-"""Of the terms at the motors, those of the arm first: with 1 the Fourier integral is exact, with 3 that
-of samples; −1 is a drift of the torque, such as that of a sensor that warms up."""
+"""Degrees of the terms at the motors, those of the arm first. Up to 1, the Fourier integral is exact, up
+to 3 that of samples; −1 is a drift of the torque, for instance of a sensor that warms up."""
 _ROWS = 150
 """Complex equations in a group of bins that share a misfit."""
 
@@ -30,7 +30,7 @@ class EndTerms:
     records: np.ndarray
     """Rows, shape (m,)."""
     powers: Complexes
-    """Of s over its largest value, with the factor i of phasors, shape (m, H, degrees)."""
+    """Powers of s over its largest value, with the factor i of phasors, shape (m, H, degrees)."""
 
     @classmethod
     def of(cls, phasors: Phasors, s: Complexes) -> EndTerms | None:

@@ -99,7 +99,7 @@ class Columns:
     free: Floats
     """Shape (g, m, k)."""
     length: Floats
-    """Of each column before, shape (g, k)."""
+    """Original length of each column, shape (g, k)."""
     gram: Floats
     """Shape (g, k, k)."""
 
@@ -148,7 +148,7 @@ class Projection:
     W: Complexes
     """Whitening matrices, shape (r, H, n, n)."""
     columns: tuple[Columns, ...]
-    """Of different records."""
+    """Columns of disjoint groups of records."""
     complement: Complement | None
     """In place of the columns: coordinates that the waveforms do not reach."""
     ends: Columns | None = None

@@ -48,14 +48,14 @@ class FrictionWaveforms:
     """Phasors of the friction torque per unit of each parameter."""
 
     coulomb: Complexes
-    """Of sign θ̇, shape (r, H, n); zero where the motor never reverses."""
+    """Phasors of sign θ̇, shape (r, H, n); zero where the motor never reverses."""
     curve: Complexes
-    """Of sign θ̇ · exp(−|θ̇|/w) for several widths w, shape (r, H, n, c): friction that rises or falls
-    with speed, in addition to Coulomb friction."""
+    """Phasors of sign θ̇ · exp(−|θ̇|/w) for several widths w, shape (r, H, n, c): friction that rises or
+    falls with speed, in addition to Coulomb friction."""
     unknown: Sequence[Waveforms]
-    """Unknown friction of every record: free, or within the Coulomb friction."""
+    """Unknown friction of every record: free, or bounded by the Coulomb friction."""
     sizes: Floats
-    """Standard deviation of the latter, shape (r, n), N·m of the logged torque."""
+    """Standard deviation of the bounded friction, shape (r, n), N·m of the logged torque."""
     stationary: np.ndarray
     """Whether the joint's motion is within its noise for most of the time, shape (r, n): its friction is
     then unknown over the whole period, and its residual carries no information."""
@@ -64,7 +64,7 @@ class FrictionWaveforms:
     position_filter: Floats = field(default_factory=lambda: np.zeros(1))
     """Time constants of the position filters that are removed from the velocities, (n,), s."""
     load: Complexes | None = None
-    """Of sign θ̇ times the size of the torque through the gear, shape (r, H, n); see ``with_load``."""
+    """Phasors of sign θ̇ times the magnitude of the gear torque, shape (r, H, n); see ``with_load``."""
 
     @cached_property
     def spread(self) -> Floats:

@@ -11,16 +11,16 @@ from jointid.phasors.periods import waves_at
 from jointid.phasors.segment import Segment, bins_of
 
 _RESOLVED = 0.5
-"""Polynomials of a stretch beyond its phase at the highest bin, which decides how many it needs."""
+"""Polynomials of a stretch in addition to its phase at the highest bin, which gives their number."""
 _FURTHER = 1
 """Further polynomials, which the highest bin resolves in part."""
 _RESTS = 2
-"""Polynomials of a stretch beyond which it is a rest, with any friction up to its level."""
+"""Number of polynomials above which a stretch counts as a rest, with any friction up to its level."""
 _MOST = 0.6
 """Largest share of a joint's equations that shorter stretches take: the longest first, for in the
 shortest the unknown friction is an impulse, like noise."""
 _TURN = 0.25
-"""Place of a change of sign in a rest that has the same mean as friction in ``phasors_of_turns``."""
+"""Fraction of a rest at which a change of sign gives the mean friction of ``phasors_of_turns``."""
 _MORE = 6
 """Degrees beyond those of a stretch for which a quadrature has twice as many points and is exact."""
 _MARGIN = 4.0

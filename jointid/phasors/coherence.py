@@ -18,7 +18,7 @@ _COHERENT = 0.8
 _ABOVE_FLOOR = 10.0
 """Smallest power of the angle in the proposed band, over the noise floor at high frequencies."""
 _SHARE = 1 / 300
-"""The same of the velocity per octave, over its largest: friction adds some at all frequencies."""
+"""Smallest power of the velocity per octave there, over its largest: friction adds some everywhere."""
 _HIGHEST = 1 / 6
 """Top of the proposed band over the sample rate: images of a held torque grow with frequency."""
 _GAP = 5

@@ -12,10 +12,10 @@ from scipy.interpolate import CubicSpline
 from jointid.arrays import Complexes, Floats
 
 _REFINED, _SAME = 30, 1e-4
-"""Steps to the torque of a gear, each of which leaves the share of friction in it of the error, and the
-relative change below which they end."""
+"""Fixed-point steps for the torque through a gear, each of which multiplies the error by the coefficient
+of load-dependent friction; and the relative change that ends them."""
 _MOST = 0.9
-"""Largest share of friction: with all of its torque, a gear that drives the motor does not move."""
+"""Largest coefficient of load-dependent friction; at 1, a gear is self-locking."""
 
 
 class Motors(NamedTuple):
@@ -98,8 +98,8 @@ class Segment:
     def gear_torque(self, motors: Motors, direction: Floats) -> Floats:
         """Torque through the gears, shape (n, N), N·m, by the balance at motors moving in a direction.
 
-        Of frequencies up to twice the band. Farther ones lack the jumps of friction, which the velocity
-        is too smooth for; without those just above the band, the load of the end of a sweep is missing.
+        It is limited to twice the highest frequency of the band: the load at the end of a sweep reaches
+        beyond the band, but farther on the smoothed velocity lacks the jumps of friction.
         """
         places, late = np.arange(self.begin, self.end), motors.lag_s / self.interval_s
         acting = (self._torque_at(j, places - late[j]) for j in range(late.size))

@@ -45,7 +45,7 @@ class Text:
 
     x: float
     y: float
-    """Of the baseline."""
+    """Height of the baseline."""
     text: str
     size: float = 7.0
     anchor: Anchor = "start"

@@ -38,9 +38,9 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
     """Figures 3 to 5 of the paper, for every pose that allows them; ``numbers`` names them."""
     n = analysis.study.inertia.n
     text = (
-        "Acceleration of each motor over its torque. One record alone (first figure) shows the "
-        "neighbour's controller as well; equations (17)–(18) remove it from H₁₁, H₂₂ by combining "
-        "the records of each frequency. "
+        "Acceleration of each motor over its torque. A single record (first figure) includes the "
+        "controllers of the other joints; equations (17)–(18) remove their effect from H₁₁, H₂₂ by "
+        "combining the records of each frequency. "
         if n > 1
         else "Acceleration of the motor over its torque. "
     )
@@ -122,14 +122,15 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
     left = "" if outcome.depends_on_elasticity else remaining_error_text(outcome, friction=friction)
     yield Paragraph(
         "The same path, a rectangle of 28 × 45 mm at 300 mm/s, cut before and after. Before: a robot "
-        f"with the identified springs{' and friction' * (friction is not None)}, whose servo {servo}. "
-        "After: the servo assumes the identified values, "
+        f"with the identified K{' and D' if friction is None else ', D and friction'}, whose servo "
+        f"{servo}. "
+        "After: the servo assumes the identified values. "
         + (
-            "and those of the robot are drawn from their uncertainty: of "
+            "K and D of the robot are drawn from the error bars: of "
             f"{outcome.distribution.K.shape[0]} robots, 95 % stay {at_most(outcome.after_m)} "
             f"in the largest corner zone, {1e3 * ZONES_M[-1]:g} mm; the robot at this limit is shown."
             if outcome.distribution is not None
-            else f"and the robot has exactly these. {outcome.problem}"
+            else f"The robot has exactly these values. {outcome.problem}"
         )
         + (left and f" {left}")
     )

@@ -24,7 +24,7 @@ from jointid.figures.response_curves import (
     phases_deg,
     single_record_curves,
 )
-from jointid.figures.springs import drawn_records
+from jointid.figures.stiffness import drawn_records
 from jointid.figures.style import LIGHT
 from jointid.reporting.drawing import Drawing, Line, Marks, Symbol, Text
 from jointid.wording import minus
@@ -35,7 +35,7 @@ PAGE_WIDTH = 482.0
 _GRID, _INK, _REFERENCE = "#DDDDDD", "#31333F", "#9A9A9A"
 _CUT_COLOURS = (LIGHT.nominal, LIGHT.identified)
 _STRIDE = 4
-"""Of a cut every fourth sample is drawn, one per millisecond."""
+"""Every fourth sample of a cut is drawn, one per millisecond."""
 _MARKS: dict[str, tuple[Symbol, float]] = {
     "circle": ("circle", 2.8),
     "circle-open": ("ring", 3.6),

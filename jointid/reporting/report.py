@@ -156,11 +156,11 @@ def _entered(study: Study) -> Table:
         ("Gear ratios, motor turns per joint turn", ratios_text or "not stated"),
         ("Relative σ of the inertias", f"{_known_to(study.inertia_std)}{default}"),
         ("Relative σ of the torque scale", scale),
-        ("Not confirmed, assumed", "; ".join(study.assumed) or "nothing"),
+        ("Assumed, not confirmed", "; ".join(study.assumed) or "nothing"),
     )
     caption = (
         "As entered. Positions and torques are stored at the motor, in rad and N·m: side, directions "
-        "and rated torques of the logs were applied on import and are kept in its mapping only."
+        "and rated torques of the logs were applied on import and are stated in the mapping only."
     )
     return Table((), facts, caption, kind="facts")
 

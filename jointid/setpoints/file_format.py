@@ -9,8 +9,8 @@ from jointid.arrays import Floats
 from jointid.files.application import __version__
 from jointid.setpoints.experiment import Motion
 from jointid.setpoints.limit_check import LimitRow, require_within_limits
-from jointid.setpoints.played import PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits
+from jointid.setpoints.simulated_experiment import SimulatedExperiment
 
 _ASCII = str.maketrans({"−": "-", "·": " ", "°": "deg", "²": "^2"})
 """Controllers may refuse other characters, in comments too."""
@@ -20,10 +20,10 @@ _SAFETY = (
     "and limits. It is not a safety function and does not replace a risk assessment (ISO 10218).",
     "Release: by the person responsible for this cell. Safety-rated monitoring of speed, space and stop",
     "remains on; nobody is in the safeguarded space; an emergency stop is within reach.",
-    "First run: in the maker's simulator, then on the robot with a file of scale 0.1 at reduced speed,",
-    "then in steps. Keep the whole range of the joints below clear for arm, tool and workpiece.",
-    "The experiment excites resonances on purpose: secure tool, hoses and workpiece. Stop at growing",
-    "vibration, following errors or hot drives. It starts and ends at the start pose, at rest.",
+    "First run: in the manufacturer's simulator, then on the robot with a file of scale 0.1, at reduced",
+    "speed; then in steps. Keep the whole range of the joints below clear for arm, tool and workpiece.",
+    "The experiment excites resonances on purpose: secure tool, hoses and workpiece. Stop if vibration",
+    "or following errors grow, or drives overheat. It starts and ends at the start pose, at rest.",
 )
 
 
@@ -64,7 +64,7 @@ class SetPoints:
     motion: Motion
     """The motion of all axes from the start pose, rad and s, each (N, m)."""
     robot: RobotLimits
-    played: PlayedExperiment
+    simulated: SimulatedExperiment
     rows: tuple[LimitRow, ...]
     """Check against the limits."""
     study: str
@@ -73,7 +73,7 @@ class SetPoints:
     @property
     def scale(self) -> float:
         """Factor on all motion, as chosen by the user."""
-        return self.played.experiment.scale
+        return self.simulated.experiment.scale
 
     def text(self) -> str:
         """Return the file.
@@ -91,12 +91,12 @@ class SetPoints:
 
 
 def _head(points: SetPoints) -> Iterator[str]:
-    robot, played, experiment = points.robot, points.played, points.played.experiment
+    robot, simulated, experiment = points.robot, points.simulated, points.simulated.experiment
     axes, rate_hz = _list(robot.axes), max(1e3 / points.interval_ms, 8 * experiment.highest_hz)
     yield from (
         f"jointid {__version__}: set points of an experiment. NOT RUN ON HARDWARE.",
         f"Study: {_one_line(points.study)}. Robot: {_one_line(robot.robot)}.",
-        f"Joints of the study: axes {axes}, gear ratios {_list(robot.gear_ratio)}; others stay still.",
+        f"Joints of the study: axes {axes}, gear ratios {_list(robot.gear_ratio)}; others stand still.",
         f"Start and end pose (deg): {_list(robot.start_deg)}.",
         f"Duration: {experiment.duration_s:.3f} s, {len(points.values)} set points every "
         f"{points.interval_ms:g} ms. Scale: {experiment.scale:g}.",
@@ -112,9 +112,10 @@ def _head(points: SetPoints) -> Iterator[str]:
             f"joint {row.joint} {row.quantity}: {row.peak:.4g}, limit {row.limit:.4g} "
             f"{row.unit}, margin {row.margin:.3g} ({row.where})"
         )
+    springs = simulated.elasticity
     yield from (
-        f"Simulated with K = {_list(played.elasticity.K)} N·m/rad, D = {_list(played.elasticity.D)} "
-        f"N·m·s/rad, Coulomb friction {_list(played.coulomb_Nm)} N·m,",
+        f"Simulated with K = {_list(springs.K)} N·m/rad, D = {_list(springs.D)} N·m·s/rad, "
+        f"Coulomb friction {_list(simulated.coulomb_Nm)} N·m,",
         f"load at rest {_list(robot.load_Nm)} N·m.",
         "",
         "LOG",

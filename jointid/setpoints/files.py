@@ -1,4 +1,4 @@
-"""From a played experiment to a checked file of set points."""
+"""From a simulated experiment to a checked file of set points."""
 
 import numpy as np
 
@@ -7,8 +7,8 @@ from jointid.setpoints import ros2, tables, urscript
 from jointid.setpoints.experiment import Motion
 from jointid.setpoints.file_format import Format, SetPoints
 from jointid.setpoints.limit_check import check_limits
-from jointid.setpoints.played import Peaks, PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits
+from jointid.setpoints.simulated_experiment import Peaks, SimulatedExperiment
 from jointid.wording import enumerated, significant
 
 FORMATS: dict[str, Format] = {
@@ -20,14 +20,14 @@ _FEWEST_PER_PERIOD = 5
 
 
 def set_points(
-    played: PlayedExperiment,
+    simulated: SimulatedExperiment,
     robot: RobotLimits,
     file_format: str,
     *,
     interval_ms: float | None = None,
     study: str = "",
 ) -> SetPoints:
-    """Make set points of a played experiment and check them against the limits of the same joints.
+    """Make set points of a simulated experiment and check them against the limits of the same joints.
 
     The format is one of ``FORMATS``, whose interval is the default; ``study`` is the name of the study,
     for the head of the file. Raises JointIdError when the format does not exist or does not fit the
@@ -35,9 +35,9 @@ def set_points(
     """
     if file_format not in FORMATS:
         raise JointIdError(f'Format "{file_format}": expected one of {", ".join(FORMATS)}.')
-    chosen, experiment, start = FORMATS[file_format], played.experiment, robot.start_deg
+    chosen, experiment, start = FORMATS[file_format], simulated.experiment, robot.start_deg
     interval = float(interval_ms or (*chosen.intervals_ms, 1.0)[0])
-    _require_possible(chosen, interval, robot, played)
+    _require_possible(chosen, interval, robot, simulated)
     step = 1e-3 * interval
     time = np.arange(np.ceil(experiment.duration_s / step - 1e-9) + 1) * step
     motion = Motion(*np.zeros((3, time.size, start.size)))
@@ -53,15 +53,15 @@ def set_points(
         exact = np.degrees(motion[order])[:, list(robot.moving)]
         slopes = np.diff(written, order, axis=0) / step**order
         points += [Peaks.of(quantity, "set points", time, each) for each in (exact, slopes)]
-    rows = check_limits(played, robot, points)
-    return SetPoints(chosen, interval, values, motion, robot, played, rows, study)
+    rows = check_limits(simulated, robot, points)
+    return SetPoints(chosen, interval, values, motion, robot, simulated, rows, study)
 
 
 def _require_possible(
-    chosen: Format, interval_ms: float, robot: RobotLimits, played: PlayedExperiment
+    chosen: Format, interval_ms: float, robot: RobotLimits, simulated: SimulatedExperiment
 ) -> None:
-    possible, axes, n = chosen.intervals_ms, robot.start_deg.size, played.coulomb_Nm.size
-    highest, most = played.experiment.highest_hz, 1e3 / (_FEWEST_PER_PERIOD * interval_ms)
+    possible, axes, n = chosen.intervals_ms, robot.start_deg.size, simulated.coulomb_Nm.size
+    highest, most = simulated.experiment.highest_hz, 1e3 / (_FEWEST_PER_PERIOD * interval_ms)
     if interval_ms not in (possible or (interval_ms,)) or not 0.05 <= interval_ms <= 100:
         names = enumerated([f"{value:g}" for value in sorted(possible)]) if possible else "0.05 to 100"
         raise JointIdError(f"{chosen.title}: an interval of {interval_ms:g} ms, expected {names} ms.")

@@ -17,7 +17,7 @@ from jointid.uncertainty.motion_plan import PlannedMotion
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
 
 LONGEST_S = 600.0
-"""Longest experiment that is played and written."""
+"""Longest experiment that is simulated and written."""
 _FEWEST_PERIODS = 8
 """Fewest periods at full amplitude: the first ones settle, and a segment needs five steady ones."""
 _SAMPLES = 20

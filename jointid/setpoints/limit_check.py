@@ -1,4 +1,4 @@
-"""Peaks of a played experiment against the limits of the robot."""
+"""Peaks of a simulated experiment against the limits of the robot."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.errors import JointIdError
-from jointid.setpoints.played import Peaks, PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits
+from jointid.setpoints.simulated_experiment import Peaks, SimulatedExperiment
 from jointid.wording import significant
 
 _RESERVE = 0.95
@@ -47,9 +47,9 @@ class LimitRow:
 
 
 def check_limits(
-    played: PlayedExperiment, robot: RobotLimits, points: Sequence[Peaks]
+    simulated: SimulatedExperiment, robot: RobotLimits, points: Sequence[Peaks]
 ) -> tuple[LimitRow, ...]:
-    """Compare the played experiment and its set points with the limits of the robot.
+    """Compare the simulated experiment and its set points with the limits of the robot.
 
     ``points`` are the peaks of the set points and their derivatives, joint side, in degrees relative to
     the start pose. The rows are by joint: lowest and highest position, velocity, acceleration and
@@ -57,9 +57,9 @@ def check_limits(
     """
     ratio, start = robot.gear_ratio, robot.start_deg[list(robot.moving)]
     zero = np.zeros(ratio.size)
-    load = np.abs(robot.load_Nm) * (1 + played.load_friction)
+    load = np.abs(robot.load_Nm) * (1 + simulated.load_friction)
     peaks = list(points)
-    for each in played.peaks:
+    for each in simulated.peaks:
         values = each.values if each.quantity == "torque" else np.degrees(each.values / ratio)
         peaks.append(each._replace(values=values))
     tables = (
@@ -79,9 +79,9 @@ def check_limits(
                     column = np.abs(values[:, j]) if sign is None else sign * values[:, j]
                     k = int(np.argmax(column))
                     if column[k] > peak:
-                        run = played.experiment.run_at(time[k, j])
+                        run = simulated.experiment.run_at(time[k, j])
                         peak, where = float(column[k]), f"{run}, {time[k, j]:.3f} s, {source}"
-            at_rest = offset[j] + (played.coulomb_Nm[j] if quantity == "torque" else 0.0)
+            at_rest = offset[j] + (simulated.coulomb_Nm[j] if quantity == "torque" else 0.0)
             reached = float(offset[j] + (sign or 1.0) * peak)
             bound = float(getattr(robot, limit)[j])
             rows.append(LimitRow(j + 1, quantity, unit, bound, reached, float(at_rest), where))

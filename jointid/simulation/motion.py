@@ -23,7 +23,7 @@ _PERIODS = 4
 _GROUP = 4
 """Number of neighbouring odd lines of which one stays empty and shows odd distortion."""
 _PEAK_VELOCITY, _PEAK_ACCELERATION = 1.875, 10 / np.sqrt(3)
-"""Of the quintic move of unit distance and time."""
+"""Peaks of the quintic move of unit distance and time."""
 
 
 @dataclass(frozen=True, eq=False)

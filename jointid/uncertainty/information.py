@@ -33,7 +33,7 @@ from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, in
 _EXACT = 1e12
 """Degrees of freedom of a given noise covariance."""
 _ITERATIONS = 5
-"""Of the torque of a nonlinear gear, which changes little by the law."""
+"""Iterations of the torque through a nonlinear gear, which the law changes little."""
 
 
 @dataclass(frozen=True, eq=False)

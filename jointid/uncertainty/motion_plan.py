@@ -19,11 +19,11 @@ from jointid.simulation.motion import Motion
 from jointid.small_matrices import determined_covariance
 
 _ROUNDS = 4
-"""Of fitting the amplitude to the limit of the torque, which friction and resonances bend."""
+"""Iterations of the amplitude for the torque limit: friction and resonances make it nonlinear."""
 _SHARED = "K", "D", "M", "M2", "torque_scale"
 """Parameters that records of the same robot and pose have in common."""
 _BANDWIDTHS_HZ = (10.0, 4.0, 1.5)
-"""Of the controllers that are tried for the simulated motion; only the motion counts."""
+"""Bandwidths tried for the controllers of the simulation; only the resulting motion matters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class PlannedMotion:
     alone: Floats
     """Relative standard errors from these records alone, shape (2n,)."""
     together: Floats
-    """The same with the records so far, shape (2n,)."""
+    """Relative standard errors together with the records so far, shape (2n,)."""
 
     @property
     def duration_s(self) -> float:

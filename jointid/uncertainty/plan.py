@@ -153,7 +153,7 @@ def suggest_records(
 
 
 def _best_trial(errors: Floats, information: Floats) -> int:
-    """Index of the record with the smallest largest error, errors of shape (trials, 2n).
+    """Index of the record after which the largest error is smallest; errors (trials, 2n).
 
     If every record leaves some errors infinite, the one that leaves the fewest and then adds most to the
     information (trials, P, P) in all directions, those without any before included.

@@ -22,7 +22,7 @@ class TorquePrediction:
     """Torque through the gears at frequencies left out of the fit of K and D."""
 
     frequency_hz: Floats
-    """Of the records, or lines of motions, shape (r,), Hz."""
+    """Frequencies of the records, or of the lines of motions, shape (r,), Hz."""
     relative_error: Floats
     """|measured − predicted| over |measured|, norms over the joints, shape (r,)."""
     score: Floats

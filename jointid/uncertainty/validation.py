@@ -83,7 +83,7 @@ class AmplitudeDependence:
     change: Floats
     """Relative change of stiffness from the smallest to the largest deflection, shape (n,)."""
     standard_error: Floats
-    """Of ``change``, shape (n,); inf where no frequency has several amplitudes."""
+    """Standard error of ``change``, shape (n,); inf where no frequency has several amplitudes."""
 
 
 def amplitude_dependence(fit: ElasticityFit) -> AmplitudeDependence:

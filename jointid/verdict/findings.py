@@ -92,7 +92,7 @@ _OF_ITS_PRECISION: tuple[_Rule, ...] = (
     hardly_known,
     resonance_missed,
 )
-"""Rules that require that no cause of an error is known, unless the answer is useless."""
+"""Rules that apply if no cause of an error is known, or if they make the answer not usable."""
 
 
 def findings(evidence: Evidence) -> tuple[Finding, ...]:

@@ -21,8 +21,8 @@ from jointid.verdict.wrong_data import wrong_data
 from jointid.wording import percent
 
 _RESTS, _LOOSELY, _UNKNOWN = 0.35, 0.01, 0.5
-"""Share of the time at rest, and relative standard error of K, from which a joint is reported, and the
-latter from which K agrees with 0."""
+"""A joint is reported from this share of the time at rest and this relative standard error of K; with
+the last relative standard error, K agrees with 0."""
 _SURE = 1e4
 """Degrees of freedom of the covariance of transfer matrices."""
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
@@ -115,8 +115,7 @@ def _joints_at_rest(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
             f"{some([f'Joint {k + 1}' for k in joints])} rest{'s' * (joints.size == 1)} for much of the "
             "motion",
             f"Motor {j + 1} hardly moves for {percent(shares[j])} of the time. While friction holds "
-            "it, its torque carries no information on the spring. The other joints and the short moves "
-            + result,
+            "it, its torque carries no information on K. The other joints and the short moves " + result,
             f"Move joint {j + 1} faster or farther, with torques well above its friction, so that it "
             "reverses without a rest.",
             float(min(known[j], 1.0)),

@@ -157,8 +157,8 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
             "another robot."
         )
     sure = change - relative(_SURE * own.standard_error, fit.estimate)
-    useless = absurd or (exact and contradicts(fit) and sure.max() > _FAR_OFF)
-    yield (problem if useless else warning)(
+    unusable = absurd or (exact and contradicts(fit) and sure.max() > _FAR_OFF)
+    yield (problem if unusable else warning)(
         "The inertias look wrong" if row.unit else "The torque scales or inertias look wrong",
         f"{capitalised(row.name)} was entered as {given}{unit}; the records indicate "
         f"{with_error(row.fitted, row.fitted_std)}{unit}.{others} {accounts}",
@@ -192,9 +192,10 @@ def _refitted(
     misfit: float,
     probes: Sequence[Callable[[Phasors, InertiaPrior], _Probe | None]],
 ) -> ElasticityFit | None:
-    """Search for a fit with other inertias that explains the records; None in vain.
+    """Search for a fit with other inertias that explains the records; None without success.
 
-    It takes long: one fit, the first of ``probes`` that does, must explain far more than ``misfit``.
+    The search is slow. It requires that the first successful fit of ``probes`` explains far more than
+    ``misfit``.
     """
     phasors, found, near = evidence.phasors, None, None
     for probe in () if evidence.has_motions else probes:
@@ -283,7 +284,7 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
             element = f"J_m{i + 1} + J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}"
             yield problem(
                 f"The inertias look wrong{where}",
-                "At low frequency, where the springs have no effect, torque over acceleration gives "
+                "At low frequency, where the elasticity has no effect, torque over acceleration gives "
                 f"about {element} = {number((measured[i, j] + measured[j, i]) / 2, 2)} kg·m² (entered: "
                 f"{number(given[i, j])}). The residual is {times_noise(fit.misfit)}.",
                 "Check M and M2 for another pose or drive, a missing payload or wrong gear ratios.",

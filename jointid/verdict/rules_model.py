@@ -46,7 +46,7 @@ _LOWEST = 0.1
 _GAP = 1.4
 """Factor within which a frequency covers a resonance."""
 _SEEN, _CERTAIN = 2.0, 4.0
-"""Standard errors below zero from which a damping is called negative, and from which no robot has it."""
+"""Standard errors below zero from which a damping is called negative, and certainly negative."""
 _FINE = 0.01
 """Relative standard error of K and D that needs no further frequency."""
 
@@ -58,7 +58,7 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
         if fit.K[j] <= 0:
             yield problem(
                 f"K{j + 1} is negative",
-                f"The estimate is {number(fit.K[j], 4)} N·m/rad; a spring has a positive K.",
+                f"The estimate is {number(fit.K[j], 4)} N·m/rad; a stiffness must be positive.",
                 f"Check the sign and unit of the torque of joint {j + 1}, the gear ratios, M and M2.",
                 2.0,
                 "edit mapping",
@@ -67,7 +67,7 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
             level = problem if fit.D[j] < -_CERTAIN * fit.errors.D[j] else warning
             yield level(
                 f"D{j + 1} is negative",
-                f"The estimate is {number(fit.D[j])} N·m·s/rad; a damper has a positive D.",
+                f"The estimate is {number(fit.D[j])} N·m·s/rad; a damping must not be negative.",
                 "The torque probably leads or lags. Check its hold and delay on import, or torque_hold "
                 "and torque_delay_s in study.toml.",
                 2.0,

@@ -251,7 +251,7 @@ def motors_take_power(evidence: Evidence) -> Iterator[Finding]:
         yield _foreign(
             evidence,
             taken,
-            "the motors would absorb power, which springs, inertias and friction cannot supply",
+            "the motors would absorb power, which elastic joints, inertias and friction cannot supply",
         )
 
 

@@ -29,7 +29,7 @@ _HELD = 0.05
 _STARTS = 3
 """Records for which a later start is searched, worst first."""
 _COUNTS = 3.0
-"""Amplitude over the encoder step of most records below which rounding is no noise any more."""
+"""Amplitude over the encoder step below which rounding does not act like noise."""
 _LOOP_STEP = 0.15
 """Encoder step over the presliding deflection from which K of a simulated robot shifted by 1 to 4 %."""
 _LOOP_SHIFT = 0.03

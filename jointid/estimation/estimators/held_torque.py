@@ -60,7 +60,7 @@ class HeldTorque:
 
     @cached_property
     def _sums(self) -> Complexes:
-        """Of ``powers`` over the orders, shape (4, r, H, 1)."""
+        """Sums of ``powers`` over the orders, shape (4, r, H, 1)."""
         return np.asarray(self.powers.sum(axis=1))
 
     def images(self, p: Parameters, s: Complexes, rotor: Floats, arm: Floats) -> Complexes:

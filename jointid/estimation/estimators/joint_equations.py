@@ -183,7 +183,7 @@ def spring_equations(
 
 
 def _without(moved: Complexes, of_z: Complexes) -> Complexes:
-    """Matrix (r, n, 2n) of signals whose angles hold a motion ``moved``, (r, n), per torque besides."""
+    """Matrix (r, n, 2n) of the signals; angles include the motion ``moved``, (r, n), per torque."""
     n = moved.shape[1]
     found = of_z.copy()
     found[..., n:] -= of_z[..., :n] * moved[:, None]

@@ -15,16 +15,15 @@ _EVALUATIONS, _LAW_EVALUATIONS = 150, 24
 _LEAST_DAMPING = 1e-12
 """Added to the diagonal of the normalised normal matrix, so that rounding does not make it singular."""
 _IDLE, _MOST_IDLE = 0.02, 3
-"""Decrease of the cost, over the misfit, that changes nothing, and how many in a row end the
-iteration."""
+"""Negligible decrease of the cost over the misfit; such steps in a row that end the iteration."""
 _MOTION_IDLE = 0.1
-"""The same of motions with a law of the gears."""
+"""Negligible decrease for motions with a gear law."""
 _STUCK = 3e-3
-"""Relative decrease of the cost of a model that does not explain the data that ends its fit."""
+"""Relative decrease of the cost that ends the fit of a model that does not explain the data."""
 _LAW_STUCK = 2e-2
-"""The same of a model with a law of the gears, whose evaluations are slow."""
+"""The same for a model with a gear law, whose evaluations are slow."""
 LOST, _LOST_STUCK = 100.0, 0.1
-"""Misfit of a model far from the data, and the same decrease for such a model of motions."""
+"""Misfit of a model far from the data, and the relative decrease that ends its fit to motions."""
 _ROUGH_IDLE, _ROUGH_TOLERANCE = 1.0, 0.1
 """The same as ``_IDLE`` and ``_TOLERANCE`` for a rough fit."""
 _TOLERANCE = 1e-2

@@ -44,7 +44,7 @@ from jointid.small_matrices import (
 )
 
 _FAR, _NEAR = 1e-3, 1e-6
-"""Damping from which a fit begins, and one from the estimate with other weights: its optimum is near."""
+"""Initial damping of the iteration: from start values, and from an estimate near the optimum."""
 _CHANCE = 1e-3
 """Probability of the misfit of a band by noise from which it is the model's."""
 _HELD = 3.0

@@ -309,7 +309,7 @@ class Residual:
 
 
 def with_law_noise(problem: Problem, vector: Floats) -> Problem:
-    """The problem with the noise that nonlinear gears produce from that of the torques.
+    """The problem with the noise of nonlinear gears, which follows from that of the torques.
 
     It stays fixed in a fit: without its derivative a step would lower the cost by raising the noise.
     """

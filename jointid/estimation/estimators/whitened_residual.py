@@ -34,7 +34,7 @@ _LEAST_RECORDS = 4
 POOR = 10.0
 """Misfit of a model that does not explain the data."""
 _EVALUATIONS = 2
-"""Of the free friction beside laws of the gears: it hardly changes with the torque through them."""
+"""Evaluations of the free friction beside gear laws: the torque through the gears changes it little."""
 
 
 @dataclass(frozen=True, eq=False)

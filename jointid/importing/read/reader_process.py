@@ -1,7 +1,7 @@
 """Read logs: plain text tables here, others in a child process with bounded memory and time.
 
 Libraries that parse binary formats in C can crash on a damaged file, or allocate any amount of memory.
-The response is JSON and plain numbers, not a pickle: the files come from strangers.
+The response is JSON and plain numbers, not a pickle: the files are untrusted.
 """
 
 import os

@@ -25,7 +25,7 @@ OFFSETS = (0.01, 0.03, 0.10, 0.30)
 
 
 def outcome(page: Page, settings: CutSettings, analysis: Analysis) -> Outcome:
-    """Cut before and after, with the path error that the identification promises.
+    """Cut before and after, with the predicted path error after the identification.
 
     A new nominal controller recomputes the cut before, a new zone both; the rest is kept.
     """
@@ -33,7 +33,7 @@ def outcome(page: Page, settings: CutSettings, analysis: Analysis) -> Outcome:
     assumed = assumed_elasticity(robot, settings.assumption, settings.custom)
     before = _before(page, settings, robot, assumed)
     prediction = _after(page, settings, robot)
-    awaited("Cutting", before, prediction)
+    awaited("Simulating the cut", before, prediction)
     return Outcome(robot, settings.toolpath, assumed, before.result(), *prediction.result())
 
 
@@ -42,7 +42,7 @@ def pairs(page: Page, settings: CutSettings, outcome: Outcome) -> Pairs:
     every = [replace(settings, zone_m=zone) for zone in ZONES_M]
     befores = [_before(page, there, outcome.robot, outcome.assumed) for there in every]
     afters = [_after(page, there, outcome.robot) for there in every]
-    awaited("Cutting", *befores, *afters)
+    awaited("Simulating the cut", *befores, *afters)
     found: Pairs = []
     for zone, before, after in zip(ZONES_M, befores, afters, strict=True):
         try:
@@ -66,7 +66,7 @@ def _after(page: Page, settings: CutSettings, robot: CutRobot) -> Future[Predict
 def with_laws(page: Page, settings: CutSettings, robot: CutRobot) -> TrackingRun:
     """Cut of a robot with nonlinear gears whose servo assumes their laws."""
     found = _begin(page, "laws", settings, cut_with_laws, robot)
-    awaited("Cutting", found)
+    awaited("Simulating the cut", found)
     return found.result()
 
 
@@ -80,7 +80,7 @@ def offset_costs(page: Page, settings: CutSettings, robot: CutRobot) -> tuple[fl
     pairs = np.concatenate([np.ones((1, 2)), ratios.reshape(-1, 2)]).T
     cut = partial(errors_of_mismatch, gears=robot.laws)
     found = _begin(page, "offsets", settings, cut, robot.arm, robot.elasticity, pairs)
-    awaited("Cutting", found)
+    awaited("Simulating the cut", found)
     errors = found.result()
     return float(errors[0]), errors[1:].reshape(ratios.shape[:-1]).max(axis=-1)
 

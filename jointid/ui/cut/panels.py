@@ -156,7 +156,7 @@ def accuracy_text(
 ) -> str:
     """Explain the path error after the identification; ``where`` an error of K is examined."""
     if outcome.distribution is None:
-        return "The robot has exactly the identified springs; their error is not known."
+        return "The robot has exactly the identified K and D; their error is not known."
     if not outcome.depends_on_elasticity:
         text = remaining_error_text(outcome, servo, friction)
         return f"{text} {where} shows the effect of an error of K."
@@ -185,7 +185,7 @@ def _conditions(settings: CutSettings) -> str:
 def show_assumptions() -> None:
     """Law of the servo, the paper's statements on its cuts, and the assumptions made here."""
     st.write(
-        "The springs deflect while the arm accelerates, and the tool leaves its path unless the servo "
+        "The gears deflect while the arm accelerates, and the tool leaves its path unless the servo "
         "pre-compensates the deflection x. It computes x from the K̂ and D̂ that it assumes; errors in "
         "these become path errors."
     )
@@ -203,11 +203,11 @@ def show_assumptions() -> None:
         "largest zone.\n\n"
         "**Our assumption**, not printed in the paper: link lengths, masses, gear ratios "
         "and inertias of the arm (two links of 0.705 and 0.755 m, tool at 1.15 m from the base); "
-        "the law by which the servo compensates the springs, its feedback (10 Hz), rate, delay and "
+        "the law by which the servo compensates the deflection, its feedback (10 Hz), rate, delay and "
         "encoders; the sizes of the zones (1, 5 and 10 mm) and how a corner is rounded; an "
         "acceleration of at most 15 m/s² and ramps of at least 50 ms; which parameters were "
         "non-optimal.\n\n"
-        "**Both robots are simulated.** Before identification, the robot has the identified springs, "
+        "**Both robots are simulated.** Before identification, the robot has the identified K and D, "
         "the best estimate of the real ones. The blue path is that of the robot at the 95th percentile "
         "of the path error. Errors of the inertias act through K and D; links are rigid."
     )
@@ -272,7 +272,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             included = " and ".join(name for name, part in parts.items() if part)
             if of.rule == "relative":
                 arm = (
-                    "the example arm, because this robot's geometry is not known. Its springs are "
+                    "the example arm, because this robot's geometry is not known. Its K and D are "
                     "scaled so that the ratios of nominal to identified values and the relative errors "
                     "equal those of this study"
                 )

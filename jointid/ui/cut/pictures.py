@@ -138,7 +138,7 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
     """Three corner zones, nominal above, identified below, with the picture as a file."""
     st.caption(
         "As Figure 7 of the paper. In a larger zone the tool passes the corner faster; in zones "
-        "up to about 10 mm this deflects the springs more. Grey: reference path; below each shape: "
+        "up to about 10 mm this deflects the gears more. Grey: reference path; below each shape: "
         "largest path error."
     )
     pairs = cached_cuts.pairs(page, settings, outcome)

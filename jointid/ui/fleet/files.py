@@ -73,7 +73,7 @@ def open_fleet() -> OpenFleet:
     _keep(fleet)
     if fleet.rows or fleet.todo:
         left, right = st.columns([4, 1], vertical_alignment="center")
-        kept = "The results are kept at this page's address until they are closed."
+        kept = "The results are stored under this page's address until they are closed."
         unkept = "The results are open in this session only; save them below."
         left.caption(f"{counted(len(fleet.rows), 'study')} open. {kept if fleet.saved else unkept}")
         right.button("Close this fleet", on_click=_close, width="stretch")

@@ -54,7 +54,8 @@ def _farthest_robots(spread: Spread) -> str:
         f"{'softer' if typical[name] < 0 else 'stiffer'} than the fleet"
         for name in names[:2]
     ]
-    more = [counted(len(names) - 2, "more robot") + " far from it"] if len(names) > 2 else []
+    count = len(names) - 2
+    more = [f"{counted(count, 'more robot')} {'differs' if count == 1 else 'differ'}"] * (count > 0)
     return enumerated([each[0], *(text.removesuffix(" than the fleet") for text in each[1:]), *more])
 
 

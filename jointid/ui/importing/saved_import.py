@@ -79,8 +79,8 @@ def show_storage_state() -> None:
             "The study made from these logs is kept. Logs and entries stay open in this session only; "
             "the next change stores them again."
             if is_finished()
-            else "Logs and entries are kept at this page's address until they are closed or opened as a "
-            "study."
+            else "Logs and entries are stored under this page's address until they are closed or opened "
+            "as a study."
         )
     show_notes(place, _LOST)
 

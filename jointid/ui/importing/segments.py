@@ -233,7 +233,7 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
     if any(row.found is not None and row.found.is_motion for row in rows):
         columns["Band (Hz)"] = [_band(row.found) for row in rows]
     columns["Periods"] = [_periods(row) for row in rows]
-    hint = "Share of the signal that the sine explains, in the joint that it explains best."
+    hint = "Share of the signal's variance that the sine explains; largest of all joints."
     for name, share in (("Motion explained", "share"), ("Torque explained", "torque_share")):
         shares = [getattr(row.found, share, math.nan) for row in rows]
         columns[name] = ["" if math.isnan(x) else f"{100 * x:.2f} %" for x in shares]

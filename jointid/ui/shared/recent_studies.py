@@ -104,7 +104,7 @@ def _show_storage(kept: dict[str, Entry]) -> None:
         for size in (sum(entry.size_bytes for entry in kept.values()), used, store.limit_bytes)
     )
     st.caption(
-        "Kept at this page's address: bookmark it. Anyone with the address sees these studies. "
+        "Stored under this page's address: bookmark it. Anyone with the address sees these studies. "
         f"They take {here} MiB; the store on this computer holds {all_of_it} of {limit} MiB."
     )
     if used > _NEARLY_FULL * store.limit_bytes:

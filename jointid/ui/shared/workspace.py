@@ -92,8 +92,8 @@ def workspace() -> str | None:
         st.query_params.pop("w", None)
         st.session_state["unknown_workspace"] = found
         st.session_state["store_problem"] = (
-            "There is no workspace at this address (?w=…) on this computer: nothing was kept under it, "
-            "or its folder was removed."
+            "There is no workspace at this address (?w=…) on this computer: nothing was stored under "
+            "it, or its folder was removed."
         )
         return None
     st.session_state["workspace"] = found
@@ -271,14 +271,14 @@ def _load_sample(key: str, path: str, changed_ns: int, size: int) -> Opened:
     return Opened(key, study_digest(study), study)
 
 
-@st.cache_resource(max_entries=32, show_spinner="Reading the kept study")
+@st.cache_resource(max_entries=32, show_spinner="Reading the stored study")
 def _load_kept(folder: str, entry: str, checksum: str, _place: str, _digest: str) -> tuple[str, Study]:
     """Read a study from the store; the entry's id is as random as the workspace's."""
     study = load_study(store().read(_place, entry))
     if study_digest(study) != _digest:
         store().set_aside(_place, entry, "its content has changed")
         raise JointIdError(
-            "The kept copy of this study is damaged and was set aside: open its file again."
+            "The stored copy of this study is damaged and was set aside: open its file again."
         )
     return _digest, study
 

@@ -20,7 +20,7 @@ from jointid.figures import (
     torsion_curve,
 )
 from jointid.figures.response_curves import removed_effects
-from jointid.figures.springs import ColourBy
+from jointid.figures.stiffness import ColourBy
 from jointid.figures.uncertainty import left_out_prediction, normalised_residuals
 from jointid.ui.shared.charts import NO_POSE, choose_joint, choose_segment, download, plot, table
 from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
@@ -50,8 +50,8 @@ The real part of b/a is K at every frequency, the imaginary part Ï‰D; bars are Â
 Deviations at only some frequencies indicate friction, a torque delay or wrong inertias.
 """
 _REMOVED = (
-    "The points are {removed}, as identified here: with a nonlinear gear they show its linear part, "
-    "where K over amplitude shows the whole gear."
+    "The points are {removed}, as identified. Of a nonlinear gear they show the linear part only; "
+    "K over amplitude shows the whole gear."
 )
 
 

@@ -12,8 +12,8 @@ from jointid.arrays import Floats
 from jointid.setpoints.files import FORMATS, set_points
 from jointid.setpoints.from_plan import KINDS, planned_experiment
 from jointid.setpoints.limit_check import check_table, require_within_limits
-from jointid.setpoints.played import PlayedExperiment, play
 from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml
+from jointid.setpoints.simulated_experiment import SimulatedExperiment, simulate_experiment
 from jointid.ui.shared.charts import Table, csv_of, download
 from jointid.ui.shared.entries import (
     applied,
@@ -123,20 +123,22 @@ def show_set_points(
     settings = {"kind": _FORMS[kind], "scale": scale, "repeats": repeats, "ramp_s": ramp_s}
     settings |= {"rest_s": rest_s, "velocity_rad_s": drift}
     inertia, fit = analysis.inertia(pose), analysis.fit
-    played = page.computed(
-        ("played", pose, content, *settings.values()),
+    simulated = page.computed(
+        ("simulated", pose, content, *settings.values()),
         "Running on the simulated robot",
-        play,
+        simulate_experiment,
         planned_experiment(plan, inertia, fit.elasticity, **settings),
         inertia,
         fit.elasticity,
         friction=fit.friction,
     )
     (interval_ms,) = numbers_in("Interval", interval, count=1) if interval.strip() else (None,)
-    points = set_points(played, robot, file_format, interval_ms=interval_ms, study=analysis.study.name)
+    points = set_points(
+        simulated, robot, file_format, interval_ms=interval_ms, study=analysis.study.name
+    )
     show_text_table(check_table(points.rows))
     st.caption(
-        f"{played.experiment.duration_s:.0f} s. Position, velocity and acceleration at the joint, "
+        f"{simulated.experiment.duration_s:.0f} s. Position, velocity and acceleration at the joint, "
         "torque at the motor. Each peak is the largest of set points, simulated control and exact "
         "following, for motors and arm. Peaks may exceed the planned amplitudes: the controller, ramps, "
         "friction, holding torque and, in a multisine, coinciding sine peaks add to them. "
@@ -146,10 +148,10 @@ def show_set_points(
     st.success("All limits hold.")
     if isinstance(plan, PlannedRecords):
         planned = {
-            "torque": (np.abs(plan.torque_Nm).max(axis=0) + played.coulomb_Nm, "N·m"),
+            "torque": (np.abs(plan.torque_Nm).max(axis=0) + simulated.coulomb_Nm, "N·m"),
             "velocity": (plan.velocity_rad_s.max(axis=0), "rad/s at the motor"),
         }
-        show_amplified(played, planned, scale)
+        show_amplified(simulated, planned, scale)
     chosen = FORMATS[file_format]
     name = f"{file_stem(analysis.study.name)}_set_points{chosen.ending}"
     download(f"Save the set points ({chosen.title})", points.text, name)
@@ -158,11 +160,11 @@ def show_set_points(
 
 
 def show_amplified(
-    played: PlayedExperiment, planned: dict[str, tuple[Floats, str]], scale: float
+    simulated: SimulatedExperiment, planned: dict[str, tuple[Floats, str]], scale: float
 ) -> None:
     """Warn where the peaks of a quantity exceed the planned amplitudes, (n,) with their unit."""
     for quantity, (amplitude, unit) in planned.items():
-        peaks = [each for each in played.peaks if each.quantity == quantity]
+        peaks = [each for each in simulated.peaks if each.quantity == quantity]
         values = np.array([np.abs(each.values).max(axis=0) for each in peaks])
         ratio = np.divide(values, scale * amplitude, out=np.zeros_like(values), where=amplitude > 0)
         k, j = np.unravel_index(ratio.argmax(), ratio.shape)

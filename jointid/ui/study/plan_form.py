@@ -64,7 +64,7 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     label, of = "Velocity amplitudes up to (rad/s)", "of motor and arm, motor side"
     velocities = _ask_limits(four, f"plan_velocity_{digest[:12]}", label, velocity, of)
     st.caption(
-        "The amplitudes limit the planned sines, followed exactly. Ramps and the controller can make "
+        "The limits apply to the planned sines, if followed exactly. Ramps and the controller can cause "
         "higher peaks: the tab Set points checks them against the limits of the robot."
     )
     pose = ""

@@ -12,7 +12,7 @@ from jointid.importing.read.reader import Reader
 from jointid.wording import listed
 
 _BYTES = 8
-"""Of a number; smaller ones take as much when they are read."""
+"""Bytes of a number in memory; smaller types are converted to it."""
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:

@@ -1,4 +1,4 @@
-"""The springs: torsion curves, stiffness over frequency and amplitude, residual of the model."""
+"""Stiffness of the gears: torsion curves, K over frequency and amplitude, residual of the model."""
 
 from collections.abc import Sequence
 from functools import partial

@@ -1,4 +1,4 @@
-"""Background computations: in a worker process equal to the last bit, else here and in turn."""
+"""Background computations: bit-identical in a worker process; without one, in this process in turn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Marks in numbers, and power on the lines of a spectrum: known answers."""
+"""Thousands and decimal marks in numbers; share of a signal's power on spectral lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What must hold from experiment to answer, whatever the numbers: nature's rules, not the code's."""
+"""Invariance of the answer to controllers, excitation, clock and amplitude, and the energy balance."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""Any log ends in an answer or a refusal: no other exception, no warning, no output.
+"""Random studies: each ends in an answer or a JointIdError; no other exception, warning or output.
 
-Studies come from seeds (``any_study.random_study``): robots at any scale, repeated, collinear, constant,
-clipped, tiny and huge signals. A failure names its seed; ``faults(seed, small=True)`` repeats it. With
-``--long`` there are thirty times as many. The environment sets the number of larger studies with every
-use of an analysis, for a nightly run:
+Studies come from seeds (``study_generator.random_study``): robots at any scale, repeated, collinear,
+constant, clipped, tiny and huge signals. A failure names its seed;
+``faults(seed, small=True)`` repeats it. With ``--long`` there are thirty times as many. The environment
+sets the number of larger studies with every use of an analysis, for a nightly run:
 
-    JOINTID_LONG=3000 python -m pytest -n 0 --timeout 0 tests/test_any_study.py
+    JOINTID_LONG=3000 python -m pytest -n 0 --timeout 0 tests/test_random_studies.py
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import traceback
 
 import numpy as np
 import pytest
-from any_study import faults, random_study
-from examples import tries
+from random_cases import tries
+from study_generator import faults, random_study
 
 from benchmarks import random_studies
 from jointid import Inertia, JointIdError, SineRecord, Study, analyse

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from examples import tries
+from random_cases import tries
 
 from jointid import (
     Elasticity,

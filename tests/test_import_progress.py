@@ -1,4 +1,4 @@
-"""Work that is watched: progress, what is left, stopping, and going on."""
+"""Long tasks of the import: progress, time left, stop and resume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs and studies that name a file of the server: each attack in the way its format offers.
+"""Logs and studies that refer to files of the server: the attacks that each format allows.
 
 The files of the server hold one word and one number that no attack contains.
 """

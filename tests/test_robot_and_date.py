@@ -1,4 +1,4 @@
-"""Which robot and when: two optional keys of a study, exact on disk and never invented."""
+"""The optional keys robot and date of a study: exact on disk, and None if not stated."""
 
 from __future__ import annotations
 

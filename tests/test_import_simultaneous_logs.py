@@ -1,4 +1,4 @@
-"""Joints that were logged in a file each are joined; runs of one joint stay runs."""
+"""Simultaneous logs of one joint each are joined; successive runs of one joint are not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The import in progress outlives its session: another session at the address goes on with it."""
+"""The saved state of an unfinished import: another session at the address continues it."""
 
 from __future__ import annotations
 
@@ -136,7 +136,9 @@ def test_logs_reported_as_stored_are_stored(kept: Store) -> None:
     def said(at: AppTest) -> list[bool]:
         place = part_of(place_of(at), "import")
         texts = [caption.value for caption in at.caption]
-        assert bool(kept.entries(place)) == any("kept at this page's address" in text for text in texts)
+        assert bool(kept.entries(place)) == any(
+            "stored under this page's address" in text for text in texts
+        )
         return ["stay open in this session only" in text for text in texts]
 
     at = drop(begun(), ("one.csv", long_log()))

@@ -1,4 +1,4 @@
-"""Error bars, checks of the model and the next experiment, as a person clicks them."""
+"""Error bars, checks of the model and the plan on the pages of the app."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Peaks(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class PlayedExperiment:
+class SimulatedExperiment:
     """An experiment on two simulated robots, motor side.
 
     One follows the set points exactly and needs the torque that the motion needs, whatever its
@@ -62,14 +62,14 @@ class PlayedExperiment:
     """Peaks of the motion of motors and arm, and of torques, on both robots, motor side."""
 
 
-def play(
+def simulate_experiment(
     experiment: Experiment,
     inertia: Inertia,
     elasticity: Elasticity,
     *,
     friction: Friction | MotorFriction | None = None,
-) -> PlayedExperiment:
-    """Play an experiment on the simulated robot, equation (1): one pose, no gravity.
+) -> SimulatedExperiment:
+    """Run an experiment on the simulated robot, equation (1): one pose, no gravity.
 
     Negative estimates of friction count as none. Raises JointIdError when the joints disagree or the
     closed loop is unstable.
@@ -105,7 +105,7 @@ def play(
             loss_Nm += viscous * exact.velocity
             torque = inertia.M * exact.acceleration + spring + loss_Nm
             peaks.append(Peaks.of("torque", way, time, torque))
-    return PlayedExperiment(experiment, elasticity, coulomb, load, time, theta, tau, tuple(peaks))
+    return SimulatedExperiment(experiment, elasticity, coulomb, load, time, theta, tau, tuple(peaks))
 
 
 def _arm(

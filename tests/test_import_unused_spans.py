@@ -1,4 +1,4 @@
-"""What is not taken is told; sweeps give no runs; coarse encoders make no lines of their own."""
+"""Unused spans of a log are reported; sweeps and coarse encoders give no sine runs."""
 
 from __future__ import annotations
 
