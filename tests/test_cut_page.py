@@ -99,7 +99,7 @@ class TestPage:
         assert before > 1.5
         assert after < 0.1
         assert "with a parallelogram drive: its K and D apply unchanged" in words(at)
-        assert "a robot with the identified springs, K = 43" in words(at)
+        assert "a robot with the identified K = 43" in words(at)
         assert "assumes K = 21.5, 3.75 N·m/rad" in words(at)  # what the study calls nominal
         assert not at.get("plotly_chart")  # the tabs are computed when opened
         assert [c.key for c in at.get("bidi_component")].count("cut_animation") == 1
@@ -131,7 +131,7 @@ class TestPage:
         assert "not this study" in at.info[0].value
         assert "Nominal" not in control(at, "cut_servo").options
         assert "mm" not in at.header[0].value
-        assert "the example arm with the paper's springs" in words(at)
+        assert "the example arm with the paper's K" in words(at)
         before, after = meant(at)
         assert before > 2 > 0.1 > after
 
@@ -216,10 +216,10 @@ class TestPage:
         at = shown(nominal(at, "D").set_value("0.1, 0.015").run())
         assert headline(at)[0] < 0.1
 
-    def test_springs_have_the_unit_of_the_sidebar(self, app: AppTest) -> None:
+    def test_k_and_d_have_the_unit_of_the_sidebar(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
         at = shown(at.selectbox(key="unit").set_value("N·m/arcmin at the motor").run())
-        assert "springs, K = 0.0125, 0.00218 N·m/arcmin, D = 0.1" in words(at)
+        assert "identified K = 0.0125, 0.00218 N·m/arcmin, D = 0.1" in words(at)
         assert "assumes K = 0.00625, 0.00109 N·m/arcmin" in words(at)
         before = headline(at)
         at = shown(control(at, "cut_nominal").set_value("custom").run())
@@ -231,7 +231,7 @@ class TestPage:
         """The study's own identified values leave as much as the identification does."""
         at = shown(app.switch_page(PAGE).run())
         assert at.header[0].value.startswith("Path error of the example arm: ")
-        assert "the example arm with the identified springs scaled by" in words(at)
+        assert "the example arm with the identified values scaled by" in words(at)
         assert "K = 60.0, 5.00 N·m/rad" in words(at)
         assert "robot has K = 43.0, 7.50 N·m/rad" in words(at)
         at = shown(control(at, "cut_nominal").set_value("custom").run())

@@ -20,7 +20,7 @@ from jointid.errors import JointIdError
 from jointid.robot_models.model import RobotModel
 
 COLUMNS_MEANING = (
-    "Servo: K that it compensates; rigid: no compensation, with its parts by inertia and by gravity."
+    "Servo: the K that it assumes; rigid: no compensation, with its parts by inertia and by gravity."
 )
 COLUMNS = {
     "assumed_m": "servo: nominal K",

@@ -112,21 +112,21 @@ def show_meaning(outcome: Outcome, settings: CutSettings, unit: StiffnessUnit) -
 
 
 def _robot(robot: CutRobot, unit: StiffnessUnit) -> str:
-    """Springs of the robot before the identification."""
-    springs = _springs(robot.elasticity, _of_the_arm(robot, unit))
+    """K and D of the robot before the identification."""
+    values = _values(robot.elasticity, _of_the_arm(robot, unit))
     if robot.rule == "demonstration":
-        return f"the example arm with the paper's springs, {springs}."
+        return f"the example arm with the paper's {values}."
     if robot.rule != "relative":
-        return f"a robot with the identified springs, {springs}."
+        return f"a robot with the identified {values}."
     own, factor = robot.of_the_study(robot.elasticity), three_digits(robot.scale)
     return (
-        f"the example arm with the identified springs scaled by {factor}: {springs}, where this study's "
-        f"robot has {_springs(own, unit)}."
+        f"the example arm with the identified values scaled by {factor}: {values}, where this study's "
+        f"robot has {_values(own, unit)}."
     )
 
 
 def _of_the_arm(robot: CutRobot, unit: StiffnessUnit) -> StiffnessUnit:
-    """Unit of the springs that cut: that of the study, if they are its own."""
+    """Unit of K and D of the arm that cuts: that of the study, if they are its own."""
     return unit if robot.rule in ("direct", "springs") else AT_MOTOR
 
 
@@ -135,14 +135,14 @@ def _servo(outcome: Outcome, unit: StiffnessUnit) -> str:
     robot, assumed = outcome.robot, outcome.assumed
     if assumed is None:
         return "Its servo assumes rigid joints."
-    text = f"Its servo assumes {_springs(assumed, _of_the_arm(robot, unit))}"
+    text = f"Its servo assumes {_values(assumed, _of_the_arm(robot, unit))}"
     if robot.rule == "relative":
-        own = _springs(robot.of_the_study(assumed), unit)
+        own = _values(robot.of_the_study(assumed), unit)
         text += f", which corresponds to {own} on this study's robot"
     return text + "."
 
 
-def _springs(elasticity: Elasticity, unit: StiffnessUnit) -> str:
+def _values(elasticity: Elasticity, unit: StiffnessUnit) -> str:
     K, D = np.split(unit.shown(np.concatenate([elasticity.K, elasticity.D])), 2)
     side = "" if unit.is_default else f" {unit.side}"
     return f"K = {three_digits(K)} N·m/{unit.angle}, D = {three_digits(D)} N·m·s/rad{side}"
