@@ -135,10 +135,10 @@ def test_counterbalance_carries_part_of_the_arm() -> None:
     np.testing.assert_allclose(ROBOT.gravity_stiffness(q), np.array(slopes).T, rtol=1e-6, atol=1e-3)
 
 
-def test_changes_by_payload_and_links_are_those_of_the_torque() -> None:
+def test_changes_by_payload_and_parts_are_those_of_the_torque() -> None:
     """A first moment along an axis without second moments: halves of a payload on both sides."""
     motion, load = some_motion(6, seed=2, rows=5), ROBOT.payload
-    payload, links = ROBOT.torque_changes(*motion)
+    payload, parts = ROBOT.torque_changes(*motion)
     mass, *centre = np.moveaxis(payload, -1, 0)
 
     def loaded(mass: float, center: np.ndarray) -> np.ndarray:
@@ -149,8 +149,11 @@ def test_changes_by_payload_and_links_are_those_of_the_torque() -> None:
     lever = np.linalg.norm(load.center)
     for moved, side in zip(centre, lever * np.eye(3), strict=True):
         np.testing.assert_allclose(moved, (loaded(40.0, side) - loaded(40.0, -side)) / 2, **NEAR)
-    bare = replace(ROBOT, counterbalance=None).with_payload(mass=0.0, inertia=np.zeros(6))
-    np.testing.assert_allclose(links.sum(axis=-1), bare.torque(*motion), **NEAR)
+    bare = ROBOT.with_payload(mass=0.0, inertia=np.zeros(6))
+    np.testing.assert_allclose(parts.sum(axis=-1), bare.torque(*motion), **NEAR)
+    links = replace(bare, counterbalance=None)
+    np.testing.assert_allclose(parts[..., :-1].sum(axis=-1), links.torque(*motion), **NEAR)
+    assert not links.torque_changes(*motion)[1][..., -1].any()
     assert ROBOT.with_payload(mass=100.0).payload.mass_std == load.mass_std == 40.0
 
 
