@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -331,6 +332,8 @@ BAD_PARTS = {
     "capitals": ("a.urdf", '<origin xyz="0.2 0 0"/>', '<Origin xyz="0.2 0 0"/>', "<Origin>.*lower-case"),
     "quaternion": ("a.urdf", 'rpy="0.3 0 0"', 'quat_xyzw="0 0 0 1"', "quat_xyzw"),
     "two masses": ("a.urdf", '<mass value="9"/>', '<mass value="9"/><mass value="1"/>', "one <mass>"),
+    "gravity": ("a.urdf", '<link name="base"/>', "<gravity>0 0 0</gravity>", "not part of URDF"),
+    "nested": ("a.urdf", '<link name="base"/>', '<link name="base"><link/></link>', "inside a link"),
     "axis without xyz": ("a.urdf", '<axis xyz="0 1 1"/>', "<axis/>", "j1.*0 0 0"),
     "two reductions": ("a.urdf", "</actuator>", f"</actuator>{REDUCTION}", "joint j2 is 5 and -80"),
     "frame of the world": ("a.xml", '<light pos="0 0 3"/>', "<frame/>", "worldbody: <frame>"),
@@ -386,6 +389,14 @@ def test_a_bad_file_is_named_with_its_fault(name: str, text: str, message: str) 
     with pytest.raises(JointIdError, match=message) as raised:
         RobotModel.parse(name, text.encode())
     assert name in str(raised.value)
+
+
+def test_a_joint_that_moves_no_mass_is_named_unless_a_payload_does() -> None:
+    light = re.sub(r'<link name="(slide|tool)">.*?</link>', r'<link name="\1"/>', URDF, flags=re.S)
+    robot = RobotModel.parse("a.urdf", light.encode(), gear_ratio=[9] * 3, rotor_inertia=[1] * 3)
+    with pytest.raises(JointIdError, match=r"a\.urdf: no mass moves with j3\. .*payload"):
+        robot.inertia(np.zeros(3))
+    assert np.isfinite(robot.with_payload(mass=1.0).inertia(np.zeros(3)).M2).all()
 
 
 @pytest.mark.parametrize("std", [1e-3, 40.0])

@@ -203,6 +203,14 @@ class RobotModel(RobotDescription):
         if not np.isfinite(self.rotor_inertia).all():
             raise self._unknown("rotor inertia", self.rotor_inertia, "rotor_inertia")
         M2, gravity = self._at_motors(q)
+        if unmoved := [
+            name for name, J in zip(self.names, np.diag(M2), strict=True) if 1e-12 * M2.max() >= J
+        ]:
+            raise JointIdError(
+                f"{self.source[0]}: no mass moves with {enumerated(unmoved[:8])}. State the mass and "
+                "inertia of the link beyond, or of the payload.",
+                file=self.source[0],
+            )
         shared, shared_gravity = None, None
         if std := self.payload.mass_std:
             heavier = self.with_payload(mass=self.payload.mass + std)._at_motors(q)
