@@ -75,9 +75,9 @@ def identify_arm_side(
     band_hz : float, optional
         Upper edge of the band, Hz; otherwise that of each record, or 6 Hz.
     torque_std : float, default 0.03
-        Relative standard deviation of the rigid model: of the mass and inertia of every link, which
-        acts like a payload, and of the torque, which scales K. 0 for an exact model. It is not that of
-        the motors' torque constants: those have a standard deviation of 15 %.
+        Relative standard deviation of the rigid model: of the mass and inertia of every link and of the
+        counterbalance, which act like a payload, and of the torque, which scales K. 0 for an exact
+        model. The motors' torque constants have their own standard deviation, 15 %.
 
     Returns
     -------
