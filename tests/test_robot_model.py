@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -135,10 +136,10 @@ def test_counterbalance_carries_part_of_the_arm() -> None:
     np.testing.assert_allclose(ROBOT.gravity_stiffness(q), np.array(slopes).T, rtol=1e-6, atol=1e-3)
 
 
-def test_changes_by_payload_and_links_are_those_of_the_torque() -> None:
+def test_changes_by_payload_and_parts_are_those_of_the_torque() -> None:
     """A first moment along an axis without second moments: halves of a payload on both sides."""
     motion, load = some_motion(6, seed=2, rows=5), ROBOT.payload
-    payload, links = ROBOT.torque_changes(*motion)
+    payload, parts = ROBOT.torque_changes(*motion)
     mass, *centre = np.moveaxis(payload, -1, 0)
 
     def loaded(mass: float, center: np.ndarray) -> np.ndarray:
@@ -149,8 +150,11 @@ def test_changes_by_payload_and_links_are_those_of_the_torque() -> None:
     lever = np.linalg.norm(load.center)
     for moved, side in zip(centre, lever * np.eye(3), strict=True):
         np.testing.assert_allclose(moved, (loaded(40.0, side) - loaded(40.0, -side)) / 2, **NEAR)
-    bare = replace(ROBOT, counterbalance=None).with_payload(mass=0.0, inertia=np.zeros(6))
-    np.testing.assert_allclose(links.sum(axis=-1), bare.torque(*motion), **NEAR)
+    bare = ROBOT.with_payload(mass=0.0, inertia=np.zeros(6))
+    np.testing.assert_allclose(parts.sum(axis=-1), bare.torque(*motion), **NEAR)
+    links = replace(bare, counterbalance=None)
+    np.testing.assert_allclose(parts[..., :-1].sum(axis=-1), links.torque(*motion), **NEAR)
+    assert not links.torque_changes(*motion)[1][..., -1].any()
     assert ROBOT.with_payload(mass=100.0).payload.mass_std == load.mass_std == 40.0
 
 
@@ -328,6 +332,8 @@ BAD_PARTS = {
     "capitals": ("a.urdf", '<origin xyz="0.2 0 0"/>', '<Origin xyz="0.2 0 0"/>', "<Origin>.*lower-case"),
     "quaternion": ("a.urdf", 'rpy="0.3 0 0"', 'quat_xyzw="0 0 0 1"', "quat_xyzw"),
     "two masses": ("a.urdf", '<mass value="9"/>', '<mass value="9"/><mass value="1"/>', "one <mass>"),
+    "gravity": ("a.urdf", '<link name="base"/>', "<gravity>0 0 0</gravity>", "not part of URDF"),
+    "nested": ("a.urdf", '<link name="base"/>', '<link name="base"><link/></link>', "inside a link"),
     "axis without xyz": ("a.urdf", '<axis xyz="0 1 1"/>', "<axis/>", "j1.*0 0 0"),
     "two reductions": ("a.urdf", "</actuator>", f"</actuator>{REDUCTION}", "joint j2 is 5 and -80"),
     "frame of the world": ("a.xml", '<light pos="0 0 3"/>', "<frame/>", "worldbody: <frame>"),
@@ -383,6 +389,14 @@ def test_a_bad_file_is_named_with_its_fault(name: str, text: str, message: str) 
     with pytest.raises(JointIdError, match=message) as raised:
         RobotModel.parse(name, text.encode())
     assert name in str(raised.value)
+
+
+def test_a_joint_that_moves_no_mass_is_named_unless_a_payload_does() -> None:
+    light = re.sub(r'<link name="(slide|tool)">.*?</link>', r'<link name="\1"/>', URDF, flags=re.S)
+    robot = RobotModel.parse("a.urdf", light.encode(), gear_ratio=[9] * 3, rotor_inertia=[1] * 3)
+    with pytest.raises(JointIdError, match=r"a\.urdf: no mass moves with j3\. .*payload"):
+        robot.inertia(np.zeros(3))
+    assert np.isfinite(robot.with_payload(mass=1.0).inertia(np.zeros(3)).M2).all()
 
 
 @pytest.mark.parametrize("std", [1e-3, 40.0])

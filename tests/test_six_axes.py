@@ -124,5 +124,7 @@ def test_sines_of_joints_that_move_in_turn_with_heavy_friction() -> None:
     fit = identify_elasticity(extract_phasors(records), robot.inertia(six_axes.POSE))
     stiffness = six_axes.JOINT_K / robot.gear_ratio**2
     assert fit.misfit < 1.5
-    np.testing.assert_allclose(fit.K, stiffness, rtol=0.02)
+    np.testing.assert_allclose(fit.K, stiffness, rtol=0.003)
     assert np.all(np.abs(fit.K - stiffness) < 3 * fit.standard_error[:6])
+    # Records in which friction holds a joint do not enlarge its error: it was 2.1 % of K1.
+    assert np.all(fit.standard_error[:6] < 0.005 * stiffness)

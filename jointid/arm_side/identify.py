@@ -40,6 +40,9 @@ _FIRST_COMPLIANCE = 2e-7
 _ALIKE = 2.0
 """Largest ratio of the motions on both sides of a gear."""
 _ROUNDS = 3
+_SLOW_RAD_S, _SLOW_FRICTION_RAD = 0.02, 1.5e-5
+"""Velocity of a joint below which friction in the gear still changes with it (Stribeck), and the
+deflection by this change: in a joint that hardly moves, it passes for a skew of milliseconds."""
 _SKEW_STD_S = 5e-5
 """Difference between the skews of joints that one clock samples."""
 _OTHER_CLOCKS_S = 1e-4
@@ -72,9 +75,9 @@ def identify_arm_side(
     band_hz : float, optional
         Upper edge of the band, Hz; otherwise that of each record, or 6 Hz.
     torque_std : float, default 0.03
-        Relative standard deviation of the rigid model: of the mass and inertia of every link, which
-        acts like a payload, and of the torque, which scales K. 0 for an exact model. It is not that of
-        the motors' torque constants: those are free within 30 %.
+        Relative standard deviation of the rigid model: of the mass and inertia of every link and of the
+        counterbalance, which act like a payload, and of the torque, which scales K. 0 for an exact
+        model. The motors' torque constants have their own standard deviation, 15 %.
 
     Returns
     -------
@@ -155,9 +158,9 @@ def _identified(
     for round_ in range(_ROUNDS):
         last = round_ == _ROUNDS - 1
         both = [joint_torque(m, robot, e) for m, e in zip(motions, elastic, strict=True)]
-        torque, payload, links = ([each[k] for each in both] for k in range(3))
-        links = [torque_std * each for each in links]
-        mean, root = payload_from_motors(given, motions, robot, torque_std, torque, payload, links, mean)
+        torque, payload, parts = ([each[k] for each in both] for k in range(3))
+        parts = [torque_std * each for each in parts]
+        mean, root = payload_from_motors(given, motions, robot, torque_std, torque, payload, parts, mean)
         torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]
         payload = [p @ root for p in payload]
         joints = [
@@ -292,6 +295,9 @@ def _joint(
         without = np.array([fitted(used & (part != k), whole.noise).beta[free] for k in range(count)])
         jackknife += without.var(axis=0) * (count - 1) / len(_PARTS)
     variance = np.maximum(variance, jackknife)
+    velocity = data.columns[used, free[1]]
+    slow_rad = _SLOW_FRICTION_RAD * np.mean(np.abs(velocity) < _SLOW_RAD_S)
+    variance[1] += slow_rad**2 / np.mean(velocity**2)
     if taken_out:
         later = Regression(data.y + skew_error * data.columns[:, free[1]], data.columns)
         moved = average(Regression(later.y[used], later.columns[used]), groups, whole.noise, scale).beta

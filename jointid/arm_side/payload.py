@@ -9,8 +9,8 @@ from jointid.arrays import Floats
 from jointid.records import MotionRecord
 from jointid.robot_models.model import RobotModel
 
-_SCALE_STD = 0.3
-"""Spread of the torque constant and of the gear's efficiency."""
+_SCALE_STD = 0.15
+"""Spread of the torque constant; the gear's efficiency is friction by load."""
 _ROTOR_STD = 0.1
 """Relative standard deviation of the rotors' inertia."""
 _SLIP = 0.1
@@ -26,19 +26,19 @@ def payload_from_motors(
     torque_std: float,
     torque: list[Floats],
     payload: list[Floats],
-    links: list[Floats],
+    parts: list[Floats],
     near: Floats,
 ) -> tuple[Floats, Floats]:
     """Mean (4,) and a root (4, 4) of the covariance of the payload's standardised parameters.
 
     Each joint's motor torque, without its rotor, is the torque of links and payload times a scale
-    near 1, plus Coulomb, viscous and load-dependent friction. The rotor's torque, every link and the
-    links' gravity, a wave over the joint angle, are uncertain as well: none may pass for a payload.
-    ``torque_std`` is the relative standard deviation of the links' torque of gravity. Of every record,
-    ``torque``, shape (N, n), N·m, is that of the model with the payload as given; ``payload``, shape
-    (N, n, 4), and ``links``, shape (N, n, n), its change per standard deviation of the payload and of
-    every link. ``near``, shape (4,), is the estimate so far: the torque constant scales the payload's
-    torque as well.
+    near 1, plus Coulomb, viscous and load-dependent friction. The rotor's torque, every link, the
+    counterbalance and the links' gravity, a wave over the joint angle, are uncertain as well: none may
+    pass for a payload. ``torque_std`` is the relative standard deviation of the links' torque of
+    gravity. Of every record, ``torque``, shape (N, n), N·m, is that of the model with the payload as
+    given; ``payload``, shape (N, n, 4), and ``parts``, shape (N, n, n + 1), its change per standard
+    deviation of the payload, of every link and of the counterbalance. ``near``, shape (4,), is the
+    estimate so far: the torque constant scales the payload's torque as well.
     """
     torque = [model + change @ near for model, change in zip(torque, payload, strict=True)]
     back, every = np.linalg.inv(robot.coupling), np.concatenate([m.q for m in motions])
@@ -53,7 +53,7 @@ def payload_from_motors(
     for j in range(motor[0].shape[1]):
         y, columns, spans = [], [], []
         for m, tau, spin, model, change, own in zip(
-            motions, motor, rotor, torque, payload, links, strict=True
+            motions, motor, rotor, torque, payload, parts, strict=True
         ):
             step = max(1, int(1 / (8 * m.lowpass.band_hz * m.lowpass.interval_s)))
             rows = np.arange(len(m.q))[m.inner][::step]
@@ -69,7 +69,7 @@ def payload_from_motors(
         data = Regression(np.concatenate(y), np.concatenate(columns))
         if data.y.size < 40:
             continue
-        std = np.r_[np.ones(links[0].shape[2] + 6), _SCALE_STD, _ROTOR_STD, np.full(5, np.inf)]
+        std = np.r_[np.ones(parts[0].shape[2] + 6), _SCALE_STD, _ROTOR_STD, np.full(5, np.inf)]
         std[np.linalg.norm(data.columns, axis=0) < 1e-9] = 0.0
         noise = float(data.y.std())
         lags = int(_MEMORY_S / (step * motions[0].lowpass.interval_s))

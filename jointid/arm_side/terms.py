@@ -51,11 +51,19 @@ class Ripple:
         return np.asarray(2 * np.pi * np.arange(self.first, self.count + 1) / self.period_rad, float)
 
     def __call__(self, q: Floats) -> Floats:
-        """Waves at joint angles (N,), (N, 2 count); beyond the range those at its end.
+        """Waves at joint angles (N,), (N, 2 count)."""
+        return self._held(q, self.wavenumbers)
 
-        A series says nothing beyond: its waves would add up to tens of seconds of arc a degree away.
+    def slow(self, q: Floats) -> Floats:
+        """Harmonics of the joint angle (N,), shape (N, 2 harmonics)."""
+        return self._held(q, np.array(SLOW_HARMONICS, float))
+
+    def _held(self, q: Floats, orders: Floats) -> Floats:
+        """Waves at joint angles; beyond the range those at its end.
+
+        A series says nothing beyond: its waves would add up to tens of seconds of arc.
         """
-        return waves(np.clip(q, *self.range_rad) - self.range_rad[0], self.wavenumbers)
+        return waves(np.clip(q, *self.range_rad) - self.range_rad[0], orders)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +83,7 @@ def waves(angle: Floats, orders: Floats) -> Floats:
 def joint_torque(
     motion: BandLimited, robot: RobotModel, elastic: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Torque through the gears, (N, n), and its changes by the payload, (N, n, 4), and links, (N, n, n).
+    """Torque through the gears, (N, n), and its changes by payload, (N, n, 4), and parts, (N, n, n + 1).
 
     They are those of ``RobotModel.torque_changes``. The arm's angle is the motor's minus the deflection
     without skew, ``elastic`` (N, n), rad. The torque is filtered, not the motion: products of the motion
@@ -86,8 +94,8 @@ def joint_torque(
     wide = GaussianFilter(lowpass.interval_s, min(_WIDER * lowpass.band_hz, 0.25 / lowpass.interval_s))
     rest = GaussianFilter(lowpass.interval_s, (lowpass.band_hz**-2.0 - wide.band_hz**-2.0) ** -0.5)
     state = [wide(motion.raw - elastic, order) for order in range(3)]
-    payload, links = robot.torque_changes(*state)
-    return rest(robot.torque(*state)), rest(payload), rest(links)
+    payload, parts = robot.torque_changes(*state)
+    return rest(robot.torque(*state)), rest(payload), rest(parts)
 
 
 def joint_terms(
@@ -105,7 +113,7 @@ def joint_terms(
         "skew": motion.dq[:, j, None],
         "payload": payload[:, j],
         "damping": lowpass(torque[:, j, None], 1),
-        "slow": lowpass(waves(raw - ripple.range_rad[0], np.array(SLOW_HARMONICS, float))),
+        "slow": lowpass(ripple.slow(raw)),
         "motor": lowpass(waves(motor, np.array(MOTOR_HARMONICS, float))),
         "ripple": lowpass(ripple(raw)),
         "teeth": lowpass(waves(raw, ripple.orders)),

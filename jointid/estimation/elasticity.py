@@ -206,7 +206,8 @@ def likelihood_fit(
     if "viscous" in layout:
         fit = replace(fit, friction=_friction(estimate))
     if "coulomb" in layout:
-        braked, size = 4 / np.pi * np.abs(p["coulomb"]), np.median(estimate.phasors.torque_size, axis=0)
+        braked = 4 / np.pi * np.abs(p["coulomb"])
+        size = _sliding_torque(estimate.phasors.torque_size, braked)
         share = np.divide(braked, size, out=np.where(braked > 0, np.inf, 0.0), where=size > 0)
         motion, none = estimate.phasors.motion, np.zeros_like(share)
         of_sines = none if motion.all() else share
@@ -222,6 +223,16 @@ def likelihood_fit(
     if "delay" in layout:
         fit = replace(fit, delay=p.delay, delay_error=float(error[layout["delay"]].item()))
     return fit
+
+
+def _sliding_torque(size: Floats, braked: Floats) -> Floats:
+    """Median torque of every joint, (n,), of sizes (r, n), in the records where it exceeds its friction.
+
+    In the others friction holds the joint: they contribute nothing to its K and D.
+    """
+    slides = size > braked
+    slides |= ~slides.any(axis=0)
+    return np.asarray(np.nanmedian(np.where(slides, size, np.nan), axis=0))
 
 
 def _friction(estimate: LikelihoodEstimate) -> Friction:

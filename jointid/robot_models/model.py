@@ -163,11 +163,12 @@ class RobotModel(RobotDescription):
         return np.asarray(self._torque(*self._checked(q=q, dq=dq, ddq=ddq)))
 
     def torque_changes(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Floats, Floats]:
-        """Change of ``torque`` with the payload, (..., n, 4), and with every link, (..., n, n).
+        """Change of ``torque`` with the payload, (..., n, 4), and with each part, (..., n, n + 1).
 
         For the payload per standard deviation of its mass and of its centre along x, y and z of the
         flange; relative to its distance from the flange, the centre is as uncertain as the mass. For a
-        link per unit relative change of its mass and inertia, which equals the link's own torque.
+        part, the n links and last the counterbalance (0 without one), per unit relative change of its
+        mass and inertia, or of its force: this equals the part's own torque.
         """
         angles, *rates = self._checked(q=q, dq=dq, ddq=ddq)
         motion, load = self.links.motion(angles + self.zero, *rates), self.payload
@@ -179,7 +180,11 @@ class RobotModel(RobotDescription):
         # half a mass on one side and minus half on the other have a first moment only
         moved = [(heavier(side) - heavier(-side)) / 2 for side in lever * np.eye(3)]
         payload = load.mass_std * np.stack([heavier(load.center), *moved], axis=-1)
-        return np.asarray(payload), np.asarray(self.links.of_each(motion))
+        parts = np.zeros((*angles.shape, self.n + 1))
+        parts[..., :-1] = self.links.of_each(motion)
+        if (balance := self.counterbalance) is not None:
+            parts[..., balance.joint, -1] = balance.torque(angles[..., balance.joint])
+        return np.asarray(payload), parts
 
     def joint_inertia(self, q: ArrayLike) -> Floats:
         """Inertia matrix of links and payload on the joint side, shape (n, n), kg·m²."""
@@ -198,6 +203,14 @@ class RobotModel(RobotDescription):
         if not np.isfinite(self.rotor_inertia).all():
             raise self._unknown("rotor inertia", self.rotor_inertia, "rotor_inertia")
         M2, gravity = self._at_motors(q)
+        if unmoved := [
+            name for name, J in zip(self.names, np.diag(M2), strict=True) if 1e-12 * M2.max() >= J
+        ]:
+            raise JointIdError(
+                f"{self.source[0]}: no mass moves with {enumerated(unmoved[:8])}. State the mass and "
+                "inertia of the link beyond, or of the payload.",
+                file=self.source[0],
+            )
         shared, shared_gravity = None, None
         if std := self.payload.mass_std:
             heavier = self.with_payload(mass=self.payload.mass + std)._at_motors(q)
