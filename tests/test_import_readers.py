@@ -17,7 +17,7 @@ import format_makers as make
 import numpy as np
 import pytest
 from format_makers import FORMATS
-from log_makers import ANGLE, KINDS, ROWS, SINES_HZ, TIME_S, TORQUE, two_joint_log, zipped
+from log_makers import ANGLE, KINDS, ROWS, SINES_HZ, TIME_S, TORQUE, sheet_of, two_joint_log, zipped
 from plants import PAPER, PARALLELOGRAM
 
 from jointid import JointIdError, analyse
@@ -198,6 +198,29 @@ def test_a_row_per_joint_keeps_the_joints_apart(named: bool) -> None:
     log = apply_mapping(table, guess_mapping(table).mapping)
     assert log.theta_rad[:, 1] == pytest.approx(-ANGLE, abs=1e-6)
     assert log.tau_Nm[:, 1] == pytest.approx(-TORQUE, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["jsonl", "xlsx", "device"])
+def test_long_tables_of_other_kinds_keep_the_joints_apart(kind: str) -> None:
+    """JSON and workbooks hold long tables as well; signals of two devices may have equal names."""
+    head = ("ts", "device", "metric", "value") if kind == "device" else ("ts", "axis", "pos", "trq")
+    rows: list[tuple[object, ...]] = []
+    for t, q, tau in zip(TIME_S.tolist(), ANGLE.tolist(), TORQUE.tolist(), strict=True):
+        for axis, sign in ((1, 1), (2, -1)):
+            if kind == "device":
+                rows += [(t, f"axis{axis}", "pos", sign * q), (t, f"axis{axis}", "trq", sign * tau)]
+            else:
+                rows.append((t, axis, sign * q, sign * tau))
+    if kind == "jsonl":
+        data = "\n".join(json.dumps(dict(zip(head, row, strict=True))) for row in rows).encode()
+    elif kind == "device":
+        data = "\n".join(",".join(map(str, row)) for row in [head, *rows]).encode()
+    else:
+        data = sheet_of([head, *rows])
+    table = read_log(data, f"long.{'csv' if kind == 'device' else kind}")[0]
+    check_motion(table, torque_digits=1e-6)
+    log = apply_mapping(table, guess_mapping(table).mapping)
+    assert log.theta_rad[:, 1] == pytest.approx(-ANGLE, abs=1e-6)
 
 
 def test_numpy_objects_are_never_loaded(tmp_path: Path) -> None:
