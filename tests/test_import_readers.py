@@ -223,6 +223,24 @@ def test_long_tables_of_other_kinds_keep_the_joints_apart(kind: str) -> None:
     assert log.theta_rad[:, 1] == pytest.approx(-ANGLE, abs=1e-6)
 
 
+def test_structs_of_times_and_values_keep_their_clocks() -> None:
+    """As Simulink's signals become structs: one of times and values each, of different rates."""
+    import scipy.io
+
+    signals = {
+        name: {"Time": TIME_S[::step], "Data": values[::step]}
+        for name, values, step in (("q_rad", ANGLE, 1), ("tau", TORQUE, 2))
+    }
+    buffer = io.BytesIO()
+    scipy.io.savemat(buffer, {"logsout": signals})
+    check_motion(read_log(buffer.getvalue(), "run.mat")[0])
+
+
+def test_a_labview_file_without_a_header_is_a_table() -> None:
+    rows = "\n".join(f"{t:.6f}\t{q:.9f}\t{u:.9f}" for t, q, u in zip(TIME_S, ANGLE, TORQUE, strict=True))
+    check_motion(read_log(rows.encode(), "run.lvm")[0])
+
+
 def test_numpy_objects_are_never_loaded(tmp_path: Path) -> None:
     """An array of objects is a pickle: this one would write a file."""
     trap = tmp_path / "written"
