@@ -225,6 +225,8 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
             [(f"Drive {k} (AX5).Inputs.Position actual value",
               f"Drive {k} (AX5).Inputs.Torque actual value") for k in (1, 2)],
         ),
+        (["t", "PL.FB", "PL2.FB", "PL.CMD", "IL.FB", "IL2.FB", "VL.FB"],
+         [("PL.FB", "IL.FB"), ("PL2.FB", "IL2.FB")]),
         (["t", "ql_1", "qm_1", "taum_1"], [("qm_1", "taum_1")]),
         # Where nothing fits, the role stays empty.
         (["t", "gAxis1.monitor.v", "gAxis1.torque_act"], [("", "gAxis1.torque_act")]),

@@ -86,9 +86,10 @@ _PARAMETER = re.compile(
 _ALIASES = {
     "aipos": "axis actual pos", "aspos": "axis target pos", "macur": "motor current",
     "fpos": "actual pos", "rpos": "target pos", "qpos": "pos", "qvel": "vel", "qfrc": "torque",
+    "pl": "pos", "il": "current", "vl": "vel",
     "qm": "motor q", "ql": "link q", "thetam": "motor theta", "taum": "motor tau",
 }  # fmt: skip
-"""Signals of KUKA's sensor interface, ACS' controllers and MuJoCo; symbols of papers."""
+"""Signals of KUKA's sensor interface, ACS' controllers, MuJoCo and Kollmorgen; symbols of papers."""
 
 
 _LETTERS = {"θ": "theta", "τ": "tau", "φ": "phi", "ϑ": "theta", "ß": "ss"}
