@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -20,6 +21,8 @@ from jointid.importing import (
     common_frequencies,
     find_segments,
     measure_run,
+    runs_from_json,
+    runs_to_json,
     segment_records,
     study_from_logs,
 )
@@ -440,3 +443,48 @@ def test_a_record_with_a_transient_starts_later_in_the_study() -> None:
     assert 0.5 < start < 4.0
     assert study.records[1].time_s[0] == 0.0
     assert "1 record trimmed to the steady state" in study.description
+
+
+# --- a list of runs
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "is not JSON"),
+        ("[]", '"format": 1'),
+        ('{"format": 1, "runs": [3]}', "expected an object with the keys"),
+        ('{"format": 1, "runs": [{"start": 1}]}', 'unknown key "start"'),
+        ('{"format": 1, "runs": [{"start_s": 1}]}', "stop_s = None; expected a number"),
+        ('{"format": 1, "runs": [{"start_s": 3, "stop_s": 1, "frequency_hz": 5}]}', "Run 1 of the list"),
+        ('{"format": 1, "runs": [{"start_s": 0, "stop_s": 1, "frequency_hz": -5}]}', "must be positive"),
+        (
+            '{"format": 1, "runs": [{"start_s": NaN, "stop_s": 1, "frequency_hz": 5}]}',
+            "Run 1 of the list",
+        ),
+        ('{"format": 1, "runs": [{"start_s": 0, "stop_s": 1, "band_hz": [5]}]}', "expected two"),
+        (
+            '{"format": 1, "runs": [{"start_s": 0, "stop_s": 1, "band_hz": [1, 2], "frequency_hz": 2}]}',
+            "keep one of them",
+        ),
+    ],
+)
+def test_a_faulty_list_of_runs_is_refused_with_its_place(text: str, said: str) -> None:
+    time = np.arange(2000) * 1e-3
+    log = MappedLog(time, np.sin(30 * time)[:, None], np.cos(30 * time)[:, None], name="log.csv")
+    with pytest.raises(JointIdError, match=re.escape(said)):
+        runs_from_json(text, [log])
+
+
+def test_multisines_and_motions_are_kept_by_a_list_of_runs() -> None:
+    time = np.arange(6000) * 1e-3
+    log = MappedLog(time, np.sin(30 * time)[:, None], np.cos(30 * time)[:, None], name="log.csv")
+    segments = [
+        Segment(0.5, 2.0, 5.0, (4.0, 5.0)),
+        Segment(2.5, 5.5, float("nan"), band_hz=(2.0, 30.0)),
+    ]
+    (found,) = runs_from_json(runs_to_json([log], [segments]), [log])
+    assert [s.lines_hz for s in found] == [(4.0, 5.0), ()]
+    assert [(s.start_s, s.stop_s, s.band_hz) for s in found] == [
+        (s.start_s, s.stop_s, s.band_hz) for s in segments
+    ]
