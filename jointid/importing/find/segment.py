@@ -128,7 +128,6 @@ def significant_lines(time: Floats, theta: Floats, tau: Floats, lines: Sequence[
     excited = clear & (share > _MIN_SHARE)
     excited[strongest] = True
     hz, position, torque = hz[excited], position[excited], torque[excited]
-    span = float(time[-1] - time[0])
     shares = (hz, position, torque, 1.5 / float(time[-1] - time[0]))
     kept = _without_harmonics(*shares)
     if len(kept) >= _SEVERAL:
