@@ -6,10 +6,12 @@ import io
 import json
 import os
 import re
+import struct
 import subprocess
 import sys
 import time
 import zipfile
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -309,9 +311,18 @@ def huge_npy() -> bytes:
     return buffer.getvalue()
 
 
+def mat_bomb() -> bytes:
+    """A variable of MATLAB 5 that unpacks to 300 MB."""
+    pack = zlib.compressobj(1)
+    body = b"".join([*(pack.compress(bytes(1 << 20)) for _ in range(300)), pack.flush()])
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<HH", 0x0100, 0x4D49)
+    return head + struct.pack("<II", 15, len(body)) + body
+
+
 @pytest.mark.parametrize(
     ("data", "name", "said"),
     [
+        (mat_bomb(), "log.mat", "million numbers, more than the limit"),
         (huge_npy(), "log.npy", "more memory than the limit"),
         (b'{"a":' * 100_000 + b"1", "log.json", "not JSON"),
         (b"WPILOG\0\1" + b"\xff" * 400, "log.wpilog", "no entries of numbers"),
@@ -320,7 +331,7 @@ def huge_npy() -> bytes:
         (b"Sampling period is 0 nSec \n\nx +1.0 \n", "halscope.log", "sampling period of 0"),
         (b"LabVIEW Measurement\t\nSeparator\tTab\n", "a.lvm", "cut off"),
     ],
-    ids=["npy shape", "nested", "wpilog size", "wpilog texts", "regular expression", "period", "header"],
+    ids=["mat zip", "npy shape", "nested", "wpilog size", "wpilog texts", "regex", "period", "header"],
 )  # fmt: skip
 def test_hostile_files_are_refused_soon(data: bytes, name: str, said: str) -> None:
     began = time.process_time()

@@ -35,7 +35,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         # As text, a sheet gets the same search for header, units and numbers as a CSV file.
         text = "\n".join("\t".join(_cell(cell) for cell in row) for row in rows)
         try:
-            sheet_tables = long_tables(f"{file}: {name}", text)
+            sheet_tables = long_tables(f"{file}: {name}", text.replace('"', "'"))
             sheet_tables = sheet_tables or (read_text_table(f"{file}: {name}", text.encode()),)
             tables += [replace(table, row_word="row") for table in sheet_tables]
         except JointIdError as error:

@@ -35,7 +35,8 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     text = "\n".join("\t".join(cells.get(name, "") for name in names) for cells in table)
     header = "\t".join(" ".join(name.split()) or "name" for name in names)
     whole = f"{header}\n{text}\n"
-    found = long_tables(file, whole) or (read_text_table(file, whole.encode("utf-8", "replace")),)
+    found = long_tables(file, whole.replace('"', "'"))  # marks within a name quote nothing
+    found = found or (read_text_table(file, whole.encode("utf-8", "replace")),)
     return tuple(replace(t, notes=(*notes, *t.notes), first_row=1, row_word="row") for t in found)
 
 
