@@ -202,24 +202,19 @@ def test_a_row_per_joint_keeps_the_joints_apart(named: bool) -> None:
     assert log.tau_Nm[:, 1] == pytest.approx(-TORQUE, abs=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["jsonl", "xlsx", "device"])
+@pytest.mark.parametrize("kind", ["jsonl", "xlsx", "csv"])
 def test_long_tables_of_other_kinds_keep_the_joints_apart(kind: str) -> None:
-    """JSON and workbooks hold long tables as well; signals of two devices may have equal names."""
-    head = ("ts", "device", "metric", "value") if kind == "device" else ("ts", "axis", "pos", "trq")
-    rows: list[tuple[object, ...]] = []
-    for t, q, tau in zip(TIME_S.tolist(), ANGLE.tolist(), TORQUE.tolist(), strict=True):
-        for axis, sign in ((1, 1), (2, -1)):
-            if kind == "device":
-                rows += [(t, f"axis{axis}", "pos", sign * q), (t, f"axis{axis}", "trq", sign * tau)]
-            else:
-                rows.append((t, axis, sign * q, sign * tau))
-    if kind == "jsonl":
-        data = "\n".join(json.dumps(dict(zip(head, row, strict=True))) for row in rows).encode()
-    elif kind == "device":
-        data = "\n".join(",".join(map(str, row)) for row in [head, *rows]).encode()
-    else:
-        data = sheet_of([head, *rows])
-    table = read_log(data, f"long.{'csv' if kind == 'device' else kind}")[0]
+    """JSON and workbooks hold long tables as well; in CSV two devices have signals of equal names."""
+    rows = make.per_joint_rows()
+    data = make.json_per_joint()
+    if kind == "xlsx":
+        data = sheet_of([[*rows[0]], *([*row.values()] for row in rows)])
+    elif kind == "csv":
+        lines = (
+            f"{r['ts']},axis{r['axis']:d},{name},{r[name]}" for r in rows for name in ("pos", "trq")
+        )
+        data = "\n".join(["ts,device,metric,value", *lines]).encode()
+    table = read_log(data, f"long.{kind}")[0]
     check_motion(table, torque_digits=1e-6)
     log = apply_mapping(table, guess_mapping(table).mapping)
     assert log.theta_rad[:, 1] == pytest.approx(-ANGLE, abs=1e-6)
