@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -26,6 +27,7 @@ from jointid.importing import (
     segment_records,
     study_from_logs,
 )
+from jointid.importing.find import run_list
 from jointid.importing.find.segments import FoundSegments
 from jointid.importing.find.steady_state import Frames, settled_part
 
@@ -488,3 +490,29 @@ def test_multisines_and_motions_are_kept_by_a_list_of_runs() -> None:
     assert [(s.start_s, s.stop_s, s.band_hz) for s in found] == [
         (s.start_s, s.stop_s, s.band_hz) for s in segments
     ]
+
+
+def test_a_list_of_runs_names_the_log_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = np.arange(3000) * 1e-3
+    one, two = (
+        MappedLog(time, np.sin(30 * time)[:, None], np.cos(30 * time)[:, None], name=name)
+        for name in ("one.csv", "two.csv")
+    )
+    runs = (("two.csv", 1, [5, 4]), ("two.csv", 0.5, 4), ("one.csv", 1, []))
+    keys = ("log", "start_s", "frequency_hz")
+    rows = [dict(zip(keys, run, strict=True)) | {"stop_s": 2.5} for run in runs]
+    text = json.dumps({"format": 1, "runs": rows})
+    (of_one, of_two) = runs_from_json(text, [one, two])
+    assert [segment.lines_hz for segment in of_two] == [(4.0,), (4.0, 5.0)]  # in order of time
+    assert [s.frequency_hz for s in of_one] == pytest.approx([30 / 2 / np.pi], rel=1e-5)  # measured
+    for wrong in ('"three.csv"', "3", "null"):
+        with pytest.raises(JointIdError, match=r"expected one of one\.csv, two\.csv"):
+            runs_from_json(text.replace('"one.csv"', wrong), [one, two])
+    for start in ("true", '"1"'):
+        with pytest.raises(JointIdError, match=r"Run 2 of the list: start_s = .*; expected a number"):
+            runs_from_json(text.replace("0.5", start), [one, two])
+    monkeypatch.setattr(run_list, "_MAX_LENGTH", len(text) - 1)
+    with pytest.raises(JointIdError, match="more than the limit"):
+        runs_from_json(text, [one, two])
+    monkeypatch.setattr(run_list, "_MAX_LENGTH", len(text))
+    assert len(runs_from_json(text, [one, two])) == 2
