@@ -455,6 +455,8 @@ def test_a_record_with_a_transient_starts_later_in_the_study() -> None:
     [
         ("{", "is not JSON"),
         ("[]", '"format": 1'),
+        ('{"format": 0, "runs": []}', '"format": 1'),
+        ('{"format": 1, "runs": [{"start_s": 0, "stop_s": 1, "band_hz": [1, 2, 3]}]}', "expected two"),
         ('{"format": 1, "runs": [3]}', "expected an object with the keys"),
         ('{"format": 1, "runs": [{"start": 1}]}', 'unknown key "start"'),
         ('{"format": 1, "runs": [{"start_s": 1}]}', "stop_s = None; expected a number"),
@@ -508,6 +510,8 @@ def test_a_list_of_runs_names_the_log_of_each(monkeypatch: pytest.MonkeyPatch) -
     for wrong in ('"three.csv"', "3", "null"):
         with pytest.raises(JointIdError, match=r"expected one of one\.csv, two\.csv"):
             runs_from_json(text.replace('"one.csv"', wrong), [one, two])
+    with pytest.raises(JointIdError, match=r"log = None; expected one of one\.csv, two\.csv"):
+        runs_from_json(text.replace('"log": "two.csv", ', ""), [one, two])
     for start in ("true", '"1"'):
         with pytest.raises(JointIdError, match=r"Run 2 of the list: start_s = .*; expected a number"):
             runs_from_json(text.replace("0.5", start), [one, two])
