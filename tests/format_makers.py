@@ -338,6 +338,20 @@ def per_joint(*, named: bool = False) -> bytes:
     return "\n".join(rows).encode()
 
 
+def per_joint_rows() -> list[dict[str, float]]:
+    """The same with a number of the axis, as JSON and workbooks hold it."""
+    return [
+        {"ts": t, "axis": axis, "pos": sign * q, "trq": sign * tau}
+        for t, q, tau in zip(TIME_S.tolist(), ANGLE.tolist(), TORQUE.tolist(), strict=True)
+        for axis, sign in ((1, 1), (2, -1))
+    ]
+
+
+def json_per_joint() -> bytes:
+    """A JSON object per joint and time."""
+    return "\n".join(map(json.dumps, per_joint_rows())).encode()
+
+
 def ros_arrays(folder: Path) -> bytes:
     """A ROS 2 bag whose joint states lack efforts; the torques are in a Float64MultiArray."""
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -387,6 +401,7 @@ FORMATS: dict[str, Callable[[Path], bytes]] = {
     "log.npz": lambda _: npz(),
     "log.npy": lambda _: npy(),
     "log.jsonl": lambda _: json_lines(),
+    "long.jsonl": lambda _: json_per_joint(),
     "log.json": lambda _: json_columns(),
     "log.feather": lambda _: arrow(),
     "log.arrow": lambda _: arrow(stream=True),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -290,14 +290,19 @@ def as_hdf5(log: Log) -> bytes:
 
 def as_excel(log: Log) -> bytes:
     """A sheet with a row of units."""
+    time, theta, tau = log
+    names = ["Zeit", "Motor 1 Position", "Motor 2 Position", "Motor 1 Moment", "Motor 2 Moment"]
+    rows = np.column_stack([1e3 * time, np.degrees(theta), tau]).tolist()
+    return sheet_of([names, ["ms", "°", "°", "Nm", "Nm"], *rows])
+
+
+def sheet_of(rows: Iterable[Sequence[object]]) -> bytes:
+    """A workbook of one sheet."""
     import openpyxl
 
-    time, theta, tau = log
     book = openpyxl.Workbook(write_only=True)
     sheet = book.create_sheet("Messung")
-    sheet.append(["Zeit", "Motor 1 Position", "Motor 2 Position", "Motor 1 Moment", "Motor 2 Moment"])
-    sheet.append(["ms", "°", "°", "Nm", "Nm"])
-    for row in np.column_stack([1e3 * time, np.degrees(theta), tau]).tolist():
+    for row in rows:
         sheet.append(row)
     buffer = io.BytesIO()
     book.save(buffer)

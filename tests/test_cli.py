@@ -500,6 +500,42 @@ def test_a_log_is_converted_by_its_mapping(studies: dict[int, Study], here: Path
     assert "--torque-std = -1.0: expected" in refused(1, *stated[:-1], "--torque-std", "-1")
 
 
+def test_runs_are_listed_corrected_and_used(studies: dict[int, Study], here: Path) -> None:
+    (here / "log.csv").write_text(log_text(studies[1]), "utf-8")
+    inertia = studies[1].inertia
+    (here / "robot.toml").write_text(f"M = {inertia.M.tolist()}\nM2 = {inertia.M2.tolist()}\n", "utf-8")
+    ok("convert", "log.csv", "--guess", "m.json")
+    given = ["convert", "log.csv", "--mapping", "m.json"]
+    made = [*given, "--inertia", "robot.toml", "--overwrite", "-o", "new.zip"]
+    assert "sine runs" in ok(*given, "--list-runs", "runs.json")
+    ok(*made)
+    found = load_study(here / "new.zip")
+    ok(*made, "--runs", "runs.json")
+    assert study_digest(load_study(here / "new.zip")) == study_digest(found)
+    runs = json.loads((here / "runs.json").read_text("utf-8"))
+    first, second, third, fourth, *_ = runs["runs"]
+    first["start_s"] += 1.0
+    second["frequency_hz"] *= 1.01
+    runs["runs"] = [first, second, {**third, "frequency_hz": None}, {**fourth, "log": None}]
+    (here / "runs.json").write_text(json.dumps(runs), "utf-8")
+    assert "Run 4 of the list: log = None; expected one of log.csv" in refused(
+        1, *made, "--runs", "runs.json"
+    )
+    del runs["runs"][3]
+    (here / "runs.json").write_text(json.dumps(runs), "utf-8")
+    document = json.loads(ok(*made, "--runs", "runs.json", "--json"))
+    assert document["read_as"][0].startswith("log.csv: read as a table of text, ")
+    records = load_study(here / "new.zip").records
+    assert records[0].time_s[0] == pytest.approx(found.records[0].time_s[0] + 1.0)
+    assert [r.frequency_hz for r in records] == pytest.approx(
+        [first["frequency_hz"], second["frequency_hz"], third["frequency_hz"]], rel=1e-5
+    )
+    assert "leave out --runs" in refused(2, *given, "--list-runs", "r.json", "--runs", "runs.json")
+    assert "need a checked mapping" in refused(
+        2, "convert", "log.csv", "--guess", "g.json", "--runs", "runs.json"
+    )
+
+
 def test_a_log_without_a_sine_is_distinguished_from_one_with_a_sine(
     studies: dict[int, Study], here: Path
 ) -> None:

@@ -73,6 +73,23 @@ def test_harmonic_grid_with_its_fundamental() -> None:
     all_lines(log, runs, spans, 2e-3)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_odd_lines_of_equal_acceleration(seed: int) -> None:
+    """Towards the resonances the torque falls to a tenth: no line is a harmonic of the first."""
+    rng = np.random.default_rng(seed)
+    lines = [1.0 * k for k in range(1, 30, 2)]
+
+    def torque(hz: float) -> Complexes:
+        angle = -np.array([1.0, 2.0]) * np.exp(2j * np.pi * rng.random(2)) / hz**2
+        unit = np.column_stack([angles(hz, column) for column in np.eye(2)])
+        return np.asarray(np.linalg.solve(unit, angle))
+
+    first, *others = [(hz, torque(hz)) for hz in lines]
+    run = Run(1.0, 20.0, first[1], tuple(others))
+    log, spans = log_of([run], rate=500.0)
+    all_lines(log, [run], spans, 2e-3)
+
+
 def test_two_patterns_back_to_back() -> None:
     runs = [several([4.0, 5.0, 6.0, 7.0, 9.0], 14.0, seed, rest_s=0.0) for seed in (5, 6)]
     log, spans = log_of(runs, noise=1e-4, seed=1)

@@ -112,6 +112,22 @@ def test_a_job_reports_progress_and_stops() -> None:
     assert isinstance(job.outcome.exception(5), StoppedError)
 
 
+def test_jobs_of_many_sessions_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each may take gigabytes: the second waits, can be stopped meanwhile, and runs after the first."""
+    monkeypatch.setattr(importing_work, "_AT_ONCE", threading.Semaphore(1))
+    done = threading.Event()
+    first = Job(lambda _: done.wait(20))
+    stopped, second = Job(lambda _: 2), Job(lambda _: 3)
+    while not (stopped.waits and second.waits):
+        time.sleep(0.01)
+    stopped.stopped.set()
+    with pytest.raises(StoppedError):
+        stopped.outcome.result(10)
+    assert not second.outcome.done()
+    done.set()
+    assert (first.outcome.result(10), second.outcome.result(10)) == (True, 3)
+
+
 def test_the_search_reports_growing_progress_and_can_be_stopped() -> None:
     time_s, theta, tau = runs()
     gap = np.where(time_s > 5.8, 30.0, 0.0)  # two parts

@@ -6,10 +6,12 @@ import io
 import json
 import os
 import re
+import struct
 import subprocess
 import sys
 import time
 import zipfile
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +19,7 @@ import format_makers as make
 import numpy as np
 import pytest
 from format_makers import FORMATS
-from log_makers import ANGLE, KINDS, ROWS, SINES_HZ, TIME_S, TORQUE, two_joint_log, zipped
+from log_makers import ANGLE, KINDS, ROWS, SINES_HZ, TIME_S, TORQUE, sheet_of, two_joint_log, zipped
 from plants import PAPER, PARALLELOGRAM
 
 from jointid import JointIdError, analyse
@@ -200,6 +202,42 @@ def test_a_row_per_joint_keeps_the_joints_apart(named: bool) -> None:
     assert log.tau_Nm[:, 1] == pytest.approx(-TORQUE, abs=1e-6)
 
 
+@pytest.mark.parametrize("kind", ["jsonl", "xlsx", "csv"])
+def test_long_tables_of_other_kinds_keep_the_joints_apart(kind: str) -> None:
+    """JSON and workbooks hold long tables as well; in CSV two devices have signals of equal names."""
+    rows = make.per_joint_rows()
+    data = make.json_per_joint()
+    if kind == "xlsx":
+        data = sheet_of([[*rows[0]], *([*row.values()] for row in rows)])
+    elif kind == "csv":
+        lines = (
+            f"{r['ts']},axis{r['axis']:d},{name},{r[name]}" for r in rows for name in ("pos", "trq")
+        )
+        data = "\n".join(["ts,device,metric,value", *lines]).encode()
+    table = read_log(data, f"long.{kind}")[0]
+    check_motion(table, torque_digits=1e-6)
+    log = apply_mapping(table, guess_mapping(table).mapping)
+    assert log.theta_rad[:, 1] == pytest.approx(-ANGLE, abs=1e-6)
+
+
+def test_structs_of_times_and_values_keep_their_clocks() -> None:
+    """As Simulink's signals become structs: one of times and values each, of different rates."""
+    import scipy.io
+
+    signals = {
+        name: {"Time": TIME_S[::step], "Data": values[::step]}
+        for name, values, step in (("q_rad", ANGLE, 1), ("tau", TORQUE, 2))
+    }
+    buffer = io.BytesIO()
+    scipy.io.savemat(buffer, {"logsout": signals})
+    check_motion(read_log(buffer.getvalue(), "run.mat")[0])
+
+
+def test_a_labview_file_without_a_header_is_a_table() -> None:
+    rows = "\n".join(f"{t:.6f}\t{q:.9f}\t{u:.9f}" for t, q, u in zip(TIME_S, ANGLE, TORQUE, strict=True))
+    check_motion(read_log(rows.encode(), "run.lvm")[0])
+
+
 def test_numpy_objects_are_never_loaded(tmp_path: Path) -> None:
     """An array of objects is a pickle: this one would write a file."""
     trap = tmp_path / "written"
@@ -268,9 +306,18 @@ def huge_npy() -> bytes:
     return buffer.getvalue()
 
 
+def mat_bomb() -> bytes:
+    """A variable of MATLAB 5 that unpacks to 300 MB."""
+    pack = zlib.compressobj(1)
+    body = b"".join([*(pack.compress(bytes(1 << 20)) for _ in range(300)), pack.flush()])
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<HH", 0x0100, 0x4D49)
+    return head + struct.pack("<II", 15, len(body)) + body
+
+
 @pytest.mark.parametrize(
     ("data", "name", "said"),
     [
+        (mat_bomb(), "log.mat", "million numbers, more than the limit"),
         (huge_npy(), "log.npy", "more memory than the limit"),
         (b'{"a":' * 100_000 + b"1", "log.json", "not JSON"),
         (b"WPILOG\0\1" + b"\xff" * 400, "log.wpilog", "no entries of numbers"),
@@ -279,7 +326,7 @@ def huge_npy() -> bytes:
         (b"Sampling period is 0 nSec \n\nx +1.0 \n", "halscope.log", "sampling period of 0"),
         (b"LabVIEW Measurement\t\nSeparator\tTab\n", "a.lvm", "cut off"),
     ],
-    ids=["npy shape", "nested", "wpilog size", "wpilog texts", "regular expression", "period", "header"],
+    ids=["mat zip", "npy shape", "nested", "wpilog size", "wpilog texts", "regex", "period", "header"],
 )  # fmt: skip
 def test_hostile_files_are_refused_soon(data: bytes, name: str, said: str) -> None:
     began = time.process_time()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -216,6 +217,17 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
          [("qpos[0]", "qfrc_actuator[0]")]),
         (["t", "left_w0_velocity", "left_w0_angle", "left_w0_effort"],
          [("left_w0_angle", "left_w0_effort")]),
+        (["t", "target", "voltage.q", "voltage.d", "current.q", "current.d", "velocity", "angle"],
+         [("angle", "current.q")]),
+        (
+            ["t", *(f"Drive {k} (AX5).Inputs.{n} actual value" for k in (1, 2)
+                    for n in ("Position", "Torque"))],
+            [(f"Drive {k} (AX5).Inputs.Position actual value",
+              f"Drive {k} (AX5).Inputs.Torque actual value") for k in (1, 2)],
+        ),
+        (["t", "PL.FB", "PL2.FB", "PL.CMD", "IL.FB", "IL2.FB", "VL.FB"],
+         [("PL.FB", "IL.FB"), ("PL2.FB", "IL2.FB")]),
+        (["t", "ql_1", "qm_1", "taum_1"], [("qm_1", "taum_1")]),
         # Where nothing fits, the role stays empty.
         (["t", "gAxis1.monitor.v", "gAxis1.torque_act"], [("", "gAxis1.torque_act")]),
         (["t", "theta_md", "tau_m"], [("", "tau_m")]),
@@ -340,6 +352,13 @@ def test_durations_as_matlab_writes_them() -> None:
     assert table.column("Time").unit == "s"
 
 
+def test_degrees_as_kuka_writes_them() -> None:
+    joint = guess_mapping(
+        table_named("t", "Istposition A1 [grd]", "Motormoment A1 [Nm]")
+    ).mapping.joints[0]
+    assert (joint.position.column, joint.position.unit) == ("Istposition A1", "deg")
+
+
 def test_objects_of_cia_402_are_thousandths_of_the_rated_torque() -> None:
     joint = guess_mapping(table_named("t", "6064h", "6077h")).mapping.joints[0]
     assert joint.torque.unit == "‰"
@@ -386,6 +405,19 @@ def test_a_clock_inside_a_matrix_and_velocities_take_no_role(layout: str, clock:
     for (position, torque), (q, tau) in zip(found, ((q0, t0), (q1, t1)), strict=True):
         assert position.values == pytest.approx(q, rel=1e-7)
         assert torque.values == pytest.approx(tau, rel=1e-7)
+
+
+def test_columns_of_one_array_are_unnamed_unless_its_name_is_a_quantity() -> None:
+    q0, q1, _, _, t0, t1 = motion()
+    buffer = io.BytesIO()
+    np.save(buffer, np.column_stack([T, q0, t0, q1, t1]))
+    (table,) = read_log(buffer.getvalue(), "log.npy")
+    joints = guess_mapping(table).mapping.joints
+    assert [(j.position.column, j.torque.column) for j in joints] == [
+        ("array 2", "array 3"),
+        ("array 4", "array 5"),
+    ]
+    assert pairs("t", *many("torque {}", 4)) == [("", "torque 0")]
 
 
 @pytest.mark.parametrize("layout", ["q q i i tau tau", "q tau i"])

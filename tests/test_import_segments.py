@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -20,9 +22,12 @@ from jointid.importing import (
     common_frequencies,
     find_segments,
     measure_run,
+    runs_from_json,
+    runs_to_json,
     segment_records,
     study_from_logs,
 )
+from jointid.importing.find import run_list
 from jointid.importing.find.segments import FoundSegments
 from jointid.importing.find.steady_state import Frames, settled_part
 
@@ -440,3 +445,78 @@ def test_a_record_with_a_transient_starts_later_in_the_study() -> None:
     assert 0.5 < start < 4.0
     assert study.records[1].time_s[0] == 0.0
     assert "1 record trimmed to the steady state" in study.description
+
+
+# --- a list of runs
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "is not JSON"),
+        ("[]", '"format": 1'),
+        ('{"format": 0, "runs": []}', '"format": 1'),
+        ('{"format": 1, "runs": [{"start_s": 0, "stop_s": 1, "band_hz": [1, 2, 3]}]}', "expected two"),
+        ('{"format": 1, "runs": [3]}', "expected an object with the keys"),
+        ('{"format": 1, "runs": [{"start": 1}]}', 'unknown key "start"'),
+        ('{"format": 1, "runs": [{"start_s": 1}]}', "stop_s = None; expected a number"),
+        ('{"format": 1, "runs": [{"start_s": 3, "stop_s": 1, "frequency_hz": 5}]}', "Run 1 of the list"),
+        ('{"format": 1, "runs": [{"start_s": 0, "stop_s": 1, "frequency_hz": -5}]}', "must be positive"),
+        (
+            '{"format": 1, "runs": [{"start_s": NaN, "stop_s": 1, "frequency_hz": 5}]}',
+            "Run 1 of the list",
+        ),
+        ('{"format": 1, "runs": [{"start_s": 0, "stop_s": 1, "band_hz": [5]}]}', "expected two"),
+        (
+            '{"format": 1, "runs": [{"start_s": 0, "stop_s": 1, "band_hz": [1, 2], "frequency_hz": 2}]}',
+            "keep one of them",
+        ),
+    ],
+)
+def test_a_faulty_list_of_runs_is_refused_with_its_place(text: str, said: str) -> None:
+    time = np.arange(2000) * 1e-3
+    log = MappedLog(time, np.sin(30 * time)[:, None], np.cos(30 * time)[:, None], name="log.csv")
+    with pytest.raises(JointIdError, match=re.escape(said)):
+        runs_from_json(text, [log])
+
+
+def test_multisines_and_motions_are_kept_by_a_list_of_runs() -> None:
+    time = np.arange(6000) * 1e-3
+    log = MappedLog(time, np.sin(30 * time)[:, None], np.cos(30 * time)[:, None], name="log.csv")
+    segments = [
+        Segment(0.5, 2.0, 5.0, (4.0, 5.0)),
+        Segment(2.5, 5.5, float("nan"), band_hz=(2.0, 30.0)),
+    ]
+    (found,) = runs_from_json(runs_to_json([log], [segments]), [log])
+    assert [s.lines_hz for s in found] == [(4.0, 5.0), ()]
+    assert [(s.start_s, s.stop_s, s.band_hz) for s in found] == [
+        (s.start_s, s.stop_s, s.band_hz) for s in segments
+    ]
+
+
+def test_a_list_of_runs_names_the_log_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = np.arange(3000) * 1e-3
+    one, two = (
+        MappedLog(time, np.sin(30 * time)[:, None], np.cos(30 * time)[:, None], name=name)
+        for name in ("one.csv", "two.csv")
+    )
+    runs = (("two.csv", 1, [5, 4]), ("two.csv", 0.5, 4), ("one.csv", 1, []))
+    keys = ("log", "start_s", "frequency_hz")
+    rows = [dict(zip(keys, run, strict=True)) | {"stop_s": 2.5} for run in runs]
+    text = json.dumps({"format": 1, "runs": rows})
+    (of_one, of_two) = runs_from_json(text, [one, two])
+    assert [segment.lines_hz for segment in of_two] == [(4.0,), (4.0, 5.0)]  # in order of time
+    assert [s.frequency_hz for s in of_one] == pytest.approx([30 / 2 / np.pi], rel=1e-5)  # measured
+    for wrong in ('"three.csv"', "3", "null"):
+        with pytest.raises(JointIdError, match=r"expected one of one\.csv, two\.csv"):
+            runs_from_json(text.replace('"one.csv"', wrong), [one, two])
+    with pytest.raises(JointIdError, match=r"log = None; expected one of one\.csv, two\.csv"):
+        runs_from_json(text.replace('"log": "two.csv", ', ""), [one, two])
+    for start in ("true", '"1"'):
+        with pytest.raises(JointIdError, match=r"Run 2 of the list: start_s = .*; expected a number"):
+            runs_from_json(text.replace("0.5", start), [one, two])
+    monkeypatch.setattr(run_list, "_MAX_LENGTH", len(text) - 1)
+    with pytest.raises(JointIdError, match="more than the limit"):
+        runs_from_json(text, [one, two])
+    monkeypatch.setattr(run_list, "_MAX_LENGTH", len(text))
+    assert len(runs_from_json(text, [one, two])) == 2

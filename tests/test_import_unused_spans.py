@@ -118,6 +118,17 @@ def test_steady_sines_with_noise_are_not_reported_as_a_sweep(seed: int, rest: in
     assert without_sweeps(noisy(hz, 0.06, seed), runs)[0] == runs
 
 
+def test_missing_samples_are_no_drift_of_the_frequency() -> None:
+    """Each lost sample would shift the phase by its share of the period if the rest were numbered."""
+    runs = [Run(f, 4 * f, BOTH) for f in (16.0, 18.0, 20.0, 22.0)]
+    log, _ = log_of(runs)
+    kept = np.ones(log.time_s.size, bool)
+    kept[[900, 1100, 3100, 3300, 5400, 7600, 7700, 7800]] = False
+    rows = (getattr(log, name)[kept] for name in ("time_s", "theta_rad", "tau_Nm"))
+    found = find_segments(MappedLog(*rows))
+    assert [round(segment.frequency_hz, 2) for segment in found] == [16.0, 18.0, 20.0, 22.0]
+
+
 def test_sines_beside_a_sweep_are_kept() -> None:
     log, spans = log_of([Run(5.0, 20, BOTH, rest_s=15.0), Run(8.0, 30, BOTH)])
     t = log.time_s - spans[0][1] - 1.0

@@ -24,6 +24,7 @@ STUBS = {file.with_suffix(".py"): file for file in sorted((ROOT / "jointid").rgl
 HOMES = {
     "streamlit": ["jointid/ui/*", "app.py", "pages/*"],
     "uvicorn": ["jointid/ui/server/serving.py"],
+    "starlette": ["jointid/ui/server/serving.py"],
     "plotly": ["jointid/figures/*"],
     "pymunk": ["jointid/cut/arm_simulation.py"],
     "pandas": ["jointid/files/*", "jointid/importing/*", "jointid/ui/shared/page.py"],

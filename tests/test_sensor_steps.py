@@ -152,3 +152,26 @@ def test_a_motion_below_one_step_has_the_error_of_a_step(rate: float) -> None:
     assert 0.5 < np.sqrt(np.mean(off) / np.mean(claimed)) < 1.5
     exact = extract_phasors([SineRecord(7.0, time, 0 * wave, wave), SineRecord(7.0, time, large, wave)])
     assert exact.covariance[0, 0, 0].real == 0  # a blocked motor under an exact sensor
+
+
+@pytest.mark.parametrize(
+    ("least", "largest", "dither"), [(0.33, 0.55, 0.0), (0.19, 0.62, 0.0), (0.9, 1.0, 0.3)]
+)
+def test_motions_of_about_a_step_have_the_error_that_rounding_leaves(
+    least: float, largest: float, dither: float
+) -> None:
+    """Two levels hide the amplitude of a sine; noise of 0.3 steps leaves a part of the error of all."""
+    rng = np.random.default_rng(5)
+    time = np.arange(4000) * 1e-3
+    off, claimed = [], []
+    for _ in range(150):
+        size, hertz = rng.uniform(least, largest), rng.choice([4.0, 6.5, 9.0])
+        wave = size * np.sin(2 * np.pi * hertz * time) + rng.uniform(-0.5, 0.5)
+        log = np.rint(wave + dither * rng.standard_normal(time.size))
+        if np.ptp(log) > 0 and (dither or np.ptp(log) < 2):
+            phasors = extract_phasors([SineRecord(hertz, time, log, wave)])
+            off.append(abs(phasors.q[0, 0] - size) ** 2)
+            claimed.append(phasors.covariance[0, 0, 0].real)
+    squares = np.array(off) / claimed
+    assert 0.4 < np.sqrt(np.mean(squares)) < 1.15
+    assert np.sqrt(squares.max()) < 4

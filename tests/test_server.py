@@ -168,6 +168,28 @@ def test_the_server_watches_no_files(server: Server) -> None:
     assert "anon_inode:inotify" not in links
 
 
+def test_uploads_are_bounded_over_a_session_and_over_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    from starlette.exceptions import HTTPException
+    from streamlit.runtime.memory_uploaded_file_manager import MemoryUploadedFileManager
+    from streamlit.runtime.uploaded_file_manager import UploadedFileRec
+
+    from jointid.ui.server import serving
+
+    monkeypatch.setattr(serving, "MOST_OF_SESSION", 300)
+    monkeypatch.setattr(serving, "MOST_OF_ALL", 500)
+    manager = MemoryUploadedFileManager("/upload")
+    serving.bound_uploads(manager)
+    held = 0
+    for session in ("one", "two"):
+        for number in range(4):
+            with suppress(HTTPException):
+                manager.add_file(session, UploadedFileRec(f"{number}", "x.csv", "", bytes(100)))
+                held += 1
+    assert held == 3 + 2
+    manager.remove_session_files("one")
+    manager.add_file("two", UploadedFileRec("9", "x.csv", "", bytes(100)))
+
+
 def test_a_simulated_session_chooses_the_default_again(server: Server) -> None:
     """Like the browser, it removes a default from the address and writes any other value there."""
     with closing(Session(server.address)) as session:

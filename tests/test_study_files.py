@@ -669,6 +669,34 @@ def test_bombs_are_stopped_by_directory_and_while_reading(monkeypatch) -> None:
     assert "more files than the limit of 2" in failure(zipped(files()))
 
 
+def test_numbers_of_packed_records_are_bounded(monkeypatch) -> None:
+    """A Parquet record of a few kilobytes holds any number of equal rows; an archive holds many."""
+    import pyarrow as pa
+    import pyarrow.parquet as pa_parquet
+
+    def record(columns: dict[str, object]) -> bytes:
+        buffer = io.BytesIO()
+        pa_parquet.write_table(pa.table(columns), buffer)
+        return buffer.getvalue()
+
+    names = ["theta_m1_rad", "theta_m2_rad", "tau_m1_Nm", "tau_m2_Nm"]
+    zeros = record(dict.fromkeys(["time_s", *names], np.zeros(1_000_000)))
+    renamed = TOML.replace("01.csv", "01.parquet").replace("02.csv", "02.parquet")
+    content = files(toml=renamed, first=None, second=None)
+    assert "times its packed size" in failure(
+        zipped(content | {f"records/0{k}.parquet": zeros for k in (1, 2)})
+    )
+    time = np.arange(2000) * 1e-3
+    wave = np.tile(np.sin(np.arange(100) * 0.02 * np.pi), 20)
+    fine = record({"time_s": time} | {name: (k + 1) * wave for k, name in enumerate(names)})
+    both = content | {f"records/0{k}.parquet": fine for k in (1, 2)}
+    assert len(load_study(zipped(both)).records) == 2
+    monkeypatch.setattr(contained, "MAX_TOTAL_BYTES", 100_000)  # of numbers, 80 kB each
+    message = failure(zipped(both))
+    assert "records/02.parquet" in message
+    assert "of all records together" in message
+
+
 def test_folder_is_bounded_while_reading(tmp_path: Path, monkeypatch) -> None:
     folder = written(tmp_path, files())
     monkeypatch.setattr(contained, "MAX_TOTAL_BYTES", 50_000)

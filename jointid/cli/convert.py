@@ -14,7 +14,6 @@ from jointid.cli.files import require_new_output, robot_from
 from jointid.cli.output import print_json, print_new_study, print_table, progress
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
-from jointid.study import Study
 from jointid.wording import counted, significant
 
 
@@ -32,6 +31,16 @@ def convert(
     ] = None,
     guess: Annotated[
         Path | None, typer.Option(help="Write the proposed mapping to this file and stop.")
+    ] = None,
+    list_runs: Annotated[
+        Path | None,
+        typer.Option(help="Write the runs that --mapping gives to this file (.json) and stop."),
+    ] = None,
+    runs: Annotated[
+        Path | None,
+        typer.Option(
+            help="Use these runs, as written by --list-runs and corrected.", show_default=False
+        ),
     ] = None,
     inertia: Annotated[
         Path | None,
@@ -69,45 +78,41 @@ def convert(
     """Convert logs of any controller, with sines or other motions, into a study.
 
     First write the proposed mapping with --guess and correct it; then convert with --mapping,
-    --inertia and --output. Every run found becomes a record; runs can be corrected in the app, page
-    Import a log.
+    --inertia and --output. Every run found becomes a record: list the runs with --list-runs, correct
+    the list, and give it by --runs.
     """
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(
             "Give --guess FILE first, check the mapping in this file, then convert with --mapping FILE."
         )
+    if guess is not None and (runs or list_runs):
+        raise typer.BadParameter("--list-runs and --runs need a checked mapping: give it by --mapping.")
     if guess is not None:
         options.require_ending("--guess", guess, ".json")
         require_new_output(guess, overwrite, [*logs, inertia])
+    elif list_runs is not None:
+        if runs is not None or output is not None:
+            raise typer.BadParameter("--list-runs writes no study: leave out --runs and --output.")
+        options.require_ending("--list-runs", list_runs, ".json")
+        require_new_output(list_runs, overwrite, [*logs, mapping, inertia])
     elif output is not None:
-        require_new_output(output, overwrite, [*logs, mapping, inertia])
+        require_new_output(output, overwrite, [*logs, mapping, runs, inertia])
     from jointid import save_study
-    from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
-    from jointid.importing.map.reasons import grouped, of_joints
+    from jointid.importing import mapping_from_json, read_log, study_from_logs
     from jointid.importing.map.simultaneous_logs import join_logs
     from jointid.importing.study import parse_date
 
     with progress("Reading"):
         chosen = mapping_from_json(mapping.read_bytes()) if mapping is not None else None
         tables, together = join_logs([read_log(log) for log in logs], chosen, separate=separate)
+    read_as = [_as_read(table) for table in tables]
+    for line in read_as:
+        typer.echo(line, err=True)
     if guess is not None:
-        guessed = guess_mapping(tables[0])
-        write_file(guess, (mapping_to_json(guessed.mapping) + "\n").encode())
-        if as_json:
-            mapped = json.loads(mapping_to_json(guessed.mapping))
-            print_json({"mapping": mapped, "reasons": [asdict(r) for r in guessed.reasons]})
-            return
-        rows = [
-            [entry + of_joints(joints), "" if sure else "check", text]
-            for (entry, text, sure), joints in grouped(guessed.reasons).items()
-        ]
-        print_table(["entry", "", "reason"], rows)
-        for text in tables[0].notes:
-            typer.echo(f"{tables[0].name}: {text}", err=True)
-        print(
-            f"\n{guess} is written. Correct it, then: jointid convert LOG --mapping {guess} --inertia "
-            f"FILE --output STUDY"
-        )
+        _write_guess(tables[0], guess, as_json, read_as)
+        return
+    if chosen is not None and list_runs is not None:
+        _write_runs(tables, chosen, list_runs, together)
         return
     if chosen is None or output is None or inertia is None:
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
@@ -121,19 +126,61 @@ def convert(
         given = f"{len(poses)} times for {counted(len(tables), 'log')}"
         raise typer.BadParameter(f"--pose is given {given}: give it once, or once per log.")
     measured_on = parse_date(date)
+    corrected = runs.read_bytes() if runs is not None else None
     with progress("Looking for sine runs") as report:
-        study, notes = mapped_study(tables, chosen, robot, poses, report)
+        mapped, segments, notes = found_runs(tables, chosen, corrected, report)
+    poses = poses * len(mapped) if len(poses) == 1 else poses
+    study = study_from_logs(mapped, segments, pose_of=poses, **vars(robot))
     notes = (*together, *notes)
     facts = robot_facts(chosen, tables[0])
     study = replace(study, robot=which.strip(), date=measured_on, note=note, **facts)
     save_study(study, output, overwrite=overwrite)
-    print_new_study(study, output, as_json, notes=list(notes))
+    print_new_study(study, output, as_json, notes=list(notes), read_as=read_as)
     if study.assumed:
         notes = (
             *notes,
             f'{study.remarks[-1]} Correct them in {mapping}, or confirm them ("assumed": []).',
         )
     for line in (*notes, *[UNSTATED_TORQUE_SCALE] * (study.torque_std is None)):
+        typer.echo(line, err=True)
+
+
+def _write_guess(table: Any, guess: Path, as_json: bool, read_as: Sequence[str]) -> None:
+    """Write the proposed mapping, and print the reason of each entry."""
+    from jointid.importing import guess_mapping, mapping_to_json
+    from jointid.importing.map.reasons import grouped, of_joints
+
+    guessed = guess_mapping(table)
+    text = mapping_to_json(guessed.mapping)
+    write_file(guess, (text + "\n").encode())
+    if as_json:
+        reasons = [asdict(reason) for reason in guessed.reasons]
+        print_json({"mapping": json.loads(text), "reasons": reasons, "read_as": list(read_as)})
+        return
+    rows = [
+        [entry + of_joints(joints), "" if sure else "check", why]
+        for (entry, why, sure), joints in grouped(guessed.reasons).items()
+    ]
+    print_table(["entry", "", "reason"], rows)
+    for note in table.notes:
+        typer.echo(f"{table.name}: {note}", err=True)
+    print(
+        f"\n{guess} is written. Correct it, then: jointid convert LOG --mapping {guess} --inertia "
+        f"FILE --output STUDY"
+    )
+
+
+def _write_runs(tables: Sequence[Any], mapping: Any, path: Path, together: Sequence[str]) -> None:
+    """Write the runs that are found in logs, and print what is left out."""
+    from jointid.importing import runs_to_json
+    from jointid.importing.study import run_counts
+
+    with progress("Looking for sine runs") as report:
+        mapped, segments, notes = found_runs(tables, mapping, None, report)
+    write_file(path, runs_to_json(mapped, segments).encode())
+    count = run_counts([segment for part in segments for segment in part])
+    print(f"{path}: {count}. Correct them, then convert with --runs {path}.")
+    for line in (*together, *notes):
         typer.echo(line, err=True)
 
 
@@ -149,17 +196,16 @@ def robot_facts(mapping: Any, table: Any) -> dict[str, Any]:
     return {"assumed": assumptions(mapping), "gear_ratio": ratio if known else None}
 
 
-def mapped_study(
-    tables: Sequence[Any],
-    mapping: Any,
-    robot: Any,
-    poses: Sequence[str | None],
-    report: Callable[[float], None],
-) -> tuple[Study, tuple[str, ...]]:
-    """Return a study of sines or other motions in logs with the same columns, and notes."""
-    from jointid.importing import apply_mapping, find_runs, study_from_logs
+def found_runs(
+    tables: Sequence[Any], mapping: Any, given: bytes | None, report: Callable[[float], None]
+) -> tuple[list[Any], list[Any], tuple[str, ...]]:
+    """Return logs with the same columns, the runs of each, given or found, and notes."""
+    from jointid.importing import apply_mapping, find_runs, runs_from_json
 
     logs = [apply_mapping(table, mapping) for table in tables]
+    of_logs = tuple(f"{log.name}: {note}" for log in logs for note in log.notes)
+    if given is not None:
+        return logs, runs_from_json(given, logs), of_logs
 
     def found_in(k: int) -> Any:
         return find_runs(logs[k], progress=lambda share: report((k + share) / len(logs)))
@@ -177,14 +223,12 @@ def mapped_study(
         raise JointIdError(
             f"{' '.join([*without, *unused])} The method needs steady sines of a few periods, or "
             "several seconds of another motion. Check in the mapping which columns are position and "
-            "torque, and the unit of time; in the app, page Import a log, a run can also be marked by "
-            "its start and stop."
+            "torque, and the unit of time; a run can also be marked by its start and stop, with --runs "
+            "or in the app, page Import a log."
         )
-    study = study_from_logs(
-        logs,
-        segments,
-        pose_of=list(poses) * len(logs) if len(poses) == 1 else poses,
-        **vars(robot),
-    )
-    of_logs = (f"{log.name}: {note}" for log in logs for note in log.notes)
-    return study, (*without, *of_logs, *unused)
+    return logs, segments, (*without, *of_logs, *unused)
+
+
+def _as_read(table: Any) -> str:
+    size = f"{counted(table.rows, 'row')} of {counted(len(table.columns), 'column')}"
+    return f"{table.name}: read as {table.read_as}, {size}."

@@ -10,6 +10,8 @@ from jointid.errors import JointIdError
 
 MAX_TOTAL_BYTES = 1 << 30
 """Largest sum of the files read from one container, and largest single file, unpacked, bytes."""
+MAX_RATIO = 200
+"""Largest compression ratio above 1 MiB; measurements stay below 20."""
 MAX_MEMBERS = 10_000
 """Most files in one container."""
 CHUNK = 1 << 20
@@ -59,11 +61,12 @@ class Budget:
 
     def __init__(self, container: str) -> None:
         self._container = container
-        self._left = MAX_TOTAL_BYTES
+        self.left = MAX_TOTAL_BYTES
+        """Bytes that may still be read."""
 
     def require(self, size: int) -> None:
         """Refuse a container when the stated sizes of its files exceed the limit."""
-        if size > self._left:
+        if size > self.left:
             raise JointIdError(
                 f"{self._container} would unpack to {mebibytes(size)}, more than the limit of "
                 f"{mebibytes(MAX_TOTAL_BYTES)}.",
@@ -73,8 +76,8 @@ class Budget:
 
     def spend(self, size: int, name: str) -> None:
         """Count the bytes read of a file; refuse those beyond the limit."""
-        self._left -= size
-        if self._left < 0:
+        self.left -= size
+        if self.left < 0:
             raise JointIdError(
                 f"{name} in {self._container}: the files unpack to more than the limit of "
                 f"{mebibytes(MAX_TOTAL_BYTES)}.",

@@ -18,6 +18,7 @@ from typing import BinaryIO, TypeAlias
 from jointid.errors import JointIdError
 from jointid.files.container_limits import (
     CHUNK,
+    MAX_RATIO,
     Budget,
     chunks,
     is_clutter,
@@ -146,8 +147,6 @@ class Folder:
             ) from error
 
 
-MAX_RATIO = 200
-"""Largest compression ratio of a member above 1 MiB; measurements stay below 20."""
 MAX_DIRECTORY_BYTES = 4 << 20
 """Largest directory of an archive: bounds the work of opening one with millions of names."""
 

@@ -13,7 +13,7 @@ import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.files.container_limits import MAX_TOTAL_BYTES, mebibytes
+from jointid.files.container_limits import CHUNK, MAX_RATIO, MAX_TOTAL_BYTES, mebibytes
 from jointid.files.csv_tables import (
     are_usable,
     parquet_faults,
@@ -39,8 +39,12 @@ def _arm_name(joint: int) -> str:
     return f"theta_a{joint + 1}_rad"
 
 
-def read_record_table(file: str, data: bytes, joints: int, *, arm: bool = False) -> dict[str, Floats]:
+def read_record_table(
+    file: str, data: bytes, joints: int, *, arm: bool = False, left: int = MAX_TOTAL_BYTES
+) -> dict[str, Floats]:
     """Read the columns of one record from a .csv or .parquet file; others are ignored.
+
+    The numbers take at most ``left`` bytes.
 
     Returns the arrays of a record: time_s (N,), ascending; theta_rad and tau_Nm (N, n), motor side,
     finite; with ``arm`` also arm_rad (N, n), NaN for a joint without a column. Raises JointIdError when
@@ -53,10 +57,11 @@ def read_record_table(file: str, data: bytes, joints: int, *, arm: bool = False)
     if kind == "csv":
         header, body = read_header(file, data)
         positions = _find_columns(file, header, joints, arm)
+        _require_size(file, data.count(b"\n") * len(positions) * 8, left)
         found = list(positions)
         columns = read_columns(file, data, header, body, list(positions.values()))
     elif kind == "parquet":
-        found, columns = _read_parquet(file, data, joints, arm)
+        found, columns = _read_parquet(file, data, joints, arm, left)
     else:
         raise JointIdError(f"{file}: a record must be a .csv or .parquet file.")
     by_name = dict(zip(found, columns, strict=True))
@@ -156,13 +161,21 @@ def numeric_columns(file: str, schema: pa.Schema, joints: int, arm: bool = False
     return positions
 
 
-def _read_parquet(file: str, data: bytes, joints: int, arm: bool) -> tuple[list[str], list[Floats]]:
+def _read_parquet(
+    file: str, data: bytes, joints: int, arm: bool, left: int
+) -> tuple[list[str], list[Floats]]:
     with parquet_faults(file):
         source = pa_parquet.ParquetFile(pa.BufferReader(data))
         names = list(numeric_columns(file, source.schema_arrow, joints, arm))
         if source.metadata.num_rows == 0:
             raise JointIdError(f"{file} has columns but no rows: export the record again.")
-        _require_bounded(file, source.metadata, len(names))
+        size = _unpacked_bytes(source.metadata, len(names))
+        _require_size(file, size, left)
+        if size > CHUNK and size > MAX_RATIO * len(data):
+            raise JointIdError(
+                f"{file} would take {mebibytes(size)}, more than {MAX_RATIO} times its packed size; "
+                "measurements never compress that well."
+            )
     columns = list(np.concatenate([*parquet_rows(file, source, names)]).T)
     if not are_usable(columns):
         explain_fault(file, names, columns)
@@ -195,14 +208,19 @@ def parquet_rows(
             row += batch.num_rows
 
 
-def _require_bounded(file: str, metadata: pa_parquet.FileMetaData, columns: int) -> None:
-    """Refuse a table that is too large unpacked: a few bytes of Parquet can hold billions of values."""
+def _unpacked_bytes(metadata: pa_parquet.FileMetaData, columns: int) -> int:
+    """Size of a table unpacked, as its file states it."""
     # Not by column: Arrow ends the whole process over some damaged column metadata.
     stated = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
-    size = max(metadata.num_rows * columns * 8, stated)
-    if size > MAX_TOTAL_BYTES:
+    return int(max(metadata.num_rows * columns * 8, stated))
+
+
+def _require_size(file: str, size: int, left: int) -> None:
+    if size > min(left, MAX_TOTAL_BYTES):
+        limit = mebibytes(MAX_TOTAL_BYTES)
+        before = "" if left == MAX_TOTAL_BYTES else " of all records together"
         raise JointIdError(
-            f"{file} would take {mebibytes(size)}, more than the limit of {mebibytes(MAX_TOTAL_BYTES)}.",
+            f"{file} would take {mebibytes(size)}, more than the limit of {limit}{before}.",
             hint="Split the record, or log less.",
         )
 

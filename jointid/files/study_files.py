@@ -11,7 +11,7 @@ from typing import Any
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.files.container_limits import safe_name
+from jointid.files.container_limits import Budget, safe_name
 from jointid.files.containers import Container, MissingFileError, Source, missing, open_container
 from jointid.files.record_tables import read_record_table
 from jointid.files.study_keys import (
@@ -78,8 +78,9 @@ def load_study(path_or_file: Source) -> Study:
         timing = top.table("timing", TIMING_KEYS) if "timing" in top else None
         tables = top.tables("records", RECORD_KEYS)
         files = _record_files(tables, container)
+        budget = Budget(container.name)  # the numbers of an archive, which unpack a second time
         records = [
-            _record(table, file, timing, container, known["inertia"].n, tuple(known["poses"]))
+            _record(table, file, timing, container, budget, known["inertia"].n, tuple(known["poses"]))
             for table, file in zip(tables, files, strict=True)
         ]
     with in_place(STUDY_FILE, STUDY_FILE):
@@ -133,6 +134,7 @@ def _record(
     file: str,
     timing: CheckedTable | None,
     container: Container,
+    budget: Budget,
     joints: int,
     poses: tuple[str, ...],
 ) -> SineRecord | MotionRecord:
@@ -157,7 +159,10 @@ def _record(
         with in_place(file, file):
             return read_long_record(file, path, joints, **known)
     try:
-        arrays = read_record_table(file, container.read(file), joints, arm=kind is MotionRecord)
+        given = file, container.read(file), joints
+        arrays = read_record_table(*given, arm=kind is MotionRecord, left=budget.left)
+        if path is None:
+            budget.spend(sum(array.nbytes for array in arrays.values()), file)
     except JointIdError as error:
         error.file = error.file or file  # its message begins with it
         raise

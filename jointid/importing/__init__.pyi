@@ -1,6 +1,8 @@
 from .columns.log_table import LogColumn as LogColumn
 from .columns.log_table import LogTable as LogTable
 from .columns.log_table import main_tables as main_tables
+from .find.run_list import runs_from_json as runs_from_json
+from .find.run_list import runs_to_json as runs_to_json
 from .find.segment import Segment as Segment
 from .find.segments import common_frequencies as common_frequencies
 from .find.segments import find_runs as find_runs

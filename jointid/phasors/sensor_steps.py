@@ -39,6 +39,11 @@ _TURNS = 1.2020569 / np.pi**4
 the Fourier series of rounding, a sine's Bessel functions and their mean squares for large arguments."""
 _ALIKE = 0.15
 """Difference of two sines' amplitudes and means, in steps, below which both are rounded alike."""
+_SHARED = 0.5
+"""Amplitude of a rounded sine, in steps, from which its records share their error."""
+_FLICKERS, _TWO_LEVELS = 0.5, 1.5
+"""Amplitude and range, in steps, of a signal of two levels: any sine that just reaches the next step
+makes it."""
 _LEAST_STEP = 1e-150
 """Smallest step whose square does not underflow."""
 
@@ -76,14 +81,17 @@ def step_variance(record: SineRecord, fit: SineFit) -> Floats:
             whole = step**2 / 3 / count * undithered
             variance[0, :, channel] = np.minimum(whole, step**2 / 3 / record.samples)
             variance[1, :, channel] = whole - variance[0, :, channel]
-            if not lasting and not repeats.any() and drift[channel] < step:
+            if drift[channel] < step:
                 noise = max(0.0, float(np.median(each[:, channel])) / step**2 - 1 / 12)
                 size = max(1.0, abs(fit.harmonics[0, channel]) / step)
                 turns = _TURNS * step**2 / size * math.exp(-4 * math.pi**2 * noise)
                 # Odd about a step or its edge, even about a quarter: the mean level is known.
                 place = (fit.offset[channel] - used[0]) / step + np.arange(len(each)) / 4
                 left = 2 * np.cos(2 * np.pi * place) ** 2 * turns - variance[0, :, channel]
-                variance[1, :, channel] = np.maximum(left, 0.0)
+                variance[1, :, channel] = np.maximum(left, variance[1, :, channel])
+            moved = abs(fit.harmonics[0, channel]) / step
+            if moved < _FLICKERS and np.ptp(used) < _TWO_LEVELS * step:
+                variance[1, 0, channel] = max(variance[1, 0, channel], step**2 / 16)
     return variance
 
 
@@ -102,7 +110,7 @@ def sharing(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> Floats:
     for channel in range(shared.shape[1]):
         steps = np.array([quantum(signal[:, channel]) for signal in signals])
         moved = np.array([abs(fit.harmonics[0, channel]) for fit in fits])
-        stepped = np.flatnonzero((steps > _LEAST_STEP) & (moved > steps))
+        stepped = np.flatnonzero((steps > _LEAST_STEP) & (moved > _SHARED * steps))
         size = moved[stepped] / steps[stepped]
         mean = np.array([fit.offset[channel] for fit in fits])[stepped] / steps[stepped]
         apart = np.subtract.outer(mean, mean)

@@ -10,7 +10,7 @@ from jointid.importing.columns.log_table import LogColumn
 from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, SAMPLES, TIME_UNITS
 
 _LINES = {  # English, German, French, Italian, Spanish and others; without accents
-    "time": "time t zeit zeitstempel timestamp stamp clock temps tempo tiempo tijd uhrzeit "
+    "time": "time t ts zeit zeitstempel timestamp stamp clock temps tempo tiempo tijd uhrzeit "
     "zeitpunkt abtastzeit sec secs nsec elapsed messzeit duration cas czas zaman tid",
     "sample": "sample index idx nr no takt cycle zyklus step schritt ipoc counter zaehler",
     "position": "position pos angle ang theta th q phi winkel lage lagen ist istwert "
@@ -30,8 +30,9 @@ _LINES = {  # English, German, French, Italian, Spanish and others; without acce
     "no": "disturbance stoermoment stormoment droop "
     "error err fehler deviation abweichung schleppfehler deflection limit min max offset bias "
     "temperature temp temperatur pressure druck status flag success id phase model",
-    "other": "voltage spannung tension volt power leistung state mode digital output force kraft "
-    "busvoltage pwm ext external hat filtered estimate estimated",
+    "volt": "voltage spannung tension volt busvoltage",
+    "other": "power leistung state mode digital output force kraft "
+    "pwm ext external hat filtered estimate estimated",
     "motor": "motor motorside mot mtr rotor antrieb antriebsseitig motorseitig moteur motore drive",
     "joint": "joint jnt j link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
     "lastseitig junta eixo osa osy osi eksen axel",
@@ -41,7 +42,7 @@ _LINES = {  # English, German, French, Italian, Spanish and others; without acce
     "abtriebsseitig secondary",
     "any": "joint jnt axis achs achse gelenk ist istwert act actual measured fbk fb feedback load "
     "last th",
-    "path": "axes drive value main plc prg gvl robot channel state "
+    "path": "axes drive value main plc prg gvl robot channel state inputs outputs "
     "controller control actuator encoder foc ictrl pctrl meas",
     "current": "current curr cur strom stroom iq isq i amp courant corrente corriente intensite proud "
     "prad",
@@ -50,8 +51,11 @@ WORDS = {kind: set(line.split()) for kind, line in _LINES.items()}
 _ALL_WORDS = set().union(*WORDS.values())
 _TOKEN = re.compile(r"[a-z]+|\d+")
 _SOFT = WORDS["any"] | WORDS["current"]
+_ELECTRIC = WORDS["current"] | WORDS["volt"]
 _QUANTITY = set().union(*(WORDS[k] for k in ("time", "position", "torque", "velocity"))) - WORDS["any"]
-_COSTS = (("velocity", 4.0), ("command", 1.5), ("no", 4.0), ("other", 1.0), ("sample", 1.5))
+_COSTS = tuple(
+    {"velocity": 4.0, "command": 1.5, "no": 4.0, "volt": 4.0, "other": 1.0, "sample": 1.5}.items()
+)
 """Evidence against a position and a torque."""
 _NOT_MEASURED = WORDS["command"] - {"d", "ff"} | {"error", "err", "deviation", "fehler"}
 """Words of a whole path: "state/desired/positions" is no motion."""
@@ -82,8 +86,10 @@ _PARAMETER = re.compile(
 _ALIASES = {
     "aipos": "axis actual pos", "aspos": "axis target pos", "macur": "motor current",
     "fpos": "actual pos", "rpos": "target pos", "qpos": "pos", "qvel": "vel", "qfrc": "torque",
+    "pl": "pos", "il": "current", "vl": "vel",
+    "qm": "motor q", "ql": "link q", "thetam": "motor theta", "taum": "motor tau",
 }  # fmt: skip
-"""Signals of KUKA's sensor interface, ACS' controllers and MuJoCo."""
+"""Signals of KUKA's sensor interface, ACS' controllers, MuJoCo and Kollmorgen; symbols of papers."""
 
 
 _LETTERS = {"θ": "theta", "τ": "tau", "φ": "phi", "ϑ": "theta", "ß": "ss"}
@@ -169,6 +175,8 @@ def described(column: LogColumn) -> NamedColumn:
 def _of_quantity(name: str) -> set[str]:
     """Words of the last part of a path that names a quantity: pos, rel of "pos_vel_mapper.pos_rel"."""
     parts = [set(words_of(part)) for part in re.split(r"[./\\|]+", name)]
+    if parts[-1] in ({"d"}, {"q"}) and len(parts) > 1 and parts[-2] & _ELECTRIC:
+        parts[-2:] = [parts[-2] | parts[-1]]  # axes of the motor's field: "current.q", "voltage.d"
     return next((part for part in reversed(parts) if part & _QUANTITY), set().union(*parts))
 
 

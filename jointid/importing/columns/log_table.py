@@ -55,6 +55,8 @@ class LogTable:
     """Noun for a row: "line" of a text, "row" or "message"."""
     source: str = ""
     """The file itself, where a zip archive holds several."""
+    read_as: str = ""
+    """Name of the reader: "a TwinCAT Scope export"."""
 
     def __post_init__(self) -> None:
         plain = ["".join(c for c in each.name if c.isprintable()).strip()[:200] for each in self.columns]

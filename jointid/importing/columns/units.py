@@ -52,7 +52,7 @@ _SPELLINGS = {
     "samples": "sample samples takt takte cycle cycles zyklus zyklen tick",
     "rad": "rad radian radians radiant bogenmaß",
     "mrad": "mrad",
-    "deg": "deg ° degs degree degrees grad degré degrés grados gradi °deg",
+    "deg": "deg ° degs degree degrees grad grd degré degrés grados gradi °deg",
     "rev": "rev revs revolution revolutions turn turns u umdr umdrehung umdrehungen tr tours r",
     "counts": "count counts cnt cnts inc incs incr increment increments ink inkr inkremente inkrement "
     "ticks pulse pulses puls pls impulse imp lsb digit digits",

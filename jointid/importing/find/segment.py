@@ -23,6 +23,7 @@ _ODD_HARMONIC = 0.25  # torque or acceleration over the fundamental's, below whi
 _IN_A_SERIES = 0.5  # the same where the torque falls to the next odd multiple as that of friction does
 _FALL = 1.1  # ratio of both torques, over that of a square wave, below which it does
 _OTHER_HARMONIC = 0.1  # the same at even multiples, and beside lines that are no multiples
+_SEVERAL = 4  # lines that friction cannot have made from one
 _MIN_MOTION = 0.02  # motion of a joint over the largest, below which its lines are ignored
 _FLOOR_BINS = 20  # spectral bins to each side of a line that give its noise floor
 
@@ -127,30 +128,42 @@ def significant_lines(time: Floats, theta: Floats, tau: Floats, lines: Sequence[
     excited = clear & (share > _MIN_SHARE)
     excited[strongest] = True
     hz, position, torque = hz[excited], position[excited], torque[excited]
-    span = float(time[-1] - time[0])
-    kept = [
-        float(line)
-        for k, line in enumerate(hz)
-        if not any(_is_harmonic(k, g, hz, position, torque, span) for g in range(len(hz)))
-    ]
+    shares = (hz, position, torque, 1.5 / float(time[-1] - time[0]))
+    kept = _without_harmonics(*shares)
+    if len(kept) >= _SEVERAL:
+        kept = _without_harmonics(*shares, several=True)
     return kept or [float(lines[strongest])]
 
 
-def _is_harmonic(k: int, g: int, hz: Floats, position: Floats, torque: Floats, span: float) -> bool:
-    """Whether line ``k`` is a harmonic of line ``g`` due to friction or rounding."""
-    if position[g] == 0 or torque[g] == 0:
-        return False
-    orders = hz / hz[g]
-    multiples = np.abs(orders - np.round(orders)) < 1.5 / span / hz[g]
-    order = round(orders[k])
-    if order < 2 or not multiples[k]:
-        return False
-    share = np.minimum(orders**2 * position / position[g], torque / torque[g])
-    if not multiples.all() or order % 2 == 0:
-        return bool(share[k] < _OTHER_HARMONIC)
-    following = torque[np.round(orders) == order + 2]
-    falls = following.size > 0 and following.max() < _FALL * order / (order + 2) * torque[k]
-    return bool(share[k] < (_IN_A_SERIES if falls else _ODD_HARMONIC))
+def _without_harmonics(
+    hz: Floats, position: Floats, torque: Floats, unresolved_hz: float, *, several: bool = False
+) -> list[float]:
+    """Lines that are no harmonics of others due to friction or rounding.
+
+    Among ``several`` excited lines one line may show in the motion alone, where its torque vanishes at a
+    resonance, or in the torque alone; friction then spreads over many more and is small at each.
+    """
+
+    def is_harmonic(k: int, g: int) -> bool:
+        if position[g] == 0 or torque[g] == 0:
+            return False
+        orders = hz / hz[g]
+        multiples = np.abs(orders - np.round(orders)) < unresolved_hz / hz[g]
+        order = round(orders[k])
+        if order < 2 or not multiples[k]:
+            return False
+        shares = orders**2 * position / position[g], torque / torque[g]
+        if several:
+            return bool(max(share[k] for share in shares) < _IN_A_SERIES)
+        share = np.minimum(*shares)[k]
+        if not multiples.all() or order % 2 == 0:
+            return bool(share < _OTHER_HARMONIC)
+        following = torque[np.round(orders) == order + 2]
+        falls = following.size > 0 and following.max() < _FALL * order / (order + 2) * torque[k]
+        return bool(share < (_IN_A_SERIES if falls else _ODD_HARMONIC))
+
+    each = range(len(hz))
+    return [float(hz[k]) for k in each if not any(is_harmonic(k, g) for g in each)]
 
 
 def line_sizes(time: Floats, signals: Floats, hz: Floats) -> tuple[Floats, Floats, Floats]:

@@ -86,7 +86,8 @@ def common_frequencies(segments: Sequence[Segment]) -> tuple[Segment, ...]:
     shared: dict[tuple[int, float], float] = {}
     for group in groups:
         weights = [1 / (_error(segments[k]) ** 2 + (1e-9 * line) ** 2) for line, k in group]
-        mean = float(np.average([line for line, _ in group], weights=weights))
+        least = group[0][0]  # equal lines keep their value exactly
+        mean = least + float(np.average([line - least for line, _ in group], weights=weights))
         shared |= {(k, line): mean if len(group) > 1 else line for line, k in group}
     return tuple(
         replace(
@@ -150,13 +151,13 @@ def _dense(log: MappedLog, segment: Segment) -> Segment:
 
 
 def measure_run(
-    log: MappedLog, start_s: float, stop_s: float, frequency_hz: float | None = None
+    log: MappedLog, start_s: float, stop_s: float, frequency_hz: float | Sequence[float] | None = None
 ) -> Segment:
     """Measure a span that a user marked: steady lines where they explain it, else any motion.
 
-    The span is used as given: no transient is discarded. So is ``frequency_hz``, the line; by default
-    those found. Raises JointIdError when the span holds too few samples or no motion, or the frequency
-    is not positive.
+    The span is used as given: no transient is discarded. So is ``frequency_hz``, a line or all lines; by
+    default those found. Raises JointIdError when the span holds too few samples or no motion, or a
+    frequency is not positive.
     """
     part = log.rows(start_s, stop_s)
     time, theta, tau = log.time_s[part], log.theta_rad[part], log.tau_Nm[part]
@@ -166,7 +167,8 @@ def measure_run(
             f"least 8. The log spans {log.time_s[0]:g} s to {log.time_s[-1]:g} s."
         )
     if frequency_hz is not None:
-        segment = Segment(float(time[0]), float(time[-1]), frequency_hz)  # checks the frequency
+        lines = np.atleast_1d(frequency_hz).tolist()
+        segment = Segment(float(time[0]), float(time[-1]), lines[0], tuple(lines))  # checks them
         return measured(time, theta, tau, segment.lines_hz, free=False)
     if not np.any(np.ptp(theta, axis=0) > 0):
         raise JointIdError(

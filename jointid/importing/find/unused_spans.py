@@ -10,6 +10,7 @@ from jointid.arrays import Floats, true_runs
 from jointid.importing.find.segment import Segment
 from jointid.importing.find.steady_state import frames_of, phase_bends
 from jointid.importing.map.mapped_log import MappedLog
+from jointid.phasors.spectrum import evenly_sampled
 from jointid.wording import listed, significant
 
 _MIN_BEND_RAD = 0.015  # of the phase of a run, above which its frequency drifts: 0.4 % in 5 periods
@@ -135,9 +136,10 @@ def _is_edge(number: int, segments: Sequence[Segment], growth: float) -> bool:
 
 def _trends(log: MappedLog, segment: Segment) -> _Trend:
     part = log.rows(segment.start_s, segment.stop_s)
-    signals = np.column_stack([log.theta_rad[part], log.tau_Nm[part]])
-    interval = (segment.stop_s - segment.start_s) / (len(signals) - 1)
-    lines = interval * np.array(segment.lines_hz)
+    time, signals = evenly_sampled(
+        log.time_s[part], np.column_stack([log.theta_rad[part], log.tau_Nm[part]])
+    )
+    lines = float(time[1] - time[0]) * np.array(segment.lines_hz)
     return phase_bends(frames_of(signals, lines, hop_periods=0.5).z)
 
 

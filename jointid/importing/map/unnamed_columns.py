@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jointid.arrays import Floats
+from jointid.importing.columns.column_words import states_quantity
 from jointid.importing.columns.log_table import LogColumn, LogTable
 from jointid.importing.columns.units import TIME_UNITS
 from jointid.importing.map.guess_time import is_clock_like
@@ -15,6 +16,7 @@ from jointid.importing.map.reasons import Reason
 _NO_NAME = re.compile(
     r"(?:column|signal|unnamed|var|ch|channel|data)[ _:]*\d*(?: \(\d+\))?|\d+", re.IGNORECASE
 )
+_NUMBER = re.compile(r"[ _\[(]*\d+[\])]?$")
 _CLEAR = 0.05  # difference in log-roughness per joint above which a layout is clear
 _MAX_SAMPLES = 200_000  # of which the roughness is taken
 _DERIVATIVE = 0.1
@@ -36,7 +38,7 @@ def pairs_by_shape(
     ]
     columns = _without_velocities(table, time, columns)
     n = len(columns) // 2
-    if not 0 < n <= MAX_JOINTS or any(c.unit or not _NO_NAME.fullmatch(c.name) for c in columns):
+    if not 0 < n <= MAX_JOINTS or any(c.unit for c in columns) or not _unnamed(columns):
         return []
     rough = np.log([_roughness(c.values) for c in columns])
     if len(columns) == 3:  # one joint, of the smoothest column and the roughest
@@ -59,6 +61,13 @@ def pairs_by_shape(
             text = f'No column has a name; "{columns[k].name}" is only a proposal, because {why}. '
             reasons.append(Reason(f"{role} of joint {number}", text + "Check it in the figure."))
     return [(columns[q], columns[t]) for q, t in layouts[best]]
+
+
+def _unnamed(columns: Sequence[LogColumn]) -> bool:
+    """Whether names say nothing, or are those of one array: "log 1", "log 2" of a variable log."""
+    stems = {_NUMBER.sub("", column.name) for column in columns}
+    one = len(stems) == 1 and not states_quantity(columns[0])
+    return one or all(_NO_NAME.fullmatch(column.name) for column in columns)
 
 
 def _without_velocities(

@@ -1,5 +1,6 @@
 """Named arrays of scientific files, grouped into tables of equal length."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +18,7 @@ from jointid.importing.columns.log_table import (
     require_few_values,
 )
 from jointid.importing.columns.units import TIME_UNITS
+from jointid.importing.read.clocks import Signal, tables_of_signals
 
 FEWEST_ROWS = 8
 """Shorter arrays are settings, not signals."""
@@ -40,12 +42,17 @@ class NamedArray:
 def tables_of(file: str, arrays: Iterable[NamedArray], otherwise: str) -> tuple[LogTable, ...]:
     """Put arrays of equal length and group together; tables have two columns or more, the largest first.
 
-    Arrays that are not numeric, too short or three-dimensional are left out. Without a table, raises
-    JointIdError with the message ``otherwise``.
+    Pairs "q.Time" and "q.Data" of several lengths are signals with clocks of their own. Arrays that are
+    not numeric, too short or three-dimensional are left out. Without a table, raises JointIdError with
+    the message ``otherwise``.
     """
+    given = [*arrays]
+    signals = _timed_signals(given)
+    if len({signal.values.size for signal in signals}) > 1:
+        return tables_of_signals(file, signals, time=("time", ""))
     grouped: dict[tuple[str, int], list[LogColumn]] = {}
     held = 0
-    for array in arrays:
+    for array in given:
         table = _as_columns(np.asarray(array.values))
         if table is None:
             continue
@@ -64,6 +71,26 @@ def tables_of(file: str, arrays: Iterable[NamedArray], otherwise: str) -> tuple[
     if not found:
         raise JointIdError(otherwise)
     return most_first(file, found)
+
+
+def _timed_signals(arrays: Iterable[NamedArray]) -> list[Signal]:
+    """Signals of structs with a field of times and one of values, as MATLAB's timeseries have."""
+    parts: dict[str, dict[str, NamedArray]] = {}
+    for array in arrays:
+        *path, field = re.split(r"[./]", f"{array.group}/{array.name}".removeprefix("/"))
+        parts.setdefault(".".join(path), {})[field.lower()] = array
+    found = []
+    for stem, fields in parts.items():
+        time, values = fields.get("time"), fields.get("data", fields.get("values"))
+        if time is None or values is None:
+            continue
+        clock, table = (_as_columns(np.asarray(part.values)) for part in (time, values))
+        if clock is None or table is None or clock.shape != (len(table), 1):
+            continue
+        for k, column in enumerate(table.T[:MAX_COLUMNS]):
+            name = stem if table.shape[1] == 1 else f"{stem} {k + 1}"
+            found.append(Signal(name, clock[:, 0].astype(float), column.astype(float), values.unit))
+    return found
 
 
 def _time_above(

@@ -6,6 +6,7 @@ The response is JSON and plain numbers, not a pickle: the files are untrusted.
 
 import os
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ class ReaderProcess:
         """Read the content of one file; all but plain text goes through a temporary file."""
         kind = kind_of(name, data[:4096])
         if kind == TEXT:
-            return (read_text_table(name, data),)
+            return (replace(read_text_table(name, data), read_as="a table of text"),)
         path = Path(self._folder.name, f"log.{kind}")
         path.write_bytes(data)
         try:
@@ -59,7 +60,7 @@ class ReaderProcess:
             ) from ended
         if "error" in header:
             raise JointIdError(header["error"])
-        return _tables(header, body)
+        return tuple(replace(t, read_as=readers()[kind].name) for t in _tables(header, body))
 
     def close(self) -> None:
         """End the process and remove temporary files."""

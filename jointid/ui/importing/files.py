@@ -239,7 +239,8 @@ def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
         show_note(note)
     left, right = st.columns([2, 3])
     with left:
-        show_note(f"{log.name}: {log.rows} rows, {len(log.columns)} columns. The first rows:")
+        size = f"{log.rows} rows, {len(log.columns)} columns"
+        show_note(f"{log.name}, read as {log.read_as}: {size}. The first rows:")
         headings = {c.name: f"{c.name} ({c.unit})" if c.unit else c.name for c in log.columns}
         names = list(log.names)
         time = proposed[0] if proposed else names[0]

@@ -23,6 +23,8 @@ SHOWN_AFTER_S = 0.5
 STOPPABLE_AFTER_S = 5.0
 _POLL_S = 0.1
 _JOBS = "import_jobs"
+_AT_ONCE = threading.Semaphore(2)
+"""Jobs of all sessions at once: each may take a processor and, to read a log, gigabytes."""
 
 
 class StoppedError(JointIdError):
@@ -33,14 +35,21 @@ class Job(Generic[T]):
     """One running job."""
 
     def __init__(self, task: Callable[[Progress], T]) -> None:
-        self.share, self.began = 0.0, time.monotonic()
+        self.share, self.began, self.waits = 0.0, time.monotonic(), False
         self.stopped = threading.Event()
         self.outcome: Future[T] = Future()
         threading.Thread(target=self._run, args=(task,), daemon=True).start()
 
     def _run(self, task: Callable[[Progress], T]) -> None:
         try:
-            self.outcome.set_result(task(self._tick))
+            while not _AT_ONCE.acquire(timeout=_POLL_S):
+                self.waits = True
+                self._tick(0.0)
+            self.waits = False
+            try:
+                self.outcome.set_result(task(self._tick))
+            finally:
+                _AT_ONCE.release()
         except BaseException as error:  # the page that waits judges it
             self.outcome.set_exception(error)
 
@@ -101,7 +110,8 @@ class Watch:
             bar, button = st.progress(0.0), st.empty()
         show, stoppable = steps_at(bar, job.began), False
         while wait([job.outcome], _POLL_S).not_done:
-            show(job.share, f"{label}{self._at_file(',')}")
+            queued = ": waits for the imports of others" if job.waits else ""
+            show(job.share, f"{label}{self._at_file(',')}{queued}")
             if not stoppable and time.monotonic() - job.began > STOPPABLE_AFTER_S:
                 button.button("Stop here", key=f"stop_{key}", on_click=job.stopped.set)
                 stoppable = True

@@ -17,6 +17,7 @@ from typing import Any
 
 import streamlit as st
 import uvicorn
+from starlette.exceptions import HTTPException
 from streamlit import config, runtime
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -26,6 +27,8 @@ from jointid.ui.shared.results import last_seen
 PATIENCE_S = float(os.environ.get("JOINTID_PATIENCE_S", 20.0))
 LEAST_BYTES = 20_000
 """Least traffic of a client in ``PATIENCE_S``: more than the longest head of a request."""
+MOST_OF_SESSION, MOST_OF_ALL = 1 << 30, 2 << 30
+"""Bytes of the uploads that a session, and all together, can have in memory."""
 _MOST_CONNECTIONS = 500
 """Fifty tabs with seven connections each; with their sessions below the usual 1024 descriptors."""
 PRELOADED = (
@@ -87,8 +90,26 @@ class PatientConnection(H11Protocol):
             self.transport.abort()
 
 
+def bound_uploads(manager: Any) -> None:
+    """Refuse uploads beyond the limits of a session and of all; streamlit limits single files only."""
+    add = manager.add_file
+
+    def add_file(session_id: str, file: Any) -> None:
+        sizes = {
+            session: sum(len(kept.data) for kept in [*files.values()])
+            for session, files in [*manager.file_storage.items()]
+        }
+        own = sizes.get(session_id, 0) + len(file.data)
+        if own > MOST_OF_SESSION or sum(sizes.values()) + len(file.data) > MOST_OF_ALL:
+            raise HTTPException(413, "The uploads of this session, or of all, are too large.")
+        add(session_id, file)
+
+    manager.add_file = add_file
+
+
 @asynccontextmanager
 async def _lifespan(_app: object) -> AsyncIterator[dict[str, Any]]:
+    bound_uploads(runtime.get_instance().uploaded_file_mgr)
     closing = asyncio.create_task(_close_sessions())
     preparing = asyncio.create_task(asyncio.to_thread(prepare))
     yield {}

@@ -9,6 +9,7 @@ from typing import Any
 
 from jointid.errors import JointIdError, import_optional
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first, require_few_values
+from jointid.importing.read.formats.tidy import long_tables
 from jointid.importing.read.reader import Reader, begins_with
 from jointid.importing.read.text.tables import read_text_table
 from jointid.wording import listed
@@ -34,8 +35,9 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         # As text, a sheet gets the same search for header, units and numbers as a CSV file.
         text = "\n".join("\t".join(_cell(cell) for cell in row) for row in rows)
         try:
-            table = read_text_table(f"{file}: {name}", text.encode())
-            tables.append(replace(table, row_word="row"))
+            sheet_tables = long_tables(f"{file}: {name}", text.replace('"', "'"))
+            sheet_tables = sheet_tables or (read_text_table(f"{file}: {name}", text.encode()),)
+            tables += [replace(table, row_word="row") for table in sheet_tables]
         except JointIdError as error:
             problems.append(str(error))
     if not tables:

@@ -8,6 +8,7 @@ from typing import Any
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_COLUMNS, LogTable, require_few_values
 from jointid.importing.read.array_tables import FEWEST_ROWS
+from jointid.importing.read.formats.tidy import long_tables
 from jointid.importing.read.reader import Reader, file_text, text_matches
 from jointid.importing.read.text.tables import read_text_table
 from jointid.wording import counted
@@ -33,8 +34,10 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     # As text, rows get the same search for units, times of day and numbers as a CSV file.
     text = "\n".join("\t".join(cells.get(name, "") for name in names) for cells in table)
     header = "\t".join(" ".join(name.split()) or "name" for name in names)
-    found = read_text_table(file, f"{header}\n{text}\n".encode("utf-8", "replace"))
-    return (replace(found, notes=(*notes, *found.notes), first_row=1, row_word="row"),)
+    whole = f"{header}\n{text}\n"
+    found = long_tables(file, whole.replace('"', "'"))  # marks within a name quote nothing
+    found = found or (read_text_table(file, whole.encode("utf-8", "replace")),)
+    return tuple(replace(t, notes=(*notes, *t.notes), first_row=1, row_word="row") for t in found)
 
 
 def _rows(file: str, text: str) -> tuple[list[dict[str, Any]], list[str]]:

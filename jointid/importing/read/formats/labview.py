@@ -156,6 +156,6 @@ def _unit(channel: Any) -> str:
 
 
 READERS = {
-    "lvm": Reader("a LabVIEW measurement", text_matches(r"\s*LabVIEW Measurement"), read_lvm, ("lvm",)),
+    "lvm": Reader("a LabVIEW measurement", text_matches(r"\s*LabVIEW Measurement"), read_lvm),
     "tdms": Reader("a TDMS file", begins_with(b"TDSm"), read_tdms, ("tdms",)),
 }

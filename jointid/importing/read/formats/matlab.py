@@ -1,13 +1,16 @@
 """MATLAB .mat files of versions 5 to 7: arrays, structs, Simulink scopes and dSPACE recordings."""
 
 import re
+import struct
+import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from jointid.errors import import_optional
-from jointid.importing.columns.log_table import LogTable
+from jointid.importing.columns.log_table import MAX_VALUES, LogTable, require_few_values
 from jointid.importing.read.array_tables import NamedArray, tables_of
 from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader
@@ -15,6 +18,8 @@ from jointid.wording import listed
 
 _DEEPEST = 8
 _MOST_ELEMENTS = 500
+_COMPRESSED = 15  # type of an element of the file: a variable compressed by zlib
+_CHUNK = 1 << 16
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
@@ -25,6 +30,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     rasters.
     """
     scipy_io = import_optional("scipy.io", "scipy", "MATLAB files")
+    require_few_values(file, _unpacked_bytes(path) // 8)
     content = scipy_io.loadmat(
         path,
         appendmat=False,
@@ -46,6 +52,23 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     )
     arrays = (a for name, value in variables.items() for a in _walk(name, value, "", _DEEPEST))
     return tables_of_signals(file, recorded) or tables_of(file, arrays, otherwise)
+
+
+def _unpacked_bytes(path: str) -> int:
+    """Bytes that the compressed variables of a file unpack to, as far as the limit."""
+    unpacked = 0
+    with open(path, "rb") as source, suppress(zlib.error, struct.error):
+        order = ">" if source.read(128)[126:] == b"MI" else "<"
+        while unpacked <= 8 * MAX_VALUES:
+            kind, left = struct.unpack(f"{order}II", source.read(8))
+            if kind != _COMPRESSED:
+                source.seek(left, 1)
+                continue
+            unpacker = zlib.decompressobj()
+            while unpacked <= 8 * MAX_VALUES and (chunk := source.read(min(left, _CHUNK))):
+                left -= len(chunk)
+                unpacked += len(unpacker.decompress(chunk))
+    return unpacked
 
 
 def _walk(name: str, value: Any, group: str, depth: int) -> Iterator[NamedArray]:

@@ -37,7 +37,7 @@ class _Layout:
     header: tuple[str, ...]
     time: int
     names: tuple[int, ...]
-    """Columns that name the signal: joint, then signal."""
+    """Columns that name the signal: device and joint, then signal."""
     values: tuple[int, ...]
     unit: int
     """Column of the unit; -1 without one."""
@@ -45,9 +45,17 @@ class _Layout:
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read a long table; every signal keeps its own times."""
-    lines = file_text(path).split("\n")
+    tables = long_tables(file, file_text(path))
+    assert tables is not None  # that is how it was recognised
+    return tables
+
+
+def long_tables(file: str, text: str) -> tuple[LogTable, ...] | None:
+    """Tables of a text if it is a long table; else None."""
+    lines = text.split("\n")
     layout = _layout("\n".join(lines[:40]))
-    assert layout is not None  # that is how it was recognised
+    if layout is None:
+        return None
     require_few_values(file, (1 + len(layout.values)) * len(lines))
     found: dict[str, tuple[array[float], array[int], str]] = {}
     strange: list[int] = []
@@ -139,6 +147,10 @@ def _described(
         return None
     if len({time, name, value}) == 3 and min(name, value) >= 0:
         names, values = [*(k for k in joints if k != name), name], [value]
+        for k in range(len(header)):  # such as a device, whose signals have equal names
+            once = len({(row[time], *(row[j] for j in names)) for row in rows}) == len(rows)
+            if not once and k not in (time, value, unit, *names) and not is_number(rows[0][k], decimal):
+                names.insert(0, k)
     else:
         name, names = -1, joints[:1]
         of_joint = {(row[time], *(row[k] for k in names)) for row in rows}
