@@ -439,6 +439,38 @@ def test_several_laws_are_found_where_each_alone_fits_badly() -> None:
     np.testing.assert_allclose(fit.K, PAPER.K, rtol=2e-3)
 
 
+@pytest.mark.parametrize(
+    "law",
+    [{}, {"backlash_rad": [0.004, 0.008]}, {"hysteresis_Nm": [0.08, 0.02], "hysteresis_rad": 0.003}],
+)
+def test_hardening_is_found_beside_presliding_friction(law: dict[str, object]) -> None:
+    """Linear gears leave 150,000 times the noise, and no single part comes near the data."""
+    sticky = {"coulomb": [0.2, 0.05], "viscous": [2e-3, 4e-4], "presliding_rad": [0.01, 0.01]}
+    robot = replace(PAPER, cubic=[9000.0, 300.0], **sticky, **law)
+    (records,) = simulate([(robot, paper_motions(robot, BAND, **MOTIONS))])
+    fit = identify_elasticity(extract_phasors(records), INERTIA)
+    other = {"backlash_rad": "backlash", "hysteresis_Nm": "hysteresis"}
+    expected = {"hardening", *(name for field, name in other.items() if field in law)}
+    assert [set(gear.laws) for gear in fit.gears] == [expected] * 2
+    np.testing.assert_allclose(fit.K, PAPER.K, rtol=2e-3)
+
+
+def test_slopes_start_within_the_deflection_of_a_hardening_gear() -> None:
+    """The largest torque over K would be far beyond it."""
+    phasors = measured()["hardening"]
+    prior = InertiaPrior.of(INERTIA, *phasors.q.shape)
+    layout = ParameterLayout.of(2, effects=["cubic"])
+    cubic = layout.named(layout.pack(K=PAPER.K, D=PAPER.D, cubic=[90000.0, 9000.0]))
+    slopes = ParameterLayout.of(2, effects=["piecewise"])
+    starts = other_laws(phasors, prior, cubic, slopes.named(slopes.pack(K=PAPER.K)))
+    peak = np.abs(phasors.tau + phasors.omega[:, None] ** 2 * INERTIA.M * phasors.q).max(axis=0)
+    largest = [Gear(K, c).deflection(u) for K, c, u in zip(PAPER.K, cubic["cubic"], peak, strict=True)]
+    assert len(starts) == 2
+    for start in starts:
+        assert np.all(start["knee"] < largest)
+        assert np.all(start["knee"] + start["second_knee"] < largest)
+
+
 def test_a_fit_of_backlash_starts_near_it() -> None:
     """Start values from deflection over torque; noise of high harmonics would hide the torque."""
     phasors = measured()["play"]

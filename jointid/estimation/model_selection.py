@@ -23,7 +23,14 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.model_average import spread, spread_of_reversals, spread_of_unseen
-from jointid.estimation.model_climb import climb_from_nearest, climbed, fit_complete, fit_first, fit_laws, fit_slopes
+from jointid.estimation.model_climb import (
+    climb_from_nearest,
+    climbed,
+    fit_complete,
+    fit_first,
+    fit_laws,
+    fit_slopes,
+)
 from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_growth import NEARLY_ALL, grown
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
