@@ -34,10 +34,14 @@ from jointid import (
 )
 from jointid.answer import gear_terms, without_curve
 from jointid.cut.arm import Drive
+from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
+from jointid.estimation.estimators.noise import moderated_noise
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
+from jointid.estimation.model_growth import grown
+from jointid.estimation.model_search import Search
 from jointid.estimation.start_values import other_laws, with_backlash
 from jointid.figures.springs import stiffness_over_amplitude, torsion_curve
 from jointid.gears.driven_gears import DrivenGears
@@ -47,6 +51,7 @@ from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.torsion_curve import torsion_curves
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.periods import phasors_of, samples_of
+from jointid.small_matrices import inverse
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.rules_effects import effects_found
 
@@ -469,6 +474,24 @@ def test_slopes_start_within_the_deflection_of_a_hardening_gear() -> None:
     for start in starts:
         assert np.all(start["knee"] < largest)
         assert np.all(start["knee"] + start["second_knee"] < largest)
+
+
+def test_a_cubic_law_is_tried_again_in_place_of_slopes() -> None:
+    """Slopes may come nearer before the model is complete; here the given noise is too small by half."""
+    robot = replace(PAPER, cubic=[9000.0, 300.0])
+    (records,) = simulate([(robot, paper_motions(robot, BAND, **MOTIONS))])
+    phasors = extract_phasors(records)
+    prior = InertiaPrior.of(INERTIA, *phasors.q.shape)
+    noise = moderated_noise(
+        phasors, prior.M[prior.rotor], inverse(prior.M2)[prior.pose], PAPER.K, PAPER.D
+    )
+    noise = replace(noise, covariance=noise.covariance / 4)
+    layout = ParameterLayout.of(2, effects=["cubic"])
+    start = layout.named(layout.pack(K=PAPER.K, D=PAPER.D, cubic=robot.cubic))
+    search = Search(phasors, prior, start, noise, Model(None, delay=False), Fits(("cubic",), 1000))
+    slopes = search.base.with_part("piecewise")
+    search.fit(slopes, start)
+    assert grown(search, slopes).effects == ("cubic",)
 
 
 def test_a_fit_of_backlash_starts_near_it() -> None:
