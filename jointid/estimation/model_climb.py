@@ -14,6 +14,8 @@ from jointid.estimation.start_values import by_motion, with_backlash
 
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit does not explain the data at all."""
+_COMPLETE = (("cubic", "hysteresis"), ("backlash", "hysteresis"), ("cubic", "backlash"))
+"""Laws of the gears that are fitted at once."""
 _NEAR = 0.5
 """Ratio of the misfits of a cubic law and of linear gears below which slopes are tried: 0.01 to 0.4 with
 three slopes, mostly more with wrong data."""
@@ -84,6 +86,33 @@ def fit_laws(search: Search) -> None:
             fit_slopes(search, wider)
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
+
+
+def fit_complete(search: Search) -> None:
+    """Fit two laws of the gears at once, beside friction, where growth part by part stays off.
+
+    Every model on the way to several laws and friction may be far from the data, and a wrong part may
+    come nearer than a right one. The complete model still converges from the first start values; its
+    narrower models do from its estimate.
+    """
+    fits, sliding = search.fits, replace(search.base, reversal=0.0)
+    known = [laws for laws in _COMPLETE if set(laws).issubset(fits.optional)]
+    if search.has_motions or not (search.is_distorted and search.may_have_friction):
+        return
+    models = []
+    for laws in known:
+        both = sliding.with_part(laws[0]).with_part(laws[1])
+        models += [both, both.with_part("motor_presliding")]
+    models = [model for model in models if set(model.effects).issubset(fits.optional)]
+    for model in models:
+        if model not in fits.tried:
+            search.fit(model, search.start, compares=False)
+        if "backlash" in model.effects and fits.misfit(model) > DOUBTFUL:
+            search.fit(model, with_backlash(search.phasors, search.prior), compares=False)
+    if models:
+        nearest = min(models, key=fits.misfit)
+        for each in (nearest, *fit_slopes(search, nearest)):
+            search.pruned(each)
 
 
 def _linear_misfit(search: Search) -> float:

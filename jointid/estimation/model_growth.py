@@ -160,6 +160,9 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         wider = [*sharper, *wider]
     elif search.has_motions and _friction_varies_with_speed(search, model, found):
         wider = [replace(model, curve=True), *wider]
+    if "piecewise" in model.effects and not search.has_motions:
+        # They may have taken the place of a cubic law before the model was complete.
+        wider = [model.without("piecewise").with_part("cubic"), *wider]
     curved = "cubic" in model.effects
     if search.has_motions:
         curved &= found.misfit < LOST

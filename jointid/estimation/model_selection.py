@@ -28,7 +28,14 @@ from jointid.estimation.model_average import (
     spread_of_reversals,
     spread_of_unseen,
 )
-from jointid.estimation.model_climb import climb_from_nearest, climbed, fit_first, fit_laws, fit_slopes
+from jointid.estimation.model_climb import (
+    climb_from_nearest,
+    climbed,
+    fit_complete,
+    fit_first,
+    fit_laws,
+    fit_slopes,
+)
 from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_growth import NEARLY_ALL, exchanged, grown
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
@@ -42,6 +49,9 @@ LOOSE = 0.3
 _BETTER, _FAR_BETTER = 0.1, 0.01
 """Ratio of misfits from which other start values are the right ones, and from which no further ones are
 tried and free inertias in place of exact ones are right."""
+_LEFT = 0.03
+"""Score over the cost of the last model from which complete models are fitted: up to 0.03 beside linear
+gears with friction, 0.05 and more where the growth has missed a law."""
 _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
 """Variance that a law of the gears or friction at the arms in motions adds, over that of the noise, and
 one of hysteresis: its waveform is computed in steps. They shifted K of a robot with a loop of 10 % by
@@ -143,6 +153,8 @@ def _searched(search: Search) -> Choice:
     if search.is_lost and not search.has_motions:
         climb_from_nearest(search, PROMISING)
     fit_laws(search)
+    if search.is_lost:
+        fit_complete(search)
     if search.is_lost and (search.has_motions or not search.first):
         other = _other_start(search)
         if other.fits.least_misfit < _BETTER * search.fits.least_misfit:
@@ -221,15 +233,29 @@ def _best(search: Search) -> Model:
         best = climbed(search, best)
     if lost or best.reversal is not None:  # parts that only the start values, or gears, suggest
         best = search.pruned(best)
+    best = _grown(search, best)
+    if not (lost or search.has_motions or search.is_spent) and fits.misfit(best) > POOR:
+        best = search.pruned(climbed(search, best))  # each of several parts alone helps little
+    if not (lost or search.has_motions or best.reversal) and EXPLAINED < fits.misfit(best) < LOST:
+        best = exchanged(search, best)
+    found = fits.estimate(best)
+    if found and search.may_be_richer(found):
+        highest = max((score.gain for score in search.scores(best).values()), default=0.0)
+        if highest > _LEFT * found.cost:
+            further = replace(search, starts={}, slow_fits=0)
+            fit_complete(further)
+            nearest = fits.least(list(fits.tried))
+            best = best if nearest == best else _grown(further, nearest)
+    return best
+
+
+def _grown(search: Search, best: Model) -> Model:
+    """Grow part by part."""
     while not (search.is_spent or (search.is_lost and search.has_sought_friction(best))):
         better = grown(search, best)
         if better == best:
             break
         best = better
-    if not (lost or search.has_motions or search.is_spent) and fits.misfit(best) > POOR:
-        best = search.pruned(climbed(search, best))  # each of several parts alone helps little
-    if not (lost or search.has_motions or best.reversal) and EXPLAINED < fits.misfit(best) < LOST:
-        best = exchanged(search, best)
     return best
 
 

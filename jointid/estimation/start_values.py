@@ -15,6 +15,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import inertia_arrays
 from jointid.estimation.estimators.parameters import Block, ParameterLayout, Parameters
+from jointid.gears.gear import Gear
 from jointid.joints import motor_impedance
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors
@@ -117,8 +118,10 @@ def other_laws(
     if "piecewise" in p.layout and "cubic" in start.layout:
         knees = [Block(name, p.K.shape) for name in ("knee", "second_knee")]
         layout = ParameterLayout((*start.layout.blocks, *knees))
+        gears = map(Gear, start.K.tolist(), start["cubic"].tolist())
+        largest = [float(gear.deflection(torque)) for gear, torque in zip(gears, peak, strict=True)]
         for share in _KNEES:
-            wind_up = np.repeat(share, p.K.size) * np.tile(peak / start.K, 2)
+            wind_up = np.repeat(share, p.K.size) * np.tile(largest, 2)
             found.append(layout.named(np.concatenate([start.vector, wind_up])))
     return tuple(found)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dtbtrs
 
 from jointid.arrays import Floats, set_fields
 from jointid.gears.gear import Gear, gears_with, knees
@@ -155,7 +155,7 @@ def dahl_from_rest(delta: Floats, sharpness: Floats) -> Floats:
     band, found = np.ones((2, move.shape[1])), np.sign(move) * (1 - decay)
     for kept, own in zip(decay, found, strict=True):
         band[1, :-1] = -kept[1:]
-        own[:] = solve_banded((1, 0), band, own, check_finite=False)
+        own[:] = dtbtrs(band, own[:, None], uplo="L", diag="U")[0][:, 0]
     return np.asarray(found)
 
 
