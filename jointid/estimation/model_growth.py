@@ -4,6 +4,7 @@ A score test (Rao) estimates in one evaluation how much every absent part would 
 """
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from scipy.special import chdtri
@@ -66,16 +67,12 @@ def exchanged(search: Search, best: Model) -> Model:
     fits = search.fits
     if (found := fits.estimate(best)) is None:
         return best
-    others: list[Model] = []
-    for part in set(best.parts).intersection(fits.optional).difference(LAWS, ("friction",)):
-        base = best.without(part)
-        for other in set(fits.optional).difference(best.parts, LAWS, FRICTION_EFFECTS, ("friction",)):
-            model = base.with_part(other)
-            if model not in (*others, *fits.tried):
-                others.append(model)
+    quick = [p for p in fits.optional if p not in ("friction", *FRICTION_EFFECTS, *LAWS)]
+    pairs = product([p for p in quick if p in best.parts], [p for p in quick if p not in best.parts])
+    others = list(dict.fromkeys(best.without(part).with_part(other) for part, other in pairs))
+    others = [model for model in others if model not in fits.tried]
     for model in others:
-        if not search.is_spent:
-            search.fit(model, found.named)
+        search.fit(model, found.named)
     nearest = min([best, *others], key=fits.misfit)
     return best if nearest == best else fits.least([best, search.pruned(nearest)])
 

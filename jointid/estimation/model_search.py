@@ -132,9 +132,22 @@ class Search:
         score = self.scores(model).get(part)  # none if the estimate is too far off
         return score is not None and score.gain > least * found.cost
 
-    def few_rows(self) -> np.ndarray:
+    def of_rows(self, rows: np.ndarray) -> Search:
+        """The same search in some rows."""
+        noise, fits = self.noise, self.fits
+        return Search(
+            self.phasors.select(rows),
+            self.prior.of_rows(rows),
+            self.start,
+            Noise(noise.covariance[rows], noise.degrees_of_freedom[rows]),
+            self.base,
+            Fits(fits.optional, fits.rows * rows.size // len(noise.covariance)),
+            self.first,
+        )
+
+    def few_rows(self, per_joint: int = _FEW) -> np.ndarray:
         """Rows of sines of evenly spread frequencies around one pose, if there are half as many more."""
-        every, most = np.arange(self.phasors.omega.size), _FEW * self.phasors.n
+        every, most = np.arange(self.phasors.omega.size), per_joint * self.phasors.n
         if self.has_motions or len(self.prior.M2) > 1 or 2 * every.size < 3 * most:
             return every
         groups = [group for _, group in self.phasors.by_frequency()]

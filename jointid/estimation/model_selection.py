@@ -197,16 +197,7 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
 
     A model leaves at least as much of all records as the best one leaves of some.
     """
-    noise, fits = search.noise, search.fits
-    few = Search(
-        search.phasors.select(rows),
-        search.prior.of_rows(rows),
-        search.start,
-        Noise(noise.covariance[rows], noise.degrees_of_freedom[rows]),
-        search.base,
-        Fits(fits.optional, fits.rows * rows.size // len(noise.covariance)),
-        search.first,
-    )
+    fits, few = search.fits, search.of_rows(rows)
     choice = _searched(few)
     if few.fits.least_misfit > search.most:
         return _choice(search, fits.least(list(fits.tried)))
@@ -239,7 +230,7 @@ def _best(search: Search) -> Model:
     if not (lost or search.has_motions or best.reversal) and EXPLAINED < fits.misfit(best) < LOST:
         best = exchanged(search, best)
     found = fits.estimate(best)
-    if found and search.may_be_richer(found):
+    if found and search.may_be_richer(found) and not search.is_lost:
         highest = max((score.gain for score in search.scores(best).values()), default=0.0)
         if highest > _LEFT * found.cost:
             further = replace(search, starts={}, slow_fits=0)
