@@ -223,13 +223,11 @@ def without(fit: ElasticityFit) -> str:
 
 def fitted_parts(fit: ElasticityFit) -> list[str]:
     """Names of the effects fitted in addition to K, D, inertias and torque scales."""
-    layout = fit.parameters.layout
-    found = ["friction"] * ("coulomb" in layout) + ["delay"] * (fit.delay is not None)
-    return found + [
-        EFFECTS[name].name
-        for name in EFFECTS
-        if name in layout and not (name == "viscous" and "coulomb" in layout)
-    ]
+    fitted = [name for name in EFFECTS if name in fit.parameters.layout]
+    if "coulomb" in fit.parameters.layout:  # it contains viscous friction
+        fitted.remove("viscous")
+    found = ["friction"] * (fit.friction is not None and "viscous" not in fitted)
+    return [*found, *["delay"] * (fit.delay is not None), *(EFFECTS[name].name for name in fitted)]
 
 
 def answer_sentence(

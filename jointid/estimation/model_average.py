@@ -145,6 +145,8 @@ def spread_of_modes(found: LikelihoodEstimate, prior: InertiaPrior) -> Floats:
     missing = c * np.minimum(found.phasors.omega.max() ** 2 * c / prior.link_inertia, 1.0)
     if any(law in found.layout for law in GEAR_LAWS):
         missing = np.maximum(c, prior.link_std(found.named.K, USUAL_LINK))
+    if not np.isfinite(C).all():  # the records do not determine the modes, nor K and D
+        return np.zeros((size, size))
     shift = C[:size] @ np.linalg.pinv(C[of_link]) * missing
     return np.asarray(shift @ shift.T)
 
