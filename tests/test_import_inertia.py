@@ -72,6 +72,8 @@ class TestToml:
         model = RobotModel.parse("six.toml", SIX_AXES.encode())
         expected = model.inertia(np.deg2rad([5, -20, 15, 10, 30, 0]))
         np.testing.assert_array_equal(robot.inertia.M2, expected.M2)
+        assert robot.robot_model is not None  # a study takes it, for the deflection of its tool
+        np.testing.assert_allclose(robot.pose_angles_rad[""][:2], np.deg2rad([5, -20]))
 
     def test_plain_values_are_read(self) -> None:
         assert robot_from_toml("M = 0.001\nM2 = 0.002").inertia.n == 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,8 +63,7 @@ def robot_from(path: Path) -> KnownRobot:
         beside = path.parent
         return robot_from_toml(read_toml(path), path.name, lambda name: (beside / name).read_bytes())
     study = load_named(path)
-    deviations = study.inertia_std, study.torque_std
-    return KnownRobot(study.inertia, study.poses, study.nominal, study.name, *deviations)
+    return KnownRobot(**{each.name: getattr(study, each.name) for each in fields(KnownRobot)})
 
 
 def read_toml(path: Path) -> bytes:

@@ -16,13 +16,11 @@ from jointid.files.containers import Container, MissingFileError, Source, missin
 from jointid.files.record_tables import read_record_table
 from jointid.files.study_keys import (
     INERTIA_KEYS,
-    POSE_KEYS,
     RECORD_KEYS,
     RECORD_VALUES,
     STUDY_KEYS,
     STUDY_VALUES,
     TIMING_KEYS,
-    read_angles,
     read_known,
     read_robot_model,
 )
@@ -72,9 +70,7 @@ def load_study(path_or_file: Source) -> Study:
         known = top.values(STUDY_VALUES)
         table = top.table("inertia", INERTIA_KEYS)
         model = read_robot_model(top, lambda file: container.read(file, at_most=MAX_FILE_BYTES + 1))
-        known |= read_known(top, table, model) | {"robot_model": model}
-        named = {"": table, **top.named_tables("poses", POSE_KEYS)}
-        angles = {pose: q for pose, of in named.items() if (q := read_angles(of)) is not None}
+        known |= read_known(top, table, model)
         timing = top.table("timing", TIMING_KEYS) if "timing" in top else None
         tables = top.tables("records", RECORD_KEYS)
         files = _record_files(tables, container)
@@ -84,7 +80,7 @@ def load_study(path_or_file: Source) -> Study:
             for table, file in zip(tables, files, strict=True)
         ]
     with in_place(STUDY_FILE, STUDY_FILE):
-        return Study(records=tuple(records), pose_angles_rad=angles, **known)
+        return Study(records=tuple(records), **known)
 
 
 def study_name(path_or_file: Source) -> str:

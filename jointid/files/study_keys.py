@@ -143,7 +143,7 @@ def read_robot_model(top: CheckedTable, read: Callable[[str], bytes]) -> RobotMo
 def read_known(
     top: CheckedTable, inertia: CheckedTable, robot: RobotModel | None = None
 ) -> dict[str, Any]:
-    """Return the robot in a file: inertia, standard deviations if stated, poses, nominal, name.
+    """Return the robot in a file: inertia, standard deviations if stated, poses, nominal, name, model.
 
     ``inertia`` is the table with M and M2. Raises JointIdError when one of them is invalid.
     """
@@ -158,7 +158,10 @@ def read_known(
         K, D = table.numbers("K"), table.numbers("D")
         with in_place(table.where, table.file):
             known["nominal"] = Elasticity(K=K, D=D)
-    return known | {"poses": _poses(top, given, robot)}
+    named = {"": inertia, **top.named_tables("poses", POSE_KEYS)}
+    angles = {pose: q for pose, of in named.items() if (q := read_angles(of)) is not None}
+    poses = _poses(top, given, robot)
+    return known | {"poses": poses, "robot_model": robot, "pose_angles_rad": angles}
 
 
 def _poses(top: CheckedTable, default: Inertia, robot: RobotModel | None) -> dict[str, Inertia]:

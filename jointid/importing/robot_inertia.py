@@ -11,6 +11,7 @@ from jointid.errors import JointIdError
 from jointid.files.study_keys import INERTIA_KEYS, STUDY_KEYS, read_known, read_robot_model
 from jointid.joints import Elasticity, Inertia
 from jointid.parsing.checked_toml import parse_toml
+from jointid.robot_models.model import RobotModel
 from jointid.wording import counted
 
 INERTIA_UNITS = {
@@ -42,6 +43,9 @@ class KnownRobot:
     """Relative standard deviation of the inertias, if given."""
     torque_std: float | None = None
     """Relative standard deviation of the torque constants, if given."""
+    robot_model: RobotModel | None = None
+    pose_angles_rad: Mapping[str, Floats] = field(default_factory=dict)
+    """Joint angles, shape (n,), of the poses whose inertia is that of the model."""
 
 
 def robot_from_toml(
