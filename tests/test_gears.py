@@ -8,11 +8,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from plants import PAPER as PLANT
+from plants import PARALLELOGRAM
 from random_cases import tries
 from scipy.integrate import solve_ivp
 
 from benchmarks.independent_robot import MAX_STEP_S, Robot, paper_motions, simulate
 from jointid import (
+    Controller,
     Elasticity,
     ElasticityFit,
     Excitation,
@@ -467,7 +470,7 @@ def test_slopes_start_within_the_deflection_of_a_hardening_gear() -> None:
     layout = ParameterLayout.of(2, effects=["cubic"])
     cubic = layout.named(layout.pack(K=PAPER.K, D=PAPER.D, cubic=[90000.0, 9000.0]))
     slopes = ParameterLayout.of(2, effects=["piecewise"])
-    starts = other_laws(phasors, prior, cubic, slopes.named(slopes.pack(K=PAPER.K)))
+    starts = other_laws(phasors, prior, cubic, slopes.named(slopes.pack(K=PAPER.K)), is_near=True)
     peak = np.abs(phasors.tau + phasors.omega[:, None] ** 2 * INERTIA.M * phasors.q).max(axis=0)
     largest = [Gear(K, c).deflection(u) for K, c, u in zip(PAPER.K, cubic["cubic"], peak, strict=True)]
     assert len(starts) == 2
@@ -511,7 +514,7 @@ def test_hysteresis_fitted_as_zero_restarts_from_a_usual_level() -> None:
     def again(level: float) -> tuple[Parameters, ...]:
         values = {"K": PAPER.K, "hysteresis": [level, level], "presliding": [0.002, 0.002]}
         p = layout.named(layout.pack(**values))
-        return other_laws(phasors, prior, p, p)
+        return other_laws(phasors, prior, p, p, is_near=False)
 
     (start,) = again(1e-6)
     assert np.all(start["hysteresis"] > 0.01)
@@ -692,3 +695,21 @@ def test_a_diverging_gear_has_no_deflection_and_prints_nothing(
         found = DrivenGears.solve(motors, laws, np.array([0.01]), inertia, 0 * inertia, measured, 1.0)
     assert not np.isfinite(found.delta).any()
     assert capfd.readouterr() == ("", "")
+
+
+def test_two_laws_are_found_beside_an_unstated_delay() -> None:
+    """Slopes that start within the deflection of all the hardening took the place of both laws."""
+    loop = {"hysteresis_Nm": 0.05, "presliding_rad": 0.005}
+    records = simulate_records(
+        PARALLELOGRAM,
+        PLANT,
+        np.geomspace(3, 30, 6).round(2),
+        gears=[Gear(43.0, 9000.0, **loop), Gear(7.5, 300.0, **loop)],
+        controller=Controller(torque_delay_s=3e-4),
+        measurement=Measurement(torque_noise_Nm=0.005, position_noise_rad=1e-5),
+        declare_timing=False,
+        seed=1,
+    )
+    fit = identify_elasticity(extract_phasors(records), PARALLELOGRAM)
+    assert {"cubic", "hysteresis"} <= set(next(each.parts for each in fit.candidates if each.chosen))
+    assert fit.misfit < 1.2

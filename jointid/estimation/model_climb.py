@@ -8,7 +8,7 @@ import numpy as np
 from jointid.estimation.candidates import EXPLAINED, NEEDED, Model
 from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS
 from jointid.estimation.model_growth import NEARLY_ALL
-from jointid.estimation.model_search import DOUBTFUL, MOST_EFFECTS, POOR, Search
+from jointid.estimation.model_search import DOUBTFUL, POOR, Search
 from jointid.estimation.motion_start import motion_start
 from jointid.estimation.start_values import by_motion, with_backlash
 
@@ -159,7 +159,7 @@ def climbed(search: Search, model: Model) -> Model:
     only with the next one: opposite filters of position and torque cancel their delays.
     """
     fits = search.fits
-    while len(model.effects) < MOST_EFFECTS and fits.misfit(model) > EXPLAINED:
+    while not search.is_full(model) and fits.misfit(model) > EXPLAINED:
         found, scored = fits.estimate(model), search.scores(model)
         if found is None or not scored:
             break

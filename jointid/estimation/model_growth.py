@@ -12,7 +12,7 @@ from scipy.special import chdtri
 from jointid.estimation.candidates import CHANCE, EXPLAINED, WORTH, Model
 from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
-from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS, LAWS
+from jointid.estimation.estimators.parameters import EFFECTS, FRICTION_EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.estimators.score_tests import Score
 from jointid.estimation.model_fits import stepped
 from jointid.estimation.model_search import POOR, Search
@@ -206,6 +206,8 @@ def _clear_parts(search: Search, model: Model, found: LikelihoodEstimate) -> lis
             return False
         return bool(2 * score.gain / max(1.0, misfit) > chdtri(score.count, chance))
 
+    if search.is_full(model):
+        scored = {part: score for part, score in scored.items() if part not in EFFECTS}
     order = sorted(scored, key=lambda part: scored[part].penalised(fits.rows), reverse=True)
     clear = [
         part

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,7 +15,6 @@ from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import (
-    EFFECTS,
     FILTERS,
     FRICTION_EFFECTS,
     GEAR_LAWS,
@@ -34,7 +34,7 @@ law: the first for most parts; the second for a delay, which rotates the phase f
 angle may be far from its start, and for another law (0.19 with heavy rotors)."""
 POOR = 10.0
 """Misfit of a model that does not explain the data."""
-MOST_EFFECTS = 3
+_MOST_EFFECTS = 3
 _EXPLAINED_MOTIONS = 1.3
 """Misfit of motions below which richer friction and laws are not tried: their noise is that of the
 residual, and wide reversals leave few equations."""
@@ -183,10 +183,15 @@ class Search:
         try:
             waveforms = self.waveforms(model, start)
             estimate = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)
-            for other in other_laws(self.phasors, self.prior, start, estimate.named):
-                if estimate.misfit > DOUBTFUL:
-                    again = fit_model(self.phasors, self.prior, other, self.noise, model, waveforms)
-                    estimate = min(estimate, again, key=lambda each: each.whole_cost(1))
+            for is_near, bound in ((False, np.inf), (True, POOR)):
+                nearer = other_laws(self.phasors, self.prior, start, estimate.named, is_near=is_near)
+                for other in nearer:
+                    if DOUBTFUL < estimate.misfit <= bound:
+                        with suppress(JointIdError):
+                            again = fit_model(
+                                self.phasors, self.prior, other, self.noise, model, waveforms
+                            )
+                            estimate = min(estimate, again, key=lambda each: each.whole_cost(1))
         except JointIdError as error:
             tried.setdefault(model, error)
             return
@@ -201,11 +206,15 @@ class Search:
             self._waveforms[key] = model_waveforms(self.phasors, model, p)
         return self._waveforms[key]
 
+    @staticmethod
+    def is_full(model: Model) -> bool:
+        """Whether a model has all the effects that it may have; viscous friction counts as friction."""
+        return len(set(model.effects) - {"viscous"}) >= _MOST_EFFECTS
+
     def scores(self, model: Model) -> dict[str, Score]:
         """Score of every optional part that the model lacks."""
         found = self.fits.estimate(model)
-        full = len(model.effects) >= MOST_EFFECTS
-        absent = [p for p in self.fits.optional if p not in model.parts and not (full and p in EFFECTS)]
+        absent = [part for part in self.fits.optional if part not in model.parts]
         # Unmodelled Coulomb friction looks like them, and friction contains the viscous one.
         never = FRICTION_EFFECTS if model.reversal is None else ("viscous",)
         absent = [part for part in absent if part not in never]

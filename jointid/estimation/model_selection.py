@@ -52,6 +52,8 @@ tried and free inertias in place of exact ones are right."""
 _LEFT = 0.03
 """Score over the cost of the last model from which complete models are fitted: up to 0.03 beside linear
 gears with friction, 0.05 and more where the growth has missed a law."""
+_EXCHANGES = 3
+"""Most parts that are exchanged one after the other."""
 _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
 """Variance that a law of the gears or friction at the arms in motions adds, over that of the noise, and
 one of hysteresis: its waveform is computed in steps. They shifted K of a robot with a loop of 10 % by
@@ -228,9 +230,12 @@ def _best(search: Search) -> Model:
     if not (lost or search.has_motions or search.is_spent) and fits.misfit(best) > POOR:
         best = search.pruned(climbed(search, best))  # each of several parts alone helps little
     if not (lost or search.has_motions or best.reversal) and EXPLAINED < fits.misfit(best) < LOST:
-        best = exchanged(search, best)
+        for _ in range(_EXCHANGES):
+            best, before = exchanged(search, best), best
+            if best == before:
+                break
     found = fits.estimate(best)
-    if found and search.may_be_richer(found) and not search.is_lost:
+    if found and search.may_be_richer(found) and not (search.is_lost or search.is_full(best)):
         highest = max((score.gain for score in search.scores(best).values()), default=0.0)
         if highest > _LEFT * found.cost:
             further = replace(search, starts={}, slow_fits=0)

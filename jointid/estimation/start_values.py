@@ -94,9 +94,9 @@ def by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
 
 
 def other_laws(
-    phasors: Phasors, prior: InertiaPrior, start: Parameters, p: Parameters
+    phasors: Phasors, prior: InertiaPrior, start: Parameters, p: Parameters, *, is_near: bool
 ) -> tuple[Parameters, ...]:
-    """Further start values for a law of the gears, from the fit ``p``.
+    """Further start values for a law of the gears, from the fit ``p``; whether it is near the data.
 
     A hysteresis loop as wide as the deflection acts like a spring, one without width like friction, and
     the width of a flat loop has no effect: such fits do not reach an optimum with small loops, which
@@ -118,8 +118,10 @@ def other_laws(
     if "piecewise" in p.layout and "cubic" in start.layout:
         knees = [Block(name, p.K.shape) for name in ("knee", "second_knee")]
         layout = ParameterLayout((*start.layout.blocks, *knees))
-        gears = map(Gear, start.K.tolist(), start["cubic"].tolist())
-        largest = [float(gear.deflection(torque)) for gear, torque in zip(gears, peak, strict=True)]
+        largest = peak / start.K
+        if is_near:  # else much of the cubic law may be another one's
+            gears = map(Gear, start.K.tolist(), start["cubic"].tolist())
+            largest = np.array([gear.deflection(tau) for gear, tau in zip(gears, peak, strict=True)])
         for share in _KNEES:
             wind_up = np.repeat(share, p.K.size) * np.tile(largest, 2)
             found.append(layout.named(np.concatenate([start.vector, wind_up])))
