@@ -98,7 +98,6 @@ def fit_complete(search: Search) -> None:
     narrower models do from its estimate.
     """
     fits, sliding = search.fits, replace(search.base, reversal=0.0)
-    known = [laws for laws in _COMPLETE if set(laws).issubset(fits.optional)]
     if search.has_motions or not (search.is_distorted and search.may_have_friction):
         return
     rows = search.few_rows(_FEWEST)
@@ -108,8 +107,8 @@ def fit_complete(search: Search) -> None:
         if few.is_lost:
             return
     models = []
-    for laws in known:
-        both = sliding.with_part(laws[0]).with_part(laws[1])
+    for first, second in _COMPLETE:
+        both = sliding.with_part(first).with_part(second)
         models += [both, both.with_part("motor_presliding")]
     models = [model for model in models if set(model.effects).issubset(fits.optional)]
     for model in models:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -184,19 +183,30 @@ class Search:
             waveforms = self.waveforms(model, start)
             estimate = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)
             for is_near, bound in ((False, np.inf), (True, POOR)):
-                nearer = other_laws(self.phasors, self.prior, start, estimate.named, is_near=is_near)
-                for other in nearer:
+                for other in other_laws(
+                    self.phasors, self.prior, start, estimate.named, is_near=is_near
+                ):
                     if DOUBTFUL < estimate.misfit <= bound:
-                        with suppress(JointIdError):
-                            again = fit_model(
-                                self.phasors, self.prior, other, self.noise, model, waveforms
-                            )
-                            estimate = min(estimate, again, key=lambda each: each.whole_cost(1))
+                        estimate = self._better(estimate, model, other, waveforms)
         except JointIdError as error:
             tried.setdefault(model, error)
             return
         if earlier is None or estimate.whole_cost(1) <= earlier.whole_cost(1):
             tried[model] = estimate
+
+    def _better(
+        self,
+        estimate: LikelihoodEstimate,
+        model: Model,
+        start: Parameters,
+        waveforms: FrictionWaveforms | None,
+    ) -> LikelihoodEstimate:
+        """The better of an estimate and of that from another start, if this one gives any."""
+        try:
+            other = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)
+        except JointIdError:
+            return estimate
+        return min(estimate, other, key=lambda each: each.whole_cost(1))
 
     def waveforms(self, model: Model, p: Parameters) -> FrictionWaveforms | None:
         """Friction waveforms of a model at some parameters."""

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.fft import dct, idct
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
 from jointid.arrays import Complexes, Floats
 
@@ -116,12 +116,14 @@ class Segment:
 
     def _torque_at(self, j: int, places: Floats) -> Floats:
         """Torque of motor j at samples of the record, with their fraction: of held ones, their mean."""
-        tau = self.torque[j]
-        torque, places = CubicSpline(np.arange(tau.size), tau), np.clip(places, self.held, tau.size - 1)
-        if not self.held:
-            return np.asarray(torque(places))
-        whole = torque.antiderivative()
-        return np.asarray(whole(places) - whole(places - 1))
+        spline, places = self._torques[j], np.clip(places, self.held, self.torque.shape[1] - 1)
+        return np.asarray(spline(places) - spline(places - 1) if self.held else spline(places))
+
+    @cached_property
+    def _torques(self) -> list[PPoly]:
+        """Torque of each motor over the samples of the record; of held ones, its integral."""
+        splines = (CubicSpline(np.arange(tau.size), tau) for tau in self.torque)
+        return [each.antiderivative() if self.held else each for each in splines]
 
     @cached_property
     def _acceleration(self) -> Floats:

@@ -92,7 +92,7 @@ def _reach_and_room(outcome: Outcome) -> tuple[list[float], float]:
 def animated_svg(outcome: Outcome, nominal: str, study: str, *, dark: bool) -> str:
     """The animation as a file to hand on, magnified as at first."""
     reach, room = _reach_and_room(outcome)
-    times = max((f for f in _MAGNIFICATIONS if f * max(reach) <= room), default=1)
+    times = _largest_magnification(max(reach), room)
     ink = colours(dark)
     return animated_cut(
         (outcome.before, outcome.after),
@@ -225,7 +225,12 @@ def magnification(found: Sequence[PathDeflection]) -> int:
     """Factor by which the deflections of a robot along its paths are drawn."""
     largest = max(float(np.linalg.norm(each.before_error_m, axis=1).max()) for each in found)
     room = _DRAWN * float(np.ptp(found[0].reference_m, axis=0).min())
-    return max((f for f in _MAGNIFICATIONS if f * largest <= room), default=1)
+    return _largest_magnification(largest, room)
+
+
+def _largest_magnification(error_m: float, room_m: float) -> int:
+    """Largest factor at which an error stays within the room; 1 if none does."""
+    return max((f for f in _MAGNIFICATIONS if f * error_m <= room_m), default=1)
 
 
 def deflection_pictures(
