@@ -79,8 +79,7 @@ class Page:
                 show_info(f"The motors alone give no K and D. {error.__cause__ or error}")
             else:
                 show_error(error)
-            st.write("The records themselves can still be viewed:")
-            link_to(RECORDS)
+            _point_to_records()
             if self.study.motion_records:
                 st.markdown(_ABOUT_MOTIONS)
                 link_to(SIMULATE)
@@ -183,8 +182,7 @@ class Page:
             return self.sine_phasors()
         except JointIdError as error:
             show_error(error)
-            st.write("The records themselves can still be viewed:")
-            link_to(RECORDS)
+            _point_to_records()
             st.stop()
 
 
@@ -259,3 +257,8 @@ def analyse_first_sample() -> None:
         opened = open_sample(name)
         page = Page(name, opened.study, opened.digest, DEFAULT_METHOD, unit="", dark=False)
         page.begin("analysis", analyse, opened.study).result()
+
+
+def _point_to_records() -> None:
+    st.write("The records themselves can still be viewed:")
+    link_to(RECORDS)
