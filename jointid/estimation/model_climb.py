@@ -85,6 +85,9 @@ def fit_laws(search: Search) -> None:
         if (search.is_lost or search.has_motions) and law in fits.optional:
             wider = model.with_part(law)
             search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
+            sticking, near = replace(wider, reversal=0.03), fits.estimate(wider)
+            if near and model == sliding and search.is_lost and not search.has_motions:
+                search.fit(sticking, near.named)
             fit_slopes(search, wider)
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
@@ -176,6 +179,8 @@ def climbed(search: Search, model: Model) -> Model:
         for each in wider:  # a delay, lags and filters are similar, which their cost distinguishes
             if not (each.is_slow and least < _CLIMB * found.misfit):
                 search.fit(each, found.named, compares=False)
+                if not each.is_slow and fits.misfit(each) >= _CLIMB * found.misfit:
+                    search.fit(each, search.start)  # the model without the part may have diverged
                 least = min(least, fits.misfit(each))
         wider += fit_slopes(search, min(wider, key=fits.misfit))
         plain = fits.criterion(judged=False)

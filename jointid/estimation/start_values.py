@@ -7,6 +7,7 @@ projection; Golub and Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.optimize import least_squares as nonlinear_least_squares
@@ -238,6 +239,8 @@ class _Fundamentals:
 
     phasors: Phasors
     M: Floats
+    own: Floats
+    """Mean M2 of each joint alone, shape (n,)."""
     arm: Floats
     """Dynamic M2, with gravity, shape (r, n, n)."""
     shared: Floats
@@ -250,11 +253,13 @@ class _Fundamentals:
     def residual(self, p: Floats) -> tuple[Floats, Floats]:
         """Relative residual, shape (rows,), and the friction, (2, n).
 
-        ``p`` has the logarithms of K and D and, if any, the common unknown.
+        ``p`` has the logarithms of K and D, the gravity stiffness over M2 ω² at the lowest frequency
+        and, if any, the common unknown.
         """
         n, ph = self.phasors.n, self.phasors
-        s, common = np.asarray(1j * ph.omega, np.complex128), p[2 * n :]
-        arm = np.linalg.inv(self.arm + self.shared * common.sum())
+        s, common = np.asarray(1j * ph.omega, np.complex128), p[3 * n :]
+        held = np.eye(n) * self.gravity(p) / ph.omega[:, None, None] ** 2
+        arm = np.linalg.inv(self.arm + self.shared * common.sum() - held)
         Z, _ = motor_impedance(s, self.M, arm, *np.exp(p[: 2 * n].reshape(2, n)))
         rest = ph.tau - (Z @ ph.q[..., None])[..., 0]
         residual, found = [], np.zeros((2, n))
@@ -270,6 +275,11 @@ class _Fundamentals:
             residual.append(b)
         return np.concatenate([*residual, _OUTLIER * common]), found
 
+    def gravity(self, p: Floats) -> Floats:
+        """Gravity stiffness of each joint, shape (n,), N·m/rad."""
+        n, ph = self.phasors.n, self.phasors
+        return np.asarray(p[2 * n : 3 * n] * self.own * ph.omega.min() ** 2)
+
     def relative(self, p: Floats) -> Floats:
         """The residual alone, finite at any K and D."""
         with np.errstate(all="ignore"):
@@ -279,34 +289,35 @@ class _Fundamentals:
 def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) -> Parameters | None:
     """Return K, D and the friction of all joints; None where the least-squares estimate is as good.
 
-    With a common unknown as the payload also M2.
+    With a common unknown as the payload also M2; with gravity stiffness where nothing else comes near.
     """
     n = phasors.n
     waveforms = friction_waveforms(phasors, None)
-    viscous = 1j * phasors.omega[:, None] * phasors.q
     M, arm = inertia_arrays(phasors, prior.inertias(prior.M, prior.M2))
     of_gravity = prior.shared_gravity[prior.pose] / phasors.omega[:, None, None] ** 2
     shared = prior.shared[prior.part[prior.pose]] - of_gravity
+    own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
     data = _Fundamentals(
         phasors,
         M,
+        own,
         np.asarray(np.linalg.inv(arm), np.float64),
         shared,
-        np.stack([waveforms.coulomb[:, 0], viscous], axis=2),
+        np.stack([waveforms.coulomb[:, 0], 1j * phasors.omega[:, None] * phasors.q], axis=2),
         ~waveforms.stationary,
     )
-    common = np.zeros(int(shared.any()))
+    rest = np.zeros(n + int(shared.any()))
     least = np.inf
     if np.all(linear.K > 0) and np.all(linear.D > 0):
-        least = _size(data.residual(np.concatenate([np.log([*linear.K, *linear.D]), common]))[0])
+        least = _size(data.residual(np.concatenate([np.log([*linear.K, *linear.D]), rest]))[0])
     if least < _UNEXPLAINED:
         return None
-    own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
     best, start = _BETTER * least, None
-    for share in _STARTS:
+    for hangs, share in product((False, True), _STARTS):
         omega = float(np.quantile(phasors.omega, share))
-        first = np.concatenate([np.log([*(own * omega**2), *(0.05 * own * omega)]), common])
-        reach = np.where(np.arange(first.size) < 2 * n, np.log(_RANGE), _UNUSUAL)
+        first = np.concatenate([np.log([*(own * omega**2), *(0.05 * own * omega)]), rest])
+        widths = np.log(_RANGE), _UNUSUAL if hangs else _LEAST, _UNUSUAL
+        reach = np.repeat(widths, [2 * n, n, rest.size - n])
         found = nonlinear_least_squares(
             data.relative,
             first,
@@ -320,9 +331,10 @@ def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) ->
         if _size(residual) < best:
             best, (K, D) = _size(residual), np.exp(found.x[: 2 * n].reshape(2, n))
             values = {"K": K, "D": D, "coulomb": friction[0], "viscous": friction[1]}
-            values |= {"M2": prior.lower + found.x[-1] * prior.common} if common.size else {}
-            layout = ParameterLayout.of(n, friction=True, arms=len(prior.lower) * common.size)
-            start = layout.named(layout.pack(**values))
+            values |= {"M2": prior.lower + found.x[-1] * prior.common, "gravity": data.gravity(found.x)}
+            arms, effects = len(prior.lower) * bool(shared.any()), ["gravity"] * hangs
+            layout = ParameterLayout.of(n, friction=True, arms=arms, effects=effects)
+            start = layout.named(layout.pack(**{b.name: values[b.name] for b in layout.blocks}))
         if best < _UNEXPLAINED:
             break
     return start

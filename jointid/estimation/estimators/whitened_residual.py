@@ -35,6 +35,9 @@ POOR = 10.0
 """Misfit of a model that does not explain the data."""
 _EVALUATIONS = 2
 """Evaluations of the free friction beside gear laws: the torque through the gears changes it little."""
+_STICKING = 1000.0
+"""Misfit from which it is not evaluated: with it backlash beside motors that stick fits, which left 15
+to 500 without."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,7 +254,7 @@ def with_free_torque(problem: Problem, vector: Floats) -> Problem:
     may_rub = problem.motion is None and problem.free.shapes > 0
     for _ in range(_EVALUATIONS * may_rub * any(name in problem.layout for name in GEAR_LAWS)):
         residual = WhitenedResidual.of(problem, vector, np.ones(problem.s.shape[1]))
-        if not residual.cost < POOR * problem.rows / 2:
+        if not residual.cost < _STICKING * problem.rows / 2:
             break
         problem = replace(problem, free_torque=residual.free_friction())
     return problem
