@@ -21,8 +21,9 @@ _NEAR = 0.5
 three slopes, mostly more with wrong data."""
 _FEWEST = 3
 """Records per joint that show whether two laws of the gears come near the data."""
-_CLIMB = 0.7
-"""Ratio of misfits by which a part must lower that of a model far from the data."""
+_CLIMB, _STEEP = 0.7, 0.3
+"""Ratio of misfits by which a part must lower that of a model far from the data: in general, and of the
+first models, where wrong data gave 0.4 and more, and gravity beside friction 0.1."""
 
 
 def fit_first(search: Search) -> None:
@@ -86,7 +87,7 @@ def fit_laws(search: Search) -> None:
             wider = model.with_part(law)
             search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
             sticking, near = replace(wider, reversal=0.03), fits.estimate(wider)
-            if near and model == sliding and search.is_lost and not search.has_motions:
+            if near and model == sliding and search.is_lost and sticking not in fits.tried:
                 search.fit(sticking, near.named)
             fit_slopes(search, wider)
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
@@ -122,7 +123,8 @@ def fit_complete(search: Search) -> None:
     if models:
         nearest = min(models, key=fits.misfit)
         for each in (nearest, *fit_slopes(search, nearest)):
-            search.pruned(each)
+            if not search.is_lost:
+                search.pruned(each)
 
 
 def _linear_misfit(search: Search) -> float:
@@ -150,11 +152,11 @@ def climb_from_nearest(search: Search, share: float) -> None:
     nearest = min(search.fits.tried, key=search.fits.misfit)
     found, scored = search.fits.estimate(nearest), search.scores(nearest)
     if found and max((s.gain for s in scored.values()), default=0.0) > share * found.cost:
-        climbed(search, nearest)
+        climbed(search, nearest, _STEEP)
 
 
-def climbed(search: Search, model: Model) -> Model:
-    """The best model after adding the part of the highest score as long as the misfit falls by it.
+def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
+    """The best model after adding the part of the highest score as long as the misfit falls by a ratio.
 
     With several laws and friction together every model on the way is far off: comparing alternatives
     there would use up the fits before the complete model is reached. A part may also become significant
@@ -188,8 +190,9 @@ def climbed(search: Search, model: Model) -> Model:
         there = fits.estimate(nearest)
         gains = [score.gain for score in search.scores(nearest).values()]
         promises = there and max(gains, default=0.0) > NEARLY_ALL * there.cost
-        if least == np.inf or (least >= _CLIMB * found.misfit and not promises):
+        if least == np.inf or (least >= ratio * found.misfit and not promises):
             break
         model = nearest
-    search.pruned(model)  # friction that it needed on the way may have lost its significance
+    if not search.is_lost:
+        search.pruned(model)  # friction that it needed on the way may have lost its significance
     return fits.least(list(fits.tried))

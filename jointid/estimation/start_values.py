@@ -334,7 +334,7 @@ def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) ->
             values |= {"M2": prior.lower + found.x[-1] * prior.common, "gravity": data.gravity(found.x)}
             arms, effects = len(prior.lower) * bool(shared.any()), ["gravity"] * hangs
             layout = ParameterLayout.of(n, friction=True, arms=arms, effects=effects)
-            start = layout.named(layout.pack(**{b.name: values[b.name] for b in layout.blocks}))
+            start = layout.named(layout.pack(**{k: v for k, v in values.items() if k in layout}))
         if best < _UNEXPLAINED:
             break
     return start
