@@ -314,9 +314,20 @@ def mat_bomb() -> bytes:
     return head + struct.pack("<II", 15, len(body)) + body
 
 
+def lists_of_one_column() -> bytes:
+    """Parquet with a list longer than the rows, but no second one."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    buffer = io.BytesIO()
+    pq.write_table(pa.table({"t": [0.0, 1.0], "q": [[0.0] * 90, [1.0] * 90]}), buffer)
+    return buffer.getvalue()
+
+
 @pytest.mark.parametrize(
     ("data", "name", "said"),
     [
+        (lists_of_one_column(), "log.parquet", "no table of numbers"),
         (mat_bomb(), "log.mat", "million numbers, more than the limit"),
         (huge_npy(), "log.npy", "more memory than the limit"),
         (b'{"a":' * 100_000 + b"1", "log.json", "not JSON"),
@@ -326,7 +337,7 @@ def mat_bomb() -> bytes:
         (b"Sampling period is 0 nSec \n\nx +1.0 \n", "halscope.log", "sampling period of 0"),
         (b"LabVIEW Measurement\t\nSeparator\tTab\n", "a.lvm", "cut off"),
     ],
-    ids=["mat zip", "npy shape", "nested", "wpilog size", "wpilog texts", "regex", "period", "header"],
+    ids=["list", "mat", "npy", "nested", "wpilog size", "wpilog texts", "regex", "period", "header"],
 )  # fmt: skip
 def test_hostile_files_are_refused_soon(data: bytes, name: str, said: str) -> None:
     began = time.process_time()

@@ -87,6 +87,10 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
     tempfile.tempdir = request["scratch"]  # what libraries leave there goes with the parent's folder
     try:
         tables = readers()[kind].read(name, path)
+        if not tables:
+            raise JointIdError(
+                f"{name} holds no table of numbers: a log needs at least position and torque."
+            )
         stated = ("name", "notes", "first_row", "row_word", "rows")
         described = [
             {key: getattr(table, key) for key in stated}
