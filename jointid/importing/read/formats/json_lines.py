@@ -14,11 +14,19 @@ from jointid.importing.read.text.tables import read_text_table
 from jointid.wording import counted
 
 _DEEPEST = 6
+_MOST_VALUES = 8_000_000
+"""Values of a file; each takes some 100 bytes of memory while it is read."""
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read rows of named numbers; points join nested names, an index names elements of lists."""
-    rows, notes = _rows(file, file_text(path))
+    text = file_text(path)
+    if text.count(",") > _MOST_VALUES:
+        raise JointIdError(
+            f"{file} holds more than {_MOST_VALUES / 1e6:g} million values, the limit of JSON: export "
+            "it as CSV or Parquet."
+        )
+    rows, notes = _rows(file, text)
     names: dict[str, int] = {}
     table: list[dict[str, str]] = []
     for row in rows:
