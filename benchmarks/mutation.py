@@ -181,7 +181,7 @@ def survivors(drawn: list[MutationSpec], tests: Tests, tree: Path) -> Iterator[t
             lines = [
                 *difflib.unified_diff(before.split("\n"), after.split("\n"), name, name, "", "", 2, "")
             ]
-            (changed,) = (line[1:].strip() for line in lines[2:] if line.startswith("+"))
+            changed = " ".join(line[1:].strip() for line in lines[2:] if line.startswith("+"))
             yield name, changed, "\n".join(lines)
 
 

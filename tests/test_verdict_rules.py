@@ -615,12 +615,13 @@ def test_a_search_with_free_inertias_follows_a_fit_that_explains_most(
 
     def search(phasors: Any, prior: InertiaPrior, names: list[str], *, start: Any, **_: Any) -> Any:
         asked.append((prior.inertia_std, start))
-        return {"auto": two_joints()}
+        return {"auto": two_joints(misfit=explained)}
 
     monkeypatch.setattr(rules_inertia, "identify_each", search)
-    found = rules_inertia.judged(case(fit=fit, phasors=None, has_motions=False))
-    assert asked == [(0.3, "near")] * searches
-    assert (found is not None) == searches
+    for explained in (2.9, 3.1):
+        found = rules_inertia.judged(case(fit=fit, phasors=None, has_motions=False))
+        assert (found is not None) == (searches and explained < 3)
+    assert asked == [(0.3, "near")] * 2 * searches
 
 
 # --- responses, other records
@@ -694,6 +695,19 @@ def test_a_joint_without_motion_has_no_share() -> None:
         assert steady_state.joint_share(phasors).tolist() == [[1, 0], [0.5, 0]]
 
 
+def test_the_factors_of_wrong_units() -> None:
+    """Torque over acceleration, logged over expected."""
+    factors = [
+        ("position", np.pi / 180), ("position", 180 / np.pi),
+        ("position", 3.0462e-4), ("position", 3282.8),
+        ("position", 6.28319), ("position", 0.159155),
+        ("torque", 1000.0), ("position", 0.001), ("torque", 0.707107), ("torque", 1.414214),
+        ("time", 1e6), ("time", 1e-6), ("time", 1e12), ("time", 1e-12), ("inertia", 1e-4),
+    ]  # fmt: skip
+    assert [cause.signal for cause in CAUSES] == [signal for signal, _ in factors]
+    assert [cause.factor for cause in CAUSES] == pytest.approx([f for _, f in factors], rel=1e-4)
+
+
 @pytest.mark.parametrize("factor", [0.999, 1.0, 30.0, 1 / 30])
 def test_a_known_cause_is_within_three_per_cent(factor: float) -> None:
     for cause in CAUSES:
@@ -754,6 +768,7 @@ def test_a_joint_at_rest_is_reported_where_its_stiffness_is_unknown(
     for finding in found:
         assert finding.title == "Joint 2 rests for much of the motion"
         assert ("do not determine K2" in finding.detail) == bool(np.isinf(error))
+        assert finding.weight % 10 == pytest.approx(min(error, 1.0))
     fit.friction = None
     assert not list(motion_findings._joints_at_rest(fit, np.array([0.9, 0.9])))
 
@@ -875,6 +890,7 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
         ([1, -50], "The sign is reversed as well", "All joints"),
         ([4, 4.06], "a sample rate of 2.01 times the given one", "The sign"),
         ([4, 4.1], "left out", "sample rate"),
+        ([-4, -4.06], "The sign is reversed as well", "sample rate"),
         ([1, 2e3], "left out: 44.7 in both; or a torque", "position or torque, or"),
         ([1, 2e6], "The cause may be a torque in units of 5.00×10⁻⁷ N·m", "gear ratio"),
     ],
@@ -890,18 +906,20 @@ def test_an_unknown_factor_may_be_a_gear_ratio(factor: list[float], said: str, u
 
 
 @pytest.mark.parametrize(
-    ("given", "noise", "title"),
+    ("given", "coupling", "noise", "title"),
     [
-        (1.0, 0.0, None),
-        (1.3, 0.0, "The inertias look wrong in pose low"),
-        (1.3, 0.6, None),
-        (-1.0, 0.0, "A spring or gravity acts on joint 2 at low frequency in pose low"),
+        (1.0, 0.0, 0.0, None),
+        (1.3, 0.0, 0.0, "The inertias look wrong in pose low"),
+        (1.1, -0.3, 0.0, "The inertias look wrong in pose low"),
+        (1.3, 0.0, 0.6, None),
+        (-1.0, 0.0, 0.0, "A spring or gravity acts on joint 2 at low frequency in pose low"),
     ],
 )
 def test_inertias_that_are_far_off_at_low_frequency_are_named(
-    monkeypatch: pytest.MonkeyPatch, given: float, noise: float, title: str | None
+    monkeypatch: pytest.MonkeyPatch, given: float, coupling: float, noise: float, title: str | None
 ) -> None:
     measured = np.diag([1.0, given])
+    measured[0, 1] = measured[1, 0] = coupling
     monkeypatch.setattr(rules_inertia, "distortion", lambda _: 0.0)
     monkeypatch.setattr(rules_inertia, "_explained_alone", lambda *_: False)
     monkeypatch.setattr(rules_inertia, "low_frequency_inertia", lambda *_: measured)
@@ -913,7 +931,10 @@ def test_inertias_that_are_far_off_at_low_frequency_are_named(
     found = list(rules_inertia._far_off(evidence_of))
     assert [each.title for each in found] == [title] * (title is not None)
     if given > 1 and found:
-        assert "about J_m2 + J_a2 = 1.3 kg·m² (entered: 1)" in found[0].detail
+        element = (
+            "J_12 = −0.3 kg·m² (entered: 0)" if coupling else "J_m2 + J_a2 = 1.3 kg·m² (entered: 1)"
+        )
+        assert f"gives about {element}" in found[0].detail
         assert found[0].weight == pytest.approx(100.3)
     fit.misfit = 99.0
     assert not list(rules_inertia._far_off(evidence_of))
