@@ -122,7 +122,7 @@ def weighted(z: Complexes) -> tuple[Complexes, float]:
 def _at_least_moving(size: Floats) -> Floats:
     """Sizes of positions, then torques (c,), at least those of a joint that moves."""
     largest = size.reshape(2, -1).max(axis=1)
-    return np.maximum(size, np.repeat(_MIN_MOTION * largest, size.size // 2))
+    return np.asarray(np.maximum(size, np.repeat(_MIN_MOTION * largest, size.size // 2)))
 
 
 def grown(
