@@ -28,12 +28,14 @@ from jointid import (
     motor_response,
     simulate_records,
 )
+from jointid.arrays import Complexes, Floats
 from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.linear_fit import weighted
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
+from jointid.estimation.estimators.noise import sensor_noise
 from jointid.estimation.estimators.parameters import EFFECTS, ParameterLayout
 from jointid.estimation.estimators.parameters import LAWS as NONLINEAR
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
@@ -605,3 +607,36 @@ def test_no_part_is_promising_where_a_lost_estimate_has_no_scores() -> None:
         fits=SimpleNamespace(estimate=lambda _: found), has_motions=True, scores=lambda _: {}
     )
     assert not Search.may_explain(search, Model(0.0, delay=False), "load")  # type: ignore[arg-type]
+
+
+def test_noise_of_torques_is_what_neighbouring_lines_do_not_explain() -> None:
+    """A part that is linear in the angles is an error of the model; the second record has an alias."""
+    rng = np.random.default_rng(4)
+
+    def normal(*shape: int) -> Complexes:
+        return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+    lines, samples, steps = 400, 4000, 0.01
+    q = normal(2, lines, 2)  # angle and torque of one joint
+    model_error = (0.5 + 0.001 * np.arange(lines)) * q[..., 0]
+    sigma = np.array([0.3, 0.3])
+    E = np.zeros((2, lines, 1, 2))
+    E[..., 0], E[..., 1] = 2.0, 3.0
+    segments = [
+        SimpleNamespace(record=k, lowest=11, highest=380, samples=samples, angle_variance=[steps])
+        for k in (0, 1)
+    ]
+    phasors: Any = SimpleNamespace(n=1, harmonics=q, segments=[*segments, None])
+
+    def found(sigma: Floats, hidden: slice = slice(0)) -> dict[int, Floats]:
+        variance = 9 * sigma**2 + 4 * steps
+        left = model_error + np.sqrt(4 / samples * variance)[:, None] * normal(2, lines)
+        left[:, :10], left[:, 380:] = 1e3, 1e3  # beyond the segment
+        left[:, hidden] = np.nan
+        return sensor_noise(phasors, left[..., None], E)
+
+    alike = found(sigma, slice(100, 120))
+    assert alike[0] == alike[1] == pytest.approx([0.09], rel=0.15)
+    apart = found(np.array([0.3, 3.0]))
+    assert apart[0] == pytest.approx([0.09], rel=0.3)
+    assert apart[1] == pytest.approx([9.0], rel=0.3)
