@@ -51,7 +51,10 @@ from jointid.estimation.model_average import (
 from jointid.estimation.model_search import Search
 from jointid.estimation.model_selection import choose_model
 from jointid.gears.arm_friction import PeriodicFriction
+from jointid.gears.gear import Gear, gears_with
 from jointid.motion.friction import friction_waveforms
+from jointid.motion.noise import repeated_variances
+from jointid.motion.reversals import _transforms
 
 LINEAR_EFFECTS = tuple(name for name in EFFECTS if name not in NONLINEAR)
 Law = Callable[[np.ndarray], np.ndarray]
@@ -640,3 +643,46 @@ def test_noise_of_torques_is_what_neighbouring_lines_do_not_explain() -> None:
     apart = found(np.array([0.3, 3.0]))
     assert apart[0] == pytest.approx([0.09], rel=0.3)
     assert apart[1] == pytest.approx([9.0], rel=0.3)
+
+
+def test_slow_torques_have_the_sizes_of_a_sign_that_changes_anywhere() -> None:
+    """Root mean squares of the Legendre coefficients of a unit step, over its places."""
+    _, std = _transforms(40, 400, 20, 5)
+    places, (points, weights) = np.linspace(-1, 1, 2001), np.polynomial.legendre.leggauss(2000)
+    shapes = np.polynomial.legendre.legvander(points, 4)
+    signs = np.sign(points[:, None] - places)
+    sizes = (np.arange(5) + 0.5)[:, None] * (shapes.T * weights) @ signs
+    np.testing.assert_allclose(std, np.sqrt((sizes**2).mean(axis=1)), rtol=2e-3)
+
+
+@pytest.mark.parametrize("periods", [3.0, 8.0, 8.3])
+def test_rounding_that_repeats_counts_once_for_each_further_period(periods: float) -> None:
+    """Of a motion that does not repeat there is none."""
+    turn = 2 * np.pi * np.arange(int(200 * periods)) / 200
+    step = 1e-3
+    angle = np.round((0.3 * np.sin(turn) + 0.1 * np.sin(3 * turn + 1)) / step) * step
+    part: Any = SimpleNamespace(theta=[angle])
+    assert repeated_variances([part]) == pytest.approx([step**2 / 12 * (periods - 1)], rel=1e-6)
+    part.theta = [np.round(np.cumsum(np.random.default_rng(2).standard_normal(600))) * step]
+    assert repeated_variances([part]) == [0.0]
+
+
+def test_a_gear_may_state_the_same_stiffness_as_the_elasticity() -> None:
+    for off, same in ((0.0, True), (0.9e-9, True), (1.1e-9, False), (-1.1e-9, False)):
+        gear = Gear(K=2.0 * (1 + off))
+        if same:
+            assert gears_with(np.array([2.0]), [gear])[0].K == 2.0
+        else:
+            with pytest.raises(JointIdError, match="state it once"):
+                gears_with(np.array([2.0]), [gear])
+
+
+def test_parameters_of_several_poses_are_numbered() -> None:
+    labels = [
+        label
+        for block in ParameterLayout.of(2, rotors=1, arms=2).blocks
+        if block.name in ("M", "M2")
+        for label in block.labels
+    ]
+    assert labels[:2] == ["J_m1", "J_m2"]
+    assert labels[2:] == [f"{name}, pose {pose}" for pose in (1, 2) for name in ("J_a1", "J_12", "J_a2")]
