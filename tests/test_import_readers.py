@@ -392,6 +392,7 @@ def test_hostile_files_are_refused_soon(data: bytes, name: str, said: str) -> No
     ("data", "said"),
     [
         (b"%PDF-1.7\n%\xe2\xe3", "is a PDF"),
+        (b"DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n", "is the header of a DIAdem or KUKA trace"),
         (b"\x89PNG\r\n\x1a\n" + bytes(50), "is a picture (PNG)"),
         (b"\x1f\x8b\x08\0" + bytes(range(200)), "is a gzip archive"),
         (b"ULog\x01\x12\x35\x01" + bytes(300), "is a PX4 log (ULog)"),
