@@ -181,7 +181,7 @@ def survivors(drawn: list[MutationSpec], tests: Tests, tree: Path) -> Iterator[t
             lines = [
                 *difflib.unified_diff(before.split("\n"), after.split("\n"), name, name, "", "", 2, "")
             ]
-            (changed,) = (line[1:].strip() for line in lines[2:] if line.startswith("+"))
+            changed = " ".join(line[1:].strip() for line in lines[2:] if line.startswith("+"))
             yield name, changed, "\n".join(lines)
 
 
@@ -199,14 +199,18 @@ def main(arguments: list[str]) -> None:
         ]
         every = mutants(modules, Path(folder))
         drawn = random.Random(SEED).sample(every, min(int(arguments[0]), len(every)))
-        alive = list(survivors(drawn, Tests(tree, files), tree))
-    open_ones = [text for name, changed, text in alive if changed not in REASONS.get(name, {})]
-    print("\n".join(open_ones))
-    share = 1 - len(alive) / len(drawn)
+        alive, reasons = 0, 0
+        for name, changed, text in survivors(drawn, Tests(tree, files), tree):
+            alive += 1
+            if changed in REASONS.get(name, {}):
+                reasons += 1
+            else:
+                print(text, flush=True)
+    share = 1 - alive / len(drawn)
     error = (share * (1 - share) / len(drawn)) ** 0.5
     print(
-        f"{len(drawn) - len(alive)} of {len(drawn)} mutants found: {share:.0%} ± {error:.0%}, drawn of "
-        f"{len(every)}; {len(alive) - len(open_ones)} survivors with a reason, {len(open_ones)} without"
+        f"{len(drawn) - alive} of {len(drawn)} mutants found: {share:.0%} ± {error:.0%}, drawn of "
+        f"{len(every)}; {reasons} survivors with a reason, {alive - reasons} without"
     )
 
 

@@ -271,6 +271,49 @@ def test_formulas_of_mdf_are_never_run(formula: str, tmp_path: Path) -> None:
     assert not trap.exists()
 
 
+@pytest.mark.parametrize(
+    "data",
+    [
+        make.lists("({}, {})", ";"),
+        make.lists("[{} {}]", "\t"),
+        make.lists("[{} {}]"),
+        make.named_values("t:{},q:{},tau:{}"),
+        make.named_values("t = {}; joint1.q = {}; joint1.tau = {}"),
+    ],
+)
+def test_lists_and_named_values_of_other_forms(data: bytes) -> None:
+    check_motion(read_log(data, "log.csv")[0])
+
+
+def test_damaged_lines_of_lists_and_named_values_are_left_out() -> None:
+    """A value of another column, or one without its unit, would be wrong without a word."""
+    for data, old, new in (
+        (make.lists(), f'"[{ANGLE[5]}, {-ANGLE[5]}]"', f"[{ANGLE[5]}, x]"),
+        (make.named_values(), f"q={ANGLE[5]:.9g}", f"q={ANGLE[5]:.9g}deg"),
+        (make.named_values(), f"q={ANGLE[5]:.9g}", f"q={ANGLE[5]:.9g} deg"),
+    ):
+        (table,) = read_log(data.replace(old.encode(), new.encode(), 1), "log.txt")
+        assert table.rows == ROWS - 1
+        assert any("1 line of another form left out; the first is line" in note for note in table.notes)
+    with_units = make.named_values("t={} q={} rad tau={} Nm")
+    assert not readers()["named"].recognises(with_units[:4096])
+
+
+@pytest.mark.parametrize("row", ["[s],[1],[1]", "0.0,(0.5),(0.25)"])
+def test_units_and_negative_numbers_in_brackets_are_no_lists(row: str) -> None:
+    assert not readers()["lists"].recognises(f"t,q,tau\n{row}\n0.1,0.2,0.3\n".encode())
+
+
+@pytest.mark.parametrize(
+    "head", [b"t,q\n[" + b"11 " * 1300, b"t,q\n[" + b"1" * 4000, b"a=1 " * 1000 + b"!", b"ab" * 2000]
+)
+def test_texts_like_lists_are_recognised_in_linear_time(head: bytes) -> None:
+    began = time.process_time()
+    for kind in ("lists", "named"):
+        readers()[kind].recognises(head[:4096])
+    assert time.process_time() - began < 0.2
+
+
 @pytest.mark.parametrize("table", [True, False])
 def test_json_as_pandas_writes_it(table: bool) -> None:
     rows = np.column_stack([TIME_S, ANGLE, TORQUE]).tolist()
@@ -314,9 +357,20 @@ def mat_bomb() -> bytes:
     return head + struct.pack("<II", 15, len(body)) + body
 
 
+def lists_of_one_column() -> bytes:
+    """Parquet with a list longer than the rows, but no second one."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    buffer = io.BytesIO()
+    pq.write_table(pa.table({"t": [0.0, 1.0], "q": [[0.0] * 90, [1.0] * 90]}), buffer)
+    return buffer.getvalue()
+
+
 @pytest.mark.parametrize(
     ("data", "name", "said"),
     [
+        (lists_of_one_column(), "log.parquet", "no table of numbers"),
         (mat_bomb(), "log.mat", "million numbers, more than the limit"),
         (huge_npy(), "log.npy", "more memory than the limit"),
         (b'{"a":' * 100_000 + b"1", "log.json", "not JSON"),
@@ -326,7 +380,7 @@ def mat_bomb() -> bytes:
         (b"Sampling period is 0 nSec \n\nx +1.0 \n", "halscope.log", "sampling period of 0"),
         (b"LabVIEW Measurement\t\nSeparator\tTab\n", "a.lvm", "cut off"),
     ],
-    ids=["mat zip", "npy shape", "nested", "wpilog size", "wpilog texts", "regex", "period", "header"],
+    ids=["list", "mat", "npy", "nested", "wpilog size", "wpilog texts", "regex", "period", "header"],
 )  # fmt: skip
 def test_hostile_files_are_refused_soon(data: bytes, name: str, said: str) -> None:
     began = time.process_time()
@@ -338,6 +392,7 @@ def test_hostile_files_are_refused_soon(data: bytes, name: str, said: str) -> No
     ("data", "said"),
     [
         (b"%PDF-1.7\n%\xe2\xe3", "is a PDF"),
+        (b"DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n", "is the header of a DIAdem or KUKA trace"),
         (b"\x89PNG\r\n\x1a\n" + bytes(50), "is a picture (PNG)"),
         (b"\x1f\x8b\x08\0" + bytes(range(200)), "is a gzip archive"),
         (b"ULog\x01\x12\x35\x01" + bytes(300), "is a PX4 log (ULog)"),

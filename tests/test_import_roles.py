@@ -152,6 +152,15 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
             [(f"actual_q_{k}", f"actual_current_{k}") for k in range(6)],
         ),
         (
+            ["pc_ts", *(n for f in ("q_{}", "qd_{}", "tq_{}", "tqd_{}", "tcp_{}") for n in many(f, 6))],
+            [("q_0", "")],
+        ),
+        (["t", "q1", "tq1", "q2", "tq2"], [("q1", "tq1"), ("q2", "tq2")]),
+        (
+            ["index", "time", *(n for f in ("mp{}", "ip{}", "mt{}", "et{}") for n in many(f, 7, 1))],
+            [(f"mp{k}", f"mt{k}") for k in range(1, 8)],
+        ),
+        (
             ["t", *(f"Axis {k} ({n})" for k in (1, 2)
                     for n in ("SetPos", "ActPos", "PosDiff", "ActVelo", "SetTorque", "ActTorque"))],
             [(f"Axis {k} (ActPos)", f"Axis {k} (ActTorque)") for k in (1, 2)],

@@ -245,9 +245,21 @@ def test_first_quarter_must_agree_with_the_second_half(tail: float) -> None:
     k = np.arange(80)
     noise = 0.01 * (rng.standard_normal(k.size) + 1j * rng.standard_normal(k.size)) / np.sqrt(2)
     z = 1 + tail * np.exp(-k / 12) + noise
-    first, last = settled_part(Frames(10 * k, 10, z[:, None]), is_end=True)
+    frames = Frames(10 * k, 10, np.column_stack([z, z]))
+    first, last = settled_part(frames, is_end=True)
     assert last == 800
     assert (first > 30) == (tail > 0)
+
+
+def test_a_joint_that_creeps_at_rest_hides_no_sine_of_another() -> None:
+    """Friction releases its spring slowly: its frames change, though by 2 % of the other motion."""
+    log, _ = log_of([Run(6.8, 16, SECOND), Run(1.7, 30, SECOND)])
+    creep = 0.02 * np.abs(log.theta_rad[:, 1] + 7).max() * np.exp(-(log.time_s - 0.5) / 3)
+    quiet = np.column_stack([0.4 + creep, log.theta_rad[:, 1]])
+    torque = np.column_stack([0.1 * creep, log.tau_Nm[:, 1]])
+    found = find_segments(replace(log, theta_rad=np.round(quiet, 7), tau_Nm=torque))
+    assert [round(s.frequency_hz, 3) for s in found] == [6.8, 1.7]
+    assert [s.periods > share * n for s, share, n in zip(found, (0.7, 0.7), (16, 30), strict=True)]
 
 
 def test_beginning_of_a_soft_end_is_left_out() -> None:

@@ -28,12 +28,14 @@ from jointid import (
     motor_response,
     simulate_records,
 )
+from jointid.arrays import Complexes, Floats
 from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.linear_fit import weighted
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
+from jointid.estimation.estimators.noise import sensor_noise
 from jointid.estimation.estimators.parameters import EFFECTS, ParameterLayout
 from jointid.estimation.estimators.parameters import LAWS as NONLINEAR
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
@@ -49,7 +51,10 @@ from jointid.estimation.model_average import (
 from jointid.estimation.model_search import Search
 from jointid.estimation.model_selection import choose_model
 from jointid.gears.arm_friction import PeriodicFriction
+from jointid.gears.gear import Gear, gears_with
 from jointid.motion.friction import friction_waveforms
+from jointid.motion.noise import repeated_variances
+from jointid.motion.reversals import _transforms
 
 LINEAR_EFFECTS = tuple(name for name in EFFECTS if name not in NONLINEAR)
 Law = Callable[[np.ndarray], np.ndarray]
@@ -605,3 +610,79 @@ def test_no_part_is_promising_where_a_lost_estimate_has_no_scores() -> None:
         fits=SimpleNamespace(estimate=lambda _: found), has_motions=True, scores=lambda _: {}
     )
     assert not Search.may_explain(search, Model(0.0, delay=False), "load")  # type: ignore[arg-type]
+
+
+def test_noise_of_torques_is_what_neighbouring_lines_do_not_explain() -> None:
+    """A part that is linear in the angles is an error of the model; the second record has an alias."""
+    rng = np.random.default_rng(4)
+
+    def normal(*shape: int) -> Complexes:
+        return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+    lines, samples, steps = 400, 4000, 0.01
+    q = normal(2, lines, 2)  # angle and torque of one joint
+    model_error = (0.5 + 0.001 * np.arange(lines)) * q[..., 0]
+    sigma = np.array([0.3, 0.3])
+    E = np.zeros((2, lines, 1, 2))
+    E[..., 0], E[..., 1] = 2.0, 3.0
+    segments = [
+        SimpleNamespace(record=k, lowest=11, highest=380, samples=samples, angle_variance=[steps])
+        for k in (0, 1)
+    ]
+    phasors: Any = SimpleNamespace(n=1, harmonics=q, segments=[*segments, None])
+
+    def found(sigma: Floats, hidden: slice = slice(0)) -> dict[int, Floats]:
+        variance = 9 * sigma**2 + 4 * steps
+        left = model_error + np.sqrt(4 / samples * variance)[:, None] * normal(2, lines)
+        left[:, :10], left[:, 380:] = 1e3, 1e3  # beyond the segment
+        left[:, hidden] = np.nan
+        return sensor_noise(phasors, left[..., None], E)
+
+    alike = found(sigma, slice(100, 120))
+    assert alike[0] == alike[1] == pytest.approx([0.09], rel=0.15)
+    apart = found(np.array([0.3, 3.0]))
+    assert apart[0] == pytest.approx([0.09], rel=0.3)
+    assert apart[1] == pytest.approx([9.0], rel=0.3)
+
+
+def test_slow_torques_have_the_sizes_of_a_sign_that_changes_anywhere() -> None:
+    """Root mean squares of the Legendre coefficients of a unit step, over its places."""
+    _, std = _transforms(40, 400, 20, 5)
+    places, (points, weights) = np.linspace(-1, 1, 2001), np.polynomial.legendre.leggauss(2000)
+    shapes = np.polynomial.legendre.legvander(points, 4)
+    signs = np.sign(points[:, None] - places)
+    sizes = (np.arange(5) + 0.5)[:, None] * (shapes.T * weights) @ signs
+    np.testing.assert_allclose(std, np.sqrt((sizes**2).mean(axis=1)), rtol=2e-3)
+
+
+@pytest.mark.parametrize("periods", [3.0, 8.0, 8.3])
+def test_rounding_that_repeats_counts_once_for_each_further_period(periods: float) -> None:
+    """Of a motion that does not repeat there is none."""
+    turn = 2 * np.pi * np.arange(int(200 * periods)) / 200
+    step = 1e-3
+    angle = np.round((0.3 * np.sin(turn) + 0.1 * np.sin(3 * turn + 1)) / step) * step
+    part: Any = SimpleNamespace(theta=[angle])
+    assert repeated_variances([part]) == pytest.approx([step**2 / 12 * (periods - 1)], rel=1e-6)
+    part.theta = [np.round(np.cumsum(np.random.default_rng(2).standard_normal(600))) * step]
+    assert repeated_variances([part]) == [0.0]
+
+
+def test_a_gear_may_state_the_same_stiffness_as_the_elasticity() -> None:
+    for off, same in ((0.0, True), (0.9e-9, True), (1.1e-9, False), (-1.1e-9, False)):
+        gear = Gear(K=2.0 * (1 + off))
+        if same:
+            assert gears_with(np.array([2.0]), [gear])[0].K == 2.0
+        else:
+            with pytest.raises(JointIdError, match="state it once"):
+                gears_with(np.array([2.0]), [gear])
+
+
+def test_parameters_of_several_poses_are_numbered() -> None:
+    labels = [
+        label
+        for block in ParameterLayout.of(2, rotors=1, arms=2).blocks
+        if block.name in ("M", "M2")
+        for label in block.labels
+    ]
+    assert labels[:2] == ["J_m1", "J_m2"]
+    assert labels[2:] == [f"{name}, pose {pose}" for pose in (1, 2) for name in ("J_a1", "J_12", "J_a2")]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import time
 import tomllib
 import warnings
@@ -20,6 +21,8 @@ from jointid.exporting.tables import csv_text, phasor_table
 from jointid.files.csv_tables import read_columns, read_header
 from jointid.importing import apply_mapping, guess_mapping, read_log
 from jointid.importing.columns.log_table import MAX_LOG_BYTES
+from jointid.importing.read import reader_process
+from jointid.importing.read.formats import json_lines
 
 ROOT = Path(__file__).parents[1]
 ROWS = [f"{t},{np.sin(t)},{np.cos(t)}" for t in TIME_S]
@@ -115,3 +118,28 @@ def test_the_limit_of_a_workbook_counts_its_unpacked_size() -> None:
             part.write(bytes(1 << 20))
     with pytest.raises(JointIdError, match=r"unpacks to 130.1 MiB, more than the limit of 128 MiB"):
         read_log(buffer.getvalue(), "log.xlsx")
+
+
+def test_large_texts_are_read_within_the_limits_of_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = "\n".join(["Zeit [ms],q,tau", *ROWS]).encode()
+    (here,) = read_log(data, "log.csv")
+    monkeypatch.setattr(reader_process, "_SMALL_TEXT", 1000)
+    (there,) = read_log(data, "log.csv")
+    assert (there.names, there.notes, there.read_as) == (here.names, here.notes, "a table of text")
+    assert [c.unit for c in there.columns] == [c.unit for c in here.columns] == ["ms", "", ""]
+    for one, two in zip(here.columns, there.columns, strict=True):
+        np.testing.assert_array_equal(one.values, two.values)
+    monkeypatch.setattr(reader_process, "read_text_table", None)  # not called in this process
+    assert read_log(data, "log.csv")[0].rows == here.rows
+
+
+def test_json_of_too_many_values_is_refused_before_it_is_parsed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "log.json"
+    log.write_text(json.dumps([{"t": k, "q": k % 7} for k in range(50)]))
+    assert json_lines.read("log.json", str(log))[0].rows == 50
+    monkeypatch.setattr(json_lines, "_MOST_VALUES", 90)
+    monkeypatch.setattr(json_lines, "_rows", None)
+    with pytest.raises(JointIdError, match="million values, the limit of JSON"):
+        json_lines.read("log.json", str(log))

@@ -644,3 +644,16 @@ def test_joints_without_equations_take_no_noise(capfd: pytest.CaptureFixture[str
     left = Complement.of((none,), np.ones((1, 3, 1, 1), complex)).noise_left()
     assert left.tolist() == [[0.0]]
     assert "".join(capfd.readouterr()) == ""
+
+
+def test_waveforms_of_known_size_take_degrees_of_freedom_by_their_share() -> None:
+    """Of each coordinate the square of what noise makes of its variance."""
+    bins = np.array([[1, 0, 0], [1j, 0, 0], [0, 1, 0], [0, 0, 1j], [0, 1j, 0]])
+    sizes = np.array([0.0, 1.0, 4.0, 9.0, 1e6])
+    turn, _ = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))
+    bounded = (turn @ np.diag(sizes[:3]) @ turn.T, np.diag(sizes[3:]))
+    basis = Basis(bins, np.array([0, 0, 0, 1, 1]), np.zeros(2), bounded)
+    noise = np.broadcast_to(2.0 * np.eye(2), (1, 3, 2, 2)).astype(complex)
+    left = Complement.of((basis,), noise).noise_left()
+    each = (2 / (2 + sizes)) ** 2
+    np.testing.assert_allclose(left, [[each[:3].sum(), each[3:].sum()]], rtol=1e-6)

@@ -12,6 +12,7 @@ import pytest
 from jointid import Inertia, MotionRecord
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.joints import dynamic_arm_inertia, motor_impedance
 from jointid.verdict import (
     cause_findings,
     evidence,
@@ -411,7 +412,9 @@ def test_negative_values_beyond_their_errors_are_named(
 ) -> None:
     fit = two_joints(estimate=np.array([20.0, K, 0.1, D]))
     fit.errors = case(D=np.full(2, 0.01))
-    assert [(each.level, each.title) for each in rules_model.not_physical(case(fit=fit))] == found
+    told = list(rules_model.not_physical(case(fit=fit)))
+    assert [(each.level, each.title) for each in told] == found
+    assert all(each.weight == {"problem": 102, "warning": 12}[each.level] for each in told)
 
 
 # --- causes
@@ -612,12 +615,13 @@ def test_a_search_with_free_inertias_follows_a_fit_that_explains_most(
 
     def search(phasors: Any, prior: InertiaPrior, names: list[str], *, start: Any, **_: Any) -> Any:
         asked.append((prior.inertia_std, start))
-        return {"auto": two_joints()}
+        return {"auto": two_joints(misfit=explained)}
 
     monkeypatch.setattr(rules_inertia, "identify_each", search)
-    found = rules_inertia.judged(case(fit=fit, phasors=None, has_motions=False))
-    assert asked == [(0.3, "near")] * searches
-    assert (found is not None) == searches
+    for explained in (2.9, 3.1):
+        found = rules_inertia.judged(case(fit=fit, phasors=None, has_motions=False))
+        assert (found is not None) == (searches and explained < 3)
+    assert asked == [(0.3, "near")] * 2 * searches
 
 
 # --- responses, other records
@@ -655,6 +659,53 @@ def test_records_with_negative_power_can_be_left_out_while_most_remain(
     for finding in found:
         assert finding.detail.startswith(f"In {wrong} of 6 records, the motors would absorb power")
         assert [change.records for change in finding.changes] == [(0, 1)] * left_out
+
+
+@pytest.mark.parametrize(
+    ("on_angle", "scale", "expected", "by_angle"),
+    [
+        ([1, 1], [1, 1.002 * DEGREES], [1, DEGREES], True),
+        ([1, DEGREES], [1, 1], [1, DEGREES], True),
+        ([1, 1], [1, -1.0], [1, -1], False),
+        ([1, 1], [1, 2.5], [1, 2.5], True),
+        ([1, 1], [DEGREES, DEGREES], [DEGREES, DEGREES], True),
+    ],
+)
+@pytest.mark.parametrize("coupled", [False, True])
+def test_the_factor_of_a_record_belongs_to_angle_or_torque(
+    on_angle: list[float], scale: list[float], expected: list[float], by_angle: bool, coupled: bool
+) -> None:
+    """Joints that do not couple leave both possible: then the usual signal is named."""
+    inertia = Inertia([0.1, 0.2], [[1.0, 0.4 * coupled], [0.4 * coupled, 0.5]])
+    K, D, omega = np.array([900.0, 400.0]), np.array([2.0, 1.0]), 20.0
+    arm = np.linalg.inv(dynamic_arm_inertia(np.array([omega]), inertia))
+    q = np.array([[0.03, 0.01j]])
+    tau = q @ motor_impedance(np.array([1j * omega]), inertia.M, arm, K, D)[0][0].T
+    phasors = case(omega=np.array([omega]), q=q / on_angle, tau=tau * scale)
+    found, of_angle = rules_outlier._factor(phasors, inertia, K, D, 0)
+    if coupled and on_angle == [1, 1] and scale[0] == 1 != scale[1]:
+        by_angle = False  # only a factor of the torque explains both joints
+    assert found == pytest.approx(expected, rel=1e-6)
+    assert of_angle == by_angle
+
+
+def test_a_joint_without_motion_has_no_share() -> None:
+    phasors = case(z=np.array([[2.0, 0.0], [1.0, 0.0]]), by_frequency=lambda: [(5.0, np.array([0, 1]))])
+    with np.errstate(all="raise"):
+        assert steady_state.joint_share(phasors).tolist() == [[1, 0], [0.5, 0]]
+
+
+def test_the_factors_of_wrong_units() -> None:
+    """Torque over acceleration, logged over expected."""
+    factors = [
+        ("position", np.pi / 180), ("position", 180 / np.pi),
+        ("position", 3.0462e-4), ("position", 3282.8),
+        ("position", 6.28319), ("position", 0.159155),
+        ("torque", 1000.0), ("position", 0.001), ("torque", 0.707107), ("torque", 1.414214),
+        ("time", 1e6), ("time", 1e-6), ("time", 1e12), ("time", 1e-12), ("inertia", 1e-4),
+    ]  # fmt: skip
+    assert [cause.signal for cause in CAUSES] == [signal for signal, _ in factors]
+    assert [cause.factor for cause in CAUSES] == pytest.approx([f for _, f in factors], rel=1e-4)
 
 
 @pytest.mark.parametrize("factor", [0.999, 1.0, 30.0, 1 / 30])
@@ -717,6 +768,7 @@ def test_a_joint_at_rest_is_reported_where_its_stiffness_is_unknown(
     for finding in found:
         assert finding.title == "Joint 2 rests for much of the motion"
         assert ("do not determine K2" in finding.detail) == bool(np.isinf(error))
+        assert finding.weight % 10 == pytest.approx(min(error, 1.0))
     fit.friction = None
     assert not list(motion_findings._joints_at_rest(fit, np.array([0.9, 0.9])))
 
@@ -828,6 +880,64 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
         assert "then remains" not in found.remedy
         more = cause_findings._common_cause(cause, factor * [1, 1.02], "", 5000.0, 1.0)
         assert "A factor of 1.11 then remains in joint 2" in more.remedy
+
+
+@pytest.mark.parametrize(
+    ("factor", "said", "unsaid"),
+    [
+        ([1, 50], "left out: 50 in position or torque, or 7.07 in both", "All joints"),
+        ([1, 1 / 50], "applied once too often: 50 in position or torque", "The sign"),
+        ([1, -50], "The sign is reversed as well", "All joints"),
+        ([4, 4.06], "a sample rate of 2.01 times the given one", "The sign"),
+        ([4, 4.1], "left out", "sample rate"),
+        ([-4, -4.06], "The sign is reversed as well", "sample rate"),
+        ([1, 2e3], "left out: 44.7 in both; or a torque", "position or torque, or"),
+        ([1, 2e6], "The cause may be a torque in units of 5.00×10⁻⁷ N·m", "gear ratio"),
+    ],
+)
+def test_an_unknown_factor_may_be_a_gear_ratio(factor: list[float], said: str, unsaid: str) -> None:
+    factors = np.array(factor, float)
+    wrong = np.flatnonzero(factors != 1)
+    found = cause_findings._unknown_cause(factors, wrong, "", 1.0, "both")
+    assert said in found.detail
+    assert unsaid not in found.detail
+    assert ("both: position and torque belong" in found.detail) == ("gear ratio" in found.detail)
+    assert found.title.endswith("all joints" if factors.all() and wrong.size == 2 else "joint 2")
+
+
+@pytest.mark.parametrize(
+    ("given", "coupling", "noise", "title"),
+    [
+        (1.0, 0.0, 0.0, None),
+        (1.3, 0.0, 0.0, "The inertias look wrong in pose low"),
+        (1.1, -0.3, 0.0, "The inertias look wrong in pose low"),
+        (1.3, 0.0, 0.6, None),
+        (-1.0, 0.0, 0.0, "A spring or gravity acts on joint 2 at low frequency in pose low"),
+    ],
+)
+def test_inertias_that_are_far_off_at_low_frequency_are_named(
+    monkeypatch: pytest.MonkeyPatch, given: float, coupling: float, noise: float, title: str | None
+) -> None:
+    measured = np.diag([1.0, given])
+    measured[0, 1] = measured[1, 0] = coupling
+    monkeypatch.setattr(rules_inertia, "distortion", lambda _: 0.0)
+    monkeypatch.setattr(rules_inertia, "_explained_alone", lambda *_: False)
+    monkeypatch.setattr(rules_inertia, "low_frequency_inertia", lambda *_: measured)
+    monkeypatch.setattr(rules_inertia, "_unexplained", lambda *_: noise)
+    fit = two_joints(misfit=1e4)
+    fit.phasors = case(select=lambda _: None)
+    inertia = Inertia([0.4, 0.4], np.diag([0.6, 0.6]))
+    evidence_of = case(fit=fit, poses=("low", "low"), of_pose=lambda _: (np.array([0, 1]), inertia))
+    found = list(rules_inertia._far_off(evidence_of))
+    assert [each.title for each in found] == [title] * (title is not None)
+    if given > 1 and found:
+        element = (
+            "J_12 = −0.3 kg·m² (entered: 0)" if coupling else "J_m2 + J_a2 = 1.3 kg·m² (entered: 1)"
+        )
+        assert f"gives about {element}" in found[0].detail
+        assert found[0].weight == pytest.approx(100.3)
+    fit.misfit = 99.0
+    assert not list(rules_inertia._far_off(evidence_of))
 
 
 def test_responses_are_the_motions_under_one_torque_at_a_time() -> None:

@@ -23,6 +23,8 @@ _DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 COMMENT = b"#"
 """First character of the lines that may precede the column names."""
+_BLOCK = 1 << 20
+"""Bytes that are read at once in the search for a fault."""
 _SOMETHING = re.compile(rb"[^\r\n]")
 ARROW_FAULTS = (
     pa.ArrowException,
@@ -192,7 +194,8 @@ def _text_lines(file: str, data: bytes, begin: int) -> Iterator[str]:
 
 def _lines_above(data: bytes, offset: int) -> int:
     """Count the line ends before an offset."""
-    return len(re.findall(rb"\r\n|\r|\n", data[:offset]))
+    both, one, other = (data.count(end, 0, offset) for end in (b"\r\n", b"\r", b"\n"))
+    return one + other - both
 
 
 def are_usable(columns: Sequence[Floats]) -> bool:
@@ -238,6 +241,7 @@ def _explain_fault(
     file: str, data: bytes, header: Sequence[str], body: int, positions: Sequence[int]
 ) -> None:
     """Raise for the first row that a record cannot hold, in the order of the file."""
+    body = _after_sound_rows(data, len(header), body, positions)
     above = _lines_above(data, body)
     rows = csv.reader(_text_lines(file, data, body))
     previous, previous_line, ended = -np.inf, 0, 0
@@ -261,6 +265,23 @@ def _explain_fault(
             previous, previous_line = values[0], line
     except csv.Error as error:
         raise unreadable(file, "CSV", error, line=above + rows.line_num) from error
+
+
+def _after_sound_rows(data: bytes, width: int, body: int, positions: Sequence[int]) -> int:
+    """Return the offset of a row up to which all are sound; rows with quotes are not skipped."""
+    while True:
+        block = data[body : body + _BLOCK]
+        block = block[: block.rfind(b"\n") + 1].rstrip()
+        last = block.rfind(b"\n")
+        if last < 0 or b'"' in block:
+            return body
+        try:
+            sound = are_usable(parsed_columns(block, width, positions))
+        except ARROW_FAULTS:
+            return body
+        if not sound:
+            return body
+        body += last + 1  # the last row is read again, for its time
 
 
 def _number(place: Place, column: str, cell: str) -> float:

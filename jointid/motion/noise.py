@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.signal import detrend
 
 from jointid.arrays import Complexes, Floats
 from jointid.motion.sampling import UniformPart
@@ -73,15 +74,18 @@ def repeated_variances(parts: Sequence[UniformPart]) -> Floats:
 
 def _repeated_rounding(theta: Floats) -> float:
     N, step = theta.size, quantum(theta)
-    angle = theta - np.linspace(theta[0], theta[-1], N)
-    angle = angle - angle.mean()
+    angle = detrend(theta)
     if step == 0 or not angle.any():
         return 0.0
-    energy = np.concatenate([[0.0], np.cumsum(angle**2)])
     lags = np.arange(N // 2)
+    count = N - lags
+    # Two moments of the motion up to each lag before its end, and from each lag on; drift moves it all.
+    first, second = (np.concatenate([[0.0], np.cumsum(power)]) for power in (angle, angle**2))
     products = np.fft.irfft(np.abs(np.fft.rfft(angle, 2 * N)) ** 2)[: lags.size]
-    both = np.sqrt(energy[N - lags] * (energy[N] - energy[lags]))
-    alike = products / np.maximum(both, np.finfo(float).tiny)
+    before, after = first[count], first[N] - first[lags]
+    both = second[count] + second[N] - second[lags]
+    apart = both - 2 * products - (after - before) ** 2 / count
+    alike = 1 - apart / np.maximum(both - (before**2 + after**2) / count, np.finfo(float).tiny)
     beyond = np.flatnonzero(alike < _PERIODIC / 2)
     if not beyond.size:
         return 0.0

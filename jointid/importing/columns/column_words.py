@@ -2,6 +2,7 @@
 
 import re
 import unicodedata
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -86,10 +87,11 @@ _PARAMETER = re.compile(
 _ALIASES = {
     "aipos": "axis actual pos", "aspos": "axis target pos", "macur": "motor current",
     "fpos": "actual pos", "rpos": "target pos", "qpos": "pos", "qvel": "vel", "qfrc": "torque",
-    "pl": "pos", "il": "current", "vl": "vel",
+    "pl": "pos", "il": "current", "vl": "vel", "tqd": "tqd velocity",
+    "mp": "measured pos", "mt": "measured torque",
     "qm": "motor q", "ql": "link q", "thetam": "motor theta", "taum": "motor tau",
 }  # fmt: skip
-"""Signals of KUKA's sensor interface, ACS' controllers, MuJoCo and Kollmorgen; symbols of papers."""
+"""Signals of KUKA's interfaces, ACS' controllers, MuJoCo and Kollmorgen; symbols of papers."""
 
 
 _LETTERS = {"θ": "theta", "τ": "tau", "φ": "phi", "ϑ": "theta", "ß": "ss"}
@@ -126,10 +128,18 @@ class NamedColumn:
     """Evidence for "position" and for "torque"; negative values are evidence against."""
 
 
-def described(column: LogColumn) -> NamedColumn:
+def all_described(columns: Sequence[LogColumn]) -> list[NamedColumn]:
+    """Score the columns of a log; beside tqd, the target of a velocity, tq is the target of q."""
+    targets = any("tqd" in words_of(column.name) for column in columns)
+    return [described(column, {"tq"} if targets else set()) for column in columns]
+
+
+def described(column: LogColumn, targets: Set[str] = frozenset()) -> NamedColumn:
     """Score a column as position and as torque from its name and unit, and identify its joint."""
     words = words_of(column.name)
     stated = _of_quantity(column.name) | _NOT_MEASURED & set(words)
+    if stated & targets:
+        stated = stated - targets | {"target", "q"}
     current = stated & WORDS["current"]
     if current and stated & WORDS["position"] - WORDS["any"] <= {"q"}:
         stated = stated - {"q"}  # the q axis of the motor, not an angle

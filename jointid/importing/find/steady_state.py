@@ -21,6 +21,7 @@ SETTLED_CHANGE = 0.01
 SEED_FRAMES = 5
 """Fewest frames whose phasors show that they are constant."""
 
+_MIN_MOTION = 0.02  # phasor over the largest of its quantity, below which a joint counts as at rest
 _MAX_NOISE_CHANGE = 0.4  # relative change beyond which noise is no excuse
 _LINE_RESOLUTION = 1.5  # frame length × distance of the closest lines; 1 is the limit of resolution
 _MULTISINE_PERIODS = 2.0  # of the lowest line in a frame
@@ -103,16 +104,25 @@ def steady_runs(frames: Frames, fewest: int) -> Iterator[tuple[int, int, float]]
 
 
 def weighted(z: Complexes) -> tuple[Complexes, float]:
-    """Phasors scaled to a common size, noisy signals to less; and the noise over all signals."""
+    """Phasors of positions, then torques, scaled to a common size; and the noise over all signals.
+
+    Noisy signals are scaled to less, and joints at rest, which may creep.
+    """
     if len(z) == 0:
         return z, 0.0
-    size = np.sqrt(np.mean(np.abs(z) ** 2, axis=0))
+    size = _at_least_moving(np.sqrt(np.mean(np.abs(z) ** 2, axis=0)))
     lag = min(4, len(z) - 1)
     change = np.abs(z[lag:] - z[: len(z) - lag]) if lag else np.zeros((1, z.shape[1]))
     noise = np.median(change, axis=0) / np.sqrt(2)
     scale = np.sqrt(size**2 + (5 * noise) ** 2)
     scale = np.where(scale > 0, scale, 1.0)
     return np.asarray(z / scale), float(np.linalg.norm(noise / scale))
+
+
+def _at_least_moving(size: Floats) -> Floats:
+    """Sizes of positions, then torques (c,), at least those of a joint that moves."""
+    largest = size.reshape(2, -1).max(axis=1)
+    return np.asarray(np.maximum(size, np.repeat(_MIN_MOTION * largest, size.size // 2)))
 
 
 def grown(
@@ -206,7 +216,7 @@ def _without_ends(z: Complexes, rounding: Floats, degree: int) -> tuple[int, int
     model = columns @ np.linalg.lstsq(columns[inner], z[inner], rcond=None)[0]
     away = np.abs(z - model)
     usual = np.median(away[inner], axis=0) / _MEDIAN_OVER_RMS
-    least = SETTLED_CHANGE * np.abs(model[inner]).mean(axis=0) + rounding
+    least = SETTLED_CHANGE * _at_least_moving(np.abs(model[inner]).mean(axis=0)) + rounding
     wrong = np.asarray((away > np.maximum(least, _OUTLIER_SIGMAS * usual)).any(axis=1))
     middle = count // 2 if degree else 3 * count // 4
     around = np.concatenate([[True], wrong, [True]])
@@ -222,7 +232,8 @@ def _settled_from(z: Complexes, fewest: int, rounding: Floats) -> int:
     for first in range(0, count - max(fewest, count // 4, 8) + 1, max(1, count // 128)):
         rest = z[first:]
         change, noise = settling_change(rest)
-        least = np.maximum(SETTLED_CHANGE / 2 * np.abs(rest.mean(axis=0)), rounding)
+        least = SETTLED_CHANGE / 2 * _at_least_moving(np.abs(rest.mean(axis=0)))
+        least = np.maximum(least, rounding)
         now = bool(np.all(change <= np.maximum(least, _SETTLED_SIGMAS * noise)))
         if now and (before or first == 0):
             return first

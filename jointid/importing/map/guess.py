@@ -8,7 +8,7 @@ import numpy as np
 
 from jointid.importing.columns.column_words import (
     WORDS,
-    described,
+    all_described,
     drive_object,
     words_of,
 )
@@ -64,7 +64,7 @@ def guess_mapping(table: LogTable) -> Guess:
     """
     reasons: list[Reason] = []
     time = guess_time(table, reasons)
-    columns = [described(c) for c in table.columns if c.name != time.column]
+    columns = all_described([c for c in table.columns if c.name != time.column])
     pairs = pairs_by_name(columns, reasons)
     if not pairs:
         pairs = pairs_by_shape(table, time, [c.column for c in columns], reasons)
@@ -213,7 +213,7 @@ def propose_joint(
     Sides are those of the first joint, ``like``, and units where the file states none. ``used`` are the
     columns of the time and of other joints. A channel's column is "" when no column is left.
     """
-    free = [described(column) for column in table.columns if column.name not in used]
+    free = all_described([column for column in table.columns if column.name not in used])
     channels: list[Channel] = []
     reasons: list[Reason] = []
     for role, first in zip(QUANTITIES, like, strict=True):

@@ -19,6 +19,7 @@ _FORMATS = (
 
 _UNSUPPORTED = (
     (b"%PDF", "a PDF"),
+    (b"DIAEXTENDED", "the header of a DIAdem or KUKA trace, whose values are in another file"),
     (b"\x89PNG", "a picture (PNG)"),
     (b"\xff\xd8\xff", "a picture (JPEG)"),
     (b"GIF8", "a picture (GIF)"),
@@ -46,6 +47,7 @@ _UNSUPPORTED = (
     (b"\x7fELF", "a Linux program"),
 )
 """First bytes of binary files that no reader takes."""
+_TEXT_MAGIC = (b"%PDF", b"DIAEXTENDED")
 _UNSUPPORTED_ENDINGS = {"svdx": "a TwinCAT Scope recording", "r64": "a KUKA trace"}
 
 
@@ -87,7 +89,7 @@ def kind_of(name: str, head: bytes) -> str:
     named = _UNSUPPORTED_ENDINGS.get(ending) if b"\0" in head else None
     for magic, what in _UNSUPPORTED:
         # Text is no such file, though it may begin with the same letters.
-        if head.startswith(magic) and (not magic.isascii() or b"\0" in head or magic == b"%PDF"):
+        if head.startswith(magic) and (not magic.isascii() or b"\0" in head or magic in _TEXT_MAGIC):
             named = what
     if named:
         raise JointIdError(

@@ -1,6 +1,8 @@
-"""JSON: one object per line, an array of objects, or an object of arrays."""
+"""JSON: an object per line, an array of objects, an object of arrays; text with lists or names."""
 
+import csv
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -14,11 +16,22 @@ from jointid.importing.read.text.tables import read_text_table
 from jointid.wording import counted
 
 _DEEPEST = 6
+_MOST_VALUES = 8_000_000
+"""Values of a file; each takes some 100 bytes of memory while it is read."""
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read rows of named numbers; points join nested names, an index names elements of lists."""
-    rows, notes = _rows(file, file_text(path))
+    text = file_text(path)
+    if text.count(",") > _MOST_VALUES:
+        raise JointIdError(
+            f"{file} holds more than {_MOST_VALUES / 1e6:g} million values, the limit of JSON: export "
+            "it as CSV or Parquet."
+        )
+    return _tables(file, *_rows(file, text))
+
+
+def _tables(file: str, rows: list[dict[str, Any]], notes: list[str]) -> tuple[LogTable, ...]:
     names: dict[str, int] = {}
     table: list[dict[str, str]] = []
     for row in rows:
@@ -110,4 +123,62 @@ def _cells(name: str, value: Any, depth: int) -> Iterator[tuple[str, str]]:
         yield name, str(value)
 
 
-READERS = {"json": Reader("JSON", text_matches(r"\s*(?:\{|\[\s*[\[{])"), read, ("jsonl", "ndjson"))}
+_NUMBER = r"[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?"
+_LIST = rf"[\[(]\s*+{_NUMBER}(?:[,\s]++{_NUMBER})++\s*+[\])]"
+"""Of two numbers or more: "[1]" may be a unit, "(0.5)" a negative number."""
+_NAMED = rf"[^\W\d][\w.\[\]/]{{0,200}}+\s*+[=:]\s*+{_NUMBER}"
+
+
+def _read_lists(file: str, path: str) -> tuple[LogTable, ...]:
+    """Read a table whose cells are lists of numbers, "[0.1, 0.2]", (0.1, 0.2) or [0.1 0.2]."""
+    header, _, text = file_text(path).partition("\n")
+    separator = max(";\t|,", key=header.count)
+    quoted = re.sub(rf'"?({_LIST})"?', r'"\1"', text).split("\n")
+    require_few_values(file, len(re.findall(r"[,\s]", text)))
+    (names,) = csv.reader([header], delimiter=separator)
+    rows = [next(csv.reader([line], delimiter=separator), []) for line in quoted]
+    table = [{name: _parts(cell) for name, cell in zip(names, row, strict=False)} for row in rows]
+    return _of_sound(file, table, [len(row) == len(names) for row in rows], first_line=2)
+
+
+def _parts(cell: str) -> str | list[str]:
+    """A cell, or the numbers of its list."""
+    return re.findall(_NUMBER, cell) if re.fullmatch(_LIST, cell.strip()) else cell
+
+
+def _read_named(file: str, path: str) -> tuple[LogTable, ...]:
+    """Read lines of named values, "t=0.1 q=0.2" or "t:0.1,q:0.2"."""
+    lines = file_text(path).split("\n")
+    require_few_values(file, sum(line.count("=") + line.count(":") for line in lines))
+    split = re.compile(r"\s*[=:]\s*").split
+    rows = [dict(split(each) for each in re.findall(_NAMED, line)) for line in lines]
+    only_named = re.compile(rf"\s*+(?:{_NAMED}(?:[,;\s]++|$))++").fullmatch
+    return _of_sound(file, rows, [bool(only_named(line)) for line in lines], first_line=1)
+
+
+def _of_sound(
+    file: str, rows: list[dict[str, Any]], sound: list[bool], first_line: int
+) -> tuple[LogTable, ...]:
+    """Tables of the sound lines; a note counts the others that hold anything."""
+    odd = [k for k, row in enumerate(rows, start=first_line) if row and not sound[k - first_line]]
+    notes = (
+        [f"{counted(len(odd), 'line')} of another form left out; the first is line {odd[0]}."]
+        if odd
+        else []
+    )
+    return _tables(file, [row for row, good in zip(rows, sound, strict=True) if good], notes)
+
+
+READERS = {
+    "json": Reader("JSON", text_matches(r"\s*(?:\{|\[\s*[\[{])"), read, ("jsonl", "ndjson")),
+    "lists": Reader(
+        "a table of lists",
+        text_matches(rf'(?=[^\n]*[^\W\d])[^\n]*+\n(?:[^\n]*[;,\t|])?\s*+"?{_LIST}'),
+        _read_lists,
+    ),
+    "named": Reader(
+        "lines of named values",
+        text_matches(rf"(?:{_NAMED}[,; \t]++){{2,60}}{_NAMED}[,; \t]*+\n"),
+        _read_named,
+    ),
+}

@@ -75,10 +75,11 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
     if separator == BLANKS:
         body = re.sub(r"(?m)^\t|\t$", "", re.sub(r"[ \t]+", "\t", body))
         separator = "\t"
-    if any(layout.clock[k] for k in wanted):
+    clocks = [k for k in wanted if layout.clock[k]]
+    if clocks and quotes:
         return None
     if layout.thousands:
-        if layout.thousands == separator:
+        if clocks or layout.thousands == separator:
             return None  # in quotes
         plain = without_thousands(body, layout.thousands)
         if plain is None:
@@ -86,7 +87,15 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
         body = plain
     try:
         data, width = body.encode("utf-8", "replace"), len(layout.numeric)
-        columns = parsed_columns(data, width, wanted, separator, layout.decimal, _NULLS)
+        numeric = [k for k in wanted if k not in clocks]
+        columns = parsed_columns(data, width, numeric, separator, layout.decimal, _NULLS)
+        lines = [line for line in body.split("\n") if line.strip()] if clocks else []
+        for k in clocks:
+            clock = ClockCells()
+            times = [clock.read(line.split(separator, k + 1)[k].strip()) for line in lines]
+            if None in times:
+                return None
+            columns.insert(wanted.index(k), clock.seconds(np.array(times)))
     except ARROW_FAULTS:
         return None
     if quotes and columns[0].size != sum(bool(line.strip()) for line in body.split("\n")):
