@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jointid.errors import JointIdError
 from jointid.estimation.candidates import Model
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -20,6 +21,13 @@ from jointid.phasors.extract import Phasors
 
 _LEAST_STIFFNESS = 1e-9
 """In place of an estimate of zero, N·m/rad."""
+
+
+def require_sines(phasors: Phasors, fit: ElasticityFit, use: str, remedy: str) -> None:
+    """Refuse a fit with motion records, whose spectral lines are no records of their own."""
+    if len(fit.inertias) != fit.phasors.omega.size:
+        raise JointIdError(f"{use} a fit of sine records alone; this one has motion records. {remedy}")
+    phasors.require_records()
 
 
 def refit(

@@ -28,7 +28,12 @@ from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import determined_covariance
-from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, inertia_of_each
+from jointid.uncertainty.chosen_model import (
+    chosen_friction,
+    fitted_problem,
+    inertia_of_each,
+    require_sines,
+)
 
 _EXACT = 1e12
 """Degrees of freedom of a given noise covariance."""
@@ -193,8 +198,10 @@ def planning_model(
     """Planning model of a fit, with the noise averaged over the records of each frequency.
 
     ``planned_inertia`` is that given at the pose of the planned records, by default that of the first
-    record.
+    record. Raises JointIdError when the fit has motion records.
     """
+    remedy = "Plan a motion: jointid plan --motion sweep."
+    require_sines(phasors, fit, "Planned sines need", remedy)
     each = inertia_of_each(phasors, inertia)
     measured = fitted_problem(phasors, fit)
     prior = fit.prior.like([*each, planned_inertia or each[0]], (len(each) + 1, fit.n))

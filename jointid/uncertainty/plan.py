@@ -55,7 +55,8 @@ def predict_standard_errors(
 
     The noise is that of the existing records, by frequency, inversely proportional to the length.
     ``planned_inertia`` is that given at the pose of the planned records, by default that of the first
-    record. Raises JointIdError when the plan has another number of joints.
+    record. Raises JointIdError when the plan has another number of joints, or the fit
+    has motion records.
     """
     if planned.torque_Nm.shape[1] != fit.n:
         raise JointIdError(
@@ -109,7 +110,7 @@ def suggest_records(
     tenth of the lowest frequency of the records up to ``highest_hz``, for instance a quarter of the
     sample rate. ``planned_inertia`` is as in ``predict_standard_errors``; ``progress`` is
     called with the finished share, 0 to 1. Raises JointIdError when no candidate stays within the
-    limits, or a setting is out of range.
+    limits, a setting is out of range, or the fit has motion records.
     """
     count = whole_number("count", count, 1, _MOST_RECORDS)
     now = planning_model(phasors, inertia, fit, planned_inertia)
