@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.motion.sampling import UniformPart, uniform_parts
+from jointid.motion.spectral_lines import SpectralLines, noise_variances
 from jointid.motion.velocity import smooth_velocity
 from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors
@@ -27,9 +27,11 @@ At a sharp resonance, order 3 is several standard errors off."""
 _LINES, _NARROW = 8, 0.6
 """Half width of a local band: spectral lines of the longest record, and at least Hz."""
 _BIASED = 0.2
-"""Share of H by which noise of the torques may reduce it, if all noise is theirs."""
+"""Share of H by which noise of the torques may reduce it."""
+_SURE = 2.0
+"""Standard errors of a measured power that are kept as a margin."""
 _UNKNOWN = 0.5
-"""Relative standard error of H from a motion without information."""
+"""Relative error of H from a motion without information."""
 _NOISE_MARGIN = 3.0
 """Smallest singular value of the torques over their noise."""
 
@@ -119,8 +121,9 @@ def _spectrum(
     coulomb: Floats | float,
     viscous: Floats | float,
     delay: float,
-) -> tuple[Floats, Complexes, Complexes]:
-    """Frequencies (k,), accelerations and torques as they act, each (k, n), in the band."""
+) -> tuple[Floats, Complexes, Complexes, Floats]:
+    """Frequencies (k,), accelerations and torques as they act, each (k, n), in the band, and the
+    variances of ``SpectralLines.noise``."""
     samples, T = part.theta.shape[1], part.interval_s
     tau = part.tau
     if np.any(np.asarray(coulomb)) or np.any(np.asarray(viscous)):
@@ -135,42 +138,13 @@ def _spectrum(
         timing *= -np.expm1(-s * T) / (s * T)
     q, torque = (np.fft.rfft(x, axis=1)[:, 1:] / samples for x in (part.theta, tau))
     chosen = (x.T[inside] for x in (s**2 * q, timing * torque))
-    return (s.imag[inside] / (2 * np.pi), *chosen)
-
-
-class _Lines(NamedTuple):
-    """Spectral lines of a record around a frequency."""
-
-    powers: Floats
-    """Powers of the frequency, shape (k, order + 1); also the end terms of the record."""
-    left: Floats
-    """Rows orthogonal to them, shape (k − order − 1, k)."""
-    acceleration: Complexes
-    """Shape (k, n)."""
-    torque: Complexes
-    """Shape (k, n)."""
-
-    @classmethod
-    def of(cls, x: Floats, order: int, acceleration: Complexes, torque: Complexes) -> _Lines:
-        """Lines at frequencies x, from -1 to 1."""
-        powers = np.vander(x, order + 1, increasing=True)
-        left = np.linalg.qr(powers, mode="complete")[0][:, order + 1 :].T
-        return cls(powers, left, acceleration, torque)
-
-    def regressors(self, u: Complexes) -> Complexes:
-        """Columns of the coefficients C_k of Σ x^k C_k u, without end terms."""
-        columns = u[..., None] * self.powers[:, None]
-        return np.asarray(self.left @ columns.reshape(len(u), -1))
-
-    @property
-    def noise_power(self) -> Floats:
-        """Expected normal matrix of the regressors of white noise of unit variance."""
-        squares = np.square(self.left).sum(axis=0)
-        return np.asarray(self.powers.T @ (squares[:, None] * self.powers))
+    noise = noise_variances(part).swapaxes(1, 2) / samples * np.ones((s[inside].size, 1))
+    noise[0] *= np.abs(s[inside, None]) ** 4
+    return (s.imag[inside] / (2 * np.pi), *chosen, noise)
 
 
 def _local(
-    spectra: Sequence[tuple[Floats, Complexes, Complexes]], centre: float, half: float
+    spectra: Sequence[tuple[Floats, Complexes, Complexes, Floats]], centre: float, half: float
 ) -> tuple[Complexes, Complexes, float]:
     """H, its covariance and the condition of the torques from the lines around a frequency."""
     for order in _ORDERS:
@@ -182,14 +156,18 @@ def _local(
 
 
 def _polynomial(
-    spectra: Sequence[tuple[Floats, Complexes, Complexes]], centre: float, half: float, order: int
+    spectra: Sequence[tuple[Floats, Complexes, Complexes, Floats]],
+    centre: float,
+    half: float,
+    order: int,
 ) -> tuple[Complexes, Complexes, float]:
     """H, its covariance and the condition by polynomials of one order."""
     lines = []
-    for f, acceleration, torque in spectra:
+    for f, acceleration, torque, noise in spectra:
         near = np.abs(f - centre) <= half
         if near.sum() > order:
-            lines.append(_Lines.of((f[near] - centre) / half, order, acceleration[near], torque[near]))
+            values = acceleration[near], torque[near], noise[:, near]
+            lines.append(SpectralLines.of((f[near] - centre) / half, order, *values))
     too_few = f"At {centre:.4g} Hz the records have too few spectral lines: record longer."
     if not lines:
         raise JointIdError(too_few)
@@ -208,35 +186,54 @@ def _polynomial(
     inverse = (Vh.conj().T / singular) @ U.conj().T / size[:, None]
     found = inverse @ y
     rest = y - A @ found
-    noise = rest.T @ rest.conj() / freedom
+    left = rest.T @ rest.conj() / freedom
+    angles, answers = np.sum([each.expected_noise for each in lines], axis=0)
+    # Rounding of a slow motion is smooth over the lines, and leaves less scatter than its power.
+    left += np.diag(np.maximum(angles / len(A) - np.diag(left).real, 0.0))
     constant = np.arange(n) * (order + 1)
     squares = inverse @ inverse.conj().T
     spread = squares[np.ix_(constant, constant)]
-    covariance = np.einsum("ik,jl->ijkl", noise, spread).reshape(n * n, n * n)
+    covariance = np.einsum("ik,jl->ijkl", left, spread).reshape(n * n, n * n)
     H = found[constant].T
-    if np.all(np.diag(noise).real * np.diag(spread).real > np.abs(_UNKNOWN * np.diag(H)) ** 2):
+    if np.all(np.diag(left).real * np.diag(spread).real > np.abs(_UNKNOWN * np.diag(H)) ** 2):
         raise JointIdError(f"At {centre:.4g} Hz the motion does not exceed the noise.")
-    bias = (squares @ _noise_power(lines, freedom) @ found)[constant].T
+    answer = np.sqrt(angles * answers)[:, None] * np.abs(spread.T)
+    if np.any(np.diag(answer) > _UNKNOWN * np.abs(np.diag(H))):
+        raise JointIdError(
+            f"At {centre:.4g} Hz the controllers answer the noise of the angles, which may change H by "
+            f"more than {percent(_UNKNOWN)}: move the joints more at this frequency."
+        )
+    power = _noise_power(lines, freedom, H, angles / len(A))
+    bias = (squares @ power @ found)[constant].T
     if np.any(np.abs(np.diag(bias)) > _BIASED * np.abs(np.diag(H))):
         raise JointIdError(
             f"At {centre:.4g} Hz noise may reduce H by more than {percent(_BIASED)}: move the joints "
             "more at this frequency, or record longer."
         )
-    covariance += np.outer(bias, bias.conj())
+    for error in (bias, answer):
+        covariance += np.outer(error, error.conj())
     T = np.concatenate([each.torque for each in lines])
     condition = np.linalg.cond(T / np.linalg.norm(T, axis=0)) if n > 1 else 1.0
     return H, covariance, float(condition)
 
 
-def _noise_power(lines: Sequence[_Lines], freedom: int) -> Complexes:
+def _noise_power(
+    lines: Sequence[SpectralLines], freedom: int, H: Complexes, angles: Floats
+) -> Complexes:
     """Part of the regressors' normal matrix by noise of the torques, by which least squares reduce H.
 
-    The noise is what the accelerations leave of the torques: an upper bound, which includes theirs.
+    The noise is what the accelerations leave of the torques, less the part that the noise of the
+    accelerations, of variance ``angles``, shape (n,), makes there. Their scatter is kept as a margin.
     """
     B = np.concatenate([each.regressors(each.acceleration) for each in lines])
     torques = np.concatenate([each.left @ each.torque for each in lines])
     scatter = torques - B @ np.linalg.lstsq(B, torques, rcond=None)[0]
     covariance = scatter.T.conj() @ scatter / freedom
+    of_angles = np.linalg.inv(H)
+    values, vectors = np.linalg.eigh(covariance - (of_angles.conj() * angles) @ of_angles.T)
+    kept = min(_SURE / np.sqrt(freedom), 1.0)
+    own = (vectors * np.maximum(values, 0.0)) @ vectors.conj().T
+    covariance = kept * covariance + (1 - kept) * own
     return np.asarray(np.kron(covariance, sum(each.noise_power for each in lines)))
 
 

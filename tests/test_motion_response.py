@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from plants import ROBOTS
 
-from jointid import JointIdError, MotionRecord, motor_response
+from jointid import (
+    Controller,
+    JointIdError,
+    Measurement,
+    Motion,
+    MotionRecord,
+    motor_response,
+    simulate_motion,
+)
 from jointid.arrays import Floats
 from jointid.transfer_matrix import TransferMatrix, motion_transfer_matrix
 
@@ -170,3 +178,21 @@ def test_noise_of_the_torque_counts_in_the_error() -> None:
     assert np.mean(np.abs((found.H - true) / found.standard_deviation) ** 2) < 2
     with pytest.raises(JointIdError, match="noise may reduce H by more than 20 %"):
         motion_transfer_matrix(with_torque_noise(150.0))
+
+
+@pytest.mark.parametrize(("counts", "kind"), [(4096, "sweep"), (8192, "sweep")])
+def test_the_answer_of_a_controller_to_a_coarse_encoder_is_not_the_response(
+    counts: int, kind: str
+) -> None:
+    """Where the motion ends, least squares give the inverse of the controller, up to 90 errors off."""
+    records = simulate_motion(
+        *ROBOTS[1],
+        Motion(kind, 2.0, 30.0, 10.0, acceleration_rad_s2=52.0),
+        controller=Controller(sample_rate_hz=2000.0),
+        measurement=Measurement(encoder_counts=counts, torque_noise_Nm=9e-4),
+        seed=9,
+    )
+    found = motion_transfer_matrix([replace(each, band_hz=(2.0, 30.0)) for each in records])
+    assert found.omega.size > 8
+    off = np.abs(found.H - motor_response(found.omega, *ROBOTS[1])) / found.standard_deviation
+    assert off.max() < 3.5

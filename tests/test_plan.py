@@ -14,12 +14,14 @@ from jointid import (
     ElasticityFit,
     Inertia,
     JointIdError,
+    MotorFriction,
     Phasors,
     SineRecord,
     Study,
     analyse,
     extract_phasors,
     identify_elasticity,
+    simulate_records,
 )
 from jointid.figures.uncertainty import worst_error
 from jointid.ui.study.plan_form import suggested_table
@@ -337,6 +339,19 @@ def test_suggestion_stays_within_the_limits(torque: float, velocity: float) -> N
     assert np.all(torques <= 1 + 1e-9)
     assert np.all(speeds <= 1 + 1e-9)
     assert np.allclose(np.maximum(torques, speeds).max(axis=1), 1)  # and uses them
+
+
+def test_suggestion_reserves_torque_for_viscous_friction() -> None:
+    """That of planned sines is beside the acceleration: without it, up to 1.4 times the limit."""
+    viscous = np.array([0.08])
+    friction = MotorFriction(coulomb=0.02, viscous=viscous)
+    inertia, springs = ROBOTS[1]
+    phasors = extract_phasors(simulate_records(inertia, springs, BAND_HZ[:3], friction=friction))
+    fit = identify_elasticity(phasors, inertia, method="maximum-likelihood", friction=True)
+    sines = suggest_records(phasors, inertia, fit, torque_limit_Nm=[1.0]).records
+    rubbing = 2j * np.pi * sines.frequency_hz[:, None] * viscous * sines.angle_rad
+    needed = np.abs(sines.torque_Nm + rubbing) + 4 / np.pi * 0.02
+    assert needed.max() == pytest.approx(1.0, abs=0.01)
 
 
 def test_suggestion_reserves_torque_for_friction() -> None:

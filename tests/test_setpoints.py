@@ -208,6 +208,23 @@ def test_friction_adds_to_the_torque() -> None:
     )
 
 
+def test_gravity_and_friction_at_the_arm_add_to_the_torque() -> None:
+    friction = np.array([0.08, 0.03])
+    inertia = Inertia(PARALLELOGRAM.M, PARALLELOGRAM.M2, gravity=np.diag([1.5, 0.4]))
+    free = simulated("multisine").experiment
+    made = simulate_experiment(free, inertia, PAPER, friction=MotorFriction(arm_viscous=friction))
+    theta = made.experiment.motion(made.time_s).position
+    s = 2j * np.pi * np.fft.rfftfreq(theta.shape[0], made.time_s[1])[:, None, None]
+    arm = s**2 * inertia.M2 + s * np.diag(friction) + inertia.gravity
+    spring = np.diag(PAPER.K) + s * np.diag(PAPER.D)
+    motors = s**2 * np.diag(inertia.M) + arm @ np.linalg.solve(spring + arm, spring)
+    torque = np.fft.irfft((motors @ np.fft.rfft(theta, axis=0)[..., None])[..., 0], len(theta), axis=0)
+    expected = np.abs(torque).max(axis=0)
+    assert np.allclose(peaks(made)["torque", "exact following"], expected, rtol=5e-3)
+    followed_by_control = peaks(made)["torque", "simulated control"]
+    assert np.allclose(followed_by_control, expected, rtol=0.5)  # the controller overshoots
+
+
 # ---------------------------------------------------------------------------------- the files
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -27,10 +28,19 @@ from jointid import (
     Inertia,
     JointIdError,
     Phasors,
+    Study,
+    analyse,
+    estimate_transfer_matrix,
     extract_phasors,
     identify_elasticity,
+    simulate_motion,
+    spring_equations,
 )
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.simulation.motion import Motion
+from jointid.uncertainty.plan import predict_standard_errors, suggest_records
+from jointid.uncertainty.planned_records import planned_records
+from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.resampling import bootstrap, jackknife
 from jointid.uncertainty.sensitivity import prior_influence
 
@@ -169,6 +179,33 @@ def test_bootstrap_draws_the_given_inertias_as_well(method: str, std: float) -> 
     assert np.all(fit.prior_error > fit.noise_error)
     assert np.allclose(result.standard_error / fit.standard_error, 1, atol=0.25)
     assert np.all(np.abs(result.estimates.mean(axis=0) - fit.estimate) < 0.5 * fit.standard_error)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_fits_with_motion_records_are_refused_in_words(count: int) -> None:
+    inertia, elasticity = ROBOTS[1]
+    records = simulate_motion(inertia, elasticity, Motion("random", 2.0, 30.0, 3.0), records=count)
+    analysis = analyse(Study(records=records, inertia=inertia))
+    fit = analysis.fit
+    plan = planned_records(inertia, elasticity, [5.0], torque_Nm=[[1.0]])
+    for phasors in (analysis.phasors, fit.phasors):
+        given = phasors, inertia
+        uses: list[tuple[Callable[..., object], tuple[object, ...]]] = [
+            (bootstrap, (*given, fit)),
+            (jackknife, (*given, fit)),
+            (fits_by_pose, (*given, [None] * phasors.omega.size, fit)),
+            (suggest_records, (*given, fit)),
+            (predict_standard_errors, (plan, *given, fit)),
+        ]
+        for function, arguments in uses:
+            with pytest.raises(JointIdError, match="sine records alone; this one has motion records"):
+                function(*arguments)
+    with pytest.raises(JointIdError, match="no sine record"):
+        identify_elasticity(analysis.phasors, inertia)
+    with pytest.raises(JointIdError, match="no sine record"):
+        spring_equations(analysis.phasors, inertia)
+    with pytest.raises(JointIdError, match="no sine record"):
+        estimate_transfer_matrix(analysis.phasors)
 
 
 def test_undetermined_parameters_stay_undetermined() -> None:

@@ -228,6 +228,7 @@ def setpoints(
     from jointid.setpoints.limit_check import check_table
     from jointid.setpoints.robot_limits import limits_from_toml
     from jointid.setpoints.simulated_experiment import simulate_experiment
+    from jointid.uncertainty.chosen_model import identified_friction
 
     require_new_output(output, overwrite, [study, limits])
     robot = limits_from_toml(read_toml(limits), limits.name)
@@ -248,7 +249,9 @@ def setpoints(
             scale=scale,
         )
         points = set_points(
-            simulate_experiment(experiment, fit.inertias[0], fit.elasticity, friction=fit.friction),
+            simulate_experiment(
+                experiment, fit.inertias[0], fit.elasticity, friction=identified_friction(fit)
+            ),
             robot,
             file_format,
             interval_ms=interval_ms,

@@ -81,6 +81,7 @@ def identify_elasticity(
         When a joint is not excited in any record, the method is unknown, or the records do not separate
         the parameters.
     """
+    phasors.require_records()
     prior = InertiaPrior.of(inertia, *phasors.q.shape, inertia_std=inertia_std, torque_std=torque_std)
     return identify_each(phasors, prior, [method], friction=friction, delay=delay, gear=gear)[method]
 

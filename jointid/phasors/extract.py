@@ -173,8 +173,16 @@ class Phasors:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(overtones / np.abs(self.harmonics[:, 0]))
 
+    def require_records(self) -> None:
+        """Refuse phasors of no record, which a study of motions alone has."""
+        if not self.omega.size:
+            raise JointIdError(
+                "There is no sine record: measure sines, or identify motions with identify_motion."
+            )
+
     def by_frequency(self) -> list[tuple[float, np.ndarray]]:
         """Angular frequencies in ascending order, each with the indices of its records."""
+        self.require_records()
         order = np.argsort(self.omega, kind="stable")
         ordered = self.omega[order]
         gaps = np.flatnonzero(np.diff(ordered) > 1e-9 * ordered[:-1]) + 1
@@ -299,7 +307,10 @@ def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
         raise JointIdError(f"records: expected a list of SineRecord, got {records!r:.80}.")
     records = tuple(records)
     if not all(isinstance(record, SineRecord) for record in records):
-        raise JointIdError(f"records: expected SineRecord values only, got {records!r:.80}.")
+        raise JointIdError(
+            f"records: expected SineRecord values only, got {records!r:.50}. Identify motion records "
+            "with identify_motion or analyse."
+        )
     if not records:
         raise JointIdError("There are no records to extract phasors from: give at least one.")
     for number, record in enumerate(records, start=1):

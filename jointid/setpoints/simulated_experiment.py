@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
-from jointid.arrays import Floats
-from jointid.estimation.elasticity import Friction
+from jointid.arrays import Floats, per_joint
 from jointid.joints import Elasticity, Inertia
 from jointid.setpoints.experiment import Experiment, Motion
 from jointid.simulation.experiment import Controller, Measurement, MotorFriction
@@ -67,24 +66,23 @@ def simulate_experiment(
     inertia: Inertia,
     elasticity: Elasticity,
     *,
-    friction: Friction | MotorFriction | None = None,
+    friction: MotorFriction | None = None,
 ) -> SimulatedExperiment:
-    """Run an experiment on the simulated robot, equation (1): one pose, no gravity.
+    """Run an experiment on the simulated robot, equation (1): one pose, gravity as a stiffness.
 
-    Negative estimates of friction count as none. Raises JointIdError when the joints disagree or the
+    Raises JointIdError when the joints disagree or the
     closed loop is unstable.
     """
-    none = np.zeros(inertia.n)
     friction = friction or MotorFriction()
-    coulomb, viscous, load = (
-        np.maximum(none, each) for each in (friction.coulomb, friction.viscous, friction.load)
+    coulomb, viscous, load, on_arm = (
+        per_joint(name, getattr(friction, name), inertia.n)
+        for name in ("coulomb", "viscous", "load", "arm_viscous")
     )
     ratio = float(np.max(1 + np.diag(inertia.M2) / inertia.M))
     steady_hz = min(2 * np.pi * BANDWIDTH_HZ * ratio / _DAMPING_STEP, _RATE_HZ[1])
     rate = max(_RATE_HZ[0], _SAMPLES_PER_PERIOD * experiment.highest_hz, steady_hz)
     controller = Controller(sample_rate_hz=rate, bandwidth_hz=BANDWIDTH_HZ)
-    motor_friction = MotorFriction(coulomb, viscous, load, step_s=1 / rate)
-    robot = Robot(inertia, elasticity, controller, motor_friction)
+    robot = Robot(inertia, elasticity, controller, replace(friction, step_s=1 / rate))
     time = np.arange(int(np.ceil(experiment.duration_s * rate)) + 1) / rate
     exact = experiment.motion(time)
     position = np.pad(exact.position, ((1, 1), (0, 0)), mode="edge")[..., None]
@@ -95,7 +93,7 @@ def simulate_experiment(
     controlled = Motion(theta, np.asarray(np.gradient(theta, 1 / rate, axis=0)), acceleration)
     peaks = [Peaks.of("torque", "simulated control", time, tau)]
     for way, motors in (("exact following", exact), ("simulated control", controlled)):
-        arm, spring = _arm(motors, inertia, elasticity, 1 / rate)
+        arm, spring = _arm(motors, inertia, elasticity, on_arm, 1 / rate)
         # Friction makes the motors' accelerations jump: those are the arm's.
         for part, motion, count in (("motor", motors, 2), ("arm", arm, 3)):
             for quantity, values in list(motion._asdict().items())[:count]:
@@ -109,24 +107,33 @@ def simulate_experiment(
 
 
 def _arm(
-    motors: Motion, inertia: Inertia, elasticity: Elasticity, step_s: float
+    motors: Motion, inertia: Inertia, elasticity: Elasticity, viscous: Floats, step_s: float
 ) -> tuple[Motion, Floats]:
     """Motion of the arm and torque of the springs for a given motion of the motors.
 
-    With the deflection x = θ − θ_a: ẍ = θ̈ − M2⁻¹(K x + D ẋ), exact for accelerations that are linear
-    between the samples.
+    With the deflection x = θ − θ_a: ẍ = θ̈ − M2⁻¹(K x + D ẋ − G θ_a − F θ̇_a), with the stiffness G of
+    gravity and friction F (n,), exact for accelerations that are linear between the samples.
     """
     n = inertia.n
     springs = np.hstack([np.diag(elasticity.K), np.diag(elasticity.D)])
-    system = np.zeros((4 * n, 4 * n))  # x, ẋ, θ̈ and its change over a step
-    system[: 3 * n, n:] = np.diag([1.0] * (2 * n) + [1 / step_s] * n)
-    system[n : 2 * n, : 2 * n] = -np.linalg.solve(inertia.M2, springs)
-    advance = expm(system * step_s)[: 2 * n]
-    A, now, change = advance[:, : 2 * n], advance[:, 2 * n : 3 * n], advance[:, 3 * n :]
-    drive = motors.acceleration[:-1] @ now.T + np.diff(motors.acceleration, axis=0) @ change.T
+    holding = np.hstack([np.broadcast_to(inertia.gravity, (n, n)), np.diag(viscous)])
+    system = np.zeros((6 * n, 6 * n))  # θ, θ̇, x, ẋ, θ̈ and its change over a step
+    system[:n, n : 2 * n] = system[2 * n : 3 * n, 3 * n : 4 * n] = np.eye(n)
+    system[n : 2 * n, 4 * n : 5 * n] = system[3 * n : 4 * n, 4 * n : 5 * n] = np.eye(n)
+    system[4 * n : 5 * n, 5 * n :] = np.eye(n) / step_s
+    system[3 * n : 4 * n, : 4 * n] = np.linalg.solve(
+        inertia.M2, np.hstack([holding, -springs - holding])
+    )
+    advance = expm(system * step_s)[2 * n : 4 * n]
+    A = advance[:, 2 * n : 4 * n]
+    moved = np.hstack([motors.position, motors.velocity])
+    drive = moved[:-1] @ advance[:, : 2 * n].T
+    drive += motors.acceleration[:-1] @ advance[:, 4 * n : 5 * n].T
+    drive += np.diff(motors.acceleration, axis=0) @ advance[:, 5 * n :].T
     x = np.zeros((len(drive) + 1, 2 * n))
     for before, after, forced in zip(x, x[1:], drive, strict=False):
         np.add(np.dot(A, before, out=after), forced, out=after)
     spring = x @ springs.T
-    acceleration = np.asarray(np.linalg.solve(inertia.M2, spring.T).T, np.float64)
+    on_arm = spring - (moved - x) @ holding.T
+    acceleration = np.asarray(np.linalg.solve(inertia.M2, on_arm.T).T, np.float64)
     return Motion(motors.position - x[:, :n], motors.velocity - x[:, n:], acceleration), spring

@@ -131,8 +131,8 @@ class Excitation:
 class MotorFriction:
     """Friction at each motor, (F_c + μ|τ|) sign(θ̇) + F_v θ̇, with the torque τ through its gear.
 
-    A motor at rest stays there until the other torques on it exceed F_c + μ|τ|. Raises JointIdError
-    when a value is negative or the step is not positive.
+    Viscous friction at the arm is added. A motor at rest stays there until the other torques on it
+    exceed F_c + μ|τ|. Raises JointIdError when a value is negative or the step is not positive.
     """
 
     coulomb: PerJoint = 0.0
@@ -144,10 +144,13 @@ class MotorFriction:
     step_s: float = 1.25e-4
     """Longest step with F_c or μ, s. A reversal is located within its step, so that the error is of
     second order: about 1e-4 of the friction phasor up to 30 Hz with the default."""
+    arm_viscous: PerJoint = 0.0
+    """Viscous friction at the arm, motor side, N·m·s/rad."""
 
     def __post_init__(self) -> None:
         checked_setting(self, "coulomb", "N·m")
         checked_setting(self, "viscous", "N·m·s/rad")
+        checked_setting(self, "arm_viscous", "N·m·s/rad")
         checked_setting(self, "load", "")
         checked_setting(self, "step_s", "s", positive=True, single=True)
 

@@ -28,11 +28,15 @@ def gear_input(inertia: Inertia) -> Floats:
     return np.vstack([np.zeros((2 * n, n)), -np.diag(1 / inertia.M), on_arm])
 
 
-def plant(inertia: Inertia, elasticity: Elasticity, viscous: Floats) -> tuple[Floats, Floats]:
-    """Equation (1) as ẋ = A x + B τ with x = θm, θa, θ̇m, θ̇a."""
+def plant(
+    inertia: Inertia, elasticity: Elasticity, viscous: Floats, arm_viscous: Floats
+) -> tuple[Floats, Floats]:
+    """Equation (1) as ẋ = A x + B τ with x = θm, θa, θ̇m, θ̇a, and viscous friction (n,) at both."""
     n, K, D = inertia.n, np.diag(elasticity.K), np.diag(elasticity.D)
     none, one = np.zeros((n, n)), np.eye(n)
-    forces = np.block([[-K, K, -D - np.diag(viscous), D], [K, -K - inertia.gravity, D, -D]])
+    forces = np.block(
+        [[-K, K, -D - np.diag(viscous), D], [K, -K - inertia.gravity, D, -D - np.diag(arm_viscous)]]
+    )
     mass = np.block([[np.diag(inertia.M), none], [none, inertia.M2]])
     kinematics = np.block([[none, none, one, none], [none, none, none, one]])
     B = np.vstack([none, none, np.diag(1 / inertia.M), none])

@@ -69,7 +69,8 @@ class Robot:
         whole = int(controller.torque_delay_s / self.T + 1e-9)
         share = max(controller.torque_delay_s / self.T - whole, 0.0)
         self.delay = whole  # in samples; the older torque acts for a share of the sample longer
-        self.A, self.B = plant(inertia, elasticity, self.viscous)
+        arm_viscous = per_joint("arm_viscous", friction.arm_viscous, n)
+        self.A, self.B = plant(inertia, elasticity, self.viscous, arm_viscous)
         self.gears = gears
         inputs = self.B if gears is None else np.hstack([self.B, gear_input(inertia)])
         longest = self.T if gears is None and not self.has_friction else friction.step_s

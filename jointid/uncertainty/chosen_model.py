@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jointid.errors import JointIdError
 from jointid.estimation.candidates import Model
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -17,9 +18,34 @@ from jointid.estimation.model_fits import filters_before_friction, loaded
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms
 from jointid.phasors.extract import Phasors
+from jointid.simulation.experiment import MotorFriction
 
 _LEAST_STIFFNESS = 1e-9
 """In place of an estimate of zero, N·m/rad."""
+
+
+def require_sines(phasors: Phasors, fit: ElasticityFit, use: str, remedy: str) -> None:
+    """Refuse a fit with motion records, whose spectral lines are no records of their own."""
+    if len(fit.inertias) != fit.phasors.omega.size:
+        raise JointIdError(f"{use} a fit of sine records alone; this one has motion records. {remedy}")
+    phasors.require_records()
+
+
+def identified_friction(fit: ElasticityFit, *, step_s: float = 1.25e-4) -> MotorFriction:
+    """Friction of a fit for the simulated robot; negative estimates count as none.
+
+    Coulomb friction at the arm and presliding friction count as Coulomb friction of the motors.
+    """
+    p, own = fit.parameters, fit.friction
+    friction = {
+        "coulomb": 0.0 if own is None else np.maximum(own.coulomb, 0.0),
+        "viscous": p.effect("viscous"),
+        "load": p.effect("load"),
+        "arm_viscous": p.effect("arm_viscous"),
+    }
+    friction["coulomb"] = friction["coulomb"] + p.effect("arm_coulomb") + p.effect("motor_presliding")
+    each = {name: np.maximum(np.zeros(fit.n), part) for name, part in friction.items()}
+    return MotorFriction(**each, step_s=step_s)
 
 
 def refit(

@@ -28,7 +28,12 @@ from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import determined_covariance
-from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, inertia_of_each
+from jointid.uncertainty.chosen_model import (
+    chosen_friction,
+    fitted_problem,
+    inertia_of_each,
+    require_sines,
+)
 
 _EXACT = 1e12
 """Degrees of freedom of a given noise covariance."""
@@ -93,8 +98,7 @@ class PlanningModel:
         C = self.noise(np.abs(s), np.broadcast_to(duration_s[:, None], s.shape))
         signals = np.zeros((*s.shape, 2 * n), complex)
         signals[:, 0, :n] = q
-        rotor, pose = self.pose
-        prior = replace(self.problem.prior, rotor=np.full(r, rotor), pose=np.full(r, pose))
+        prior = self._planned_prior(r)
         waveforms = partial(self._waveforms, prior, omega, signals, C, duration_s)
         problem = replace(
             self.problem,
@@ -126,6 +130,38 @@ class PlanningModel:
                 "angle and inertias."
             )
         return found
+
+    def largest_torque(self, omega: Floats, q: Complexes) -> Floats:
+        """Largest torque for motor angles q of planned records, shape (r, n), N·m.
+
+        All linear effects of the fit and its load-dependent friction are included, Coulomb friction and
+        nonlinear gears are not. ``omega`` has shape (r,).
+        """
+        r, n = q.shape
+        s: Complexes = np.asarray(1j * omega[:, None])
+        problem = replace(
+            self.problem,
+            s=s,
+            z=np.concatenate([q, np.zeros_like(q)], axis=1)[:, None],
+            noise=Noise(np.zeros((r, 1, 2 * n, 2 * n), complex), np.full(r, _EXACT)),
+            known=np.ones(s.shape, bool),
+            prior=self._planned_prior(r),
+            friction=None,
+            group=np.zeros(s.shape, int),
+            main=np.ones(1, bool),
+            held=HeldTorque.of(s, np.zeros(r), np.zeros(r)),
+            laws=None,
+        )
+        at = Residual.at(problem, self.p)
+        drive = at.r / (at.lag * np.broadcast_to(at.p.torque_scale, n))
+        through = at.p.effect("load") * np.abs(at.torque - at.r)
+        return np.asarray((np.abs(drive) + through)[:, 0])
+
+    def _planned_prior(self, records: int) -> InertiaPrior:
+        """Inertias of that many planned records."""
+        rotor, pose = self.pose
+        prior = self.problem.prior
+        return replace(prior, rotor=np.full(records, rotor), pose=np.full(records, pose))
 
     def standard_errors(self, information: Floats) -> Floats:
         """Standard errors of K and D, shape (2n,), from the information of records and the prior.
@@ -193,8 +229,10 @@ def planning_model(
     """Planning model of a fit, with the noise averaged over the records of each frequency.
 
     ``planned_inertia`` is that given at the pose of the planned records, by default that of the first
-    record.
+    record. Raises JointIdError when the fit has motion records.
     """
+    remedy = "Plan a motion: jointid plan --motion sweep."
+    require_sines(phasors, fit, "Planned sines need", remedy)
     each = inertia_of_each(phasors, inertia)
     measured = fitted_problem(phasors, fit)
     prior = fit.prior.like([*each, planned_inertia or each[0]], (len(each) + 1, fit.n))

@@ -11,15 +11,22 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_motion import identify_motion
+from jointid.gears.gear import Gear
 from jointid.joints import Inertia
 from jointid.records import MotionRecord, SineRecord
 from jointid.simulation.closed_loop import simulate_motion
 from jointid.simulation.experiment import Controller, Measurement, MotorFriction
 from jointid.simulation.motion import Motion
 from jointid.small_matrices import determined_covariance
+from jointid.uncertainty.chosen_model import identified_friction
 
-_ROUNDS = 4
-"""Iterations of the amplitude for the torque limit: friction and resonances make it nonlinear."""
+_ROUNDS, _MOST_ROUNDS = 4, 10
+"""Iterations of the amplitude for the limits without Coulomb friction and noise, and with both; these
+make it nonlinear."""
+_LEAST = 1e-9
+"""Least torque beyond Coulomb friction, over the limit."""
+_RESERVE = 0.99
+"""Share of the limits to which a motion beyond them is reduced."""
 _SHARED = "K", "D", "M", "M2", "torque_scale"
 """Parameters that records of the same robot and pose have in common."""
 _BANDWIDTHS_HZ = (10.0, 4.0, 1.5)
@@ -93,27 +100,19 @@ def plan_motion(
     ``limits`` replaces. Raises JointIdError when the torque does not overcome the friction, or the
     motion does not determine the springs.
     """
-    n = fit.n
-    coulomb = viscous = load = np.zeros(n)
-    if fit.friction is not None:
-        coulomb = np.maximum(fit.friction.coulomb, 0.0)
-        viscous = np.maximum(fit.friction.viscous, 0.0)
-        load = np.maximum(np.zeros(n), fit.friction.load)
-    if np.any(limits.torque_Nm <= coulomb):
-        j = int(np.argmax(limits.torque_Nm <= coulomb)) + 1
+    n, friction = fit.n, identified_friction(fit, step_s=max(interval_s, 1.25e-4))
+    blocked = limits.torque_Nm <= friction.coulomb
+    if blocked.any():
+        j = int(np.argmax(blocked)) + 1
         raise JointIdError(
             f"The torque limit of joint {j} does not exceed its friction: raise this limit."
         )
     noise = sensor_noise(fit, interval_s)
-    friction = MotorFriction(coulomb, viscous, load, step_s=max(interval_s, 1.25e-4))
     measurement = Measurement(position_noise_rad=noise[:n], torque_noise_Nm=noise[n:])
-    chosen = _within(fit, motion, limits, friction, interval_s)
-    made = _simulated(
-        fit, chosen, interval_s, records=records, friction=friction, measurement=measurement
-    )
-    prior = fit.prior
+    chosen, made = _within(fit, motion, limits, friction, measurement, interval_s, records)
+    prior, gear = fit.prior, "linear" if _gears(fit) is None else "auto"
     found = identify_motion(
-        made, inertia, inertia_std=prior.inertia_std, torque_std=prior.torque_std, gear="linear"
+        made, inertia, inertia_std=prior.inertia_std, torque_std=prior.torque_std, gear=gear
     )
     size = np.abs(fit.estimate)
     known = np.isfinite(fit.standard_error) | np.isfinite(found.standard_error)
@@ -159,32 +158,59 @@ def _information(covariance: Floats) -> Floats:
 
 
 def _within(
-    fit: ElasticityFit, motion: Motion, limits: MotionLimits, friction: MotorFriction, interval_s: float
-) -> Motion:
-    """The motion with the largest acceleration that keeps the limits."""
+    fit: ElasticityFit,
+    motion: Motion,
+    limits: MotionLimits,
+    friction: MotorFriction,
+    measurement: Measurement,
+    interval_s: float,
+    records: int,
+) -> tuple[Motion, tuple[MotionRecord, ...]]:
+    """The motion with the largest acceleration that keeps the limits, and its simulated records."""
     acceleration = per_joint("acceleration_rad_s2", motion.acceleration_rad_s2, fit.n)
-    share = np.ones(fit.n)  # the motors overshoot their reference
-    by_load = replace(friction, coulomb=0.0, viscous=0.0)
-    for _ in range(_ROUNDS):
+    share, coulomb = np.ones(fit.n), per_joint("coulomb", friction.coulomb, fit.n)
+    for number in range(_MOST_ROUNDS):  # the motors overshoot their reference
+        whole = number >= _ROUNDS
         motion = replace(
             motion,
             velocity_rad_s=limits.velocity_rad_s * share,
             acceleration_rad_s2=acceleration,
             position_rad=limits.position_rad * share,
         )
-        record = _simulated(fit, motion, interval_s, records=1, friction=by_load)[0]
-        reached = largest_motion([record])
+        made = _simulated(
+            fit,
+            motion,
+            interval_s,
+            records=records,
+            friction=friction if whole else replace(friction, coulomb=0.0),
+            measurement=measurement if whole else None,
+        )
+        reached = largest_motion(made)
+        torque = np.maximum(reached.torque_Nm - whole * coulomb, _LEAST * limits.torque_Nm)
         ratio = np.min(
             [
-                (limits.torque_Nm - friction.coulomb) / reached.torque_Nm,
+                (limits.torque_Nm - coulomb) / torque,
                 limits.velocity_rad_s / reached.velocity_rad_s,
                 limits.position_rad / reached.position_rad,
             ],
             axis=0,
         )
+        if whole:
+            if np.all(ratio >= 1):
+                return motion, made
+            worst = int(np.argmin(ratio))
+            ratio = np.full(fit.n, ratio[worst] * _RESERVE)  # coupling: each moves the others
         acceleration = acceleration * np.minimum(ratio, 2.0)
         share = share * np.minimum(ratio, 1.0)
-    return motion
+    raise JointIdError(
+        f"No motion of joint {worst + 1} was found within its limits, which friction and the noise of "
+        "its sensors need. Raise the limits of position, velocity or torque."
+    )
+
+
+def _gears(fit: ElasticityFit) -> Sequence[Gear] | None:
+    """Nonlinear gears of the fit; None where all are linear."""
+    return None if all(gear.kind == "linear" for gear in fit.gears) else fit.gears
 
 
 def _simulated(
@@ -196,7 +222,12 @@ def _simulated(
         controller = Controller(bandwidth_hz=bandwidth, sample_rate_hz=1 / interval_s)
         try:
             return simulate_motion(
-                fit.inertias[0], fit.elasticity, motion, controller=controller, **settings
+                fit.inertias[0],
+                fit.elasticity,
+                motion,
+                controller=controller,
+                gears=_gears(fit),
+                **settings,
             )
         except JointIdError as error:
             problem = error

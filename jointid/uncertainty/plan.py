@@ -10,9 +10,10 @@ from jointid.arrays import Complexes, Floats, per_joint, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
-from jointid.joints import Elasticity, Inertia, dynamic_arm_inertia, resonances
+from jointid.joints import Inertia, dynamic_arm_inertia, resonances
 from jointid.phasors.extract import Phasors
-from jointid.uncertainty.information import planning_model
+from jointid.uncertainty.chosen_model import identified_friction
+from jointid.uncertainty.information import PlanningModel, planning_model
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
 from jointid.wording import counted
 
@@ -55,7 +56,8 @@ def predict_standard_errors(
 
     The noise is that of the existing records, by frequency, inversely proportional to the length.
     ``planned_inertia`` is that given at the pose of the planned records, by default that of the first
-    record. Raises JointIdError when the plan has another number of joints.
+    record. Raises JointIdError when the plan has another number of joints, or the fit
+    has motion records.
     """
     if planned.torque_Nm.shape[1] != fit.n:
         raise JointIdError(
@@ -109,7 +111,7 @@ def suggest_records(
     tenth of the lowest frequency of the records up to ``highest_hz``, for instance a quarter of the
     sample rate. ``planned_inertia`` is as in ``predict_standard_errors``; ``progress`` is
     called with the finished share, 0 to 1. Raises JointIdError when no candidate stays within the
-    limits, or a setting is out of range.
+    limits, a setting is out of range, or the fit has motion records.
     """
     count = whole_number("count", count, 1, _MOST_RECORDS)
     now = planning_model(phasors, inertia, fit, planned_inertia)
@@ -118,14 +120,14 @@ def suggest_records(
     torque = _limit("torque_limit_Nm", torque_limit_Nm, np.abs(phasors.tau).max(axis=0))
     velocity = _limit("velocity_limit_rad_s", velocity_limit_rad_s, speed)
     if fit.friction is not None:  # a square wave has a fundamental of 4/π
-        torque = torque - 4 / np.pi * np.maximum(fit.friction.coulomb, 0)
+        torque = torque - 4 / np.pi * np.asarray(identified_friction(fit).coulomb)
     if np.any(torque <= 0):
         j = int(np.argmin(torque)) + 1
         raise JointIdError(
             f"The torque limit of joint {j} does not exceed its friction: raise this limit."
         )
     frequency = _candidate_frequencies(phasors, pose, fit, duration_s, highest_hz)
-    candidates = _candidates(pose, fit.elasticity, frequency, torque, velocity, duration_s)
+    candidates = _candidates(now, frequency, torque, velocity, duration_s)
     frequency, angle, duration = candidates.frequency_hz, candidates.angle_rad, candidates.duration_s
     parts, steps = [], _PARTS + _PARTS // 5 * count
     for number, part in enumerate(np.array_split(np.arange(frequency.size), _PARTS), start=1):
@@ -191,14 +193,14 @@ def _candidate_frequencies(
 
 
 def _candidates(
-    inertia: Inertia,
-    elasticity: Elasticity,
+    now: PlanningModel,
     frequency: Floats,
     torque: Floats,
     velocity: Floats,
     duration_s: float,
 ) -> PlannedRecords:
     """Every frequency with every pattern, as torques and as angles, scaled to the limits."""
+    inertia, elasticity = now.inertia, now.fit.elasticity
     patterns = _patterns(inertia.n)
     f = np.repeat(frequency, len(patterns))
     omega = 2 * np.pi * f[:, None]
@@ -212,7 +214,8 @@ def _candidates(
     f, torques = np.tile(f, 2), np.concatenate([plan.torque_Nm for plan in plans])
     angles = np.concatenate([plan.angle_rad for plan in plans])
     speed = _speed(2 * np.pi * f, angles, torques, [inertia] * f.size)
-    share = np.maximum(np.abs(torques) / torque, speed / velocity).max(axis=1)[:, None]
+    needed = np.maximum(now.largest_torque(2 * np.pi * f, angles), np.abs(torques))
+    share = np.maximum(needed / torque, speed / velocity).max(axis=1)[:, None]
     return PlannedRecords(f, torques / share, angles / share, np.full(f.size, float(duration_s)))
 
 

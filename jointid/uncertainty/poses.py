@@ -15,7 +15,7 @@ from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import positive_inverse, whitener
-from jointid.uncertainty.chosen_model import inertia_of_each, refit
+from jointid.uncertainty.chosen_model import inertia_of_each, refit, require_sines
 from jointid.uncertainty.sensitivity import prior_shift
 
 _LEAST_OWN = 1e-3
@@ -84,8 +84,11 @@ def fits_by_pose(
     """Fit every pose alone, with the model of the fit to all poses.
 
     ``poses`` holds the pose of each record. Raises JointIdError when no pose allows an estimate, or
-    there is not one pose per record.
+    there is not one pose per record, or the fit has motion records.
     """
+    require_sines(
+        phasors, fit, "Fits by pose need", "Call identify_motion with the records of each pose alone."
+    )
     if len(poses) != phasors.omega.size:
         raise JointIdError(f"{len(poses)} poses for {phasors.omega.size} records: give one per record.")
     each = inertia_of_each(phasors, inertia)

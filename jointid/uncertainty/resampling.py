@@ -22,11 +22,18 @@ from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import one_thread, root
-from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, inertia_of_each, refit
+from jointid.uncertainty.chosen_model import (
+    chosen_friction,
+    fitted_problem,
+    inertia_of_each,
+    refit,
+    require_sines,
+)
 from jointid.uncertainty.sensitivity import prior_influence
 
 _EXACT = 200
 """Degrees of freedom from which a covariance is not drawn: it varies by less than a tenth."""
+_BY_PARTS = "Identify each record alone with identify_motion, and compare their K and D with the errors."
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +61,10 @@ def jackknife(
     """Leave out one frequency at a time; the scatter checks the error bars for any kind of noise.
 
     ``progress`` is called with the fraction done, up to 1.0; an exception from it ends the run. Raises
-    JointIdError with fewer than three frequencies, or when the other records allow no estimate.
+    JointIdError with fewer than three frequencies, if the other records allow no estimate, or for a fit
+    with motion records.
     """
+    require_sines(phasors, fit, "The jackknife needs", _BY_PARTS)
     groups = phasors.by_frequency()
     if len(groups) < 3:
         raise JointIdError(
@@ -116,8 +125,9 @@ def bootstrap(
     torque scales are drawn around the fitted ones; a linear estimator carries their errors to first
     order. The friction waveforms are those of the records. 200 draws give the standard error within 5 %.
     ``progress`` is as in ``jackknife``. Raises JointIdError when fewer than half of the draws allow an
-    estimate.
+    estimate, or the fit has motion records.
     """
+    require_sines(phasors, fit, "The bootstrap needs", _BY_PARTS)
     draws = whole_number("draws", draws, 2, 100_000)
     rng = np.random.default_rng(seed)
     noise = fit.equations.noise

@@ -200,7 +200,8 @@ def _not_deflected(joint: int) -> JointIdError:
 
 
 def _require_plausible(phasors: Phasors) -> None:
-    """Refuse signals whose products overflow."""
+    """Refuse signals whose products overflow, and no signals."""
+    phasors.require_records()
     deviation = np.sqrt(np.abs(np.einsum("rhjj->rhj", phasors.harmonic_covariance))).max(axis=1)
     size = np.maximum(np.abs(phasors.harmonics).max(axis=1), np.maximum(np.abs(phasors.z), deviation))
     record, column = np.unravel_index(np.argmax(size), size.shape)

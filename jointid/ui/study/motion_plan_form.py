@@ -27,6 +27,7 @@ from jointid.ui.shared.messages import show_error, show_text_table, show_warning
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.study.plan_form import PlanSettings, pose_inertia
+from jointid.uncertainty.chosen_model import identified_friction
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
 from jointid.uncertainty.planned_records import PlannedRecords
 from jointid.wording import enumerated, file_stem, percent, significant, three_digits
@@ -130,7 +131,7 @@ def show_set_points(
         planned_experiment(plan, inertia, fit.elasticity, **settings),
         inertia,
         fit.elasticity,
-        friction=fit.friction,
+        friction=identified_friction(fit),
     )
     (interval_ms,) = numbers_in("Interval", interval, count=1) if interval.strip() else (None,)
     points = set_points(
