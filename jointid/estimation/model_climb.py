@@ -188,6 +188,11 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
         plain = fits.criterion(judged=False)
         nearest = min(wider, key=lambda each: plain.get(each, np.inf))
         there = fits.estimate(nearest)
+        if there and nearest.reversal == 0.0 and not search.has_motions and there.misfit > POOR:
+            free = replace(nearest, reversal=0.03)  # what sticking leaves looks like further parts
+            search.fit(free, there.named, compares=False)
+            if fits.misfit(free) < _CLIMB * there.misfit:
+                nearest, there, least = free, fits.estimate(free), fits.misfit(free)
         gains = [score.gain for score in search.scores(nearest).values()]
         promises = there and max(gains, default=0.0) > NEARLY_ALL * there.cost
         if least == np.inf or (least >= ratio * found.misfit and not promises):
