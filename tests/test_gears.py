@@ -14,6 +14,7 @@ from random_cases import tries
 from scipy.integrate import solve_ivp
 
 from benchmarks.independent_robot import MAX_STEP_S, Robot, paper_motions, simulate
+from benchmarks.real_robots import LOW, Case, Change, rubbing
 from jointid import (
     Controller,
     Elasticity,
@@ -27,6 +28,7 @@ from jointid import (
     MotorFriction,
     Phasors,
     PlanarArm,
+    analyse,
     extract_phasors,
     identify_elasticity,
     identify_motion,
@@ -713,3 +715,28 @@ def test_two_laws_are_found_beside_an_unstated_delay() -> None:
     fit = identify_elasticity(extract_phasors(records), PARALLELOGRAM)
     assert {"cubic", "hysteresis"} <= set(next(each.parts for each in fit.candidates if each.chosen))
     assert fit.misfit < 1.2
+
+
+def deviations(change: Change, run: int) -> tuple[ElasticityFit, np.ndarray]:
+    """Fit of a study at 0.2 to 0.6 of the lowest resonance, and its errors of K and D in stated ones."""
+    campaign = Case(change=change, band=LOW).campaign(run)
+    (records,) = simulate([(campaign.robot, campaign.experiment)])
+    fit = analyse(campaign.study(records)).fit
+    return fit, (np.concatenate([fit.K, fit.D]) - campaign.answer) / fit.standard_error
+
+
+def test_gravity_is_found_beside_heavy_friction() -> None:
+    """Both start together: after either alone the fit ends at another local minimum."""
+    rubs = rubbing(0.6, viscous=0.04)
+    fit, z = deviations(lambda robot, loads: rubs(robot, loads) | {"gravity": 0.03 * robot.K}, 14)
+    assert fit.misfit < 1.5
+    assert np.abs(z).max() < 4
+
+
+def test_backlash_is_found_beside_motors_that_stick() -> None:
+    rubs = rubbing(0.3, viscous=0.04)
+    fit, z = deviations(
+        lambda robot, loads: rubs(robot, loads) | {"backlash_rad": 0.06 * loads.deflection}, 12
+    )
+    assert fit.misfit < 1.5
+    assert np.abs(z).max() < 4
