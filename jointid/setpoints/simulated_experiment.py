@@ -70,8 +70,7 @@ def simulate_experiment(
 ) -> SimulatedExperiment:
     """Run an experiment on the simulated robot, equation (1): one pose, gravity as a stiffness.
 
-    Raises JointIdError when the joints disagree or the
-    closed loop is unstable.
+    Raises JointIdError when the joints disagree or the closed loop is unstable.
     """
     friction = friction or MotorFriction()
     coulomb, viscous, load, on_arm = (

@@ -56,8 +56,8 @@ def predict_standard_errors(
 
     The noise is that of the existing records, by frequency, inversely proportional to the length.
     ``planned_inertia`` is that given at the pose of the planned records, by default that of the first
-    record. Raises JointIdError when the plan has another number of joints, or the fit
-    has motion records.
+    record. Raises JointIdError when the plan has another number of joints, or the fit has motion
+    records.
     """
     if planned.torque_Nm.shape[1] != fit.n:
         raise JointIdError(
