@@ -285,20 +285,6 @@ def test_lists_and_named_values_of_other_forms(data: bytes) -> None:
     check_motion(read_log(data, "log.csv")[0])
 
 
-def test_damaged_lines_of_lists_and_named_values_are_left_out() -> None:
-    """A value of another column, or one without its unit, would be wrong without a word."""
-    for data, old, new in (
-        (make.lists(), f'"[{ANGLE[5]}, {-ANGLE[5]}]"', f"[{ANGLE[5]}, x]"),
-        (make.named_values(), f"q={ANGLE[5]:.9g}", f"q={ANGLE[5]:.9g}deg"),
-        (make.named_values(), f"q={ANGLE[5]:.9g}", f"q={ANGLE[5]:.9g} deg"),
-    ):
-        (table,) = read_log(data.replace(old.encode(), new.encode(), 1), "log.txt")
-        assert table.rows == ROWS - 1
-        assert any("1 line of another form left out; the first is line" in note for note in table.notes)
-    with_units = make.named_values("t={} q={} rad tau={} Nm")
-    assert not readers()["named"].recognises(with_units[:4096])
-
-
 @pytest.mark.parametrize("row", ["[s],[1],[1]", "0.0,(0.5),(0.25)"])
 def test_units_and_negative_numbers_in_brackets_are_no_lists(row: str) -> None:
     assert not readers()["lists"].recognises(f"t,q,tau\n{row}\n0.1,0.2,0.3\n".encode())

@@ -136,9 +136,12 @@ def _read_lists(file: str, path: str) -> tuple[LogTable, ...]:
     quoted = re.sub(rf'"?({_LIST})"?', r'"\1"', text).split("\n")
     require_few_values(file, len(re.findall(r"[,\s]", text)))
     (names,) = csv.reader([header], delimiter=separator)
-    rows = [next(csv.reader([line], delimiter=separator), []) for line in quoted]
-    table = [{name: _parts(cell) for name, cell in zip(names, row, strict=False)} for row in rows]
-    return _of_sound(file, table, [len(row) == len(names) for row in rows], first_line=2)
+    rows = [
+        {name: _parts(cell) for name, cell in zip(names, row, strict=False)}
+        for row in csv.reader(quoted, delimiter=separator)
+        if row
+    ]
+    return _tables(file, rows, [])
 
 
 def _parts(cell: str) -> str | list[str]:
@@ -150,23 +153,8 @@ def _read_named(file: str, path: str) -> tuple[LogTable, ...]:
     """Read lines of named values, "t=0.1 q=0.2" or "t:0.1,q:0.2"."""
     lines = file_text(path).split("\n")
     require_few_values(file, sum(line.count("=") + line.count(":") for line in lines))
-    split = re.compile(r"\s*[=:]\s*").split
-    rows = [dict(split(each) for each in re.findall(_NAMED, line)) for line in lines]
-    only_named = re.compile(rf"\s*+(?:{_NAMED}(?:[,;\s]++|$))++").fullmatch
-    return _of_sound(file, rows, [bool(only_named(line)) for line in lines], first_line=1)
-
-
-def _of_sound(
-    file: str, rows: list[dict[str, Any]], sound: list[bool], first_line: int
-) -> tuple[LogTable, ...]:
-    """Tables of the sound lines; a note counts the others that hold anything."""
-    odd = [k for k, row in enumerate(rows, start=first_line) if row and not sound[k - first_line]]
-    notes = (
-        [f"{counted(len(odd), 'line')} of another form left out; the first is line {odd[0]}."]
-        if odd
-        else []
-    )
-    return _tables(file, [row for row, good in zip(rows, sound, strict=True) if good], notes)
+    rows = [dict(re.split(r"\s*[=:]\s*", each) for each in re.findall(_NAMED, x)) for x in lines if x]
+    return _tables(file, rows, [])
 
 
 READERS = {
@@ -177,8 +165,6 @@ READERS = {
         _read_lists,
     ),
     "named": Reader(
-        "lines of named values",
-        text_matches(rf"(?:{_NAMED}[,; \t]++){{2,60}}{_NAMED}[,; \t]*+\n"),
-        _read_named,
+        "lines of named values", text_matches(rf"(?:{_NAMED}[,;\s]+){{2,60}}{_NAMED}"), _read_named
     ),
 }
