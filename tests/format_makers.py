@@ -266,21 +266,6 @@ def json_lines() -> bytes:
     return "\n".join([*(json.dumps(row) for row in rows), ""]).encode()
 
 
-def lists(form: str = '"[{}, {}]"', separator: str = ",") -> bytes:
-    """A table whose cells are lists, as pandas writes arrays."""
-    rows = [separator.join(["Zeit [ms]", "q", "tau"])]
-    for time, angle, torque in zip(TIME_S, ANGLE, TORQUE, strict=True):
-        cells = f"{1e3 * time:.6g}", form.format(angle, -angle), form.format(torque, 2 * torque)
-        rows.append(separator.join(cells))
-    return "\n".join([*rows, ""]).encode()
-
-
-def named_values(form: str = "t={} q={} tau={}") -> bytes:
-    """Lines of named values, as programs print them."""
-    rows = zip(TIME_S, ANGLE, TORQUE, strict=True)
-    return "\n".join([*(form.format(*(f"{x:.9g}" for x in row)) for row in rows), ""]).encode()
-
-
 def json_columns() -> bytes:
     """Columns as JSON arrays."""
     return json.dumps(
@@ -418,8 +403,6 @@ FORMATS: dict[str, Callable[[Path], bytes]] = {
     "log.jsonl": lambda _: json_lines(),
     "long.jsonl": lambda _: json_per_joint(),
     "log.json": lambda _: json_columns(),
-    "lists.csv": lambda _: lists(),
-    "named.txt": lambda _: named_values(),
     "log.feather": lambda _: arrow(),
     "log.arrow": lambda _: arrow(stream=True),
     "lists.parquet": lambda _: parquet_lists(),

@@ -271,35 +271,6 @@ def test_formulas_of_mdf_are_never_run(formula: str, tmp_path: Path) -> None:
     assert not trap.exists()
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        make.lists("({}, {})", ";"),
-        make.lists("[{} {}]", "\t"),
-        make.lists("[{} {}]"),
-        make.named_values("t:{},q:{},tau:{}"),
-        make.named_values("t = {}; joint1.q = {}; joint1.tau = {}"),
-    ],
-)
-def test_lists_and_named_values_of_other_forms(data: bytes) -> None:
-    check_motion(read_log(data, "log.csv")[0])
-
-
-@pytest.mark.parametrize("row", ["[s],[1],[1]", "0.0,(0.5),(0.25)"])
-def test_units_and_negative_numbers_in_brackets_are_no_lists(row: str) -> None:
-    assert not readers()["lists"].recognises(f"t,q,tau\n{row}\n0.1,0.2,0.3\n".encode())
-
-
-@pytest.mark.parametrize(
-    "head", [b"t,q\n[" + b"11 " * 1300, b"t,q\n[" + b"1" * 4000, b"a=1 " * 1000 + b"!", b"ab" * 2000]
-)
-def test_texts_like_lists_are_recognised_in_linear_time(head: bytes) -> None:
-    began = time.process_time()
-    for kind in ("lists", "named"):
-        readers()[kind].recognises(head[:4096])
-    assert time.process_time() - began < 0.2
-
-
 @pytest.mark.parametrize("table", [True, False])
 def test_json_as_pandas_writes_it(table: bool) -> None:
     rows = np.column_stack([TIME_S, ANGLE, TORQUE]).tolist()

@@ -1,8 +1,6 @@
-"""JSON: an object per line, an array of objects, an object of arrays; text with lists or names."""
+"""JSON: one object per line, an array of objects, or an object of arrays."""
 
-import csv
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -28,10 +26,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
             f"{file} holds more than {_MOST_VALUES / 1e6:g} million values, the limit of JSON: export "
             "it as CSV or Parquet."
         )
-    return _tables(file, *_rows(file, text))
-
-
-def _tables(file: str, rows: list[dict[str, Any]], notes: list[str]) -> tuple[LogTable, ...]:
+    rows, notes = _rows(file, text)
     names: dict[str, int] = {}
     table: list[dict[str, str]] = []
     for row in rows:
@@ -123,48 +118,4 @@ def _cells(name: str, value: Any, depth: int) -> Iterator[tuple[str, str]]:
         yield name, str(value)
 
 
-_NUMBER = r"[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?"
-_LIST = rf"[\[(]\s*+{_NUMBER}(?:[,\s]++{_NUMBER})++\s*+[\])]"
-"""Of two numbers or more: "[1]" may be a unit, "(0.5)" a negative number."""
-_NAMED = rf"[^\W\d][\w.\[\]/]{{0,200}}+\s*+[=:]\s*+{_NUMBER}"
-
-
-def _read_lists(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read a table whose cells are lists of numbers, "[0.1, 0.2]", (0.1, 0.2) or [0.1 0.2]."""
-    header, _, text = file_text(path).partition("\n")
-    separator = max(";\t|,", key=header.count)
-    quoted = re.sub(rf'"?({_LIST})"?', r'"\1"', text).split("\n")
-    require_few_values(file, len(re.findall(r"[,\s]", text)))
-    (names,) = csv.reader([header], delimiter=separator)
-    rows = [
-        {name: _parts(cell) for name, cell in zip(names, row, strict=False)}
-        for row in csv.reader(quoted, delimiter=separator)
-        if row
-    ]
-    return _tables(file, rows, [])
-
-
-def _parts(cell: str) -> str | list[str]:
-    """A cell, or the numbers of its list."""
-    return re.findall(_NUMBER, cell) if re.fullmatch(_LIST, cell.strip()) else cell
-
-
-def _read_named(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read lines of named values, "t=0.1 q=0.2" or "t:0.1,q:0.2"."""
-    lines = file_text(path).split("\n")
-    require_few_values(file, sum(line.count("=") + line.count(":") for line in lines))
-    rows = [dict(re.split(r"\s*[=:]\s*", each) for each in re.findall(_NAMED, x)) for x in lines if x]
-    return _tables(file, rows, [])
-
-
-READERS = {
-    "json": Reader("JSON", text_matches(r"\s*(?:\{|\[\s*[\[{])"), read, ("jsonl", "ndjson")),
-    "lists": Reader(
-        "a table of lists",
-        text_matches(rf'(?=[^\n]*[^\W\d])[^\n]*+\n(?:[^\n]*[;,\t|])?\s*+"?{_LIST}'),
-        _read_lists,
-    ),
-    "named": Reader(
-        "lines of named values", text_matches(rf"(?:{_NAMED}[,;\s]+){{2,60}}{_NAMED}"), _read_named
-    ),
-}
+READERS = {"json": Reader("JSON", text_matches(r"\s*(?:\{|\[\s*[\[{])"), read, ("jsonl", "ndjson"))}
