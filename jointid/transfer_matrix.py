@@ -203,6 +203,8 @@ def _polynomial(
             f"At {centre:.4g} Hz the controllers answer the noise of the angles, which may change H by "
             f"more than {percent(_UNKNOWN)}: move the joints more at this frequency."
         )
+    if np.linalg.matrix_rank(H) < n:
+        raise JointIdError(f"At {centre:.4g} Hz a joint does not move: H is singular.")
     power = _noise_power(lines, freedom, H, angles / len(A))
     bias = (squares @ power @ found)[constant].T
     if np.any(np.abs(np.diag(bias)) > _BIASED * np.abs(np.diag(H))):

@@ -196,3 +196,12 @@ def test_the_answer_of_a_controller_to_a_coarse_encoder_is_not_the_response(
     assert found.omega.size > 8
     off = np.abs(found.H - motor_response(found.omega, *ROBOTS[1])) / found.standard_deviation
     assert off.max() < 3.5
+
+
+def test_a_joint_whose_encoder_stands_still_has_no_response() -> None:
+    """H is singular there; its inverse ended in an error of linear algebra."""
+    records = [record(2, seed) for seed in (1, 2)]
+    angles = [np.column_stack([each.theta_rad[:, 0], np.full(N, 0.5)]) for each in records]
+    braked = [replace(each, theta_rad=q) for each, q in zip(records, angles, strict=True)]
+    with pytest.raises(JointIdError, match="does not move"):
+        motion_transfer_matrix(braked)

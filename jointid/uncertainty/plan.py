@@ -119,8 +119,8 @@ def suggest_records(
     speed = _speed(phasors.omega, fit.phasors.q, fit.phasors.tau, fit.inertias).max(axis=0)
     torque = _limit("torque_limit_Nm", torque_limit_Nm, np.abs(phasors.tau).max(axis=0))
     velocity = _limit("velocity_limit_rad_s", velocity_limit_rad_s, speed)
-    if fit.friction is not None:  # a square wave has a fundamental of 4/π
-        torque = torque - 4 / np.pi * np.asarray(identified_friction(fit).coulomb)
+    # A square wave has a fundamental of 4/π.
+    torque = torque - 4 / np.pi * np.asarray(identified_friction(fit).coulomb)
     if np.any(torque <= 0):
         j = int(np.argmin(torque)) + 1
         raise JointIdError(
