@@ -211,7 +211,7 @@ def test_unstable_loop_is_refused(controller):
 
 def test_friction_steps_follow_a_tight_integration_through_reversal_and_rest():
     coulomb, torque = np.array([0.3, 0.05]), np.array([0.25, 0.0])
-    A, B = plant(SERIAL, PAPER, np.array([0.002, 0.001]))
+    A, B = plant(SERIAL, PAPER, np.array([0.002, 0.001]), np.zeros(2))
     x0 = np.array([0.1, -0.2, 0.0, 0.0, 6.0, -4.0, 0.0, 3.0])
     duration, step, width = 0.4, 1.25e-4, 1e-6
 

@@ -19,9 +19,12 @@ _COMPLETE = (("cubic", "hysteresis"), ("backlash", "hysteresis"), ("cubic", "bac
 _NEAR = 0.5
 """Ratio of the misfits of a cubic law and of linear gears below which slopes are tried: 0.01 to 0.4 with
 three slopes, mostly more with wrong data."""
+_LEADING, _ALONE = 0.1, 2.0
+"""Score over the cost, and over the next score, from which a part is fitted far from the data: gravity
+beside friction has 0.13 to 0.28, further parts 0.02; of wrong data several parts are alike."""
 _FEWEST = 3
 """Records per joint that show whether two laws of the gears come near the data."""
-_CLIMB, _STEEP = 0.7, 0.3
+_CLIMB, STEEP = 0.7, 0.3
 """Ratio of misfits by which a part must lower that of a model far from the data: in general, and of the
 first models, where wrong data gave 0.4 and more, and gravity beside friction 0.1."""
 
@@ -147,12 +150,15 @@ def fit_slopes(search: Search, model: Model) -> list[Model]:
     return [slopes]
 
 
-def climb_from_nearest(search: Search, share: float) -> None:
+def climb_from_nearest(search: Search, share: float, ratio: float = _CLIMB) -> None:
     """Add parts to the model that is nearest to the data where one may explain a share of its cost."""
     nearest = min(search.fits.tried, key=search.fits.misfit)
     found, scored = search.fits.estimate(nearest), search.scores(nearest)
-    if found and max((s.gain for s in scored.values()), default=0.0) > share * found.cost:
-        climbed(search, nearest, _STEEP)
+    gains = sorted((each.gain for each in scored.values()), reverse=True)
+    if not (found and len(gains) > 1):
+        return
+    if gains[0] > share * found.cost or gains[0] > max(_LEADING * found.cost, _ALONE * gains[1]):
+        climbed(search, nearest, ratio)
 
 
 def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:

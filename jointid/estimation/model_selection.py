@@ -29,6 +29,7 @@ from jointid.estimation.model_average import (
     spread_of_unseen,
 )
 from jointid.estimation.model_climb import (
+    STEEP,
     climb_from_nearest,
     climbed,
     fit_complete,
@@ -38,7 +39,7 @@ from jointid.estimation.model_climb import (
 )
 from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_growth import NEARLY_ALL, exchanged, grown
-from jointid.estimation.model_search import DOUBTFUL, POOR, Search
+from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.passivity import least_misfit
 from jointid.estimation.start_values import at_resonances, friction_start
 from jointid.joints import Inertia
@@ -52,9 +53,6 @@ tried and free inertias in place of exact ones are right."""
 _LEFT = 0.03
 """Score over the cost of the last model from which complete models are fitted: up to 0.03 beside linear
 gears with friction, 0.05 and more where the growth has missed a law."""
-_LEADING = 0.1
-"""Score over the cost from which quick parts are fitted where no simple model comes near the data:
-gravity beside friction has 0.13 to 0.28, further parts 0.02."""
 _EXCHANGES = 3
 """Most parts that are exchanged one after the other."""
 _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
@@ -150,13 +148,15 @@ def _searched(search: Search) -> Choice:
         if model not in search.fits.tried:
             search.fit(model, search.start)
     fit_first(search)
-    if search.is_lost and not search.has_motions:
-        climb_from_nearest(search, _LEADING)
+    if search.is_lost and search.may_have_friction and search.is_distorted:
+        climb_from_nearest(search, PROMISING, STEEP)
     rows = search.few_rows()
     if search.is_lost and rows.size < phasors.omega.size:
         return _searched_in_few(search, rows)
     if search.is_lost and _inertias_are_wrong(search):
         return _choice(search, search.fits.least(list(search.fits.tried)))
+    if search.is_lost and not (search.has_motions or search.is_distorted):
+        climb_from_nearest(search, PROMISING)
     fit_laws(search)
     if search.is_lost:
         fit_complete(search)

@@ -253,11 +253,11 @@ class _Fundamentals:
     def residual(self, p: Floats) -> tuple[Floats, Floats]:
         """Relative residual, shape (rows,), and the friction, (2, n).
 
-        ``p`` has the logarithms of K and D, the gravity stiffness over M2 ω² at the lowest frequency
-        and, if any, the common unknown.
+        ``p`` has the logarithms of K and D and, if any, the gravity stiffness over M2 ω² at the lowest
+        frequency and the common unknown.
         """
         n, ph = self.phasors.n, self.phasors
-        s, common = np.asarray(1j * ph.omega, np.complex128), p[3 * n :]
+        s, common = np.asarray(1j * ph.omega, np.complex128), p[p.size - self.shared.any() :]
         held = np.eye(n) * self.gravity(p) / ph.omega[:, None, None] ** 2
         arm = np.linalg.inv(self.arm + self.shared * common.sum() - held)
         Z, _ = motor_impedance(s, self.M, arm, *np.exp(p[: 2 * n].reshape(2, n)))
@@ -277,8 +277,9 @@ class _Fundamentals:
 
     def gravity(self, p: Floats) -> Floats:
         """Gravity stiffness of each joint, shape (n,), N·m/rad."""
-        n, ph = self.phasors.n, self.phasors
-        return np.asarray(p[2 * n : 3 * n] * self.own * ph.omega.min() ** 2)
+        given = p[2 * self.own.size : p.size - self.shared.any()]
+        unit = self.own * self.phasors.omega.min() ** 2
+        return np.asarray(given * unit) if given.size else 0 * unit
 
     def relative(self, p: Floats) -> Floats:
         """The residual alone, finite at any K and D."""
@@ -291,8 +292,7 @@ def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) ->
 
     With a common unknown as the payload also M2; with gravity stiffness where nothing else comes near.
     """
-    n = phasors.n
-    waveforms = friction_waveforms(phasors, None)
+    n, waveforms = phasors.n, friction_waveforms(phasors, None)
     M, arm = inertia_arrays(phasors, prior.inertias(prior.M, prior.M2))
     of_gravity = prior.shared_gravity[prior.pose] / phasors.omega[:, None, None] ** 2
     shared = prior.shared[prior.part[prior.pose]] - of_gravity
@@ -306,18 +306,18 @@ def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) ->
         np.stack([waveforms.coulomb[:, 0], 1j * phasors.omega[:, None] * phasors.q], axis=2),
         ~waveforms.stationary,
     )
-    rest = np.zeros(n + int(shared.any()))
-    least = np.inf
+    rest, least = np.zeros(int(shared.any())), np.inf
     if np.all(linear.K > 0) and np.all(linear.D > 0):
         least = _size(data.residual(np.concatenate([np.log([*linear.K, *linear.D]), rest]))[0])
     if least < _UNEXPLAINED:
         return None
     best, start = _BETTER * least, None
     for hangs, share in product((False, True), _STARTS):
+        best *= _BETTER if hangs and share == _STARTS[0] else 1.0  # it imitates friction
         omega = float(np.quantile(phasors.omega, share))
+        rest = np.zeros(n * hangs + int(shared.any()))
         first = np.concatenate([np.log([*(own * omega**2), *(0.05 * own * omega)]), rest])
-        widths = np.log(_RANGE), _UNUSUAL if hangs else _LEAST, _UNUSUAL
-        reach = np.repeat(widths, [2 * n, n, rest.size - n])
+        reach = np.where(np.arange(first.size) < 2 * n, np.log(_RANGE), _UNUSUAL)
         found = nonlinear_least_squares(
             data.relative,
             first,
