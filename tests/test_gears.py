@@ -725,14 +725,6 @@ def deviations(change: Change, run: int) -> tuple[ElasticityFit, np.ndarray]:
     return fit, (np.concatenate([fit.K, fit.D]) - campaign.answer) / fit.standard_error
 
 
-def test_gravity_is_found_beside_heavy_friction() -> None:
-    """Both start together: after either alone the fit ends at another local minimum."""
-    rubs = rubbing(0.6, viscous=0.04)
-    fit, z = deviations(lambda robot, loads: rubs(robot, loads) | {"gravity": 0.03 * robot.K}, 14)
-    assert fit.misfit < 1.5
-    assert np.abs(z).max() < 4
-
-
 def test_backlash_is_found_beside_motors_that_stick() -> None:
     rubs = rubbing(0.3, viscous=0.04)
     fit, z = deviations(
