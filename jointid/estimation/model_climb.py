@@ -89,9 +89,8 @@ def fit_laws(search: Search) -> None:
         if (search.is_lost or search.has_motions) and law in fits.optional:
             wider = model.with_part(law)
             search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
-            sticking, near = replace(wider, reversal=0.03), fits.estimate(wider)
-            if near and model == sliding and search.is_lost and sticking not in fits.tried:
-                search.fit(sticking, near.named)
+            if search.is_lost:
+                _freed(search, wider)
             fit_slopes(search, wider)
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
@@ -150,6 +149,19 @@ def fit_slopes(search: Search, model: Model) -> list[Model]:
     return [slopes]
 
 
+def _freed(search: Search, model: Model) -> Model:
+    """A model far from the data, or the same with free reversals of its friction if it comes nearer.
+
+    What sticking leaves looks like further parts.
+    """
+    found, free = search.fits.estimate(model), replace(model, reversal=0.03)
+    if found is None or search.has_motions or model.reversal != 0 or found.misfit <= POOR:
+        return model
+    if free not in search.fits.tried:
+        search.fit(free, found.named, compares=False)
+    return free if search.fits.misfit(free) < _CLIMB * found.misfit else model
+
+
 def climb_from_nearest(search: Search, share: float, ratio: float = _CLIMB) -> None:
     """Add parts to the model that is nearest to the data where one may explain a share of its cost."""
     nearest = min(search.fits.tried, key=search.fits.misfit)
@@ -193,12 +205,8 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
         wider += fit_slopes(search, min(wider, key=fits.misfit))
         plain = fits.criterion(judged=False)
         nearest = min(wider, key=lambda each: plain.get(each, np.inf))
-        there = fits.estimate(nearest)
-        if there and nearest.reversal == 0.0 and not search.has_motions and there.misfit > POOR:
-            free = replace(nearest, reversal=0.03)  # what sticking leaves looks like further parts
-            search.fit(free, there.named, compares=False)
-            if fits.misfit(free) < _CLIMB * there.misfit:
-                nearest, there, least = free, fits.estimate(free), fits.misfit(free)
+        nearest = _freed(search, nearest)
+        there, least = fits.estimate(nearest), min(least, fits.misfit(nearest))
         gains = [score.gain for score in search.scores(nearest).values()]
         promises = there and max(gains, default=0.0) > NEARLY_ALL * there.cost
         if least == np.inf or (least >= ratio * found.misfit and not promises):

@@ -227,9 +227,8 @@ def _best(search: Search) -> Model:
     lost = search.is_lost
     if lost:
         best = climbed(search, best)
-    if not search.is_lost and (
-        lost or best.reversal is not None
-    ):  # parts that only the start values, or gears, suggest
+    if not search.is_lost and (lost or best.reversal is not None):
+        # Parts that only the start values, or gears, suggest.
         best = search.pruned(best)
     best = _grown(search, best)
     if not (lost or search.has_motions or search.is_spent) and fits.misfit(best) > POOR:

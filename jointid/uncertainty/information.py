@@ -89,8 +89,7 @@ class PlanningModel:
         ``omega`` and ``duration_s`` have shape (r,); the torques follow from the motor angles ``q``,
         shape (r, n), by the model.
         """
-        r, n = q.shape
-        laws = self.problem.laws
+        n, laws = q.shape[1], self.problem.laws
         distorted = self.problem.friction is not None or laws is not None
         scales = np.atleast_2d(self.scale)[0]  # a harmonic of sines has one misfit in all records
         orders = np.arange(1, (scales.size if distorted else 1) + 1)
@@ -98,21 +97,10 @@ class PlanningModel:
         C = self.noise(np.abs(s), np.broadcast_to(duration_s[:, None], s.shape))
         signals = np.zeros((*s.shape, 2 * n), complex)
         signals[:, 0, :n] = q
-        prior = self._planned_prior(r)
-        waveforms = partial(self._waveforms, prior, omega, signals, C, duration_s)
-        problem = replace(
-            self.problem,
-            s=s,
-            z=signals,
-            noise=Noise(C, np.full(r, _EXACT)),
-            known=np.ones(s.shape, bool),
-            prior=prior,
-            friction=waveforms(),
-            group=np.broadcast_to(np.arange(orders.size), s.shape),
-            main=np.arange(orders.size) == 0,
-            held=HeldTorque.of(s, np.zeros(r), np.zeros(r)),
-            laws=laws and laws.planned(s, signals[..., :n]),
-        )
+        problem = self._planned_problem(s, signals, C)
+        waveforms = partial(self._waveforms, problem.prior, omega, signals, C, duration_s)
+        planned_laws = laws and laws.planned(s, signals[..., :n])
+        problem = replace(problem, friction=waveforms(), laws=planned_laws)
         scale = np.broadcast_to(self.problem.layout.named(self.p).torque_scale, n)
         has_load = "load" in self.problem.layout
         for _ in range(_ITERATIONS if laws or has_load else 1):  # the torque leaves no residual
@@ -138,30 +126,31 @@ class PlanningModel:
         nonlinear gears are not. ``omega`` has shape (r,).
         """
         r, n = q.shape
-        s: Complexes = np.asarray(1j * omega[:, None])
-        problem = replace(
-            self.problem,
-            s=s,
-            z=np.concatenate([q, np.zeros_like(q)], axis=1)[:, None],
-            noise=Noise(np.zeros((r, 1, 2 * n, 2 * n), complex), np.full(r, _EXACT)),
-            known=np.ones(s.shape, bool),
-            prior=self._planned_prior(r),
-            friction=None,
-            group=np.zeros(s.shape, int),
-            main=np.ones(1, bool),
-            held=HeldTorque.of(s, np.zeros(r), np.zeros(r)),
-            laws=None,
-        )
+        signals = np.concatenate([q, np.zeros_like(q)], axis=1)[:, None]
+        noise = np.zeros((r, 1, 2 * n, 2 * n), complex)
+        problem = self._planned_problem(np.asarray(1j * omega[:, None]), signals, noise)
         at = Residual.at(problem, self.p)
         drive = at.r / (at.lag * np.broadcast_to(at.p.torque_scale, n))
         through = at.p.effect("load") * np.abs(at.torque - at.r)
         return np.asarray((np.abs(drive) + through)[:, 0])
 
-    def _planned_prior(self, records: int) -> InertiaPrior:
-        """Inertias of that many planned records."""
-        rotor, pose = self.pose
-        prior = self.problem.prior
-        return replace(prior, rotor=np.full(records, rotor), pose=np.full(records, pose))
+    def _planned_problem(self, s: Complexes, signals: Complexes, covariance: Complexes) -> Problem:
+        """The problem of records with signals (r, H, 2n) at s (r, H), without friction and gear laws."""
+        (r, H), (rotor, pose) = s.shape, self.pose
+        prior = replace(self.problem.prior, rotor=np.full(r, rotor), pose=np.full(r, pose))
+        return replace(
+            self.problem,
+            s=s,
+            z=signals,
+            noise=Noise(covariance, np.full(r, _EXACT)),
+            known=np.ones(s.shape, bool),
+            prior=prior,
+            friction=None,
+            group=np.broadcast_to(np.arange(H), s.shape),
+            main=np.arange(H) == 0,
+            held=HeldTorque.of(s, np.zeros(r), np.zeros(r)),
+            laws=None,
+        )
 
     def standard_errors(self, information: Floats) -> Floats:
         """Standard errors of K and D, shape (2n,), from the information of records and the prior.

@@ -178,7 +178,7 @@ class InertiaPrior:
     @property
     def _own(self) -> Floats:
         """Standard deviation of each element of M2 beside the common unknown's, shape (u, t), kg·m²."""
-        least = _MODEL_STD * bool(self.shared.any())
+        least = _MODEL_STD if self.shared.any() else 0.0
         return np.asarray(max(self.inertia_std, least) * self.units["M2"])
 
     def link_std(self, K: Floats, times: float) -> Floats:

@@ -24,17 +24,15 @@ LIMITS = Limits(time_s=120.0, memory_bytes=3 << 30)
 """Per file; a log of the largest size, 256 MiB, takes half the memory."""
 _SMALL_TEXT = 4 << 20
 """Bytes of a text table that takes a few seconds at most, read without a process."""
-
-
-def _reader(kind: str) -> Reader:
-    return _TEXT if kind == TEXT else readers()[kind]
-
-
 _TEXT = Reader(
     "a table of text",
     lambda head: True,
     lambda file, path: (read_text_table(file, Path(path).read_bytes()),),
 )
+
+
+def _reader(kind: str) -> Reader:
+    return _TEXT if kind == TEXT else readers()[kind]
 
 
 class ReaderProcess:
