@@ -14,7 +14,7 @@ from random_cases import tries
 from scipy.integrate import solve_ivp
 
 from benchmarks.independent_robot import MAX_STEP_S, Robot, paper_motions, simulate
-from benchmarks.real_robots import LOW, Case, rubbing
+from benchmarks.real_robots import LOW, Case, Change, rubbing
 from jointid import (
     Controller,
     Elasticity,
@@ -44,11 +44,12 @@ from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.noise import moderated_noise
-from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
+from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
 from jointid.estimation.model_growth import grown
 from jointid.estimation.model_search import Search
 from jointid.estimation.start_values import other_laws, with_backlash
 from jointid.figures.stiffness import stiffness_over_amplitude, torsion_curve
+from jointid.gears.arm_friction import PeriodicFriction
 from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffness
 from jointid.gears.laws import GearLaws
@@ -717,16 +718,61 @@ def test_two_laws_are_found_beside_an_unstated_delay() -> None:
     assert fit.misfit < 1.2
 
 
-def test_backlash_is_found_beside_motors_that_stick() -> None:
-    """At 0.2 to 0.6 of the lowest resonance."""
-    rubs = rubbing(0.3, viscous=0.04)
-    case = Case(
-        change=lambda robot, loads: rubs(robot, loads) | {"backlash_rad": 0.06 * loads.deflection},
-        band=LOW,
-    )
-    campaign = case.campaign(12)
+def low_band_fit(change: Change, run: int) -> tuple[ElasticityFit, np.ndarray]:
+    """Fit of a study at 0.2 to 0.6 of the lowest resonance, and its errors over the stated ones."""
+    campaign = Case(change=change, band=LOW).campaign(run)
     (records,) = simulate([(campaign.robot, campaign.experiment)])
     fit = analyse(campaign.study(records)).fit
+    return fit, (np.concatenate([fit.K, fit.D]) - campaign.answer) / fit.standard_error
+
+
+@pytest.mark.long
+def test_backlash_is_found_beside_motors_that_stick() -> None:
+    rubs = rubbing(0.3, viscous=0.04)
+    fit, z = low_band_fit(
+        lambda robot, loads: rubs(robot, loads) | {"backlash_rad": 0.06 * loads.deflection}, 12
+    )
     assert fit.misfit < 1.5
-    z = (np.concatenate([fit.K, fit.D]) - campaign.answer) / fit.standard_error
     assert np.abs(z).max() < 4
+
+
+@pytest.mark.long
+def test_gravity_is_found_beside_heavy_friction() -> None:
+    """Both start together: after either alone the fit ends at another local minimum."""
+    rubs = rubbing(0.6, viscous=0.04)
+    fit, z = low_band_fit(lambda robot, loads: rubs(robot, loads) | {"gravity": 0.03 * robot.K}, 14)
+    assert fit.misfit < 1.5
+    assert np.abs(z).max() < 4
+
+
+@pytest.mark.long
+def test_friction_at_the_arm_is_found_beside_that_of_the_motors() -> None:
+    """Motors with free reversals took a share of it, and the search ended at a misfit of 704."""
+    rubs = rubbing(0.1, viscous=0.04)
+    fit, _ = low_band_fit(
+        lambda robot, loads: rubs(robot, loads) | {"arm_coulomb": 0.05 * loads.torque}, 20
+    )
+    assert "arm_coulomb" in fit.parameters.layout
+    assert fit.misfit < 1.5
+
+
+def test_friction_of_arms_that_nearly_stick_follows_their_motion() -> None:
+    """The motion with friction that it follows itself: four Newton steps left 10 % of it."""
+    phasors = np.zeros((1, 15, 1), complex)
+    phasors[0, :3, 0] = 1.0, 0.3j, 0.5
+    mobility = np.broadcast_to(1 / (1j * np.arange(1, 16)[None, :, None, None]), (1, 15, 1, 1))
+    found = PeriodicFriction.solve(np.array([0.45]), mobility, phasors, 256)
+    again = PeriodicFriction.at(np.array([0.45]), mobility, phasors - 0.45 * found.sign, 256)
+    assert np.abs(again.sign - found.sign).max() < 1e-3
+
+
+@pytest.mark.long
+def test_two_laws_are_not_tried_where_the_torques_are_those_of_no_robot() -> None:
+    """Their search would take as long as the rest of the analysis twice."""
+    rubs = rubbing(0.3, viscous=0.04)
+    campaign = Case(change=rubs).campaign(0)
+    (records,) = simulate([(campaign.robot, campaign.experiment)])
+    turned = [replace(record, tau_Nm=record.tau_Nm * [1.0, -1.0]) for record in records]
+    analysis = analyse(campaign.study(turned))
+    assert "sign of the torque of joint 2" in analysis.headline
+    assert all(len(set(GEAR_LAWS).intersection(c.parts)) < 2 for c in analysis.fit.candidates)

@@ -8,9 +8,9 @@ import numpy as np
 from jointid.estimation.candidates import EXPLAINED, NEEDED, Model
 from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS
 from jointid.estimation.model_growth import NEARLY_ALL
-from jointid.estimation.model_search import DOUBTFUL, POOR, Search
+from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.motion_start import motion_start
-from jointid.estimation.start_values import by_motion, with_backlash
+from jointid.estimation.start_values import by_motion, friction_start, with_backlash
 
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit does not explain the data at all."""
@@ -24,7 +24,7 @@ _LEADING, _ALONE = 0.1, 2.0
 beside friction has 0.13 to 0.28, further parts 0.02; of wrong data several parts are alike."""
 _FEWEST = 3
 """Records per joint that show whether two laws of the gears come near the data."""
-_CLIMB, STEEP = 0.7, 0.3
+_CLIMB, _STEEP = 0.7, 0.3
 """Ratio of misfits by which a part must lower that of a model far from the data: in general, and of the
 first models, where wrong data gave 0.4 and more, and gravity beside friction 0.1."""
 
@@ -68,6 +68,19 @@ def fit_first(search: Search) -> None:
         if part in fits.optional and search.may_explain(sliding, part):
             # Coulomb friction may be insignificant, and hence left out, until these are known.
             search.fit(sliding.with_part(part), of_sliding.named)
+
+
+def fit_hanging(search: Search) -> None:
+    """Fit friction and gravity from start values of both where no other model explains sines.
+
+    After heavy friction alone, and before it, a fit of gravity ends at another local minimum.
+    """
+    model = replace(search.base, reversal=0.0).with_part("gravity")
+    if search.is_distorted and search.may_have_friction and "gravity" in search.fits.optional:
+        start = friction_start(search.phasors, search.prior, search.start, hangs=True)
+        if start is not None:
+            search.fit(model, start, compares=False)
+            _freed(search, model)
 
 
 def fit_laws(search: Search) -> None:
@@ -164,13 +177,27 @@ def _freed(search: Search, model: Model) -> Model:
 
 def climb_from_nearest(search: Search, share: float, ratio: float = _CLIMB) -> None:
     """Add parts to the model that is nearest to the data where one may explain a share of its cost."""
+    _climb_from(search, min(search.fits.tried, key=search.fits.misfit), share, ratio)
+
+
+def climb_from_first(search: Search) -> None:
+    """Add parts to friction. Its free reversals, which hide friction at the arm, come after that."""
     nearest = min(search.fits.tried, key=search.fits.misfit)
-    found, scored = search.fits.estimate(nearest), search.scores(nearest)
+    sharp, arm = replace(nearest, reversal=0.0), "arm_coulomb"
+    scored = search.scores(sharp) if nearest.reversal and sharp in search.fits.tried else {}
+    if arm in scored and scored[arm].gain == max(each.gain for each in scored.values()):
+        _climb_from(search, sharp, PROMISING, _STEEP)
+    if search.is_lost:
+        climb_from_nearest(search, PROMISING, _STEEP)
+
+
+def _climb_from(search: Search, model: Model, share: float, ratio: float) -> None:
+    found, scored = search.fits.estimate(model), search.scores(model)
     gains = sorted((each.gain for each in scored.values()), reverse=True)
     if not (found and len(gains) > 1):
         return
     if gains[0] > share * found.cost or gains[0] > max(_LEADING * found.cost, _ALONE * gains[1]):
-        climbed(search, nearest, ratio)
+        climbed(search, model, ratio)
 
 
 def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:

@@ -34,6 +34,9 @@ angle may be far from its start, and for another law (0.19 with heavy rotors).""
 POOR = 10.0
 """Misfit of a model that does not explain the data."""
 _MOST_EFFECTS = 3
+_LITTLE = 1 / 3
+"""Residual over the torques from which two laws of the gears do not explain them: up to 0.3 where one of
+them is fitted; 0.35 to 4 with wrong signs, units and columns."""
 _EXPLAINED_MOTIONS = 1.3
 """Misfit of motions below which richer friction and laws are not tried: their noise is that of the
 residual, and wide reversals leave few equations."""
@@ -97,6 +100,18 @@ class Search:
     def is_lost(self) -> bool:
         """Whether no model comes near the data."""
         return not self.fits.least_misfit < LOST
+
+    @property
+    def explains_little(self) -> bool:
+        """Whether even the nearest model leaves more of the torques of sines than gear laws explain."""
+        found = self.fits.estimate(min(self.fits.tried, key=self.fits.misfit))
+        if self.has_motions or found is None:
+            return False
+        n = self.phasors.n
+        variance = np.diagonal(self.phasors.harmonic_covariance, axis1=2, axis2=3)[..., n:].real
+        power = np.abs(self.phasors.harmonics[..., n:]) ** 2
+        signal = np.divide(power, variance, out=np.zeros_like(power), where=variance > 0)
+        return bool(found.cost > _LITTLE**2 * signal.sum())
 
     def has_sought_friction(self, model: Model) -> bool:
         """Whether friction that a model has was fitted with free reversals."""

@@ -29,11 +29,12 @@ from jointid.estimation.model_average import (
     spread_of_unseen,
 )
 from jointid.estimation.model_climb import (
-    STEEP,
+    climb_from_first,
     climb_from_nearest,
     climbed,
     fit_complete,
     fit_first,
+    fit_hanging,
     fit_laws,
     fit_slopes,
 )
@@ -149,7 +150,7 @@ def _searched(search: Search) -> Choice:
             search.fit(model, search.start)
     fit_first(search)
     if search.is_lost and search.may_have_friction and search.is_distorted:
-        climb_from_nearest(search, PROMISING, STEEP)
+        climb_from_first(search)
     rows = search.few_rows()
     if search.is_lost and rows.size < phasors.omega.size:
         return _searched_in_few(search, rows)
@@ -157,8 +158,10 @@ def _searched(search: Search) -> Choice:
         return _choice(search, search.fits.least(list(search.fits.tried)))
     if search.is_lost and not (search.has_motions or search.is_distorted):
         climb_from_nearest(search, PROMISING)
-    fit_laws(search)
     if search.is_lost:
+        fit_hanging(search)
+    fit_laws(search)
+    if search.is_lost and not search.explains_little:
         fit_complete(search)
     if search.is_lost and (search.has_motions or not search.first):
         other = _other_start(search)
@@ -166,6 +169,8 @@ def _searched(search: Search) -> Choice:
             search = other
             fit_first(search)
             fit_laws(search)
+    if search.is_lost and search.explains_little:
+        return _choice(search, search.fits.least(list(search.fits.tried)))
     best = _best(search)
     linear = [each for each in search.fits.tried if not each.is_slow and search.fits.estimate(each)]
     if search.is_lost and search.has_motions and linear:  # under a wrong law the gears' motion diverges
@@ -241,7 +246,7 @@ def _best(search: Search) -> Model:
     found = fits.estimate(best)
     if found and search.may_be_richer(found) and not (search.is_lost or search.is_full(best)):
         highest = max((score.gain for score in search.scores(best).values()), default=0.0)
-        if highest > _LEFT * found.cost:
+        if highest > _LEFT * found.cost and not search.explains_little:
             further = replace(search, starts={}, slow_fits=0)
             fit_complete(further)
             nearest = fits.least(list(fits.tried))

@@ -238,6 +238,8 @@ class _Fundamentals:
 
     phasors: Phasors
     M: Floats
+    own: Floats
+    """Mean M2 of each joint alone, shape (n,)."""
     arm: Floats
     """Dynamic M2, with gravity, shape (r, n, n)."""
     shared: Floats
@@ -250,11 +252,13 @@ class _Fundamentals:
     def residual(self, p: Floats) -> tuple[Floats, Floats]:
         """Relative residual, shape (rows,), and the friction, (2, n).
 
-        ``p`` has the logarithms of K and D and, if any, the common unknown.
+        ``p`` has the logarithms of K and D and, if any, the gravity stiffness over M2 ω² at the lowest
+        frequency and the common unknown.
         """
         n, ph = self.phasors.n, self.phasors
-        s, common = np.asarray(1j * ph.omega, np.complex128), p[2 * n :]
-        arm = np.linalg.inv(self.arm + self.shared * common.sum())
+        s, common = np.asarray(1j * ph.omega, np.complex128), p[p.size - self.shared.any() :]
+        held = np.eye(n) * self.gravity(p) / ph.omega[:, None, None] ** 2
+        arm = np.linalg.inv(self.arm + self.shared * common.sum() - held)
         Z, _ = motor_impedance(s, self.M, arm, *np.exp(p[: 2 * n].reshape(2, n)))
         rest = ph.tau - (Z @ ph.q[..., None])[..., 0]
         residual, found = [], np.zeros((2, n))
@@ -270,42 +274,48 @@ class _Fundamentals:
             residual.append(b)
         return np.concatenate([*residual, _OUTLIER * common]), found
 
+    def gravity(self, p: Floats) -> Floats:
+        """Gravity stiffness of each joint, shape (n,), N·m/rad; zero where ``p`` has none."""
+        given = p[2 * self.own.size : p.size - self.shared.any()]
+        unit = self.own * self.phasors.omega.min() ** 2
+        return np.asarray(given * unit if given.size else 0 * unit)
+
     def relative(self, p: Floats) -> Floats:
         """The residual alone, finite at any K and D."""
         with np.errstate(all="ignore"):
             return np.clip(np.nan_to_num(self.residual(p)[0], nan=_HUGE), -_HUGE, _HUGE)
 
 
-def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) -> Parameters | None:
+def friction_start(
+    phasors: Phasors, prior: InertiaPrior, linear: Parameters, *, hangs: bool = False
+) -> Parameters | None:
     """Return K, D and the friction of all joints; None where the least-squares estimate is as good.
 
-    With a common unknown as the payload also M2.
+    With a common unknown as the payload also M2; with ``hangs`` unknown gravity stiffness, too.
     """
-    n = phasors.n
-    waveforms = friction_waveforms(phasors, None)
-    viscous = 1j * phasors.omega[:, None] * phasors.q
+    n, waveforms = phasors.n, friction_waveforms(phasors, None)
     M, arm = inertia_arrays(phasors, prior.inertias(prior.M, prior.M2))
     of_gravity = prior.shared_gravity[prior.pose] / phasors.omega[:, None, None] ** 2
     shared = prior.shared[prior.part[prior.pose]] - of_gravity
+    own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
     data = _Fundamentals(
         phasors,
         M,
+        own,
         np.asarray(np.linalg.inv(arm), np.float64),
         shared,
-        np.stack([waveforms.coulomb[:, 0], viscous], axis=2),
+        np.stack([waveforms.coulomb[:, 0], 1j * phasors.omega[:, None] * phasors.q], axis=2),
         ~waveforms.stationary,
     )
-    common = np.zeros(int(shared.any()))
-    least = np.inf
+    rest, least = np.zeros(n * hangs + int(shared.any())), np.inf
     if np.all(linear.K > 0) and np.all(linear.D > 0):
-        least = _size(data.residual(np.concatenate([np.log([*linear.K, *linear.D]), common]))[0])
+        least = _size(data.residual(np.concatenate([np.log([*linear.K, *linear.D]), rest]))[0])
     if least < _UNEXPLAINED:
         return None
-    own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
     best, start = _BETTER * least, None
     for share in _STARTS:
         omega = float(np.quantile(phasors.omega, share))
-        first = np.concatenate([np.log([*(own * omega**2), *(0.05 * own * omega)]), common])
+        first = np.concatenate([np.log([*(own * omega**2), *(0.05 * own * omega)]), rest])
         reach = np.where(np.arange(first.size) < 2 * n, np.log(_RANGE), _UNUSUAL)
         found = nonlinear_least_squares(
             data.relative,
@@ -320,8 +330,10 @@ def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) ->
         if _size(residual) < best:
             best, (K, D) = _size(residual), np.exp(found.x[: 2 * n].reshape(2, n))
             values = {"K": K, "D": D, "coulomb": friction[0], "viscous": friction[1]}
-            values |= {"M2": prior.lower + found.x[-1] * prior.common} if common.size else {}
-            layout = ParameterLayout.of(n, friction=True, arms=len(prior.lower) * common.size)
+            values |= {"gravity": data.gravity(found.x)} if hangs else {}
+            values |= {"M2": prior.lower + found.x[-1] * prior.common} if shared.any() else {}
+            arms, effects = len(prior.lower) * bool(shared.any()), ["gravity"] * hangs
+            layout = ParameterLayout.of(n, friction=True, arms=arms, effects=effects)
             start = layout.named(layout.pack(**values))
         if best < _UNEXPLAINED:
             break
