@@ -394,13 +394,11 @@ def browser(chromium: str) -> Browser:
 
 
 @pytest.fixture(scope="module")
-def context(browser: Browser) -> Iterator[BrowserContext]:
-    """One for all tests of a file: the client's code is compiled once."""
-    from browsing import warm
+def context(chromium: str) -> BrowserContext:
+    """One for all tests that this process runs: the client's code is compiled once."""
+    from browsing import kept_context
 
-    with browser.new_context() as context:
-        warm(context)
-        yield context
+    return kept_context(chromium)
 
 
 @pytest.fixture
