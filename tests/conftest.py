@@ -25,7 +25,13 @@ if TYPE_CHECKING:  # the process that only hands out the tests loads none of the
     from jointid import Analysis, Study
     from jointid.importing.read.reader_process import ReaderProcess
 
-LONGEST_FILES = ("test_motion.py", "test_verdict.py", "test_whole_error.py", "test_fleet.py")
+LONGEST_FILES = (
+    "test_motion.py",
+    "test_gears.py",
+    "test_verdict.py",
+    "test_whole_error.py",
+    "test_fleet.py",
+)
 """Beside those that need a browser."""
 
 BROWSER_TIMEOUT_S = 600
