@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs, ztbtrs
 
-from jointid.arrays import Complexes, Floats, set_fields
+from jointid.arrays import Floats, set_fields
 from jointid.gears.gear import Gear, gears_with, knees
-
-Array = TypeVar("Array", Floats, Complexes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,14 +153,13 @@ def dahl_from_rest(delta: Floats, sharpness: Floats) -> Floats:
     """
     move = np.diff(delta, axis=1, prepend=delta[:, :1])
     decay = np.exp(-np.abs(move) * sharpness)
-    return decaying(decay, np.sign(move) * (1 - decay))
+    return np.asarray(decaying(decay, np.sign(move) * (1 - decay)))
 
 
-def decaying(decay: Array, drive: Array) -> Array:
-    """z[k] = decay[k] z[k − 1] + drive[k] from zero, of drives (n, N), real or complex.
+def decaying(decay: np.ndarray, drive: np.ndarray) -> Any:
+    """z[k] = decay[k] z[k − 1] + drive[k] from zero; drives (n, N), decay (n, N) or (n, 1).
 
-    The decay has the shape of the drives or (n, 1). As ``scipy.signal.lfilter``, whose import takes a
-    third of a second.
+    As ``scipy.signal.lfilter``, whose import takes a third of a second.
     """
     solve = ztbtrs if np.iscomplexobj(drive) else dtbtrs
     band, found = np.ones((2, drive.shape[1]), drive.dtype), np.empty_like(drive)

@@ -134,8 +134,7 @@ class DrivenArms:
         x = (poles * T)[:, None]
         whole, late = np.expm1(x) / x, (np.expm1(x) - x) / x**2  # forces change linearly in a step
         steps = T * ((whole - late) * sizes[:, :-1] + late * sizes[:, 1:])
-        moved = np.zeros((2 * n, points), complex)
-        moved[:, 1:] = decaying(np.exp(x), steps)
+        moved = np.pad(decaying(np.exp(x), steps), ((0, 0), (1, 0)))
         # The arms' free motion from any start, real and imaginary part, and a constant torque.
         of_gears, decay = (
             np.hstack([np.diag(self.K), np.diag(self.D)]) @ shapes,
