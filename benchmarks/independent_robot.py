@@ -322,16 +322,19 @@ class _Nonlinear:
         bristles = self.presliding > 0
         self.reach = np.where(bristles, self.presliding, 1.0)
         self.bristle_damping = 2 * every("bristle_damping") * np.sqrt(level[0] * self.reach * every("M"))
-        self.bristled = bool(bristles.any())
+        self.bristled, self.slips = bool(bristles.any()), not bristles.all()
         self.sets = rubs and not self.smoothing and not bristles.all()
         self.set_valued = np.broadcast_to(~bristles, shape)
         self.coulomb, self.stribeck, self.load = level
         self.falls, self.loaded = bool(self.stribeck.any()), bool(self.load.any())
+        self.sliding = np.where(self.coulomb > 0, self.coulomb, 1.0)
         self.asymmetry, self.stribeck_rad_s = every("asymmetry"), every("stribeck_rad_s")
+        self.skewed = bool(self.asymmetry.any())
         self.arm_coulomb, self.cubic, self.half_play = (
             every("arm_coulomb"), every("cubic"), every("backlash_rad") / 2
         )  # fmt: skip
         self.hysteresis, self.hysteresis_rad = every("hysteresis_Nm"), every("hysteresis_rad")
+        self.hysteretic, self.plays = bool(self.hysteresis.any()), bool(self.half_play.any())
         self.arm_rubs = bool(self.arm_coulomb.any())
         self.arm_smoothing = robots[0].arm_smoothing_rad_s
         self.K, self.D, self.M = every("K"), every("D"), every("M")
@@ -383,7 +386,7 @@ class _Nonlinear:
         return self._level(0.0, self.direction, 0.0) * self.direction if self.plain else None
 
     def _level(self, velocity: Array | float, direction: Array, x: Array | float) -> Array:
-        level = self.coulomb * (1 + self.asymmetry * direction)
+        level = self.coulomb * (1 + self.asymmetry * direction) if self.skewed else self.coulomb
         if self.falls:
             level = level + self.stribeck * np.exp(-((velocity / self.stribeck_rad_s) ** 2))
         if self.loaded:
@@ -439,19 +442,22 @@ class _Nonlinear:
         velocity, arm_velocity = x[:, at["omega"]], x[:, at["arm_omega"]]
         on_motor = on_arm = None
         if self.geared:
-            deflection = x[:, at["theta"]] - x[:, at["arm"]]
-            twist = velocity - arm_velocity
-            z = x[:, size + n :]
-            free = np.clip(deflection, -self.half_play, self.half_play)
-            wind_up = deflection - free
-            gear = self.cubic * wind_up**3 + self.hysteresis * z - self.K * free
+            wind_up = x[:, at["theta"]] - x[:, at["arm"]]
+            if self.plays:
+                free = np.minimum(np.maximum(wind_up, -self.half_play), self.half_play)
+                wind_up = wind_up - free
+            gear = self.cubic * wind_up**3
+            if self.hysteretic:
+                z, twist = x[:, size + n :], velocity - arm_velocity
+                gear += self.hysteresis * z
+                wind = np.where(self.hysteresis > 0, twist - np.abs(twist) * z, 0.0)
+                np.divide(wind, self.hysteresis_rad, out=wound)
+            if self.plays:
+                gear -= self.K * free
             if self.bent:
                 for knee, bend in zip(self.knees, self.bends, strict=True):
                     gear += bend * (wind_up - np.clip(wind_up, -knee, knee))
             on_motor, on_arm = -gear, gear
-            wound[:] = (
-                np.where(self.hysteresis > 0, twist - np.abs(twist) * z, 0.0) / self.hysteresis_rad
-            )
         if self.arm_rubs:
             rubbing = self.arm_coulomb * np.tanh(arm_velocity / self.arm_smoothing)
             on_arm = -rubbing if on_arm is None else on_arm - rubbing
@@ -471,11 +477,11 @@ class _Nonlinear:
         if self.smoothing:
             smooth = np.tanh(velocity / self.smoothing)
             return self._level(velocity, smooth, x) * smooth
-        friction = self._level(velocity, self.direction, x) * self.direction
+        friction = self._level(velocity, self.direction, x) * self.direction if self.slips else 0.0
         if self.bristled:
             n, size = self.plants.n, self.plants.size
             z = x[:, size : size + n]  # 1 when the bristles slide
-            level = self._level(velocity, np.sign(z), x) / np.where(self.coulomb > 0, self.coulomb, 1.0)
+            level = self._level(velocity, np.sign(z), x) / self.sliding
             bristle[:] = (velocity - np.abs(velocity) * z / level) / self.reach
             state = self.coulomb * z + self.bristle_damping * bristle
             friction = np.where(self.presliding > 0, state, friction)

@@ -99,9 +99,24 @@ def kept_browser(chromium: str) -> Browser:
     return _open.enter_context(playwright.chromium.launch(executable_path=chromium, args=FLAGS))
 
 
+@functools.cache
+def kept_context(chromium: str) -> BrowserContext:
+    """Its storage is shared by all tests of a server; servers differ in their ports.
+
+    With ``--process-per-site`` all tabs of a context share one process, which lives as long as one of
+    them: the empty tab that stays open keeps the client's code compiled.
+    """
+    context = _open.enter_context(kept_browser(chromium).new_context())
+    page = context.new_page()
+    page.route("**", lambda route: route.fulfill(body=""))
+    page.goto("http://127.0.0.1/")
+    return context
+
+
 def close_browser() -> None:
     _open.close()
     kept_browser.cache_clear()
+    kept_context.cache_clear()
 
 
 class Watch:
@@ -197,17 +212,6 @@ def new_page(context: BrowserContext) -> Page:
     _runs[page] = Runs(page)
     page.on("close", lambda page: _runs.pop(page, None))
     return page
-
-
-def warm(context: BrowserContext) -> None:
-    """Keep an empty tab open beside the others.
-
-    With ``--process-per-site`` all tabs of a server share one process, which lives as long as one of
-    them: it compiles the client's code once, not for every tab anew.
-    """
-    page = context.new_page()
-    page.route("**", lambda route: route.fulfill(body=""))
-    page.goto("http://127.0.0.1/")
 
 
 def _wait(page: Page, condition: Callable[[], bool], problem: str) -> None:

@@ -25,7 +25,13 @@ if TYPE_CHECKING:  # the process that only hands out the tests loads none of the
     from jointid import Analysis, Study
     from jointid.importing.read.reader_process import ReaderProcess
 
-LONGEST_FILES = ("test_motion.py", "test_verdict.py", "test_whole_error.py", "test_fleet.py")
+LONGEST_FILES = (
+    "test_motion.py",
+    "test_gears.py",
+    "test_verdict.py",
+    "test_whole_error.py",
+    "test_fleet.py",
+)
 """Beside those that need a browser."""
 
 BROWSER_TIMEOUT_S = 600
@@ -394,13 +400,11 @@ def browser(chromium: str) -> Browser:
 
 
 @pytest.fixture(scope="module")
-def context(browser: Browser) -> Iterator[BrowserContext]:
-    """One for all tests of a file: the client's code is compiled once."""
-    from browsing import warm
+def context(chromium: str) -> BrowserContext:
+    """One for all tests that this process runs: the client's code is compiled once."""
+    from browsing import kept_context
 
-    with browser.new_context() as context:
-        warm(context)
-        yield context
+    return kept_context(chromium)
 
 
 @pytest.fixture

@@ -620,14 +620,16 @@ def test_the_package_itself_is_the_program_and_begins_without_heavy_modules(
 ) -> None:
     heavy = ["rich", "pandas", "pymunk", "plotly", "streamlit", "reportlab", "control", "pyarrow"]
     text = f"""
-import sys, runpy, jointid.cli
+import atexit, sys, runpy, jointid.cli
 print([m for m in {[*heavy, "scipy.io"]} if m in sys.modules], file=sys.stderr)
+slow = "scipy.signal", "scipy.stats"  # a third of a second each
+atexit.register(lambda: print([m for m in slow if m in sys.modules], file=sys.stderr))
 runpy.run_module("jointid", run_name="__main__", alter_sys=True)  # as python -m jointid
 """
     environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8"}
     command = [sys.executable, "-c", text, "identify", str(one_joint), "--json"]
     good = subprocess.run(command, capture_output=True, cwd=tmp_path, env=environment, check=True)
-    assert good.stderr.split() == [b"[]"]
+    assert good.stderr.split() == [b"[]", b"[]"]
     assert json.loads(good.stdout)["kind"] == "jointid identification"
 
 

@@ -450,19 +450,31 @@ def test_several_laws_are_found_where_each_alone_fits_badly() -> None:
     np.testing.assert_allclose(fit.K, PAPER.K, rtol=2e-3)
 
 
-@pytest.mark.parametrize(
-    "law",
-    [{}, {"backlash_rad": [0.004, 0.008]}, {"hysteresis_Nm": [0.08, 0.02], "hysteresis_rad": 0.003}],
-)
-def test_hardening_is_found_beside_presliding_friction(law: dict[str, object]) -> None:
+STICKY = {"coulomb": [0.2, 0.05], "viscous": [2e-3, 4e-4], "presliding_rad": [0.01, 0.01]}
+STIFFENING = {
+    law: replace(PAPER, cubic=[9000.0, 300.0], **STICKY, **more)
+    for law, more in {
+        "hardening": {},
+        "backlash": {"backlash_rad": [0.004, 0.008]},
+        "hysteresis": {"hysteresis_Nm": [0.08, 0.02], "hysteresis_rad": 0.003},
+    }.items()
+}
+"""Hardening gears beside presliding friction, by their further law."""
+
+
+@cache
+def of_sticky_motors() -> dict[str, Phasors]:
+    """Phasors of the stiffening robots, which are integrated side by side."""
+    laws = tries(("hardening",), long=tuple(STIFFENING))
+    logs = simulate([(STIFFENING[x], paper_motions(STIFFENING[x], BAND, **MOTIONS)) for x in laws])
+    return {law: extract_phasors(records) for law, records in zip(laws, logs, strict=True)}
+
+
+@pytest.mark.parametrize("law", STIFFENING)
+def test_hardening_is_found_beside_presliding_friction(law: str) -> None:
     """Linear gears leave 150,000 times the noise, and no single part comes near the data."""
-    sticky = {"coulomb": [0.2, 0.05], "viscous": [2e-3, 4e-4], "presliding_rad": [0.01, 0.01]}
-    robot = replace(PAPER, cubic=[9000.0, 300.0], **sticky, **law)
-    (records,) = simulate([(robot, paper_motions(robot, BAND, **MOTIONS))])
-    fit = identify_elasticity(extract_phasors(records), INERTIA)
-    other = {"backlash_rad": "backlash", "hysteresis_Nm": "hysteresis"}
-    expected = {"hardening", *(name for field, name in other.items() if field in law)}
-    assert [set(gear.laws) for gear in fit.gears] == [expected] * 2
+    fit = identify_elasticity(of_sticky_motors()[law], INERTIA)
+    assert [set(gear.laws) for gear in fit.gears] == [{"hardening", law}] * 2
     np.testing.assert_allclose(fit.K, PAPER.K, rtol=2e-3)
 
 

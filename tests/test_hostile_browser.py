@@ -27,7 +27,7 @@ from jointid.files.study_files import pack_study
 
 pytestmark = pytest.mark.browser
 METHOD = tries(
-    ["Elasticity"],  # tables, figures and tabs
+    ["Records"],
     long=["Records", "Phasors", "Transfer matrix", "Elasticity", "Cut", "Plan"],
 )
 """What every page is sent is read without a browser, too: ``test_hostile_pages.py``."""

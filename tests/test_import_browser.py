@@ -1,13 +1,13 @@
-"""Import in Chromium, from the upload to K and D, with reloads in between."""
+"""Import in Chromium, from the upload to the report, by keys, with a reload and a kill in between."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from browsing import Server, answered, choose, finished, new_page, rested
+from browsing import Server, answered, finished, new_page, rested
 from log_makers import Log, as_csv, two_joint_log, zipped
 from plants import PAPER
 from playwright.sync_api import BrowserContext, Locator, Page, expect
@@ -15,6 +15,8 @@ from playwright.sync_api import BrowserContext, Locator, Page, expect
 pytestmark = pytest.mark.browser
 
 RATIOS, RATED_NM = (100.0, -90.0), (5.0, 2.0)
+ENTRIES = {"Gear ratios, one per joint": "100, -90", "Rated torque (N·m), one per joint": "5, 2"}
+"""What the file of the cell does not say."""
 M, M2 = "0.0025, 0.0010", "0.004104, 0.000395; 0.000395, 0.001889"
 
 
@@ -28,53 +30,6 @@ def shared(new_server: Callable[[], Server]) -> Iterator[Server]:
     server = new_server()
     yield server
     server.kill()
-
-
-@pytest.fixture
-def page(context: BrowserContext, shared: Server) -> Page:
-    """A page in a tab of its own; what goes wrong while the server is dead is no fault."""
-    page = new_page(context)
-    page.goto(f"{shared.address}/Import_a_log", wait_until="commit")
-    finished(page, "Import a log")
-    return page
-
-
-def upload(page: Page, name: str, data: bytes) -> None:
-    file = {"name": name, "mimeType": "application/octet-stream", "buffer": data}
-    with answered(page):
-        page.get_by_test_id("stMain").locator("input[type=file]").first.set_input_files(file)
-    expect(page.get_by_text("6 sine runs, 6 to 26 Hz")).to_be_visible()
-
-
-def enter(page: Page, boxes: Sequence[tuple[Locator, str]]) -> None:
-    """Fill boxes one after the other; leaving one sends it, and so does Enter in the last."""
-    with answered(page):
-        for box, value in boxes:
-            box.fill(value)
-        boxes[-1][0].press("Enter")
-    for box, value in boxes:
-        expect(box).to_have_value(value)
-
-
-def hold_torque(page: Page) -> None:
-    """Say that the torque is held, and confirm what no log states."""
-    box = "Torque between samples"
-    if not page.get_by_role("combobox", name=box).is_visible():
-        page.get_by_text("3 Drive data").click()
-    choose(page, box, "held until the next sample")
-    with answered(page):
-        page.get_by_role("button", name="Confirm the drive data").click()
-    expect(page.get_by_text("torque held between samples")).to_be_visible()
-
-
-def correct(page: Page) -> None:
-    """What the file of the cell does not say."""
-    texts = {"Gear ratios, one per joint": RATIOS, "Rated torque (N·m), one per joint": RATED_NM}
-    boxes = [page.get_by_role("textbox", name=name) for name in texts]
-    enter(
-        page,
-        [(box, ", ".join(f"{v:g}" for v in of)) for box, of in zip(boxes, texts.values(), strict=True)],
-    )
 
 
 def values(page: Page) -> dict[str, float]:
@@ -92,11 +47,8 @@ def rotors(page: Page) -> Locator:
     return page.get_by_role("textbox", name="Rotor inertias M, one per joint")
 
 
-def open_study(page: Page) -> None:
-    enter(page, [(rotors(page), M), (page.get_by_role("textbox", name="Arm inertia M2"), M2)])
-    expect(page.get_by_text("Used by the method")).to_be_visible()
-    page.get_by_role("button", name="Open as study").click()
-    expect(page.get_by_role("heading", level=1)).not_to_have_text("Import a log")
+def held(page: Page) -> Locator:
+    return page.get_by_role("combobox", name="Torque between samples")
 
 
 def near_the_truth(page: Page) -> None:
@@ -105,40 +57,6 @@ def near_the_truth(page: Page) -> None:
     assert found.keys() == truth.keys()
     for name, value in truth.items():
         assert found[name] == pytest.approx(value, rel=2e-3 if name[0] == "K" else 2e-2), found
-
-
-def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(log: Log, page: Page, shared: Server) -> None:
-    upload(page, "cell.csv", as_csv(log, RATIOS, RATED_NM))
-    correct(page)
-    page.reload(wait_until="commit")
-    expect(page.locator("summary", has_text="cell.csv")).to_be_visible()
-    rested(page)
-    expect(page.get_by_role("textbox", name="Gear ratios")).to_have_value("100, -90")
-    hold_torque(page)
-    drop_first_run(page)
-    enter(page, [(rotors(page), M)])
-    assert is_kept(shared, f'"import M": "{M}"')
-    address = page.url
-    shared.kill()
-    page.goto("about:blank")
-    shared.start()
-    again = new_page(page.context)
-    again.goto(address, wait_until="commit")
-    expect(again.locator("summary", has_text="cell.csv")).to_be_visible()
-    finished(again, "Import a log")
-    again.get_by_text("3 Drive data").click()
-    expect(again.get_by_role("textbox", name="Gear ratios")).to_have_value("100, -90")
-    expect(again.get_by_role("textbox", name="Rated torque")).to_have_value("5, 2")
-    held = again.get_by_role("combobox", name="Torque between samples")
-    expect(held).to_have_value("held until the next sample")
-    expect(rotors(again)).to_have_value(M)
-    open_study(again)
-    expect(again.get_by_text("5 records")).to_be_visible()
-    near_the_truth(again)
-    again.goto(address, wait_until="commit")
-    finished(again, "Import a log")
-    expect(again.get_by_text("Still open")).to_have_count(0)
-    again.close()
 
 
 def tab_to(page: Page, wanted: Locator) -> None:
@@ -168,55 +86,96 @@ def type_in(page: Page, box: Locator, text: str) -> None:
     expect(box).to_have_value(text)
 
 
-def test_by_keyboard_alone_from_a_zipped_log_to_the_report(
-    log: Log, shared: Server, context: BrowserContext
-) -> None:
-    """Every kind of log gives K and D without a browser: ``test_import_readers.py``."""
+def keyed(context: BrowserContext, address: str) -> Page:
+    """Open an address in a tab that notes whether a pointer was used."""
     page = new_page(context)
     page.add_init_script("addEventListener('pointerdown', () => window.touched = true, true)")
-    page.goto(shared.address, wait_until="commit")
+    page.goto(address, wait_until="commit")
     rested(page)
     page.bring_to_front()
-    sidebar, main = (page.get_by_test_id(f"st{name}") for name in ("Sidebar", "Main"))
-    tab_to(page, sidebar.get_by_role("link", name="Import a log"))
-    page.keyboard.press("Enter")
-    finished(page, "Import a log")
-    tab_to(page, main.get_by_role("button", name="Upload", exact=True))
-    packed = zipped({"keys.csv": as_csv(log, RATIOS, RATED_NM)})
-    data = {"name": "keys.zip", "mimeType": "application/zip", "buffer": packed}
+    return page
+
+
+def upload(page: Page, log: Log) -> None:
+    tab_to(page, page.get_by_test_id("stMain").get_by_role("button", name="Upload", exact=True))
+    packed = zipped({"cell.csv": as_csv(log, RATIOS, RATED_NM)})
     with answered(page):
         with page.expect_file_chooser() as chooser:
             page.keyboard.press("Enter")
-        chooser.value.set_files(data)  # type: ignore[arg-type]
+        chooser.value.set_files({"name": "cell.zip", "mimeType": "application/zip", "buffer": packed})
     expect(page.get_by_text("6 sine runs, 6 to 26 Hz")).to_be_visible()
-    texts = {"Gear ratios": RATIOS, "Rated torque": RATED_NM}
-    for name, values_of in texts.items():
-        type_in(page, main.get_by_role("textbox", name=name), ", ".join(f"{v:g}" for v in values_of))
-    held = main.get_by_role("combobox", name="Torque between samples")
-    tab_to(page, held)
+
+
+def hold_torque(page: Page) -> None:
+    """Say that the torque is held, and confirm what no log states."""
+    tab_to(page, held(page))
     with answered(page):
         page.keyboard.type("held until")
         expect(page.get_by_role("option").first).to_have_text("held until the next sample")
         page.keyboard.press("Enter")
-    expect(held).to_have_value("held until the next sample")
-    press(page, main.get_by_role("button", name="Confirm the drive data"))
-    for box, value in ((rotors(page), M), (main.get_by_role("textbox", name="Arm inertia M2"), M2)):
-        type_in(page, box, value)
-    tab_to(page, main.get_by_role("button", name="Open as study"))
+    press(page, page.get_by_role("button", name="Confirm the drive data"))
+
+
+def entries_are_there(page: Page) -> None:
+    """All that was entered, in a page that has only the address."""
+    expect(page.locator("summary", has_text="cell.csv")).to_be_visible()
+    finished(page, "Import a log")
+    tab_to(page, page.locator("summary", has_text="3 Drive data"))
     page.keyboard.press("Enter")
-    expect(page.get_by_role("heading", level=1)).not_to_have_text("Import a log")
-    rested(page)
-    expect(page.get_by_text("6 records")).to_be_visible()
-    near_the_truth(page)
-    tab_to(page, sidebar.get_by_role("link", name="Report and export"))
+    for name, text in ENTRIES.items():
+        expect(page.get_by_role("textbox", name=name)).to_have_value(text)
+    expect(held(page)).to_have_value("held until the next sample")
+    expect(rotors(page)).to_have_value(M)
+
+
+def make_report(page: Page) -> None:
+    tab_to(page, page.get_by_test_id("stSidebar").get_by_role("link", name="Report and export"))
     page.keyboard.press("Enter")
     finished(page, "Report and export")
-    press(page, main.get_by_role("button", name="Make the report"))
-    tab_to(page, main.get_by_role("button", name="Report as PDF"))
+    press(page, page.get_by_role("button", name="Make the report"))
+    tab_to(page, page.get_by_role("button", name="Report as PDF"))
     with page.expect_download() as download:
         page.keyboard.press("Enter")
     assert Path(download.value.path()).read_bytes().startswith(b"%PDF")
+
+
+def test_by_keyboard_from_a_zipped_log_to_the_report_past_refresh_kill_and_a_closed_tab(
+    log: Log, shared: Server, context: BrowserContext
+) -> None:
+    """Every kind of log gives K and D without a browser: ``test_import_readers.py``."""
+    page = keyed(context, shared.address)
+    tab_to(page, page.get_by_test_id("stSidebar").get_by_role("link", name="Import a log"))
+    page.keyboard.press("Enter")
+    finished(page, "Import a log")
+    upload(page, log)
+    for name, text in ENTRIES.items():
+        type_in(page, page.get_by_role("textbox", name=name), text)
+    hold_torque(page)
+    type_in(page, rotors(page), M)
     assert page.evaluate("window.touched") is None
+    page.reload(wait_until="commit")
+    entries_are_there(page)
+    drop_first_run(page)
+    assert is_kept(shared, f'"import M": "{M}"')
+    address = page.url
+    shared.kill()
+    page.close()
+    shared.start()
+    page = keyed(context, address)
+    entries_are_there(page)
+    type_in(page, page.get_by_role("textbox", name="Arm inertia M2"), M2)
+    expect(page.get_by_text("Used by the method")).to_be_visible()
+    tab_to(page, page.get_by_role("button", name="Open as study"))
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", level=1)).not_to_have_text("Import a log")
+    rested(page)
+    expect(page.get_by_text("5 records")).to_be_visible()
+    near_the_truth(page)
+    make_report(page)
+    assert page.evaluate("window.touched") is None
+    page.goto(address, wait_until="commit")
+    finished(page, "Import a log")
+    expect(page.get_by_text("Still open")).to_have_count(0)
     page.close()
 
 
@@ -237,7 +196,9 @@ STILL = """async element => {
 
 def drop_first_run(page: Page) -> None:
     """Untick the first line of the table, whose cells are drawn on a canvas."""
-    page.get_by_text("4 Runs").click()
+    step = page.locator("summary", has_text="4 Runs")
+    if step.locator("..").get_attribute("open") is None:
+        step.click()
     table = page.get_by_test_id("stDataFrame").last
     expect(table).to_be_visible()
     for _ in range(2):  # the figure above it, drawn late, moves it away

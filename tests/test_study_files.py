@@ -11,6 +11,7 @@ import time
 import tomllib
 import zipfile
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,7 @@ POSE = "M2 = [[0.0081, 0.0021], [0.0021, 0.0019]]"
 HEADER = "time_s,theta_m1_rad,theta_m2_rad,tau_m1_Nm,tau_m2_Nm"
 
 
+@cache
 def csv_text(frequency_hz: float = 5.0, rows: int = 500, interval_s: float = 0.001) -> str:
     lines = [HEADER]
     for k in range(rows):

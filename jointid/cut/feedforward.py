@@ -10,13 +10,12 @@ side.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from jointid.arrays import Floats
 from jointid.cut.arm import Elbow, PlanarArm
 from jointid.cut.servo import Servo, ServoPlan, friction_values
 from jointid.cut.toolpath import Toolpath
-from jointid.gears.laws import GearLaws
+from jointid.gears.laws import GearLaws, decaying
 
 _FILTER_STEP_S = 1.25e-4
 """Step of the integrated deflection; its error is below 0.1 µm at the tool."""
@@ -88,14 +87,10 @@ def deflection(torque: Floats, K: float, D: float, step_s: float) -> Floats:
         return np.asarray(torque / K)
     r = K * step_s / D
     decay, mean = np.exp(-r), -np.expm1(-r) / r
-    u = np.moveaxis(torque, -1, 0)
-    before = np.concatenate([np.zeros_like(u[:1]), u[:-1]])
-    driven = ((1 - mean) * u + (mean - decay) * before) / K
-    # x_k = decay x_(k−1) + driven_k is a bidiagonal system; scipy.signal would take long to import.
-    bands = np.ones((2, len(driven)))
-    bands[1] = -decay
-    found = solve_banded((1, 0), bands, driven.reshape(len(driven), -1), check_finite=False)
-    return np.moveaxis(found.reshape(driven.shape), 0, -1)
+    before = np.concatenate([np.zeros_like(torque[..., :1]), torque[..., :-1]], axis=-1)
+    driven = ((1 - mean) * torque + (mean - decay) * before) / K
+    found = decaying(np.array([[decay]]), driven.reshape(-1, driven.shape[-1]))
+    return np.asarray(found.reshape(driven.shape))
 
 
 def plan_servo(

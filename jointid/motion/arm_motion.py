@@ -16,9 +16,9 @@ from functools import cached_property
 import numpy as np
 from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
 
 from jointid.arrays import Complexes, Floats
+from jointid.gears.laws import decaying
 from jointid.motion.reversals import phasors_of_turns, reversals
 from jointid.phasors.segment import Motors, Segment
 
@@ -114,12 +114,11 @@ class DrivenArms:
         return found
 
     def _by_torque(self, velocity: Floats, torque: Floats, T: float) -> Floats:
-        found = np.zeros_like(torque)
-        for j in range(self.K.size):
-            damped = 2 * abs(self.D[j]) / T
-            wound = lfilter([1, 1], [self.K[j] + damped, self.K[j] - damped], torque[j] - torque[j, 0])
-            found[j] = velocity[j] - np.gradient(wound) / T
-        return found
+        damped = 2 * np.abs(self.D[:, None]) / T
+        stiffness, twice = self.K[:, None] + damped, torque - torque[:, :1]
+        twice[:, 1:] += twice[:, :-1].copy()
+        wound = decaying((damped - self.K[:, None]) / stiffness, twice / stiffness)
+        return np.asarray(velocity - np.gradient(wound, axis=1) / T)
 
     def _driven(
         self, angle: Floats, velocity: Floats, friction: Floats, measured: Floats, T: float
@@ -135,9 +134,7 @@ class DrivenArms:
         x = (poles * T)[:, None]
         whole, late = np.expm1(x) / x, (np.expm1(x) - x) / x**2  # forces change linearly in a step
         steps = T * ((whole - late) * sizes[:, :-1] + late * sizes[:, 1:])
-        moved = np.zeros((2 * n, points), complex)
-        for k, pole in enumerate(x[:, 0]):
-            moved[k, 1:] = lfilter([1], [1, -np.exp(pole)], steps[k])
+        moved = np.pad(decaying(np.exp(x), steps), ((0, 0), (1, 0)))
         # The arms' free motion from any start, real and imaginary part, and a constant torque.
         of_gears, decay = (
             np.hstack([np.diag(self.K), np.diag(self.D)]) @ shapes,

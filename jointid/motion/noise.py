@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.signal import detrend
 
 from jointid.arrays import Complexes, Floats
 from jointid.motion.sampling import UniformPart
@@ -74,7 +73,8 @@ def repeated_variances(parts: Sequence[UniformPart]) -> Floats:
 
 def _repeated_rounding(theta: Floats) -> float:
     N, step = theta.size, quantum(theta)
-    angle = detrend(theta)
+    ramp = np.arange(N) - 0.5 * (N - 1)
+    angle = theta - theta.mean() - ramp * (ramp @ theta / max(float(ramp @ ramp), 1.0))
     if step == 0 or not angle.any():
         return 0.0
     lags = np.arange(N // 2)
