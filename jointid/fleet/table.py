@@ -14,7 +14,6 @@ import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 from jointid.background.child_process import Child, Ended, Limits
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.parameters import PARAMETERS
-from jointid.files.atomic_write import write_file
 from jointid.fleet.jobs import WORKER
 from jointid.fleet.row import MAX_JOINTS, Row, from_plain
 
@@ -42,16 +41,8 @@ _OPTIONAL = ("delay_s", "delay_error_s", "misfit", "findings")
 _TYPES = {f.name: _ARROW_TYPES[f.type] for f in fields(Row) if f.name not in _JOINTWISE}
 
 
-def write_rows(path: Path, rows: Sequence[Row]) -> None:
-    """Write a table atomically; its columns are K1, K1_error, D1 and so on.
-
-    Raises JointIdError when it cannot be written.
-    """
-    write_file(path, to_parquet(rows))
-
-
 def to_parquet(rows: Sequence[Row]) -> bytes:
-    """Return a table as the bytes of a Parquet file."""
+    """Return a table as the bytes of a Parquet file; its columns are K1, K1_error, D1 and so on."""
     buffer = io.BytesIO()
     pa_parquet.write_table(as_table(rows), buffer)
     return buffer.getvalue()
@@ -81,7 +72,7 @@ def as_table(rows: Sequence[Row]) -> Any:
 
 
 def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
-    """Return the rows of a table that ``write_rows`` wrote.
+    """Return the rows of a table of ``to_parquet``.
 
     ``read_untrusted`` reads tables from unknown sources in a child process.
 
