@@ -25,10 +25,7 @@ _HEAD = ("study", "name", "robot", "date", "origin", "joints", "records")
 _OF_SPRINGS = ("K", "K_error", "D", "D_error", "K_nominal", "D_nominal")
 _JOINTWISE = {name: f"{name[0]}{{}}{name[1:]}" for name in _OF_SPRINGS}
 _JOINTWISE |= {"coulomb": "coulomb{}_Nm", "viscous": "viscous{}_Nms_rad"}
-_TAIL = (
-    "delay_s", "delay_error_s", "model", "misfit", "verdict", "findings", "error", "failure", "time_s",
-    "method", "version", "digest", "content",
-)  # fmt: skip
+_TAIL = tuple(f.name for f in fields(Row) if f.name not in (*_HEAD, *_JOINTWISE))
 _ARROW_TYPES: dict[object, Any] = {
     str: pa.string(),
     int: pa.int32(),
