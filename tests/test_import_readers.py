@@ -157,6 +157,8 @@ class TestTwinCat:
 def test_codesys_states_microseconds() -> None:
     for data in (make.codesys_trace(microseconds=True), make.codesys_csv(microseconds=True)):
         check_motion(read_log(data, "trace.bin")[0])
+    lines = make.codesys_trace().decode("utf-16").replace(",", ",\n ")
+    check_motion(read_log(lines.encode("utf-16"), "trace.bin")[0])
     bits = re.sub(rb"; (\d+); -\S+", rb"; \1; FALSE", make.codesys_csv())
     torque = read_log(bits, "trace.bin")[0].columns[2].values
     assert torque == pytest.approx(np.maximum(TORQUE, 0.0), abs=1e-6)

@@ -33,8 +33,8 @@ def read_xml(file: str, path: str) -> tuple[LogTable, ...]:
     signals: list[Signal] = []
     for name, values, stamps in _VARIABLE.findall(text):
         # The last sample of a running trace may lack one of the two.
-        pairs = zip(stamps.split(","), values.split(","), strict=False)
-        rows = [f"{stamp};{value}" for stamp, value in pairs]
+        cells = ("".join(text.split()).split(",") for text in (stamps, values))
+        rows = [f"{stamp};{value}" for stamp, value in zip(*cells, strict=False)]
         signals += _signal(f"{file}: samples of {name:.100}", name, rows, step)
     return tables_of_signals(file, signals, otherwise=f"{file} {_NO_SAMPLES}")
 
@@ -61,10 +61,10 @@ def _signal(
     where: str, name: str, rows: list[str], step_s: float, first_line: int = 1
 ) -> Iterator[Signal]:
     """Signal of rows "time; value", if there are any."""
-    plain = ["".join(row.split()).lower() for row in rows]
-    plain = [row.replace("true", "1").replace("false", "0") for row in plain]
-    if any(row.strip(";") for row in plain):
-        time, values = columns_of(where, plain, ("time", name), first_line=first_line)
+    text = re.sub(r"[^\S\n]", "", "\n".join(rows))
+    rows = re.sub("(?i)false", "0", re.sub("(?i)true", "1", text)).split("\n")
+    if any(row.strip(";") for row in rows):
+        time, values = columns_of(where, rows, ("time", name), first_line=first_line)
         yield Signal(name, time * step_s, values)
 
 
