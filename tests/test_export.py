@@ -283,6 +283,11 @@ def test_matlab_file_holds_all_results(analyses: dict[int, Analysis]) -> None:
 RATIO = np.array([100.0, -90.0])
 
 
+def test_a_name_with_hyphens_leaves_the_xml_valid(known: Analysis) -> None:
+    named = replace(known, study=replace(known.study, name="cell---7--"))
+    ET.fromstring(mujoco_snippet(named, RATIO))
+
+
 def test_arm_side_values_give_the_same_resonances(known: Analysis) -> None:
     arm = arm_side(known, RATIO)
     np.testing.assert_allclose(arm.K, [43.0 * 1e4, 7.5 * 8100], rtol=1e-15)

@@ -111,11 +111,11 @@ def test_friction_and_delay_are_in_the_row(sample_folder: Path) -> None:
 
 def test_rows_survive_json_and_parquet_to_the_last_bit(truth: dict[str, Row], tmp_path: Path) -> None:
     from jointid.fleet.row import failed_row
-    from jointid.fleet.table import write_rows
+    from jointid.fleet.table import to_parquet
 
     rows = (*truth.values(), failed_row("/a\nb.zip", "auto", "time", "It took …", time_s=1.5))
     assert tuple(from_plain(json.loads(json.dumps(to_plain(row)))) for row in rows) == rows
-    write_rows(tmp_path / "r.parquet", rows)
+    (tmp_path / "r.parquet").write_bytes(to_parquet(rows))
     assert read_fleet(tmp_path / "r.parquet") == rows
     table = pyarrow.parquet.read_table(tmp_path / "r.parquet")
     assert table["K1"].to_pylist()[:-1] == [row.K[0] for row in truth.values()]
@@ -126,10 +126,10 @@ def test_rows_survive_json_and_parquet_to_the_last_bit(truth: dict[str, Row], tm
 def test_a_table_that_was_changed_is_refused(truth: dict[str, Row], tmp_path: Path, change: str) -> None:
     import pyarrow as pa
 
-    from jointid.fleet.table import write_rows
+    from jointid.fleet.table import to_parquet
 
     path = tmp_path / "r.parquet"
-    write_rows(path, list(truth.values()))
+    path.write_bytes(to_parquet(list(truth.values())))
     table = pyarrow.parquet.read_table(path)
     if change == "kind":
         table = table.replace_schema_metadata(None)

@@ -778,3 +778,20 @@ class TestAssumptions:
     def test_missing_entries_give_no_assumption(self, mapping: Mapping) -> None:
         names = ("gear ratio of joint 7", "colour of joint 1", "side of spindle of joint 1", "weather")
         assert assumptions(replace(mapping, assumed=names)) == ()
+
+
+def test_a_sensor_behind_the_gear_with_times_of_its_own_is_unwrapped() -> None:
+    time = np.arange(2000) * 1e-3
+    angle = 5 * np.sin(20 * time)
+    own = np.arange(2000) % 2 == 1
+    columns = (
+        LogColumn("t", numbers(time), "s"),
+        LogColumn("q", numbers(np.where(own, np.nan, angle)), "rad"),
+        LogColumn("tau", numbers(np.where(own, np.nan, angle)), "N·m"),
+        LogColumn("arm", numbers(np.where(own, angle % 360, np.nan)), "deg"),
+    )
+    joint = JointMapping(Channel("q", "rad"), Channel("tau", "N·m"), arm=Channel("arm", "deg"))
+    log = apply_mapping(LogTable("log", columns), Mapping(TimeColumn("t", "s"), (joint,)))
+    assert log.arm_rad is not None
+    moved = np.degrees(log.arm_rad[:, 0])
+    assert moved - moved[0] == pytest.approx(log.theta_rad[:, 0] - log.theta_rad[0, 0], abs=1e-4)

@@ -18,6 +18,8 @@ from pathlib import Path
 
 import format_makers as make
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pa_parquet
 import pytest
 from format_makers import FORMATS
 from log_makers import ANGLE, KINDS, ROWS, SINES_HZ, TIME_S, TORQUE, sheet_of, two_joint_log, zipped
@@ -156,6 +158,11 @@ class TestTwinCat:
 def test_codesys_states_microseconds() -> None:
     for data in (make.codesys_trace(microseconds=True), make.codesys_csv(microseconds=True)):
         check_motion(read_log(data, "trace.bin")[0])
+    lines = make.codesys_trace().decode("utf-16").replace(",", ",\n ")
+    check_motion(read_log(lines.encode("utf-16"), "trace.bin")[0])
+    bits = re.sub(rb"; (\d+); -\S+", rb"; \1; FALSE", make.codesys_csv())
+    torque = read_log(bits, "trace.bin")[0].columns[2].values
+    assert torque == pytest.approx(np.maximum(TORQUE, 0.0), abs=1e-6)
     empty = make.codesys_trace().split(b"<\0T\0r\0a\0c\0e\0D\0")[0]
     assert "without samples" in refused(empty, "cell.trace")
 
@@ -180,6 +187,15 @@ def test_both_kinds_of_halscope_captures() -> None:
         check_motion(table, torque_digits=1e-9)
 
 
+def test_time_stamps_keep_nanoseconds_beside_a_missing_one(tmp_path: Path) -> None:
+    ticks = 1_790_000_000_000_000_001 + 1_000_001 * np.arange(20)
+    stamps = pa.array([*ticks.tolist(), None], pa.int64()).cast(pa.timestamp("ns"))
+    table = pa.table({"t": stamps, "q": np.arange(21.0)})
+    pa_parquet.write_table(table, path := tmp_path / "log.parquet")
+    (found,) = readers()["parquet"].read("log.parquet", str(path))
+    assert found.column("t").values[:-1] == pytest.approx(1.000001e-3 * np.arange(20), abs=1e-12)
+
+
 def test_a_row_per_run_is_a_table_per_run() -> None:
     one, two = read_log(make.parquet_runs(), "runs.parquet")
     check_motion(one, torque_digits=1e-9)
@@ -192,6 +208,18 @@ def test_long_tables(separator: str, decimal: str, stamps: bool) -> None:
     tables = read_log(make.tidy(separator=separator, decimal=decimal, stamps=stamps), "long.csv")
     check_motion(tables[0], torque_digits=1e-6)
     assert [column.unit for column in tables[0].columns] == ["s" if stamps else "ms", "rad", "N·m"]
+
+
+@pytest.mark.parametrize("unit", ["", " sec"])
+def test_a_colon_in_a_name_makes_no_time_of_day(unit: str) -> None:
+    """Only the time column decides; it may hold durations with their unit."""
+    data = make.tidy(separator=";", decimal=".").decode()
+    data = data.replace("Position", "Drive:Position").replace("Moment", "Drive:Moment")
+    lines = [line.split(";") for line in data.splitlines()]
+    for row in lines[1:] if unit else []:
+        row[0] = f"{int(row[0]) / 1000:g}{unit}"
+    table = read_log("\n".join(map(";".join, lines)).encode(), "long.csv")[0]
+    check_motion(table, torque_digits=1e-6)
 
 
 @pytest.mark.parametrize("named", [False, True])

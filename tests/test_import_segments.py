@@ -27,9 +27,9 @@ from jointid.importing import (
     segment_records,
     study_from_logs,
 )
-from jointid.importing.find import run_list
 from jointid.importing.find.segments import FoundSegments
 from jointid.importing.find.steady_state import Frames, settled_part
+from jointid.importing.map import mapping
 
 BOTH = np.array([1.0, 0.6 * np.exp(0.4j)])
 OTHER = np.array([0.8, -0.9 * np.exp(-0.5j)])
@@ -527,8 +527,11 @@ def test_a_list_of_runs_names_the_log_of_each(monkeypatch: pytest.MonkeyPatch) -
     for start in ("true", '"1"'):
         with pytest.raises(JointIdError, match=r"Run 2 of the list: start_s = .*; expected a number"):
             runs_from_json(text.replace("0.5", start), [one, two])
-    monkeypatch.setattr(run_list, "_MAX_LENGTH", len(text) - 1)
+    again = replace(two, name="one.csv")  # from another folder
+    found = runs_from_json(runs_to_json([one, again], [of_one, of_two]), [one, again])
+    assert [len(runs) for runs in found] == [1, 2]
+    monkeypatch.setattr(mapping, "_MAX_LENGTH", len(text) - 1)
     with pytest.raises(JointIdError, match="more than the limit"):
         runs_from_json(text, [one, two])
-    monkeypatch.setattr(run_list, "_MAX_LENGTH", len(text))
+    monkeypatch.setattr(mapping, "_MAX_LENGTH", len(text))
     assert len(runs_from_json(text, [one, two])) == 2

@@ -537,3 +537,11 @@ def test_a_line_of_column_numbers_is_no_row(head: str) -> None:
 def test_one_row_of_numbers_is_refused(rows: str) -> None:
     with pytest.raises(JointIdError, match="has 1 row of numbers"):
         read_log(f"t,q,tau\n{rows}".encode(), "log.csv")
+
+
+def test_minus_signs_are_those_of_negative_numbers() -> None:
+    (table,) = read_log(comma_log().replace(b"-", "\N{MINUS SIGN}".encode()), "cell.csv")
+    (plain,) = read_log(comma_log(), "cell.csv")
+    assert min(table.columns[1].values) < 0
+    for one, two in zip(table.columns, plain.columns, strict=True):
+        np.testing.assert_array_equal(one.values, two.values)

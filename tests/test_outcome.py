@@ -14,7 +14,7 @@ from plants import ONE, PAPER, PARALLELOGRAM, SERIAL, THREE, THREE_SPRINGS
 from random_cases import examples
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm, Study, analyse, rectangle
-from jointid.cut.outcome import cut_outcome, cut_with_laws, gears_text, millimetres, study_outcome
+from jointid.cut.outcome import cut_outcome, cut_with_laws, millimetres, study_outcome, with_laws_text
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.servo import Servo
 from jointid.gears.gear import Gear
@@ -58,8 +58,9 @@ def scaled(ratio: float) -> Elasticity:
 def test_both_cuts_have_the_nonlinear_gears_and_a_servo_may_compensate_them() -> None:
     hard = replace(robot(), gears=(Gear(cubic=9000.0), Gear()))
     outcome = cut_outcome(hard, PATH, PAPER, samples=2)
-    known = cut_with_laws(hard, outcome.toolpath).max_contour_error_m
-    assert f"assumes these laws as well, the path error is {millimetres(known)}." in gears_text(outcome)
+    run = cut_with_laws(hard, outcome.toolpath)
+    known = run.max_contour_error_m
+    assert f"assumes these laws as well, the path error is {millimetres(known)}." in with_laws_text(run)
     assert outcome.after_m > 5 * known
     assert not outcome.depends_on_elasticity
 

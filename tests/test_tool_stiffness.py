@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
 from jointid import Elasticity, JointIdError, PlanarArm, RobotModel, locked_resonances
-from jointid.cut.path_deflection import joint_path
+from jointid.cut.path_deflection import joint_path, own_path_deflections
 from jointid.cut.rectangle import rectangle
 from jointid.cut.tool_stiffness import planar_tool_stiffness, tool_stiffness
 from jointid.figures.cut import deflection_ellipse
@@ -75,6 +78,14 @@ def test_deflection_along_a_path_is_that_of_gravity_and_inertia() -> None:
     far = rectangle(width_m=3.0, height_m=3.0, centre_m=(0.0, 0.0))
     with pytest.raises(JointIdError, match="does not reach"):
         joint_path(ROBOT, POSE, far)
+
+
+def test_an_undetermined_k_gives_no_deflection() -> None:
+    fit = SimpleNamespace(n=6, K=ELASTICITY.K, covariance=np.full((12, 12), np.inf))
+    study = SimpleNamespace(robot_model=ROBOT, pose_angles_rad={"": POSE}, nominal=None)
+    analysis: Any = SimpleNamespace(study=study, fit=fit)
+    with pytest.raises(JointIdError, match="K is too uncertain"):
+        own_path_deflections(analysis, [0.005])
 
 
 def test_deflection_of_a_slow_tool_is_that_of_gravity() -> None:

@@ -183,12 +183,6 @@ def cut_by(
     return partial(track, robot.arm, toolpath, servo=servo, friction=friction, gears=robot.laws)
 
 
-def gears_text(outcome: Outcome) -> str:
-    """Path error if the servo assumes the identified laws of nonlinear gears."""
-    run = cut_with_laws(outcome.robot, outcome.toolpath, friction=outcome.robot.friction)
-    return f"The simulated robots have the identified gear laws. {with_laws_text(run)}"
-
-
 def with_laws_text(run: TrackingRun) -> str:
     """State the path error of a servo that assumes the gear laws as well."""
     return (

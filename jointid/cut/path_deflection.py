@@ -101,8 +101,10 @@ def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[P
     if not has_own_path(analysis) or study.robot_model is None:
         raise JointIdError("The study has no robot model with joint angles: give [robot_model].")
     robot, q = study.robot_model, next(iter(study.pose_angles_rad.values()))
-    draws = np.random.default_rng(0).multivariate_normal(fit.K, fit.covariance[: fit.n, : fit.n], _DRAWS)
-    if not np.isfinite(draws).all() or np.any(draws <= 0):
+    covariance, draws = fit.covariance[: fit.n, : fit.n], np.zeros(1)
+    if np.isfinite(covariance).all():
+        draws = np.random.default_rng(0).multivariate_normal(fit.K, covariance, _DRAWS)
+    if np.any(draws <= 0):
         raise JointIdError(
             "K is too uncertain for a deflection of the tool. Resolve the findings first."
         )

@@ -8,6 +8,7 @@ An elastic joint is two hinges in series about one axis: the driven one of the m
 its friction, and the one of the spring, with stiffness and damping.
 """
 
+import re
 from typing import NamedTuple
 from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
@@ -262,4 +263,4 @@ def _error(error: float) -> str:
 
 def _comment(text: str) -> str:
     """Text that is valid in an XML comment."""
-    return printable(text).replace("--", "- -")
+    return re.sub("-(?=-)", "- ", printable(text))

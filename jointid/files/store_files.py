@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from jointid.files.atomic_write import new_file
+from jointid.wording import printable
 
 MAX_NAME = 120
 """Longest name of an entry, characters."""
@@ -124,7 +125,7 @@ def write_name(file: Path, name: str) -> None:
 
 def one_line(name: str) -> str:
     """Return a name as one line of at most ``MAX_NAME`` printable characters."""
-    return " ".join("".join(c if c.isprintable() else " " for c in name).split())[:MAX_NAME]
+    return " ".join(printable(name).split())[:MAX_NAME]
 
 
 def _seal(meta: dict[str, Any]) -> str:

@@ -12,12 +12,12 @@ from jointid.background.child_process import Limits as Limits
 from jointid.errors import JointIdError
 from jointid.estimation.identify_elasticity import require_method
 from jointid.files.application import __version__
-from jointid.files.atomic_write import require_folder
+from jointid.files.atomic_write import require_folder, write_file
 from jointid.fleet.jobs import Job, Local
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import Row
 from jointid.fleet.studies import find_studies, path_text
-from jointid.fleet.table import read_fleet, write_rows
+from jointid.fleet.table import read_fleet, to_parquet
 from jointid.wording import counted
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def analyse_fleet(
                 report()
         here = [rows[job.study] for job in jobs]
         others = [row for study, row in before.items() if study not in rows]
-        write_rows(target, [*here, *others])
+        write_file(target, to_parquet([*here, *others]))
         journal.remove()
     return Summary(
         out=target,

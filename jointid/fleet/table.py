@@ -14,7 +14,6 @@ import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 from jointid.background.child_process import Child, Ended, Limits
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.parameters import PARAMETERS
-from jointid.files.atomic_write import write_file
 from jointid.fleet.jobs import WORKER
 from jointid.fleet.row import MAX_JOINTS, Row, from_plain
 
@@ -26,10 +25,7 @@ _HEAD = ("study", "name", "robot", "date", "origin", "joints", "records")
 _OF_SPRINGS = ("K", "K_error", "D", "D_error", "K_nominal", "D_nominal")
 _JOINTWISE = {name: f"{name[0]}{{}}{name[1:]}" for name in _OF_SPRINGS}
 _JOINTWISE |= {"coulomb": "coulomb{}_Nm", "viscous": "viscous{}_Nms_rad"}
-_TAIL = (
-    "delay_s", "delay_error_s", "model", "misfit", "verdict", "findings", "error", "failure", "time_s",
-    "method", "version", "digest", "content",
-)  # fmt: skip
+_TAIL = tuple(f.name for f in fields(Row) if f.name not in (*_HEAD, *_JOINTWISE))
 _ARROW_TYPES: dict[object, Any] = {
     str: pa.string(),
     int: pa.int32(),
@@ -42,16 +38,8 @@ _OPTIONAL = ("delay_s", "delay_error_s", "misfit", "findings")
 _TYPES = {f.name: _ARROW_TYPES[f.type] for f in fields(Row) if f.name not in _JOINTWISE}
 
 
-def write_rows(path: Path, rows: Sequence[Row]) -> None:
-    """Write a table atomically; its columns are K1, K1_error, D1 and so on.
-
-    Raises JointIdError when it cannot be written.
-    """
-    write_file(path, to_parquet(rows))
-
-
 def to_parquet(rows: Sequence[Row]) -> bytes:
-    """Return a table as the bytes of a Parquet file."""
+    """Return a table as the bytes of a Parquet file; its columns are K1, K1_error, D1 and so on."""
     buffer = io.BytesIO()
     pa_parquet.write_table(as_table(rows), buffer)
     return buffer.getvalue()
@@ -81,7 +69,7 @@ def as_table(rows: Sequence[Row]) -> Any:
 
 
 def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
-    """Return the rows of a table that ``write_rows`` wrote.
+    """Return the rows of a table of ``to_parquet``.
 
     ``read_untrusted`` reads tables from unknown sources in a child process.
 

@@ -46,20 +46,20 @@ def segment_records(
             "pose": pose,
         }
         name = f"{log.name}: {place}".removeprefix(": ")
-        if segment.is_motion:
-            arm = None if log.arm_rad is None else log.arm_rad[part]
-            # The band is that of the motors' torques; the stiffness behind the gears has its own.
-            shared |= {"arm_rad": arm, "band_hz": segment.band_hz if arm is None else None}
-            records.append(MotionRecord(theta_rad=theta, tau_Nm=tau, label=name, **shared))
-        for line in segment.lines_hz:
-            others = [other for other in segment.lines_hz if other != line]
-            label = f"{name}, {significant(line)} Hz" if others else name
-            try:
+        try:
+            if segment.is_motion:
+                arm = None if log.arm_rad is None else log.arm_rad[part]
+                # The band is that of the motors' torques; the stiffness behind the gears has its own.
+                shared |= {"arm_rad": arm, "band_hz": segment.band_hz if arm is None else None}
+                records.append(MotionRecord(theta_rad=theta, tau_Nm=tau, label=name, **shared))
+            for line in segment.lines_hz:
+                others = [other for other in segment.lines_hz if other != line]
+                label = f"{name}, {significant(line)} Hz" if others else name
                 rest = signals - _other_lines(time, signals, line, others)
                 q, u = np.hsplit(rest, 2)
                 records.append(SineRecord(line, theta_rad=q, tau_Nm=u, label=label, **shared))
-            except JointIdError as error:
-                raise JointIdError(f"Run {number} ({place}): {error}") from error
+        except JointIdError as error:
+            raise JointIdError(f"Run {number} ({place}): {error}") from error
     return tuple(records)
 
 

@@ -97,10 +97,6 @@ def _pairs(n: int) -> Iterator[tuple[list[int], float]]:
 
 def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:
     """The simulated cut before and after, or the reason for its absence; two joints only."""
-    if analysis.study.inertia.n != 2:
-        return None, ""
-    if any(finding.level == "problem" for finding in analysis.findings):
-        return None, "No cut is shown, because the answer cannot be used: see the verdict."
     try:
         return study_outcome(analysis), ""
     except JointIdError as error:

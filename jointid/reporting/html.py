@@ -8,8 +8,6 @@ from jointid.reporting.drawing import to_svg
 from jointid.verdict.findings import Finding
 
 _STYLE = Path(__file__).with_name("report.css").read_text("utf-8")
-LEVELS = {"problem": "Problem", "warning": "Warning", "good": "Good", "note": "Note"}
-"""A word for every level, beside its colour."""
 
 
 def to_html(report: Report) -> str:
@@ -79,7 +77,7 @@ def _figure(figure: Figure) -> str:
 def _finding(finding: Finding) -> str:
     remedy = f"<p><em>{_clean(finding.remedy)}</em></p>" if finding.remedy else ""
     return (
-        f'<div class="finding {finding.level}"><p><strong>{LEVELS[finding.level]}: '
+        f'<div class="finding {finding.level}"><p><strong>{finding.level.capitalize()}: '
         f"{_clean(finding.title)}.</strong> {_clean(finding.detail)}</p>{remedy}</div>\n"
     )
 

@@ -17,7 +17,6 @@ from reportlab.platypus import Table as Grid
 
 from jointid.reporting.blocks import Block, Figure, Paragraph, Report, Table, Verdict
 from jointid.reporting.drawing import Drawing, Line, Marks
-from jointid.reporting.html import LEVELS
 from jointid.verdict.findings import Finding
 from jointid.wording import printable
 
@@ -170,7 +169,8 @@ def _set(text: str, style: Any) -> Any:
 
 
 def _finding(finding: Finding, styles: dict[str, Any], width: float) -> Any:
-    text = f"<b>{LEVELS[finding.level]}: {_clean(finding.title)}.</b> {_clean(finding.detail)}"
+    title = f"{finding.level.capitalize()}: {_clean(finding.title)}."
+    text = f"<b>{title}</b> {_clean(finding.detail)}"
     parts = [Set(text, styles["plain"])]
     if finding.remedy:
         parts.append(_set(finding.remedy, styles["quiet"]))

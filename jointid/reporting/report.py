@@ -20,7 +20,7 @@ from jointid.answer import (
     further_quantities,
     model_name,
 )
-from jointid.cut.outcome import Outcome, gears_text, millimetres, robot_text
+from jointid.cut.outcome import Outcome, cut_with_laws, millimetres, robot_text, with_laws_text
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.application import __version__
@@ -118,7 +118,9 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
             f"({outcome.which}). {outcome.not_better if outcome.depends_on_elasticity else ''}".rstrip()
         )
         if outcome.robot.gears:
-            yield Paragraph(gears_text(outcome))
+            run = cut_with_laws(outcome.robot, outcome.toolpath, friction=outcome.robot.friction)
+            laws = "The simulated robots have the identified gear laws."
+            yield Paragraph(f"{laws} {with_laws_text(run)}")
     parts = error_table(fit, analysis.unit)
     caption = f"Parts of the standard errors by cause, {analysis.unit.side}. {parts_meaning(parts)}"
     yield Table.of(parts, caption.rstrip())

@@ -11,6 +11,7 @@ from jointid.setpoints.experiment import Motion
 from jointid.setpoints.limit_check import LimitRow, require_within_limits
 from jointid.setpoints.robot_limits import RobotLimits
 from jointid.setpoints.simulated_experiment import SimulatedExperiment
+from jointid.wording import printable
 
 _ASCII = str.maketrans({"−": "-", "·": " ", "°": "deg", "²": "^2"})
 """Controllers may refuse other characters, in comments too."""
@@ -133,8 +134,7 @@ def _list(values: Iterable[float]) -> str:
 
 def _one_line(text: str) -> str:
     """Text of a user that cannot end the comment."""
-    line = " ".join("".join(c if c.isprintable() else " " for c in text).split())[:200]
-    return line or "without a name"
+    return " ".join(printable(text).split())[:200] or "without a name"
 
 
 def numbers(values: Floats, decimals: int) -> str:

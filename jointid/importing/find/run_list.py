@@ -5,21 +5,22 @@ from collections.abc import Sequence
 from typing import Any
 
 from jointid.errors import JointIdError
+from jointid.importing.columns.log_table import distinct_names
 from jointid.importing.find.segment import Segment
 from jointid.importing.find.segments import measure_run
 from jointid.importing.map.mapped_log import MappedLog
+from jointid.importing.map.mapping import json_values
 from jointid.wording import listed, nearest, shown
 
 _KEYS = ("log", "start_s", "stop_s", "frequency_hz", "band_hz")
-_MAX_LENGTH = 1 << 22
 
 
 def runs_to_json(logs: Sequence[MappedLog], found: Sequence[Sequence[Segment]]) -> str:
     """Write the runs of each log, a line for each; ``runs_from_json`` reads them."""
     lines = []
-    for log, segments in zip(logs, found, strict=True):
+    for name, segments in zip(_names(logs), found, strict=True):
         for segment in segments:
-            row: dict[str, Any] = {"log": log.name, "start_s": segment.start_s, "stop_s": segment.stop_s}
+            row: dict[str, Any] = {"log": name, "start_s": segment.start_s, "stop_s": segment.stop_s}
             lines_hz = list(segment.lines_hz)
             several = segment.is_multisine
             what = {"frequency_hz": lines_hz if several else segment.frequency_hz}
@@ -36,18 +37,11 @@ def runs_from_json(text: str | bytes, logs: Sequence[MappedLog]) -> list[list[Se
     its span holds. Raises JointIdError when the text is no list of runs, names no log, or a run is
     empty.
     """
-    if len(text) > _MAX_LENGTH:
-        raise JointIdError(
-            f"The list of runs has {len(text)} characters, more than the limit of {_MAX_LENGTH}."
-        )
-    try:
-        values = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise JointIdError(f"The list of runs is not JSON ({error!s:.120}): correct it.") from error
+    values = json_values("The list of runs", text, "write it by --list-runs.")
     rows = values.get("runs") if isinstance(values, dict) and values.get("format") == 1 else None
     if not isinstance(rows, list):
         raise JointIdError('The list of runs needs "format": 1 and "runs": write it by --list-runs.')
-    by_name = {log.name: k for k, log in enumerate(logs)}
+    by_name = {name: k for k, name in enumerate(_names(logs))}
     found: list[list[Segment]] = [[] for _ in logs]
     for number, row in enumerate(rows, start=1):
         try:
@@ -56,6 +50,11 @@ def runs_from_json(text: str | bytes, logs: Sequence[MappedLog]) -> list[list[Se
         except JointIdError as error:
             raise JointIdError(f"Run {number} of the list: {error}") from error
     return [sorted(segments, key=lambda s: s.start_s) for segments in found]
+
+
+def _names(logs: Sequence[MappedLog]) -> list[str]:
+    """Names of the logs, with a number where they repeat: "run.csv (2)"."""
+    return distinct_names(log.name for log in logs)
 
 
 def _log_of(row: Any, by_name: dict[str, int]) -> int:

@@ -223,7 +223,20 @@ def _require_one_of(where: str, key: str, value: object, known: Sequence[str]) -
         raise JointIdError(f"{where}: {key} = {shown(value)}; expected one of {listed(known)}.")
 
 
-_MAX_LENGTH = 1 << 20
+_MAX_LENGTH = 1 << 22
+"""Most characters of a mapping or of a list of runs."""
+
+
+def json_values(what: str, text: str | bytes, remedy: str) -> Any:
+    """Parse a JSON file that jointid writes. Raises JointIdError when it is too long or not JSON."""
+    if len(text) > _MAX_LENGTH:
+        raise JointIdError(
+            f"{what} has {len(text)} characters, more than the limit of {_MAX_LENGTH}: {remedy}"
+        )
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise JointIdError(f"{what} is not JSON ({error!s:.120}): {remedy}") from error
 
 
 def mapping_to_json(mapping: Mapping) -> str:
@@ -236,17 +249,7 @@ def mapping_from_json(text: str | bytes) -> Mapping:
 
     Raises JointIdError when the text is not a mapping; the message names key and value.
     """
-    if len(text) > _MAX_LENGTH:
-        raise JointIdError(
-            f"The mapping has {len(text)} characters, more than the limit of {_MAX_LENGTH}: choose one "
-            "that jointid saved."
-        )
-    try:
-        values = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise JointIdError(
-            f"The mapping is not JSON ({error!s:.120}): choose one that jointid saved."
-        ) from error
+    values = json_values("The mapping", text, "choose one that jointid saved.")
     top = _keys("mapping", values, Mapping, "format")
     version = top.pop("format", None)
     if version != 1:

@@ -192,13 +192,14 @@ def on_one_clock(mapping: Mapping, time: Floats, signals: Sequence[Floats]) -> t
         return [*signals], ""
     at = time[known[slowest] & within]
     found, notes = [], []
-    for j, (signal, rows) in enumerate(zip(signals, known, strict=True)):
-        values = signal[rows]
-        if j < mapping.n:
-            turned = unwrapped(values, mapping.joints[j].position)
+    angles = [joint.position for joint in mapping.joints], [joint.arm for joint in mapping.joints]
+    channels = [*angles[0], *[None] * mapping.n, *filter(None, angles[1])]
+    for j, (channel, signal, rows) in enumerate(zip(channels, signals, known, strict=True)):
+        values, held = signal[rows], channel is None and mapping.torque_hold
+        if channel is not None:
+            turned = unwrapped(values, channel)
             values = turned.values
-            notes += [" " + turned.note(mapping.joints[j].position)] if turned.jumps.size else []
-        held = mapping.n <= j < 2 * mapping.n and mapping.torque_hold
+            notes += [" " + turned.note(channel)] if turned.jumps.size else []
         full = np.full(time.size, np.nan)
         full[known[slowest] & within] = (
             values[within[rows]] if j == slowest else _values_at(at, time[rows], values, held)

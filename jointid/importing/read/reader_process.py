@@ -16,7 +16,6 @@ from jointid.background.child_process import Child, Ended, Limits
 from jointid.background.serving import Progress, serve_here
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogColumn, LogTable
-from jointid.importing.read.reader import Reader
 from jointid.importing.read.readers import TEXT, kind_of, readers
 from jointid.importing.read.text.tables import read_text_table
 
@@ -24,15 +23,6 @@ LIMITS = Limits(time_s=120.0, memory_bytes=3 << 30)
 """Per file; a log of the largest size, 256 MiB, takes half the memory."""
 _SMALL_TEXT = 4 << 20
 """Bytes of a text table that takes a few seconds at most, read without a process."""
-_TEXT = Reader(
-    "a table of text",
-    lambda head: True,
-    lambda file, path: (read_text_table(file, Path(path).read_bytes()),),
-)
-
-
-def _reader(kind: str) -> Reader:
-    return _TEXT if kind == TEXT else readers()[kind]
 
 
 class ReaderProcess:
@@ -47,7 +37,7 @@ class ReaderProcess:
         """Read the content of one file; all but small text goes through a temporary file."""
         kind = kind_of(name, data[:4096])
         if kind == TEXT and len(data) <= _SMALL_TEXT:
-            return (replace(read_text_table(name, data), read_as=_TEXT.name),)
+            return (replace(read_text_table(name, data), read_as=readers()[TEXT].name),)
         path = Path(self._folder.name, f"log.{kind}")
         path.write_bytes(data)
         try:
@@ -56,7 +46,7 @@ class ReaderProcess:
             path.unlink(missing_ok=True)
 
     def read(self, kind: str, name: str, path: Path) -> tuple[LogTable, ...]:
-        """Read one file or folder of a kind, "text" or a key of ``readers()``.
+        """Read one file or folder of a kind, a key of ``readers()``.
 
         Raises JointIdError when it is no log, crashes the process, or exceeds the limits.
         """
@@ -67,12 +57,12 @@ class ReaderProcess:
             late = f"reading it took more than {self._limits.time_s:g} s"
             fault = late if ended.late else "its content crashes the reader"
             raise JointIdError(
-                f"{name} cannot be read as {_reader(kind).name} ({fault}): it is damaged or too "
+                f"{name} cannot be read as {readers()[kind].name} ({fault}): it is damaged or too "
                 "large. Export it again, or cut it into several logs."
             ) from ended
         if "error" in header:
             raise JointIdError(header["error"])
-        return tuple(replace(t, read_as=_reader(kind).name) for t in _tables(header, body))
+        return tuple(replace(t, read_as=readers()[kind].name) for t in _tables(header, body))
 
     def close(self) -> None:
         """End the process and remove temporary files."""
@@ -98,7 +88,7 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
     kind, name, path = request["kind"], request["name"], request["path"]
     tempfile.tempdir = request["scratch"]  # what libraries leave there goes with the parent's folder
     try:
-        tables = _reader(kind).read(name, path)
+        tables = readers()[kind].read(name, path)
         if not tables:
             raise JointIdError(
                 f"{name} holds no table of numbers: a log needs at least position and torque."
@@ -117,7 +107,9 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
         message = f"{name} needs more memory than the limit for logs: it is damaged or too large."
     except BaseException as error:  # readers written in Rust raise outside Exception
         reason = " ".join(str(error).replace(path, "the file").split()) or type(error).__name__
-        message = f"{name} cannot be read as {_reader(kind).name} ({reason:.200}): export the log again."
+        message = (
+            f"{name} cannot be read as {readers()[kind].name} ({reason:.200}): export the log again."
+        )
     return {"error": message}, b""
 
 

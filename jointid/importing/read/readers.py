@@ -3,9 +3,11 @@
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
+from pathlib import Path
 
 from jointid.errors import JointIdError
 from jointid.importing.read.reader import Reader
+from jointid.importing.read.text.tables import read_text_table
 
 TEXT = "text"
 PLUGINS = "jointid.readers"
@@ -51,9 +53,16 @@ _TEXT_MAGIC = (b"%PDF", b"DIAEXTENDED")
 _UNSUPPORTED_ENDINGS = {"svdx": "a TwinCAT Scope recording", "r64": "a KUKA trace"}
 
 
+_TEXT = Reader(
+    "a table of text",
+    lambda head: False,  # any other file
+    lambda file, path: (read_text_table(file, Path(path).read_bytes()),),
+)
+
+
 @cache
 def readers() -> dict[str, Reader]:
-    """Return all readers by kind; those of plug-ins first.
+    """Return all readers by kind; those of plug-ins first, that of any text last.
 
     Raises JointIdError when a plug-in cannot be loaded.
     """
@@ -72,11 +81,11 @@ def readers() -> dict[str, Reader]:
     for module in _FORMATS:
         own: dict[str, Reader] = import_module(f"jointid.importing.read.formats.{module}").READERS
         found |= {kind: reader for kind, reader in own.items() if kind not in found}
-    return found
+    return found | {TEXT: _TEXT}
 
 
 def kind_of(name: str, head: bytes) -> str:
-    """Return the kind of a file, a key of ``readers()`` or "text", from its first 4096 bytes.
+    """Return the kind of a file, a key of ``readers()``, from its first 4096 bytes.
 
     The ending of its name is used when the content is not recognised. A zip archive counts as "excel":
     see ``jointid.importing.read.logs``. Raises JointIdError when it is a binary file of a known

@@ -113,8 +113,8 @@ def _column(name: str, column: Any, stated: str) -> LogColumn:
     if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
         ticks = column.cast(pa.int64())
         first = next((tick.as_py() for tick in ticks if tick.is_valid), 0)
-        values = (ticks.to_numpy(zero_copy_only=False) - first) / _PER_SECOND[column.type.unit]
-        return LogColumn(name, numbers(values), "s")
+        since = pa_compute.subtract(ticks, first)  # as integers: a float64 of 1.8e18 ns lacks digits
+        return LogColumn(name, numbers(_values(since) / _PER_SECOND[column.type.unit]), "s")
     return named_column(name, _values(column), stated)
 
 

@@ -4,12 +4,9 @@ The file states milliseconds or microseconds: the XML as ``MicroSeconds``, the C
 """
 
 import re
+from collections.abc import Iterator
 
-import numpy as np
-
-from jointid.arrays import Floats
-from jointid.errors import JointIdError
-from jointid.importing.columns.log_table import LogTable, require_few_values
+from jointid.importing.columns.log_table import LogTable
 from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_matches
 from jointid.importing.read.text.tables import columns_of
@@ -33,13 +30,12 @@ def read_xml(file: str, path: str) -> tuple[LogTable, ...]:
     """
     text = file_text(path)
     step = 1e-6 if _MICROSECONDS.search(text) else 1e-3
-    signals = []
+    signals: list[Signal] = []
     for name, values, stamps in _VARIABLE.findall(text):
-        require_few_values(file, values.count(",") + stamps.count(","))
-        pair = _floats(file, name, stamps) * step, _floats(file, name, values)
         # The last sample of a running trace may lack one of the two.
-        size = min(part.size for part in pair)
-        signals.append(Signal(name, pair[0][:size], pair[1][:size]))
+        cells = ("".join(text.split()).split(",") for text in (stamps, values))
+        rows = [f"{stamp};{value}" for stamp, value in zip(*cells, strict=False)]
+        signals += _signal(f"{file}: samples of {name:.100}", name, rows, step)
     return tables_of_signals(file, signals, otherwise=f"{file} {_NO_SAMPLES}")
 
 
@@ -51,31 +47,25 @@ def read_csv(file: str, path: str) -> tuple[LogTable, ...]:
         if found := _CSV_NAME.match(line):
             blocks.append((found[1].strip(), {}))
         elif line.startswith(";") and blocks:
-            blocks[-1][1][number] = line[1:].replace(" ", "")
+            blocks[-1][1][number] = line[1:]
         elif line.partition(";")[0].rpartition(".")[2].strip() == "Flags":
             flags = line.partition(";")[2].strip()
             step = 1e-6 if flags.isdigit() and int(flags) & _MICROSECOND_FLAG else step
-    signals = []
+    signals: list[Signal] = []
     for name, numbered in blocks:
-        if numbered:
-            columns = columns_of(file, [*numbered.values()], ("time", name), first_line=min(numbered))
-            signals.append(Signal(name, columns[0] * step, columns[1]))
+        signals += _signal(file, name, [*numbered.values()], step, min(numbered, default=1))
     return tables_of_signals(file, signals, otherwise=f"{file} {_NO_SAMPLES}")
 
 
-def _floats(file: str, name: str, text: str) -> Floats:
-    words = {"true": 1.0, "false": 0.0, "": np.nan}
-    values = []
-    for number, cell in enumerate(text.split(",") if text.strip() else [], start=1):
-        plain = cell.strip().lower()
-        try:
-            values.append(words[plain] if plain in words else float(plain))
-        except ValueError:
-            raise JointIdError(
-                f'{file}, value {number} of {name:.100}: "{cell:.40}" is not a number. Save the trace '
-                "again."
-            ) from None
-    return np.array(values)
+def _signal(
+    where: str, name: str, rows: list[str], step_s: float, first_line: int = 1
+) -> Iterator[Signal]:
+    """Signal of rows "time; value", if there are any."""
+    text = re.sub(r"[^\S\n]", "", "\n".join(rows))
+    rows = re.sub("(?i)false", "0", re.sub("(?i)true", "1", text)).split("\n")
+    if any(row.strip(";") for row in rows):
+        time, values = columns_of(where, rows, ("time", name), first_line=first_line)
+        yield Signal(name, time * step_s, values)
 
 
 READERS = {

@@ -41,6 +41,8 @@ class _Layout:
     values: tuple[int, ...]
     unit: int
     """Column of the unit; -1 without one."""
+    clocked: bool
+    """Whether the times are times of day or durations with their unit."""
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
@@ -61,7 +63,6 @@ def long_tables(file: str, text: str) -> tuple[LogTable, ...] | None:
     strange: list[int] = []
     clock = ClockCells()
     times: array[float] = array("d")
-    clocked = any(":" in line for line in lines[layout.first : layout.first + 3])
     rows = csv.reader(lines[layout.first :], delimiter=layout.separator)
     for number, row in enumerate(rows, start=layout.first + 1):
         if not any(row):
@@ -70,7 +71,8 @@ def long_tables(file: str, text: str) -> tuple[LogTable, ...] | None:
         if len(cells) <= max(layout.time, *layout.names, *layout.values):
             strange.append(number)
             continue
-        stamp = clock.read(cells[layout.time]) if clocked else _value(cells[layout.time], layout.decimal)
+        time = cells[layout.time]
+        stamp = clock.read(time) if layout.clocked else _value(time, layout.decimal)
         times.append(np.nan if stamp is None else stamp)
         values = [_value(cells[k], layout.decimal) for k in layout.values]
         if stamp is None or not any(value is not None for value in values):
@@ -90,13 +92,15 @@ def long_tables(file: str, text: str) -> tuple[LogTable, ...] | None:
             f"the first is line {strange[0]}."
         )
     bare, unit = split_unit(layout.header[layout.time])
-    of_day = clock.seconds(np.array(times)) if clocked and len(times) else np.array(times)
+    time_s = np.array(times)
+    if layout.clocked:
+        time_s = clock.seconds(time_s)
     signals = [
-        Signal(name, of_day[np.array(places)], np.array(values), unit_of(unit))
+        Signal(name, time_s[np.array(places)], np.array(values), unit_of(unit))
         for name, (values, places, unit) in found.items()
     ]
     otherwise = f"{file} holds no rows with a time, a name and a number. Signals: {listed(found)}."
-    times_as = bare or "time", "s" if clocked else unit
+    times_as = bare or "time", "s" if layout.clocked else unit
     return tables_of_signals(file, signals, notes, times_as, otherwise)
 
 
@@ -166,7 +170,8 @@ def _described(
     ]
     if not values or sum(good) < 0.8 * len(good):
         return None
-    return _Layout(first, separator, decimal, header, time, tuple(names), tuple(values), unit)
+    clocked = any(is_clock(row[time]) for row in rows)
+    return _Layout(first, separator, decimal, header, time, tuple(names), tuple(values), unit, clocked)
 
 
 def _is_value(cell: str, decimal: str) -> bool:

@@ -103,8 +103,11 @@ def stated_encoding(data: bytes) -> str:
 
 
 def unix_lines(text: str) -> str:
-    r"""Return a text with ``\n`` at the end of every line."""
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    r"""Return a text with ``\n`` at the end of every line, and hyphens for minus signs (U+2212).
+
+    .NET writes the sign before negative numbers in Swedish, Norwegian and Finnish.
+    """
+    return text.replace("\r\n", "\n").replace("\r", "\n").replace("\N{MINUS SIGN}", "-")
 
 
 def _no_text(file: str) -> JointIdError:
