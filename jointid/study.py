@@ -112,15 +112,16 @@ class Study:
     def facts(self) -> list[str]:
         """Contents in words: joints, records, frequencies, motions and poses."""
         sines, motions = self.sine_records, self.motion_records
-        facts = [counted(self.inertia.n, "joint"), counted(len(self.records), "record")]
+        facts = [counted(self.inertia.n, "joint")]
         if sines:
+            facts.append(counted(len(self.records), "record"))
             f = sorted({record.frequency_hz for record in sines})
             facts += [counted(len(f), "frequency"), f"{plain(round(f[0], 3))} Hz"]
             if f[-1] > f[0] * 1.001:
                 facts[-1] = f"{plain(round(f[0], 3))}–{plain(round(f[-1], 3))} Hz"
         if motions:
             seconds = sum(record.samples * record.interval_s for record in motions)
-            facts.append(f"{counted(len(motions), 'motion')}, {significant(seconds, 3)} s in all")
+            facts.append(f"{counted(len(motions), 'motion record')}, {significant(seconds, 3)} s in all")
         if len(poses := {record.pose for record in self.records}) > 1:
             facts.append(counted(len(poses), "pose"))
         return facts

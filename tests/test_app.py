@@ -354,3 +354,11 @@ def test_hints_hold_whole_entries_of_the_glossary() -> None:
     entries = [entry[0] for entry in charts._ENTRY.finditer(charts.glossary())]
     assert len(entries) > 60
     assert all(entry.endswith(".") for entry in entries)
+
+
+def test_the_settings_of_an_address_hold_on_the_next_page(app: AppTest) -> None:
+    app.query_params.update(unit="N·m/° at the motor", estimator="weighted")
+    at = app.switch_page("pages/12_Glossary.py").run()
+    at = at.switch_page("pages/10_Fleet.py").run()
+    assert at.selectbox(key="unit").value == "N·m/° at the motor"
+    assert at.selectbox(key="estimator").value == "weighted"

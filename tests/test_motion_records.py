@@ -501,12 +501,13 @@ def app(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> AppTest:
 def test_every_page_shows_the_sample_of_motions(app: AppTest) -> None:
     at = app.run()
     assert not at.exception
-    assert "2 motions, 16.0 s in all" in " ".join(m.value for m in at.markdown)
+    assert "&nbsp;·&nbsp; 2 motion records, 16.0 s in all" in " ".join(m.value for m in at.markdown)
     for page in sorted((ROOT / "pages").glob("*[1-7]_*.py")):  # 8 to 10 show no study
         at = at.switch_page(str(page)).run()
         assert not at.exception, page.name
         if page.name.startswith("1_"):
             assert [tab.label for tab in at.tabs][-1] == "Coherence"
+            assert list(at.table[0].value["Band"]) == ["automatic"] * 2
         if page.name.startswith("4_"):
             assert any("Hz, chosen from its spectrum" in caption.value for caption in at.caption)
         if page.name.startswith("6_"):

@@ -9,6 +9,7 @@ from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
 from jointid.corrections.changes import corrected
 from jointid.fleet.spread import fleet_spread, robot_drift
 from jointid.fleet.table import read_fleet
+from jointid.ui.study.plan_form import largest_so_far
 
 SAMPLES = Path(__file__).parents[1] / "sample_data"
 
@@ -18,6 +19,8 @@ def test_the_failed_study_names_its_cause_and_the_remedy_corrects_it() -> None:
     analysis = analyse(study)
     assert analysis.state == NOT_USABLE
     assert "torques of joints 1 and 2" in analysis.headline
+    _, planned = largest_so_far(analysis)  # the velocity of an arm by wrong torques is no limit
+    assert np.allclose(planned, np.abs(analysis.phasors.omega[:, None] * analysis.phasors.q).max(axis=0))
     mended = analyse(corrected(study, analysis.findings[0].changes[0]))
     assert mended.state == USABLE
     assert np.all(np.abs(mended.fit.K - [43.0, 7.5]) < 4 * mended.fit.standard_error[:2])

@@ -28,7 +28,7 @@ METHODS = {
     "auto": "maximum likelihood, with the simplest model consistent with the noise",
     "maximum-likelihood": "maximum likelihood; friction and delay on request",
     "weighted": "weighted least squares, weights from the noise of each record",
-    "least-squares": "the paper's pseudo-inverse, equations (13)-(14)",
+    "least-squares": "the paper's pseudo-inverse, equations (13)–(14)",
     "explicit": "the paper's explicit solution, equation (15) as printed",
 }
 """Estimators by name, with a one-line description."""

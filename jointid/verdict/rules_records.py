@@ -155,8 +155,8 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
     if pairs and (rows or np.any(phasors.covariance != 0)):
         yield warning(
             "A record is in the study twice",
-            f"{some(pairs)} have the same samples. {_concerned(len(pairs), 'pair')} Counting "
-            "the same data twice makes the error bars up to 30 % too small.",
+            f"{some(pairs)} have the same samples. Counting the same data twice makes the error bars "
+            "up to 30 % too small.",
             "Leave out one record of each pair on import, or delete its [[records]] entry in "
             "study.toml; or measure again.",
             0.4 * _worst_error(evidence),
@@ -193,7 +193,7 @@ def same_experiment(evidence: Evidence) -> Iterator[Finding]:
         yield note(
             "Two records are the same experiment",
             f"{some(found)}: all angles and torques are proportional, so the second record averages "
-            f"noise but adds no information. {_concerned(len(found), 'frequency')}",
+            "noise but adds no information.",
             "Measure with different relative amplitudes or phases, for example with one joint reversed: "
             "the transfer matrix and the friction estimate need it.",
             0.01 + 0.3 * _worst_error(evidence),
@@ -291,8 +291,8 @@ def loop_below_steps(evidence: Evidence) -> Iterator[Finding]:
             )
 
 
-def _concerned(count: int, what: str = "record") -> str:
-    return f"{counted(count, what)} {'is' if count == 1 else 'are'} affected."
+def _concerned(count: int) -> str:
+    return f"{counted(count, 'record')} {'is' if count == 1 else 'are'} affected."
 
 
 def _turns_at(record: SineRecord, found_hz: float) -> bool:

@@ -87,7 +87,7 @@ def _controller_peak(
         f"The peak of joint {j + 1} at {number(frequency[worst])} Hz comes from the controller "
         f"of {whose}",
         f"In the record {evidence.phasors.labels[records[worst]]} alone, acceleration over torque peaks "
-        f"there at {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak. "
+        f"there at {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak there. "
         f"The elastic resonance is the peak of H{j + 1}{j + 1} at "
         f"{some([number(frequency[t]) for t in elastic])} Hz.",
         "No action needed: K and D are fitted jointly. Do not read them off the response of a single "

@@ -47,7 +47,10 @@ def inertia_of_each(
         raise JointIdError(f"{len(each)} inertias for {records} records: give one, or one per record.")
     for one in each:
         if one.n != joints:
-            raise JointIdError(f"The records have {counted(joints, 'joint')}, the inertia has {one.n}.")
+            raise JointIdError(
+                f"The records have {counted(joints, 'joint')}, the inertia has {one.n}: give one M per "
+                "joint of the records."
+            )
     return each
 
 

@@ -306,6 +306,10 @@ class Entries:
         known = (self._reasons[what] for what in open_ if what in self._reasons)
         for (entry, text, _), joints in grouped(known).items():
             entries.setdefault(entry, {})[markdown_escape(text)] = joints
+        position, torque = (f"direction of {role}" for role in QUANTITIES)
+        if entries.get(position) == entries.get(torque) and position in entries:
+            del entries[torque]
+            entries[f"{position} and torque"] = entries.pop(position)
         for entry, texts in entries.items():
             every = "\n".join(f"- {text}" for text in texts) if len(texts) > 2 else None
             if every:

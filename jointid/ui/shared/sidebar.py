@@ -35,6 +35,8 @@ _ARRIVED = "arrived_study"
 def choose_study() -> tuple[str, str, str] | None:
     """Draw the sidebar and return the study's key, estimator and unit; None without any study."""
     follow_address()
+    for name in {"estimator", "unit"} & {*st.session_state}:  # else lost on the page after an address
+        st.session_state[name] = st.session_state[name]
     with st.sidebar:
         links = st.container()
         st.divider()

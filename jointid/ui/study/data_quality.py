@@ -107,7 +107,7 @@ def motion_table(records: Sequence[MotionRecord]) -> Table:
         "Record": [r.label or f"motion {i}" for i, r in enumerate(records, start=1)],
         "Length (s)": [_figure(r.samples * r.interval_s) for r in records],
         "Samples": [r.samples for r in records],
-        "Band": [r.excitation for r in records],
+        "Band": [r.excitation.removesuffix(" band") for r in records],
     }
     for j in range(records[0].n):
         travel = [float(np.ptp(r.theta_rad[r.start :, j])) for r in records]

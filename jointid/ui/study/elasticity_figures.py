@@ -100,7 +100,7 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         "stiffness."
         + " Damping and hysteresis open the loops, one per record, drawn with ± two standard errors."
         * bool(sines)
-        + " Motions appear as dots." * bool(motions)
+        + f" Motions appear as dots{', coloured by torque amplitude' * (not sines)}." * bool(motions)
     )
     if missing := without_curve(analysis.fit):
         show_info(missing)

@@ -94,11 +94,15 @@ _WORST = "Worst error afterwards"
 
 
 def largest_so_far(analysis: Analysis) -> tuple[Floats, Floats]:
-    """Largest amplitudes of torque, and of velocity of motor or arm, each of shape (n,)."""
+    """Largest amplitudes of torque, and of velocity of motor or arm, each of shape (n,).
+
+    That of the arm is calculated from the torques, and not used if the answer is not usable.
+    """
     fit, omega = analysis.fit, analysis.phasors.omega[:, None]
-    arm = fit.phasors.q - fit.equations.deflection
-    speed = omega * np.maximum(np.abs(fit.phasors.q), np.abs(arm))
-    return np.abs(analysis.phasors.tau).max(axis=0), speed.max(axis=0)
+    angle = np.abs(fit.phasors.q)
+    if analysis.state != NOT_USABLE:
+        angle = np.maximum(angle, np.abs(fit.phasors.q - fit.equations.deflection))
+    return np.abs(analysis.phasors.tau).max(axis=0), (omega * angle).max(axis=0)
 
 
 def pose_inertia(analysis: Analysis, pose: str) -> Inertia:

@@ -27,7 +27,7 @@ from jointid.uncertainty.answer_tables import (
 from jointid.uncertainty.prior_rows import prior_table
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import prior_influence
-from jointid.wording import UNDETERMINED, capitalised, minus, signed_percent, significant
+from jointid.wording import UNDETERMINED, capitalised, minus, signed_percent, significant, unbroken
 
 
 def show_estimates(analysis: Analysis) -> None:
@@ -57,7 +57,7 @@ def show_fitted_model(fit: ElasticityFit) -> None:
     if of_friction := friction_note(fit):
         st.caption(of_friction)
     if fit.candidates:
-        st.write(COMPARED_MODELS)
+        st.write(unbroken(COMPARED_MODELS))
         show_text_table(compared_models(fit))
 
 
