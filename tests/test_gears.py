@@ -197,6 +197,24 @@ def test_the_band_of_a_torsion_curve_holds_harmonics_that_noise_hides() -> None:
     assert 0.02 < missed.std() < curve.torque_noise_Nm[0] < 2 * missed.std()
 
 
+@pytest.mark.parametrize("gear", [Gear(K=50.0), Gear(K=50.0, cubic=4e4)], ids=lambda gear: gear.kind)
+def test_the_band_of_a_torsion_curve_includes_the_noise_of_the_deflection(gear: Gear) -> None:
+    """At low frequency noise of the torque moves the deflection by far more than the torque."""
+    records, rng = 200, np.random.default_rng(3)
+    delta = 0.03 * np.sin(2 * np.pi * np.arange(256) / 256)
+    torque = np.tile(phasors_of(gear.torque(delta), 3), (records, 1))[..., None]
+    deflection = np.tile(phasors_of(delta, 3), (records, 1))[..., None]
+    noise, per_torque = 5e-3, 11 / gear.K
+    moved = noise * (rng.standard_normal((2, *torque.shape)) * [[[[1]]], [[[1j]]]]).sum(axis=0)
+    fitted = np.stack([deflection, torque])
+    both = fitted + np.stack([per_torque * moved, moved])
+    variance = 2 * noise**2 * np.stack([np.full(torque.shape, per_torque**2), np.ones(torque.shape)])
+    s = np.tile(2j * np.pi * np.arange(1, 4), (records, 1))
+    (curve,) = torsion_curves(s, *both, variance, fitted, np.ones(torque.shape, bool))
+    error = curve.torque_Nm - gear.torque(curve.deflection_rad)
+    assert 0.93 < np.mean(np.abs(error) < 2 * curve.noise_beside(gear)) < 0.99
+
+
 def test_a_gear_without_a_curve_is_valid_up_to_the_torque_of_the_motion(
     stiffening: ElasticityFit,
 ) -> None:
