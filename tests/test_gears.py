@@ -45,6 +45,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.noise import moderated_noise
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
+from jointid.estimation.model_climb import climbed, fit_laws
 from jointid.estimation.model_growth import grown
 from jointid.estimation.model_search import Search
 from jointid.estimation.start_values import other_laws, with_backlash
@@ -523,6 +524,48 @@ def test_a_fit_of_backlash_starts_near_it() -> None:
     start = with_backlash(phasors, InertiaPrior.of(INERTIA, *phasors.q.shape))
     np.testing.assert_allclose(start.K, PAPER.K, rtol=0.05)
     assert start["backlash"] == pytest.approx([0.003, 0.0], abs=0.0015)
+
+
+def scripted(
+    name: str, misfits: dict[Model, list[float]], monkeypatch: pytest.MonkeyPatch
+) -> tuple[Search, list[tuple[Model, Parameters]]]:
+    """A search whose fits have given misfits in turn, beside that of linear gears, and their starts."""
+    phasors, base = measured()[name], Model(None, delay=False)
+    prior = InertiaPrior.of(INERTIA, *phasors.q.shape)
+    noise = moderated_noise(
+        phasors, prior.M[prior.rotor], inverse(prior.M2)[prior.pose], PAPER.K, PAPER.D
+    )
+    found, calls = maximum_likelihood(phasors, INERTIA, PAPER.answer, noise=noise), []
+    fits = Fits(("friction", "backlash", "hysteresis"), 1000, {base: found})
+
+    def fit(self: Search, model: Model, start: Parameters, **_: bool) -> None:
+        calls.append((model, start))
+        left = misfits.get(model, [])
+        cost = left.pop(0) * found.expected_cost if left else found.cost
+        self.fits.tried[model] = replace(found, cost=cost)
+
+    monkeypatch.setattr(Search, "fit", fit)
+    return Search(phasors, prior, found.named, noise, base, fits), calls
+
+
+def test_friction_beside_a_law_starts_from_the_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the start values of both together, backlash of 30 % of the motion is not found."""
+    law = Model(None, delay=False, effects=("backlash",))
+    search, calls = scripted("wide play", {law: [200.0]}, monkeypatch)
+    fit_laws(search)
+    start = next(start for model, start in calls if model == replace(law, reversal=0.0))
+    assert start.layout == search.fits.tried[law].named.layout  # without friction
+
+
+def test_a_law_far_from_its_optimum_starts_from_its_own_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A misfit of 57, of a minor optimum, counts as near the data: K was off by 25 %."""
+    law = Model(None, delay=False, effects=("hysteresis",))
+    search, calls = scripted("hysteresis", {law: [57.0, 0.9]}, monkeypatch)
+    monkeypatch.setattr(Search, "pruned", lambda self, model: model)
+    monkeypatch.setattr(Fits, "part_is_significant", lambda *_: True)
+    climbed(search, search.base)
+    assert ["hysteresis" in start.layout for model, start in calls if model == law] == [False, True]
+    assert search.fits.misfit(law) == 0.9
 
 
 def test_hysteresis_fitted_as_zero_restarts_from_a_usual_level() -> None:

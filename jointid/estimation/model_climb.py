@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from jointid.estimation.candidates import EXPLAINED, NEEDED, Model
+from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS
 from jointid.estimation.model_growth import NEARLY_ALL
 from jointid.estimation.model_search import DOUBTFUL, POOR, Search
@@ -89,9 +90,11 @@ def fit_laws(search: Search) -> None:
         if (search.is_lost or search.has_motions) and law in fits.optional:
             wider = model.with_part(law)
             search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
-            sticking, near = replace(wider, reversal=0.03), fits.estimate(wider)
-            if near and model == sliding and search.is_lost and sticking not in fits.tried:
-                search.fit(sticking, near.named)
+            near, leads = fits.estimate(wider), fits.misfit(wider) < STEEP * _linear_misfit(search)
+            beside = replace(wider, reversal=0.0 if wider.reversal is None else 0.03)
+            may_rub = model == sliding or (search.may_have_friction and leads)
+            if near and may_rub and search.is_lost and beside not in fits.tried:
+                search.fit(beside, near.named)
             fit_slopes(search, wider)
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
@@ -189,6 +192,9 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
                 search.fit(each, found.named, compares=False)
                 if not each.is_slow and fits.misfit(each) >= _CLIMB * found.misfit:
                     search.fit(each, search.start)  # the model without the part may have diverged
+                elif each.is_slow and not search.has_motions and POOR < fits.misfit(each) < LOST:
+                    begin = with_backlash if "backlash" in each.effects else by_motion
+                    search.fit(each, begin(search.phasors, search.prior), compares=False)
                 least = min(least, fits.misfit(each))
         wider += fit_slopes(search, min(wider, key=fits.misfit))
         plain = fits.criterion(judged=False)
