@@ -216,6 +216,19 @@ def test_the_band_of_a_torsion_curve_includes_the_noise_of_the_deflection(gear: 
     assert 0.93 < np.mean(np.abs(error) < 2 * curve.noise_beside(gear)) < 0.99
 
 
+def test_the_range_tried_includes_motion_below_the_lines_of_a_curve() -> None:
+    """Random motion had torques of 0.41 N·m, of which the lines of its curve made 0.27 N·m."""
+    order = np.arange(1, 32)
+    torque = np.where(order < 4, 1.0, 0)[None, :, None].astype(complex)
+    both, noise = np.stack([torque, torque / 50]), np.full((2, *torque.shape), 1e-12)
+    above = np.broadcast_to((order > 1)[:, None], torque.shape)
+    (curve,) = torsion_curves(10j * np.pi * order[None], both[1], both[0], noise, both, above)
+    layout = ParameterLayout.of(1)
+    (gear,) = fitted_gears(layout.named(np.array([50.0, 0.0])), 1e-9 * np.eye(2), [curve])
+    assert gear.tried_Nm == curve.largest_Nm > 1.2 * curve.amplitude_Nm.max()
+    assert gear.tried_rad == pytest.approx(gear.tried_Nm / 50)
+
+
 def test_a_gear_without_a_curve_is_valid_up_to_the_torque_of_the_motion(
     stiffening: ElasticityFit,
 ) -> None:
