@@ -566,8 +566,11 @@ def test_friction_beside_a_law_starts_from_the_law(monkeypatch: pytest.MonkeyPat
     law = Model(None, delay=False, effects=("backlash",))
     search, calls = scripted("wide play", {law: [200.0]}, monkeypatch)
     fit_laws(search)
-    start = next(start for model, start in calls if model == replace(law, reversal=0.0))
-    assert start.layout == search.fits.tried[law].named.layout  # without friction
+    sliding = Model(0.0, delay=False)
+    starts = dict(reversed(calls))
+    from_law = starts[sliding.with_part("backlash")]
+    assert from_law.layout == search.fits.tried[law].named.layout  # without friction
+    assert "hysteresis" in starts[sliding.with_part("hysteresis")].layout  # no law leads to this one
 
 
 def test_a_law_far_from_its_optimum_starts_from_its_own_values(monkeypatch: pytest.MonkeyPatch) -> None:

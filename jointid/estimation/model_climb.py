@@ -83,7 +83,8 @@ def fit_laws(search: Search) -> None:
     if not (needs_friction or search.has_motions or search.first):
         laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
     if search.may_have_friction:
-        laws += [(sliding, "backlash", begin) for begin in (with_backlash, by_motion)]
+        laws += [(sliding, "backlash", with_backlash)]
+        laws += [(sliding, law, by_motion) for law in ("hysteresis", "backlash")]
     if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
         laws.append((fits.least(list(fits.tried)), "backlash", partial(motion_start, backlash=True)))
     for model, law, begin in laws:
