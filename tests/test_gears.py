@@ -406,7 +406,8 @@ def test_slopes_count_by_their_sum_and_without_what_no_record_shows() -> None:
     covariance[[first, last], [first, last]] = 5.0
     covariance[[first, last], [last, first]] = -4.99
     covariance[last + 1, last + 1] = np.inf
-    curves = [SimpleNamespace(amplitude_rad=np.full(1, 0.02), amplitude_Nm=np.ones(1))] * 2
+    seen = {"amplitude_rad": np.full(1, 0.02), "amplitude_Nm": np.ones(1), "largest_Nm": 1.0}
+    curves = [SimpleNamespace(**seen)] * 2
     sure, unseen = fitted_gears(p, covariance, curves)
     assert (sure.kind, unseen.kind) == ("piecewise", "piecewise")
     assert (sure.K2, sure.K3) == (56.0, 55.0)
