@@ -45,6 +45,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.noise import moderated_noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
+from jointid.estimation.model_climb import climbed, fit_laws
 from jointid.estimation.model_growth import grown
 from jointid.estimation.model_search import Search
 from jointid.estimation.start_values import other_laws, with_backlash
@@ -196,6 +197,37 @@ def test_the_band_of_a_torsion_curve_holds_harmonics_that_noise_hides() -> None:
     (curve,) = torsion_curves(s, *both, noise, both, np.ones(torque.shape, bool))
     missed = curve.torque_Nm - samples_of(torque[..., 0], curve.torque_Nm.shape[1])
     assert 0.02 < missed.std() < curve.torque_noise_Nm[0] < 2 * missed.std()
+
+
+@pytest.mark.parametrize("gear", [Gear(K=50.0), Gear(K=50.0, cubic=4e4)], ids=lambda gear: gear.kind)
+def test_the_band_of_a_torsion_curve_includes_the_noise_of_the_deflection(gear: Gear) -> None:
+    """At low frequency noise of the torque moves the deflection by far more than the torque."""
+    records, rng = 200, np.random.default_rng(3)
+    delta = 0.03 * np.sin(2 * np.pi * np.arange(256) / 256)
+    torque = np.tile(phasors_of(gear.torque(delta), 3), (records, 1))[..., None]
+    deflection = np.tile(phasors_of(delta, 3), (records, 1))[..., None]
+    noise, per_torque = 5e-3, 11 / gear.K
+    moved = noise * (rng.standard_normal((2, *torque.shape)) * [[[[1]]], [[[1j]]]]).sum(axis=0)
+    fitted = np.stack([deflection, torque])
+    both = fitted + np.stack([per_torque * moved, moved])
+    variance = 2 * noise**2 * np.stack([np.full(torque.shape, per_torque**2), np.ones(torque.shape)])
+    s = np.tile(2j * np.pi * np.arange(1, 4), (records, 1))
+    (curve,) = torsion_curves(s, *both, variance, fitted, np.ones(torque.shape, bool))
+    error = curve.torque_Nm - gear.torque(curve.deflection_rad)
+    assert 0.93 < np.mean(np.abs(error) < 2 * curve.noise_beside(gear)) < 0.99
+
+
+def test_the_range_tried_includes_motion_below_the_lines_of_a_curve() -> None:
+    """Random motion had torques of 0.41 N·m, of which the lines of its curve made 0.27 N·m."""
+    order = np.arange(1, 32)
+    torque = np.where(order < 4, 1.0, 0)[None, :, None].astype(complex)
+    both, noise = np.stack([torque, torque / 50]), np.full((2, *torque.shape), 1e-12)
+    above = np.broadcast_to((order > 1)[:, None], torque.shape)
+    (curve,) = torsion_curves(10j * np.pi * order[None], both[1], both[0], noise, both, above)
+    layout = ParameterLayout.of(1)
+    (gear,) = fitted_gears(layout.named(np.array([50.0, 0.0])), 1e-9 * np.eye(2), [curve])
+    assert gear.tried_Nm == curve.largest_Nm > 1.2 * curve.amplitude_Nm.max()
+    assert gear.tried_rad == pytest.approx(gear.tried_Nm / 50)
 
 
 def test_a_gear_without_a_curve_is_valid_up_to_the_torque_of_the_motion(
@@ -375,7 +407,8 @@ def test_slopes_count_by_their_sum_and_without_what_no_record_shows() -> None:
     covariance[[first, last], [first, last]] = 5.0
     covariance[[first, last], [last, first]] = -4.99
     covariance[last + 1, last + 1] = np.inf
-    curves = [SimpleNamespace(amplitude_rad=np.full(1, 0.02), amplitude_Nm=np.ones(1))] * 2
+    seen = {"amplitude_rad": np.full(1, 0.02), "amplitude_Nm": np.ones(1), "largest_Nm": 1.0}
+    curves = [SimpleNamespace(**seen)] * 2
     sure, unseen = fitted_gears(p, covariance, curves)
     assert (sure.kind, unseen.kind) == ("piecewise", "piecewise")
     assert (sure.K2, sure.K3) == (56.0, 55.0)
@@ -518,6 +551,51 @@ def test_a_fit_of_backlash_starts_near_it() -> None:
     start = with_backlash(phasors, InertiaPrior.of(INERTIA, *phasors.q.shape))
     np.testing.assert_allclose(start.K, PAPER.K, rtol=0.05)
     assert start["backlash"] == pytest.approx([0.003, 0.0], abs=0.0015)
+
+
+def scripted(
+    name: str, misfits: dict[Model, list[float]], monkeypatch: pytest.MonkeyPatch
+) -> tuple[Search, list[tuple[Model, Parameters]]]:
+    """A search whose fits have given misfits in turn, beside that of linear gears, and their starts."""
+    phasors, base = measured()[name], Model(None, delay=False)
+    prior = InertiaPrior.of(INERTIA, *phasors.q.shape)
+    noise = moderated_noise(
+        phasors, prior.M[prior.rotor], inverse(prior.M2)[prior.pose], PAPER.K, PAPER.D
+    )
+    found, calls = maximum_likelihood(phasors, INERTIA, PAPER.answer, noise=noise), []
+    fits = Fits(("friction", "backlash", "hysteresis"), 1000, {base: found})
+
+    def fit(self: Search, model: Model, start: Parameters, **_: bool) -> None:
+        calls.append((model, start))
+        left = misfits.get(model, [])
+        cost = left.pop(0) * found.expected_cost if left else found.cost
+        self.fits.tried[model] = replace(found, cost=cost)
+
+    monkeypatch.setattr(Search, "fit", fit)
+    return Search(phasors, prior, found.named, noise, base, fits), calls
+
+
+def test_friction_beside_a_law_starts_from_the_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the start values of both together, backlash of 30 % of the motion is not found."""
+    law = Model(None, delay=False, effects=("backlash",))
+    search, calls = scripted("wide play", {law: [200.0]}, monkeypatch)
+    fit_laws(search)
+    sliding = Model(0.0, delay=False)
+    starts = dict(reversed(calls))
+    from_law = starts[sliding.with_part("backlash")]
+    assert from_law.layout == search.fits.tried[law].named.layout  # without friction
+    assert "hysteresis" in starts[sliding.with_part("hysteresis")].layout  # no law leads to this one
+
+
+def test_a_law_far_from_its_optimum_starts_from_its_own_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A misfit of 57, of a minor optimum, counts as near the data: K was off by 25 %."""
+    law = Model(None, delay=False, effects=("hysteresis",))
+    search, calls = scripted("hysteresis", {law: [57.0, 0.9]}, monkeypatch)
+    monkeypatch.setattr(Search, "pruned", lambda self, model: model)
+    monkeypatch.setattr(Fits, "part_is_significant", lambda *_: True)
+    climbed(search, search.base)
+    assert ["hysteresis" in start.layout for model, start in calls if model == law] == [False, True]
+    assert search.fits.misfit(law) == 0.9
 
 
 def test_hysteresis_fitted_as_zero_restarts_from_a_usual_level() -> None:

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from jointid.estimation.candidates import EXPLAINED, NEEDED, Model
+from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS
 from jointid.estimation.model_growth import NEARLY_ALL
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
@@ -95,13 +96,18 @@ def fit_laws(search: Search) -> None:
     if not (needs_friction or search.has_motions or search.first):
         laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
     if search.may_have_friction:
-        laws += [(sliding, "backlash", begin) for begin in (with_backlash, by_motion)]
+        laws += [(sliding, "backlash", with_backlash)]
+        laws += [(sliding, law, by_motion) for law in ("hysteresis", "backlash")]
     if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
         laws.append((fits.least(list(fits.tried)), "backlash", partial(motion_start, backlash=True)))
     for model, law, begin in laws:
         if (search.is_lost or search.has_motions) and law in fits.optional:
             wider = model.with_part(law)
             search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
+            near, rubs = fits.estimate(wider), replace(wider, reversal=0.0)
+            if near and near.misfit < _STEEP * _linear_misfit(search) and rubs not in fits.tried:
+                if search.is_lost and search.may_have_friction:
+                    search.fit(rubs, near.named)
             if search.is_lost:
                 _freed(search, wider)
             fit_slopes(search, wider)
@@ -228,6 +234,9 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
                 search.fit(each, found.named, compares=False)
                 if not each.is_slow and fits.misfit(each) >= _CLIMB * found.misfit:
                     search.fit(each, search.start)  # the model without the part may have diverged
+                elif each.is_slow and not search.has_motions and POOR < fits.misfit(each) < LOST:
+                    begin = with_backlash if "backlash" in each.effects else by_motion
+                    search.fit(each, begin(search.phasors, search.prior), compares=False)
                 least = min(least, fits.misfit(each))
         wider += fit_slopes(search, min(wider, key=fits.misfit))
         plain = fits.criterion(judged=False)

@@ -95,15 +95,16 @@ def torsion_curve(
     height = np.log(np.maximum(size, np.finfo(float).tiny))
     ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: height[r])
     span = max(float(np.ptp(height[ends])), 1e-9) if ends else 1.0
+    widths = 2 * scale.torque * curve.noise_beside(gear)
     named = {ends[0]: "from ", ends[-1]: "to "} if len(ends) > 1 else dict.fromkeys(ends, "")
     for r in ends:
         share = (height[r] - height[ends[0]]) / span * (len(_SCALE) - 1)
-        x, y = (np.append(v[r], v[r, 0]) for v in (wind_up, torque))
+        x, y, half = (np.append(v[r], v[r, 0]) for v in (wind_up, torque, widths))
         name, colour = f"{named.get(r, '')}{size[r]:.3g} {unit_of_size}", _SCALE[round(float(share))]
-        half = 2 * scale.torque * curve.torque_noise_Nm[r]
         record = f"{curve.frequency_hz[r]:.3g} Hz, {scale.torque * curve.amplitude_Nm[r]:.3g} N·m"
-        hover = f"%{{x:.4g}} {scale.angle}<br>%{{y:.4g}} ± {half:.2g} N·m<extra>{record}</extra>"
-        style: Trace = {"hovertemplate": hover, "showlegend": r in named}
+        measured = f"%{{x:.4g}} {scale.angle}<br>%{{y:.4g}} ± %{{customdata:.2g}} N·m"
+        style: Trace = {"customdata": half, "showlegend": r in named}
+        style["hovertemplate"] = f"{measured}<extra>{record}</extra>"
         if np.count_nonzero(np.diff(np.signbit(x))) > _MOST_TURNS:  # a motion: its lines would hide it
             sketch.points(x, y, name, colour, marker={"size": 4, "opacity": 0.5}, **style)
             continue

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.gears.gear import Gear
 from jointid.phasors.periods import phasors_of, samples_of
 
 _POINTS = 256
@@ -51,6 +52,15 @@ class TorsionCurve:
     def amplitude_Nm(self) -> Floats:
         """Half the peak-to-peak torque of each record, shape (records,), N·m."""
         return np.asarray(0.5 * np.ptp(self.torque_Nm, axis=1))
+
+    def noise_beside(self, gear: Gear) -> Floats:
+        """Standard deviation from noise of the torque beside a gear's law, (records, points), N·m.
+
+        The deflection is noisy as well: at low frequency it is the small difference of two motions.
+        """
+        step = self.deflection_noise_rad[:, None]
+        ends = gear.torque(self.deflection_rad + step), gear.torque(self.deflection_rad - step)
+        return np.hypot(self.torque_noise_Nm[:, None], 0.5 * (ends[0] - ends[1]))
 
     @property
     def stiffness(self) -> tuple[Floats, Floats, Floats]:

@@ -40,13 +40,13 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
     gears = []
     for j, curve in enumerate(curves):
         gear = Gear(K=max(float(p.K[j]), 0.0), **{field: values[j] for field, values in found.items()})
-        tried_rad, tried_Nm = (
-            amplitude.max(initial=0.0) for amplitude in (curve.amplitude_rad, curve.amplitude_Nm)
+        seen_rad, seen_Nm = (
+            float(amplitude.max(initial=0.0)) for amplitude in (curve.amplitude_rad, curve.amplitude_Nm)
         )
-        if tried_rad == 0.0 and gear.K > 0:  # motions without a curve: by the law
-            tried_Nm = curve.largest_Nm
-            tried_rad = gear.deflection(tried_Nm)
-        gears.append(replace(gear, tried_rad=float(tried_rad), tried_Nm=float(tried_Nm)))
+        tried_rad, tried_Nm = seen_rad, max(seen_Nm, curve.largest_Nm)
+        if tried_Nm > 1.01 * seen_Nm and gear.K > 0:  # motions below the curve's lines: by the law
+            tried_rad = max(seen_rad, float(gear.deflection(tried_Nm)))
+        gears.append(replace(gear, tried_rad=tried_rad, tried_Nm=tried_Nm))
     return tuple(gears)
 
 
