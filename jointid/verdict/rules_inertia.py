@@ -1,6 +1,6 @@
 """Rules of the verdict on the given inertias and torque scales: wrong, or of other joints."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -20,7 +20,6 @@ from jointid.estimation.identify_elasticity import identify_each
 from jointid.estimation.identify_motion import identify_motion, motion_misfits
 from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_selection import LOOSE
-from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.prior_rows import PriorRow, disagreements, prior_rows
@@ -87,7 +86,7 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer | None = None) -> Iterator
     if misfit[best] > _LOWER * misfit[0]:
         return
     as_given = None if evidence.has_motions else _probed(evidence.phasors, fit.prior)
-    other = _refitted(evidence, priors[best], as_given[1].misfit if as_given else np.inf, (_probed,))
+    other = _refitted(evidence, priors[best], as_given[1].misfit if as_given else np.inf)
     if other is None:
         return
     before, after = (float(disagreements(each).max(initial=0.0)) for each in (fit, other))
@@ -177,8 +176,7 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
         return fit if fit.misfit <= _EXPLAINED else None
     if fit.misfit <= _EXPLAINED:
         return fit if "torque_scale" in fit.parameters.layout else None
-    loose = replace(fit.prior, inertia_std=LOOSE, torque_std=0.0)
-    return _refitted(evidence, loose, fit.misfit, (_probed, partial(_same_model, fit=fit)))
+    return _refitted(evidence, replace(fit.prior, inertia_std=LOOSE, torque_std=0.0), fit.misfit)
 
 
 def _same_model(phasors: Phasors, prior: InertiaPrior, fit: ElasticityFit) -> _Probe:
@@ -186,19 +184,14 @@ def _same_model(phasors: Phasors, prior: InertiaPrior, fit: ElasticityFit) -> _P
     return next((c.model for c in fit.candidates if c.chosen), None), refit(phasors, prior, fit)
 
 
-def _refitted(
-    evidence: Evidence,
-    prior: InertiaPrior,
-    misfit: float,
-    probes: Sequence[Callable[[Phasors, InertiaPrior], _Probe | None]],
-) -> ElasticityFit | None:
+def _refitted(evidence: Evidence, prior: InertiaPrior, misfit: float) -> ElasticityFit | None:
     """Search for a fit with other inertias that explains the records; None without success.
 
-    The search is slow. It requires that the first successful fit of ``probes`` explains far more than
-    ``misfit``.
+    The search is slow. It requires that a fit with free friction, or with the model of the given fit,
+    explains far more than ``misfit``.
     """
     phasors, found, near = evidence.phasors, None, None
-    for probe in () if evidence.has_motions else probes:
+    for probe in () if evidence.has_motions else (_probed, partial(_same_model, fit=evidence.fit)):
         with suppress(JointIdError):
             probed = probe(phasors, prior)
             if probed is not None and probed[1].misfit <= max(_EXPLAINED, _FAR_LOWER * misfit):
@@ -258,8 +251,6 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
         return
     for pose in dict.fromkeys(evidence.poses):
         index, inertia = evidence.of_pose(pose)
-        if _explained_alone(evidence, index, inertia):
-            continue
         measured = low_frequency_inertia(fit.phasors.select(index), [inertia] * index.size)
         if measured is None:
             continue
@@ -299,12 +290,3 @@ def _unexplained(phasors: Phasors, inertia: Floats) -> float:
     torque = phasors.tau[rows]
     left = torque + phasors.omega[rows, None] ** 2 * phasors.q[rows] @ inertia.T
     return float(np.linalg.norm(left) / np.linalg.norm(torque))
-
-
-def _explained_alone(evidence: Evidence, index: np.ndarray, inertia: Inertia) -> bool:
-    """Whether some K and D explain one pose by itself."""
-    try:
-        alone = refit(evidence.phasors.select(index), inertia, evidence.fit)
-    except JointIdError:
-        return False
-    return alone.expected_cost > 0 and alone.cost < 100 * alone.expected_cost

@@ -176,30 +176,6 @@ def sample_digests(record: MotionRecord) -> np.ndarray:
     return np.unique(digest)
 
 
-def same_experiment(evidence: Evidence) -> Iterator[Finding]:
-    """All records of a frequency move the joints in the same proportion."""
-    phasors, n = evidence.phasors, evidence.fit.n
-    if n == 1:
-        return
-    found = []
-    for pose in dict.fromkeys(evidence.poses):
-        index, _ = evidence.of_pose(pose)
-        for omega, group in phasors.select(index).by_frequency():
-            first, *others = index[group]
-            if others and all(_proportional(evidence, int(first), int(k)) for k in others):
-                names = " and ".join(phasors.labels[i] for i in index[group][:2])
-                found.append(f"{names} at {number(omega / (2 * np.pi), 4)} Hz")
-    if found:
-        yield note(
-            "Two records are the same experiment",
-            f"{some(found)}: all angles and torques are proportional, so the second record averages "
-            f"noise but adds no information. {_concerned(len(found), 'frequency')}",
-            "Measure with different relative amplitudes or phases, for example with one joint reversed: "
-            "the transfer matrix and the friction estimate need it.",
-            0.01 + 0.3 * _worst_error(evidence),
-        )
-
-
 def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
     """A sticking joint has no friction phasor, and its torque carries little information."""
     fit, phasors = evidence.fit, evidence.phasors
@@ -317,21 +293,6 @@ def _encoder_steps(record: SineRecord) -> Floats:
             counts = np.rint(np.diff(angle) / step)
             steps[j] = np.diff(angle) @ counts / (counts @ counts)
     return steps
-
-
-def _proportional(evidence: Evidence, first: int, second: int) -> bool:
-    """Whether two records differ only by one complex factor, within the noise."""
-    z, deviation = evidence.phasors.z, evidence.phasors.standard_deviation
-    size = np.maximum(np.abs(z[first]), np.abs(z[second]))
-    moves = size > np.finfo(float).tiny  # smaller numbers have lost digits
-    scale = 1 / size[moves]
-    x, y = z[first, moves] * scale, z[second, moves] * scale
-    if not x.any():
-        return False
-    factor = np.vdot(x, y) / np.vdot(x, x)
-    apart = np.abs(y - factor * x)
-    noise = np.hypot(deviation[second, moves], abs(factor) * deviation[first, moves]) * scale
-    return bool(np.all(apart <= np.maximum(4 * noise, 1e-6)) and np.all(apart < 0.1))
 
 
 def _worst_error(evidence: Evidence) -> float:
