@@ -354,13 +354,13 @@ def of_the_arm(found: Finding | None) -> bool:
     return found is not None and ("at the arm" in found.title or "behind the gears" in found.title)
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", [long(1), 2, long(3)])
 def test_motor_angles_are_not_reported_as_arm_angles(n: int) -> None:
     """Nor with inertias that are wrong, or another scale."""
     inertia, _ = ROBOTS[n]
-    for M, M2 in ((1, 1), (1, 1.3), (1, 0.7), (1.5, 1), (0.5, 1), (1, 2)):
+    for M, M2 in ((1, 1.3), (1, 0.7), (1.5, 1), (0.5, 1), (1, 2)):
         assert not of_the_arm(fault(measured(n), Inertia(inertia.M * M, inertia.M2 * M2)))
-    for factor in (-1.0, 2.0, 100.0):
+    for factor in (2.0, 100.0):
         assert not of_the_arm(fault(logged(factor, phasors=measured(n)), inertia))
 
 

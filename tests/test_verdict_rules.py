@@ -873,12 +873,15 @@ def test_inertias_that_are_far_off_at_low_frequency_are_named(
     measured = np.diag([1.0, given])
     measured[0, 1] = measured[1, 0] = coupling
     monkeypatch.setattr(rules_inertia, "distortion", lambda _: 0.0)
+    alone: list[Any] = [case(expected_cost=1.0, cost=100.0), case(expected_cost=0.0, cost=0.0)]
+    monkeypatch.setattr(rules_inertia, "refit", lambda *_: alone[0])
     monkeypatch.setattr(rules_inertia, "low_frequency_inertia", lambda *_: measured)
     monkeypatch.setattr(rules_inertia, "_unexplained", lambda *_: noise)
     fit = two_joints(misfit=1e4)
     fit.phasors = case(select=lambda _: None)
     inertia = Inertia([0.4, 0.4], np.diag([0.6, 0.6]))
     evidence_of = case(fit=fit, poses=("low", "low"), of_pose=lambda _: (np.array([0, 1]), inertia))
+    evidence_of.phasors = fit.phasors
     found = list(rules_inertia._far_off(evidence_of))
     assert [each.title for each in found] == [title] * (title is not None)
     if given > 1 and found:
@@ -887,7 +890,11 @@ def test_inertias_that_are_far_off_at_low_frequency_are_named(
         )
         assert f"gives about {element}" in found[0].detail
         assert found[0].weight == pytest.approx(100.3)
-    fit.misfit = 99.0
+    alone[0] = alone[1]  # as many unknowns as equations
+    assert len(list(rules_inertia._far_off(evidence_of))) == len(found)
+    alone[0] = case(expected_cost=1.0, cost=99.0)  # the pose is right by itself: the others differ
+    assert not list(rules_inertia._far_off(evidence_of))
+    alone[0], fit.misfit = alone[1], 99.0
     assert not list(rules_inertia._far_off(evidence_of))
 
 

@@ -20,6 +20,7 @@ from jointid.estimation.identify_elasticity import identify_each
 from jointid.estimation.identify_motion import identify_motion, motion_misfits
 from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_selection import LOOSE
+from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.prior_rows import PriorRow, disagreements, prior_rows
@@ -251,6 +252,8 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
         return
     for pose in dict.fromkeys(evidence.poses):
         index, inertia = evidence.of_pose(pose)
+        if _explained_alone(evidence, index, inertia):
+            continue
         measured = low_frequency_inertia(fit.phasors.select(index), [inertia] * index.size)
         if measured is None:
             continue
@@ -290,3 +293,12 @@ def _unexplained(phasors: Phasors, inertia: Floats) -> float:
     torque = phasors.tau[rows]
     left = torque + phasors.omega[rows, None] ** 2 * phasors.q[rows] @ inertia.T
     return float(np.linalg.norm(left) / np.linalg.norm(torque))
+
+
+def _explained_alone(evidence: Evidence, index: np.ndarray, inertia: Inertia) -> bool:
+    """Whether some K and D explain one pose by itself."""
+    try:
+        alone = refit(evidence.phasors.select(index), inertia, evidence.fit)
+    except JointIdError:
+        return False
+    return alone.expected_cost > 0 and alone.cost < 100 * alone.expected_cost

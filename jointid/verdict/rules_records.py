@@ -230,26 +230,25 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
         stepped = (rounding[:, j] > 0) & (variance[:, j] > 0) & moved[:, j]
         if not stepped.any():
             continue
-        counts = np.abs(phasors.q[stepped, j]) / step[stepped, j]
-        limited = (rounding[stepped, j] > 0.5 * variance[stepped, j]).mean() > 0.5
-        if limited or counts.min() < 10:
-            size = float(np.median(step[stepped, j]))
-            make = warning if np.median(counts) < _COUNTS else note
-            share = percent(min(1.0, float(np.median(rounding[stepped, j] / variance[stepped, j]))))
-            yield make(
-                f"The encoder of joint {j + 1} "
-                + ("dominates the noise" if limited else "is coarse for the smallest motion"),
-                f"Its step is {number(size, 2)} rad ({2 * np.pi / size:,.0f} counts per turn); "
-                f"the smallest sine has an amplitude of {number(counts.min(), 2)} steps. "
-                + (
-                    f"Rounding causes {share} of the angle's noise."
-                    if limited
-                    else "Rounding to so few steps repeats with the motion and does not average out."
-                ),
-                "Use larger amplitudes at the frequencies with the smallest motion, record longer, and "
-                "avoid frequencies that divide the sample rate, where the same steps repeat.",
-                0.5 * _worst_error(evidence),
-            )
+        steps, shares = step[stepped, j], rounding[stepped, j] / variance[stepped, j]
+        counts = np.abs(phasors.q[stepped, j]) / steps
+        if (shares > 0.5).mean() > 0.5:
+            what = "dominates the noise"
+            why = f"Rounding causes {percent(min(1.0, float(np.median(shares))))} of the angle's noise."
+        elif counts.min() < 10:
+            what = "is coarse for the smallest motion"
+            why = "Rounding to so few steps repeats with the motion and does not average out."
+        else:
+            continue
+        size = float(np.median(steps))
+        yield (warning if np.median(counts) < _COUNTS else note)(
+            f"The encoder of joint {j + 1} {what}",
+            f"Its step is {number(size, 2)} rad ({2 * np.pi / size:,.0f} counts per turn); "
+            f"the smallest sine has an amplitude of {number(counts.min(), 2)} steps. {why}",
+            "Use larger amplitudes at the frequencies with the smallest motion, record longer, and "
+            "avoid frequencies that divide the sample rate, where the same steps repeat.",
+            0.5 * _worst_error(evidence),
+        )
 
 
 def loop_below_steps(evidence: Evidence) -> Iterator[Finding]:
