@@ -121,15 +121,15 @@ def _corrections(scorer: Scorer, record: int, spring: Complexes) -> list[Floats]
     records, shape (n,); each scale has shape (2n,).
     """
     n, z = scorer.n, scorer.z[record]
-    found = []
+    found: list[Floats] = []
     for joints in (slice(n), *range(n)):
         for signal, factor in _FAULTS:
-            scale = np.ones((2, n))
+            scale: Floats = np.ones((2, n))
             scale[signal, joints] = factor
             found.append(scale.ravel())
     of_a, of_b = scorer.equations(scorer.as_logged())
     left = of_b[record] - spring[:, None] * of_a[record]
-    for columns in (slice(n, None), *([k] for k in range(2 * n))):
+    for columns in (np.arange(n, 2 * n), *np.arange(2 * n)[:, None]):
         part = left[:, columns] @ z[columns]
         with np.errstate(all="ignore"):
             factor = np.vdot(part, part).real / np.vdot(part, part - left @ z).real
