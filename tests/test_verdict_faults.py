@@ -424,6 +424,14 @@ def test_a_ratio_below_1_8_may_be_that_of_wrong_inertias(measured_M: float, rati
     assert wrong_data._ratio(None, inertias).tolist() == [1, 1]
 
 
+def test_a_hypothesis_without_a_factor_has_nothing_to_refine() -> None:
+    scorer = Scorer.of(measured(), [SERIAL] * measured().omega.size)
+    as_logged = scorer.as_logged()
+    assert wrong_data._refined(as_logged, scorer) is as_logged
+    known = Hypothesis.of("torque", np.ones(2), np.array([1.0, 0.97]))
+    assert wrong_data._refined(known, scorer).scale == pytest.approx([1, 1, 1, 1], rel=0.01)
+
+
 def test_gears_are_on_one_side_or_both() -> None:
     found = wrong_data._on_sides(np.array([1.0, 100.0]))
     assert [each.kind for each in found] == ["torque", "angle", "both"]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import fdtri
 
 from jointid import Inertia, MotionRecord
 from jointid.errors import JointIdError
@@ -179,11 +180,11 @@ def test_an_encoder_is_coarse_below_ten_steps_or_where_it_makes_half_of_the_nois
 
 
 def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
-    def change(settling: float, noise: float, z: float = 1.0) -> float:
+    def change(settling: float, noise: float, z: float = 1.0, rounding: float = 0.0) -> float:
         phasors = case(
             settling=np.array([[settling, 0.0]]),
             settling_noise=np.array([[noise, 1.0]]),
-            harmonic_rounding=np.zeros((1, 1, 2)),
+            harmonic_rounding=np.array([[[rounding**2, 0.0], [0.0, 0.0]]]),
             z=np.array([[z, 1.0]]),
             degrees_of_freedom=np.array([200.0]),
             by_frequency=lambda: [(1.0, np.array([0]))],
@@ -195,6 +196,8 @@ def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
     assert change(0.0501, 0.01) == pytest.approx(0.0501)
     assert change(0.0499, 0.01) == 0
     assert change(0.02, 0.0) == 0.02
+    assert change(0.02, 0.0, rounding=2.7e-3) == 0.02  # of both parts, √2 of it each
+    assert change(0.02, 0.0, rounding=2.9e-3) == 0
 
 
 @pytest.mark.parametrize(("hz", "digits"), [(0.09, 0), (0.1, 0), (0.11, 1), (1.0, 1), (1.1, 2), (30, 3)])
@@ -298,6 +301,21 @@ def test_a_misfit_matters_with_its_share_of_the_torque(
     assert "problem" not in levels(rules_model.model_limits(given))
 
 
+@pytest.mark.parametrize(("share", "freedom"), [(0.0, 12.0), (1.0, 1 / (1 / 12 + 0.5 * 0.3**2))])
+def test_noise_that_is_measured_beyond_the_band_is_less_certain(
+    monkeypatch: pytest.MonkeyPatch, share: float, freedom: float
+) -> None:
+    """Rounding of an encoder differs by 30 % within the band of a motion."""
+    monkeypatch.setattr(rules_model, "half_a_sample", lambda _: ("", []))
+    monkeypatch.setattr(rules_model, "distortion", lambda _: 0.0)
+    monkeypatch.setattr(rules_model, "_share_of_angles", lambda _: share)
+    clear = fdtri(20, freedom, 1 - 3e-4)
+    for times, level in ((0.97, []), (1.03, ["warning"])):
+        fit = limited(2.0, 0.01)
+        fit.fundamental = (times * clear, 20)
+        assert levels(rules_model.model_limits(case(fit=fit, has_motions=True))) == level
+
+
 def test_beside_a_known_payload_the_remedy_is_to_state_the_torque_scale() -> None:
     """The fit takes it as exact otherwise, and the payload contradicts it."""
     for added, std, told in ((1e-3, 0.0, True), (0.0, 0.0, False), (1e-3, 0.05, False)):
@@ -327,6 +345,7 @@ def test_a_record_with_five_times_the_misfit_of_the_others_is_named(
     fit.residual = fit.residual_noise * np.sqrt(np.r_[0.5, others, others, odd, others, 0.1])[:, None]
     text, changes = rules_model._odd_record(case(fit=fit, has_motions=False))
     assert bool(text) == named
+    assert (f"in the others up to {evidence.times_noise(others)}." in text) == named
     assert [change.records for change in changes] == [(3,)] * named
     fit.phasors = case(labels=tuple("aabbcc"))  # a motion has a row for each line
     text, changes = rules_model._odd_record(case(fit=fit, has_motions=True))
@@ -375,6 +394,9 @@ def test_a_resonance_is_missed_beyond_a_factor_of_1_4(
         records=[case(interval_s=1e-3)],
     )
     assert levels(rules_model.resonance_missed(given)) == level
+    monkeypatch.setattr(rules_model, "locked_resonances", lambda *_: [0.1, 0.1])
+    few = level or ["note"] * (error < 0.01)  # one resonance alone is not enough for K and D
+    assert levels(rules_model.resonance_missed(given)) == few
 
 
 @pytest.mark.parametrize(
