@@ -645,8 +645,9 @@ def test_a_peak_stands_out_by_forty_per_cent() -> None:
 def test_a_torque_is_clipped_from_a_tenth_of_the_samples(largest: int, clipped: bool) -> None:
     torque = np.r_[np.full(largest, -2.0), np.linspace(0, 1.9, 100 - largest)]
     assert rules_outlier._is_clipped(torque) == clipped
-    steps = np.repeat([0.0, 1.0, 2.0], [25, 25 - largest, 100])  # as many at every smaller size
-    assert rules_outlier._is_clipped(steps) == (100 > 4 * 25) == rules_outlier._is_clipped(-steps)
+    for smaller, far_more in ((25, False), (24, True)):  # a fourth of them at a smaller size
+        steps = np.repeat([0.0, 1.0, 2.0], [smaller, smaller - largest, 100])
+        assert rules_outlier._is_clipped(steps) == far_more == rules_outlier._is_clipped(-steps)
 
 
 @pytest.mark.parametrize(("wrong", "left_out"), [(0, False), (2, True), (3, False)])
@@ -760,6 +761,14 @@ def test_findings_weigh_by_level_and_effect() -> None:
         for effect, weight in ((0.5, 0.5), (-1.0, 0.0), (np.nan, 0.0), (np.inf, most), (99.0, most)):
             finding = make("t", "d", "r", effect)
             assert (finding.level, finding.weight) == (level, least + weight)
+
+
+def test_records_of_a_pose_have_its_inertia() -> None:
+    records: Any = [case(pose=pose) for pose in ("far", None, "near", "far")]
+    given = evidence.Evidence(records, "fgnf", case(), case(), {})  # type: ignore[arg-type]
+    for pose, rows, inertia in (("far", [0, 3], "f"), ("", [1], "g"), ("near", [2], "n")):
+        index, found = given.of_pose(pose)
+        assert (index.tolist(), found) == (rows, inertia)
 
 
 def test_shares_and_multiples_are_rounded() -> None:
