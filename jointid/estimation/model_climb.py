@@ -105,9 +105,9 @@ def fit_laws(search: Search) -> None:
             wider = model.with_part(law)
             search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
             near, rubs = fits.estimate(wider), replace(wider, reversal=0.0)
-            if near and near.misfit < _STEEP * _linear_misfit(search) and rubs not in fits.tried:
-                if search.is_lost and search.may_have_friction:
-                    search.fit(rubs, near.named)
+            leads = search.is_lost and fits.misfit(wider) < _STEEP * _linear_misfit(search)
+            if near and leads and search.may_have_friction and rubs not in fits.tried:
+                search.fit(rubs, near.named)
             if search.is_lost:
                 _freed(search, wider)
             fit_slopes(search, wider)

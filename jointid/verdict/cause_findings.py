@@ -1,6 +1,6 @@
 """Sentences of findings on wrong data."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -25,13 +25,18 @@ from jointid.wording import capitalised, enumerated, listed
 
 
 def finding_of(
-    hypothesis: Hypothesis, before: float, after: float, side: str, duration_s: float, K: Floats
+    hypothesis: Hypothesis,
+    before: float,
+    after: float,
+    side: Callable[[], str],
+    duration_s: float,
+    K: Floats,
 ) -> Finding:
     """Finding that names the fault.
 
     ``before`` and ``after`` are the misfits of the records as logged and as the hypothesis corrects
-    them; ``side`` is the scaled signal according to the coupling of the joints ("torque", "angle",
-    "both", or empty if undecided), ``duration_s`` the length of the longest record as logged, and ``K``,
+    them; ``side`` finds the scaled signal by the coupling of the joints ("torque", "angle", "both", or
+    empty if undecided), ``duration_s`` the length of the longest record as logged, and ``K``,
     shape (n,), the stiffness of the corrected records.
     """
     proof = _proof(before, after)
@@ -72,7 +77,7 @@ def finding_of(
     if None in groups and not good:  # inertias that are off as well may make a known factor by chance
         groups = {None: wrong.tolist()}
     if list(groups) == [None]:
-        return _unknown_cause(factor, wrong, proof, effect, side)
+        return _unknown_cause(factor, wrong, proof, effect, side())
     titles, details, remedies = [], [], []
     changes = _changes(hypothesis) if good else []
     for cause, joints in groups.items():

@@ -1,6 +1,6 @@
 """Rules of the verdict on the given inertias and torque scales: wrong, or of other joints."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -87,7 +87,7 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer | None = None) -> Iterator
     if misfit[best] > _LOWER * misfit[0]:
         return
     as_given = None if evidence.has_motions else _probed(evidence.phasors, fit.prior)
-    other = _refitted(evidence, priors[best], as_given[1].misfit if as_given else np.inf, (_probed,))
+    other = _refitted(evidence, priors[best], as_given[1].misfit if as_given else np.inf)
     if other is None:
         return
     before, after = (float(disagreements(each).max(initial=0.0)) for each in (fit, other))
@@ -177,8 +177,7 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
         return fit if fit.misfit <= _EXPLAINED else None
     if fit.misfit <= _EXPLAINED:
         return fit if "torque_scale" in fit.parameters.layout else None
-    loose = replace(fit.prior, inertia_std=LOOSE, torque_std=0.0)
-    return _refitted(evidence, loose, fit.misfit, (_probed, partial(_same_model, fit=fit)))
+    return _refitted(evidence, replace(fit.prior, inertia_std=LOOSE, torque_std=0.0), fit.misfit)
 
 
 def _same_model(phasors: Phasors, prior: InertiaPrior, fit: ElasticityFit) -> _Probe:
@@ -186,19 +185,14 @@ def _same_model(phasors: Phasors, prior: InertiaPrior, fit: ElasticityFit) -> _P
     return next((c.model for c in fit.candidates if c.chosen), None), refit(phasors, prior, fit)
 
 
-def _refitted(
-    evidence: Evidence,
-    prior: InertiaPrior,
-    misfit: float,
-    probes: Sequence[Callable[[Phasors, InertiaPrior], _Probe | None]],
-) -> ElasticityFit | None:
+def _refitted(evidence: Evidence, prior: InertiaPrior, misfit: float) -> ElasticityFit | None:
     """Search for a fit with other inertias that explains the records; None without success.
 
-    The search is slow. It requires that the first successful fit of ``probes`` explains far more than
-    ``misfit``.
+    The search is slow. It requires that a fit with free friction, or with the model of the given fit,
+    explains far more than ``misfit``.
     """
     phasors, found, near = evidence.phasors, None, None
-    for probe in () if evidence.has_motions else probes:
+    for probe in () if evidence.has_motions else (_probed, partial(_same_model, fit=evidence.fit)):
         with suppress(JointIdError):
             probed = probe(phasors, prior)
             if probed is not None and probed[1].misfit <= max(_EXPLAINED, _FAR_LOWER * misfit):

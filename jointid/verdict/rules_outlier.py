@@ -1,8 +1,7 @@
 """Rules of the verdict on records that contradict all others, and on torques of other motions.
 
 Wrong inertias, friction and wrong units of all records affect every record. Here the others fit well
-without a single record. Its error follows from the torques that K and D of the others predict for its
-angles: a factor on angle or torque that corrects the record.
+without a single record. A factor on its angles or torques that corrects it names its fault.
 """
 
 from collections.abc import Iterator
@@ -10,12 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.passivity import taken_power
-from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
-from jointid.phasors.extract import Phasors
 from jointid.phasors.long_records import LongRecord
-from jointid.verdict.causes import CAUSES, GOOD
+from jointid.verdict.causes import CAUSES, GOOD, Cause
 from jointid.verdict.evidence import (
     Change,
     Evidence,
@@ -39,12 +35,12 @@ _OTHERS_LEFT = 0.2
 _FEWEST = 4
 """Fewest other records, so that they can contradict each other as well."""
 
-_TOLERANCE = 0.15
-"""Relative difference within which a factor counts as a known one, or as 1."""
-
-_UNITS = {cause.factor: cause for cause in CAUSES if cause.by}
-"""Wrong units of one signal by torque over angle, measured over expected."""
-_KNOWN = (1.0, -1.0, *(sign * factor for factor in _UNITS for sign in (1.0, -1.0)))
+_FAULTS: dict[tuple[int, float], Cause | None] = {(1, -1.0): None, (0, -1.0): None} | {
+    (0, 1 / cause.factor) if cause.signal == "position" else (1, cause.factor): cause
+    for cause in CAUSES
+    if cause.by
+}
+"""Cause of a known fault by signal, 0 for angles and 1 for torques, and scale; None of a sign."""
 
 _CLEAR = 4.0
 """Amplitude of a torque over its noise below which there may be no sine."""
@@ -94,116 +90,91 @@ def one_record_off(evidence: Evidence) -> tuple[int, Finding] | None:
     left, reference = float(without.cost[first]), float(whole.misfit[0])
     if not (left < _LEFT * reference and without.cost[second] >= _OTHERS_LEFT * reference):
         return None
-    K, D = without.K[first], without.D[first]
-    factor, by_angle = _factor(phasors, evidence.inertias[first], K, D, first)
-    if factor is not None:
-        scale = np.r_[1 / factor, np.ones(n)] if by_angle else np.r_[np.ones(n), factor]
-        corrected = scorer.corrected(first, scale).scores(as_logged).cost[0]
-        factor = factor if corrected <= max(3 * left, 0.1 * _LEFT * reference) else None
-    if factor is None and not left < GOOD:
-        return None  # the others do not fit either
-    own = np.abs(spring_equations(phasors, evidence.inertias).stiffness[first])
-    stiffness = own / np.abs(K + 1j * phasors.omega[first] * D)
-    k = int(np.argmax(np.abs(np.log(np.maximum(stiffness, 1e-12)))))
+    scales = _corrections(scorer, first, without.K[first] + 1j * scorer.omega[first] * without.D[first])
+    cost = np.array([scorer.corrected(first, scale).scores(as_logged).cost[0] for scale in scales])
+    scale = scales[int(np.argmax(cost <= 2 * max(cost.min(), 1.0)))]
+    if cost.min() > max(3 * left, GOOD):
+        if left >= GOOD:
+            return None  # the others do not fit either
+        scale = np.ones(2 * n)
     before = "the fit has no positive stiffness"
     if np.isfinite(whole.cost[0]):
         before = f"the residual is {times_noise(float(whole.cost[0]))}"
-    title, cause, remedy = _outlier_text(phasors.labels[first], factor, by_angle)
-    changes = [Change("leave out", (first,))]
-    if factor is not None and np.isin(factor, _KNOWN).all():
-        changes.insert(0, Change("scale", (first,), tuple(scale.tolist())))
+    title, cause, remedy, is_known = _outlier_text(phasors.labels[first], scale)
     return first, problem(
         title,
-        f"With it, {before}; without it, the residual of the other {count - 1} "
-        f"records is {times_noise(left)}. Its value for the dynamic stiffness of joint "
-        f"{k + 1} is {number(float(stiffness[k]), 2)} times that of the other records. {cause}",
+        f"With it, {before}; without it, the residual of the other {count - 1} records is "
+        f"{times_noise(left)}. {cause}",
         remedy,
         10.0,
         "edit runs",
-        *changes,
+        *([Change("scale", (first,), tuple(scale.tolist()))] if is_known else []),
+        Change("leave out", (first,)),
     )
 
 
-def _outlier_text(label: str, factors: Floats | None, by_angle: bool) -> tuple[str, str, str]:
-    """Title, cause and remedy, for factors on the angles or torques of all joints.
+def _corrections(scorer: Scorer, record: int, spring: Complexes) -> list[Floats]:
+    """Logged over true angles, then torques, of a record: known faults first, then any factor.
 
-    ``factors`` is None where none corrects the record.
+    The coupling of the joints shows which signal of one joint is scaled. One factor for all joints does
+    not separate angle from torque: the usual signal is assumed. ``spring`` is K + iωD of the other
+    records, shape (n,); each scale has shape (2n,).
     """
-    if factors is None:
+    n, z = scorer.n, scorer.z[record]
+    found: list[Floats] = []
+    for joints in (slice(n), *range(n)):
+        for signal, factor in _FAULTS:
+            scale: Floats = np.ones((2, n))
+            scale[signal, joints] = factor
+            found.append(scale.ravel())
+    of_a, of_b = scorer.equations(scorer.as_logged())
+    left = of_b[record] - spring[:, None] * of_a[record]
+    for columns in (np.arange(n, 2 * n), *np.arange(2 * n)[:, None]):
+        part = left[:, columns] @ z[columns]
+        with np.errstate(all="ignore"):
+            factor = np.vdot(part, part).real / np.vdot(part, part - left @ z).real
+        if np.isfinite(factor) and factor != 0:
+            scale = np.ones(2 * n)
+            scale[columns] = factor
+            found.append(scale)
+    return found
+
+
+def _outlier_text(label: str, scale: Floats) -> tuple[str, str, str, bool]:
+    """Title, cause and remedy, for scales of angles and torques, shape (2n,), and whether it is known.
+
+    All scales are 1 where none corrects the record.
+    """
+    wrong, n = np.flatnonzero(scale != 1), scale.size // 2
+    if not wrong.size:
         return (
             f"{label} contradicts all other records",
             "No factor on its angles or torques corrects it.",
             f"Check the columns, the pose and the load of {label}, or leave it out: {_LEAVE_OUT}.",
+            False,
         )
-    wrong = np.flatnonzero(~np.isclose(factors, 1))
-    signal = "angle" if by_angle else "torque"
-    names = ", ".join(f"theta_m{j + 1}_rad" if by_angle else f"tau_m{j + 1}_Nm" for j in wrong)
-    joints = "" if wrong.size == factors.size else " of joint " + " and ".join(str(j + 1) for j in wrong)
-    factor = float(factors[wrong[0]])
-    scale = 1 / factor if by_angle else factor
-    cause = f"The {signal}{joints} is {number(scale)} times the value expected from the other records."
-    unit, alike = _UNITS.get(abs(factor)), np.all(factors[wrong] == factor)
-    if alike and factor == -1:
-        title = f"The {signal}{joints} in {label} looks reversed in sign"
-        return title, cause, f"Reverse the sign of {names} in this record."
-    if alike and unit and _usual_on_angle(factor) == by_angle:
-        title, sign = f"The {signal}{joints} in {label} {unit.title}", ""
-        if factor < 0:
-            title, sign = f"{title}, with the sign reversed", " and reverse its sign"
-        return title, cause, f"{capitalised(unit.by.format(names))}{sign} in this record."
-    return (
-        f"The {signal}{joints} in {label} differs in scale from all other records",
-        cause,
-        f"Check the gear ratio, the unit and the sign of {names} in {label}, or leave the record out: "
-        f"{_LEAVE_OUT}.",
+    fault = int(wrong[0] // n), float(scale[wrong[0]])
+    signal = "torque" if fault[0] else "angle"
+    names = ", ".join(f"tau_m{j + 1}_Nm" if fault[0] else f"theta_m{j + 1}_rad" for j in wrong % n)
+    joints = "" if wrong.size == n else f" of joint {wrong[0] % n + 1}"
+    where = f"The {signal}{joints} in {label}"
+    cause = (
+        f"The {signal}{joints} is {number(fault[1])} times the value expected from the other records."
     )
-
-
-def _factor(
-    phasors: Phasors, inertia: Inertia, K: Floats, D: Floats, i: int
-) -> tuple[Floats | None, bool]:
-    """Real factors of each joint that make a record agree with K and D of the others."""
-    s = np.asarray(1j * phasors.omega[i : i + 1], np.complex128)
-    arm = np.asarray(np.linalg.inv(dynamic_arm_inertia(s.imag, inertia)), np.float64)
-    Z = motor_impedance(s, inertia.M, arm, K, D)[0][0]
-    q, tau = phasors.q[i], phasors.tau[i]
-    # One factor for all joints does not separate angle from torque: the usual signal is assumed.
-    predicted = Z @ q
-    if np.linalg.norm(predicted) > 0:
-        whole = np.vdot(predicted, tau) / np.vdot(predicted, predicted)
-        rest = np.linalg.norm(tau - whole * predicted)
-        if rest < _TOLERANCE * np.linalg.norm(tau) and _is_real(np.array([whole])):
-            value = _snapped(float(whole.real))
-            return np.full(q.size, value), _usual_on_angle(value)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        of_torque = tau / predicted
-        try:
-            of_angle = np.linalg.solve(Z * q, tau)  # true over logged angle
-        except np.linalg.LinAlgError:
-            of_angle = np.full(q.size, np.nan + 0j)
-    possible = []
-    for factors, by_angle in ((of_angle, True), (of_torque, False)):
-        if np.isfinite(factors).all() and _is_real(factors):
-            values = np.array([_snapped(float(f)) for f in factors.real])
-            if np.any(values == 1) and np.any(values != 1):
-                possible.append((values, by_angle))
-    for values, by_angle in possible:  # joints that do not couple leave both possible
-        if _usual_on_angle(float(values[values != 1][0])) == by_angle:
-            return values, by_angle
-    return possible[0] if possible else (None, True)
-
-
-def _is_real(factors: Complexes) -> bool:
-    return bool(np.all(np.abs(factors.imag) < _TOLERANCE * np.abs(factors)))
-
-
-def _snapped(factor: float) -> float:
-    return next((known for known in _KNOWN if abs(factor / known - 1) < _TOLERANCE), factor)
-
-
-def _usual_on_angle(factor: float) -> bool:
-    unit = _UNITS.get(abs(factor))
-    return factor != -1 and (unit is None or unit.signal == "position")
+    if fault not in _FAULTS:
+        return (
+            f"{where} differs in scale from all other records",
+            cause,
+            f"Check the gear ratio, the unit and the sign of {names} in {label}, or leave the record "
+            f"out: {_LEAVE_OUT}.",
+            False,
+        )
+    unit = _FAULTS[fault]
+    if unit is None:
+        title, remedy = f"{where} looks reversed in sign", f"Reverse the sign of {names}"
+    else:
+        title, remedy = f"{where} {unit.title}", capitalised(unit.by.format(names))
+    return title, cause, f"{remedy} in this record.", True
 
 
 def foreign_torques(evidence: Evidence) -> Iterator[Finding]:

@@ -176,30 +176,6 @@ def sample_digests(record: MotionRecord) -> np.ndarray:
     return np.unique(digest)
 
 
-def same_experiment(evidence: Evidence) -> Iterator[Finding]:
-    """All records of a frequency move the joints in the same proportion."""
-    phasors, n = evidence.phasors, evidence.fit.n
-    if n == 1:
-        return
-    found = []
-    for pose in dict.fromkeys(evidence.poses):
-        index, _ = evidence.of_pose(pose)
-        for omega, group in phasors.select(index).by_frequency():
-            first, *others = index[group]
-            if others and all(_proportional(evidence, int(first), int(k)) for k in others):
-                names = " and ".join(phasors.labels[i] for i in index[group][:2])
-                found.append(f"{names} at {number(omega / (2 * np.pi), 4)} Hz")
-    if found:
-        yield note(
-            "Two records are the same experiment",
-            f"{some(found)}: all angles and torques are proportional, so the second record averages "
-            "noise but adds no information.",
-            "Measure with different relative amplitudes or phases, for example with one joint reversed: "
-            "the transfer matrix and the friction estimate need it.",
-            0.01 + 0.3 * _worst_error(evidence),
-        )
-
-
 def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
     """A sticking joint has no friction phasor, and its torque carries little information."""
     fit, phasors = evidence.fit, evidence.phasors
@@ -254,26 +230,25 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
         stepped = (rounding[:, j] > 0) & (variance[:, j] > 0) & moved[:, j]
         if not stepped.any():
             continue
-        counts = np.abs(phasors.q[stepped, j]) / step[stepped, j]
-        limited = (rounding[stepped, j] > 0.5 * variance[stepped, j]).mean() > 0.5
-        if limited or counts.min() < 10:
-            size = float(np.median(step[stepped, j]))
-            make = warning if np.median(counts) < _COUNTS else note
-            share = percent(min(1.0, float(np.median(rounding[stepped, j] / variance[stepped, j]))))
-            yield make(
-                f"The encoder of joint {j + 1} "
-                + ("dominates the noise" if limited else "is coarse for the smallest motion"),
-                f"Its step is {number(size, 2)} rad ({2 * np.pi / size:,.0f} counts per turn); "
-                f"the smallest sine has an amplitude of {number(counts.min(), 2)} steps. "
-                + (
-                    f"Rounding causes {share} of the angle's noise."
-                    if limited
-                    else "Rounding to so few steps repeats with the motion and does not average out."
-                ),
-                "Use larger amplitudes at the frequencies with the smallest motion, record longer, and "
-                "avoid frequencies that divide the sample rate, where the same steps repeat.",
-                0.5 * _worst_error(evidence),
-            )
+        steps, shares = step[stepped, j], rounding[stepped, j] / variance[stepped, j]
+        counts = np.abs(phasors.q[stepped, j]) / steps
+        if (shares > 0.5).mean() > 0.5:
+            what = "dominates the noise"
+            why = f"Rounding causes {percent(min(1.0, float(np.median(shares))))} of the angle's noise."
+        elif counts.min() < 10:
+            what = "is coarse for the smallest motion"
+            why = "Rounding to so few steps repeats with the motion and does not average out."
+        else:
+            continue
+        size = float(np.median(steps))
+        yield (warning if np.median(counts) < _COUNTS else note)(
+            f"The encoder of joint {j + 1} {what}",
+            f"Its step is {number(size, 2)} rad ({2 * np.pi / size:,.0f} counts per turn); "
+            f"the smallest sine has an amplitude of {number(counts.min(), 2)} steps. {why}",
+            "Use larger amplitudes at the frequencies with the smallest motion, record longer, and "
+            "avoid frequencies that divide the sample rate, where the same steps repeat.",
+            0.5 * _worst_error(evidence),
+        )
 
 
 def loop_below_steps(evidence: Evidence) -> Iterator[Finding]:
@@ -317,21 +292,6 @@ def _encoder_steps(record: SineRecord) -> Floats:
             counts = np.rint(np.diff(angle) / step)
             steps[j] = np.diff(angle) @ counts / (counts @ counts)
     return steps
-
-
-def _proportional(evidence: Evidence, first: int, second: int) -> bool:
-    """Whether two records differ only by one complex factor, within the noise."""
-    z, deviation = evidence.phasors.z, evidence.phasors.standard_deviation
-    size = np.maximum(np.abs(z[first]), np.abs(z[second]))
-    moves = size > np.finfo(float).tiny  # smaller numbers have lost digits
-    scale = 1 / size[moves]
-    x, y = z[first, moves] * scale, z[second, moves] * scale
-    if not x.any():
-        return False
-    factor = np.vdot(x, y) / np.vdot(x, x)
-    apart = np.abs(y - factor * x)
-    noise = np.hypot(deviation[second, moves], abs(factor) * deviation[first, moves]) * scale
-    return bool(np.all(apart <= np.maximum(4 * noise, 1e-6)) and np.all(apart < 0.1))
 
 
 def _worst_error(evidence: Evidence) -> float:

@@ -8,7 +8,7 @@ from jointid.arrays import Floats
 from jointid.joints import resonances
 from jointid.transfer_matrix import TransferMatrix, single_record_response
 from jointid.verdict.evidence import Evidence, Finding, note, number, some
-from jointid.verdict.rules_records import off_frequency, same_experiment
+from jointid.verdict.rules_records import off_frequency
 from jointid.wording import counted
 
 _STANDS_OUT = np.log(1.4)
@@ -23,8 +23,6 @@ def rejected(evidence: Evidence) -> Iterator[Finding]:
     if off_frequency(evidence):  # a single record at its frequency is a consequence
         return
     texts = [text for matrix in evidence.transfer_matrices.values() for text in matrix.rejected]
-    if any(same_experiment(evidence)):  # reported by its own rule
-        texts = [text for text in texts if "the same experiment" not in text]
     if texts:
         verb = "has" if len(texts) == 1 else "have"
         yield note(

@@ -91,9 +91,7 @@ class Scorer:
     @classmethod
     def of(cls, phasors: Phasors, inertias: Sequence[Inertia]) -> Scorer:
         """Collect phasors and inertias, one per record."""
-        n = phasors.n
-        largest = np.abs(phasors.z).max(axis=0).reshape(2, n)
-        largest = np.where(largest > 0, largest, largest.max(axis=1, keepdims=True)).ravel()
+        largest = np.abs(phasors.z).max(axis=0)
         degrees_of_freedom = np.maximum(phasors.degrees_of_freedom, 2.0)
         M2 = np.array([each.M2 for each in inertias])
         return cls(
@@ -131,13 +129,13 @@ class Scorer:
             1 for records that count, 0 for others. With several hypotheses one row for each; with one
             hypothesis any number of rows.
         """
-        maps = [self._equations(hypothesis) for hypothesis in hypotheses]
+        maps = [self.equations(hypothesis) for hypothesis in hypotheses]
         of_a, of_b = (np.array(each) for each in zip(*maps, strict=True))
         use = np.ones((1, self.omega.size)) if use is None else use
         with np.errstate(all="ignore"):
             return self._fitted(of_a, of_b, use[..., None])
 
-    def _equations(self, hypothesis: Hypothesis) -> tuple[Floats, Floats]:
+    def equations(self, hypothesis: Hypothesis) -> tuple[Floats, Floats]:
         """Matrices of a and b for the logged z, each shape (r, n, 2n)."""
         n, s2, gear = self.n, -(self.omega[:, None, None] ** 2), hypothesis.gear
         M2, M = self.M2 / np.outer(gear, gear) + self.gravity, self.M[:, :, None] * np.eye(n)

@@ -7,6 +7,7 @@ far better than the data as logged. Correct data are never changed.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations, product
 
 import numpy as np
@@ -83,9 +84,9 @@ def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, 
         cost = scorer.scores(tried).cost
     chosen = tried[int(np.argmax(cost <= 2 * max(cost.min(), 1.0)))]
     after = scorer.scores([chosen])
-    side = _side(chosen, float(after.cost[0]), scorer)
-    duration_s = float(phasors.duration_s.max())
-    return (finding_of(chosen, as_logged, float(after.cost[0]), side, duration_s, after.K[0]),)
+    left, duration_s = float(after.cost[0]), float(phasors.duration_s.max())
+    side = partial(_side, chosen, left, scorer)
+    return (finding_of(chosen, as_logged, left, side, duration_s, after.K[0]),)
 
 
 def _reversed_by_power(phasors: Phasors, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -110,11 +111,12 @@ def _supplies_power(phasors: Phasors, hypothesis: Hypothesis) -> bool:
 def _hypotheses(n: int, measured: Floats | None, inertias: Sequence[Inertia]) -> Iterator[Hypothesis]:
     """Hypotheses to try, the simplest first."""
     one = np.ones(n)
-    for factor in (-1.0, *_FACTORS):  # all joints alike: the same as torque or as angle
-        if factor in (-1.0, 1e3, *SUBTLE) or factor in (c.factor for c in CAUSES if c.is_common):
-            yield Hypothesis.of("torque", one, np.full(n, factor))
+    yield Hypothesis.of("torque", one, -one)
+    for cause in CAUSES:  # all joints alike: the same as torque or as angle
+        if cause.signal == "position":
+            yield Hypothesis.of("angle", one / cause.factor, one)
         else:
-            yield Hypothesis.of("angle", np.full(n, 1 / factor), one)
+            yield Hypothesis.of("torque", one, one * cause.factor)
     as_logged = Hypothesis.of("", one, one)
     for flip in 1 - 2 * np.eye(n):
         yield Hypothesis.of("angle", flip, one)
@@ -184,11 +186,9 @@ def _on_sides(factor: Floats) -> list[Hypothesis]:
 def _side(chosen: Hypothesis, after: float, scorer: Scorer) -> str:
     """Return "torque", "angle" or "both" if the coupling of the joints shows which, else ""."""
     factor = chosen.factor
-    if chosen.kind not in ("angle", "torque", "both") or factor.size == 1:
+    if factor.size == 1:
         return ""
     refined = [_refined(h, scorer) for h in _on_sides(np.where(np.isclose(factor, 1), 1.0, factor))]
-    if np.all(np.abs(factor) == 1) or not refined:
-        return ""
     best: dict[str, float] = {}
     for hypothesis, cost in zip(refined, scorer.scores(refined).cost.tolist(), strict=True):
         best[hypothesis.kind] = min(cost, best.get(hypothesis.kind, np.inf))
