@@ -100,6 +100,8 @@ def motion_transfer_matrix(
     subtract from the torque, N·m and N·m·s/rad; ``delay`` is that of the torque in addition to that of
     the records, s. Raises JointIdError when a clock is too uneven, or no frequency can be solved for.
     """
+    if len({record.n for record in records}) != 1:
+        raise JointIdError("The transfer matrix needs motion records, all of the same joints.")
     parts = [
         (part, record, coherent_band(record) if record.band_hz is None else record.band_hz)
         for k, record in enumerate(records)
@@ -111,7 +113,14 @@ def motion_transfer_matrix(
     low, high = min(band[0] for *_, band in parts), max(band[1] for *_, band in parts)
     centres = np.arange(low + half, high - half, 2 * half).tolist()
     bands = {2 * np.pi * centre: partial(_local, spectra, centre, half) for centre in centres}
-    return _matrix(bands, "The transfer matrix cannot be estimated from these motions.")
+    matrix = _matrix(bands, "The transfer matrix cannot be estimated from these motions.")
+    held_s = max((part.interval_s for part, _, _ in parts if part.held), default=0.0)
+    # Images of a held torque move the rotor, and are folded into its sampled angles.
+    diagonal = np.abs(np.einsum("fii->fi", matrix.H))
+    rotors = np.maximum(diagonal[-1], np.median(diagonal, axis=0))  # about 1 / M
+    images = (0.5 * matrix.omega[:, None] * held_s) ** 4 / 15 * rotors
+    np.einsum("fii->fi", matrix.covariance)[:, :: rotors.size + 1] += images**2
+    return matrix
 
 
 def _spectrum(
@@ -138,9 +147,10 @@ def _spectrum(
         timing *= -np.expm1(-s * T) / (s * T)
     q, torque = (np.fft.rfft(x, axis=1)[:, 1:] / samples for x in (part.theta, tau))
     chosen = (x.T[inside] for x in (s**2 * q, timing * torque))
-    noise = noise_variances(part).swapaxes(1, 2) / samples * np.ones((s[inside].size, 1))
+    f = np.asarray(s.imag[inside] / (2 * np.pi), float)
+    noise = noise_variances(part, f) / samples
     noise[0] *= np.abs(s[inside, None]) ** 4
-    return (s.imag[inside] / (2 * np.pi), *chosen, noise)
+    return (f, *chosen, noise)
 
 
 def _local(

@@ -147,8 +147,9 @@ def test_delay_and_friction_are_subtracted() -> None:
     [
         ([record(2, 1, alike=True), record(2, 2, alike=True)], "are not independent"),
         ([record(2, 1, still=1), record(2, 2, still=1)], "torque of a joint is zero"),
+        ([], "needs motion records"),
     ],
-    ids=["alike", "zero"],
+    ids=["alike", "zero", "none"],
 )
 def test_motions_without_an_answer_are_refused(records: list[MotionRecord], reason: str) -> None:
     with pytest.raises(JointIdError, match=reason):
@@ -205,3 +206,20 @@ def test_a_joint_whose_encoder_stands_still_has_no_response() -> None:
     braked = [replace(each, theta_rad=q) for each, q in zip(records, angles, strict=True)]
     with pytest.raises(JointIdError, match="does not move"):
         motion_transfer_matrix(braked)
+
+
+@pytest.mark.parametrize(("rate_Hz", "counts", "least"), [(500.0, None, 0.5), (2000.0, 2**14, 0.7)])
+def test_errors_are_those_of_a_held_torque_and_of_a_fine_encoder(
+    rate_Hz: float, counts: int | None, least: float
+) -> None:
+    """Images of the torque were off by 147 stated errors; those of the encoder were thrice too wide."""
+    records = simulate_motion(
+        *ROBOTS[1],
+        Motion("random", 2.0, 40.0, 10.0, acceleration_rad_s2=50.0),
+        controller=Controller(sample_rate_hz=rate_Hz),
+        measurement=Measurement(encoder_counts=counts),
+    )
+    found = motion_transfer_matrix([replace(each, band_hz=(2.0, 40.0)) for each in records])
+    off = np.abs(found.H - motor_response(found.omega, *ROBOTS[1])) / found.standard_deviation
+    assert off.max() < 4
+    assert np.sqrt(np.mean(off**2)) > least

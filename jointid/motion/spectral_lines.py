@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 
 from jointid.arrays import Complexes, Floats
 from jointid.motion.noise import repeated_variances
@@ -13,32 +15,86 @@ from jointid.phasors.sensor_steps import quantum
 
 _QUIET = 0.35, 0.48
 """Frequencies over the sample rate at which the angles have noise only."""
-_BANDS = 24
-"""Bands of these frequencies in each of which a controller has one gain."""
+_BANDS, _LEAST_LINES = 24, 16
+"""Bands above the motion in each of which a controller has one gain, and lines of such a band."""
+_BEYOND, _MOVED = 1.3, 2.0
+"""First of these frequencies, over the motion's highest; power over that of noise of a motion."""
 
 
-def noise_variances(part: UniformPart) -> Floats:
-    """Variance of the noise of the angles, and of the torques by which controllers answer it, (2, n, 1).
+def noise_variances(part: UniformPart, f: Floats) -> Floats:
+    """Variance of the noise of the angles, and of the torques by which controllers answer it, (2, k, n).
 
-    N times that of a spectral line. From the highest frequencies, at which the motors hardly move and
-    the torques' own noise does not follow that of the angles, and where a controller answers most; the
-    noise of the angles is at least that of the encoder's steps, with the rounding that the periods of a
-    motion share.
+    N times that of the spectral lines at the motion's frequencies f, shape (k,), Hz. The noise of the
+    angles is that of the highest frequencies, at which the motors hardly move; at least that of the
+    encoder's steps, with the rounding that the periods of a motion share.
     """
     T = part.interval_s
-    f, torque = windowed_spectrum(part.tau[:, 1:-1], T)
-    above = (f > _QUIET[0] / T) & (f < _QUIET[1] / T)
-    angle = part.rotor_spectra[2][:, above] / -((2 * np.sin(np.pi * f[above] * T) / T) ** 2)
-    torque = torque[:, above]
-    angles, power = (np.mean(np.abs(each) ** 2, axis=1) for each in (angle, torque))
-    bands = np.array_split(angle.conj() * torque, min(_BANDS, angle.shape[1]), axis=1)
-    both = np.mean([np.abs(each.mean(axis=1)) ** 2 for each in bands], axis=0)
-    # Through a window, two neighbouring lines are one: so much correlation has noise of its own.
-    both = np.maximum(both - 2 * angles * power * len(bands) / angle.shape[1], 0.0)
-    steps = np.array([quantum(each) for each in part.theta])
-    angles = np.maximum(angles, steps**2 / 12) + repeated_variances([part])
-    answers = np.divide(both, angles, out=np.zeros_like(both), where=angles > 0)
-    return np.stack([angles, answers])[..., None]
+    lines, torque = windowed_spectrum(part.tau[:, 1:-1], T)
+    angle = part.rotor_spectra[2][:, 1:] / -((2 * np.sin(np.pi * lines[1:] * T) / T) ** 2)
+    lines, torque = lines[1:], torque[:, 1:]
+    top, end = np.searchsorted(lines, np.array(_QUIET) / T)
+    least = np.mean(np.abs(angle[:, top:end]) ** 2, axis=1)
+    begin = min(_BEYOND * f[-1], _QUIET[0] / T)
+    edges = np.searchsorted(lines, np.geomspace(begin, _QUIET[1] / T, _BANDS + 1))
+    bands = [slice(*ab) for ab in pairwise(edges) if ab[1] - ab[0] >= _LEAST_LINES]
+    bands = bands or [slice(int(top), int(end))]
+    gain = np.stack([_gain(angle[:, each], torque[:, each]) for each in bands])
+    latest = np.array([each.stop > top for each in bands])
+    quiet = (gain[:, 2] < _MOVED * least) | latest[:, None]
+    middle = np.array([lines[each].mean() for each in bands])
+    rounding = np.stack([_rounding(each, f, T) for each in part.theta], axis=1)
+    angles = np.maximum(least, rounding) + repeated_variances([part])
+    answers = [
+        _continued(middle[used] * T, gain[used, 0, j], gain[used, 1, j], f * T)
+        for j, used in enumerate(quiet.T)
+    ]
+    return np.stack([angles, angles * np.transpose(answers)])
+
+
+def _rounding(theta: Floats, f: Floats, T: float) -> Floats:
+    """Variance of an angle's rounding at frequencies f, at least as if it were white, shape (k,).
+
+    That of a slow motion follows it, and the errors of neighbouring lines add up instead of their
+    squares. To see this, the angle without its higher frequencies is rounded again.
+    """
+    step = quantum(theta)
+    if step == 0:
+        return np.zeros(f.size)
+    line = np.linspace(theta[0], theta[-1], theta.size)
+    lines = np.fft.rfftfreq(theta.size, T)
+    smooth = line + np.fft.irfft(np.fft.rfft(theta - line) * (lines < _BEYOND * f[-1]), theta.size)
+    power = np.abs(np.fft.rfft(np.rint(smooth / step) * step - smooth)) ** 2 / theta.size
+    near = np.convolve(power, np.ones(_LEAST_LINES) / _LEAST_LINES, mode="same")
+    first, white = round(f[0] * theta.size * T), step**2 / 12
+    near = near[first : first + f.size]
+    return np.where(near > _MOVED * white, _LEAST_LINES * near, white)
+
+
+def _gain(angle: Complexes, torque: Complexes) -> Floats:
+    """Square of the gain from angles to torques, its uncertainty, and power of the angles, (3, n)."""
+    tiny = np.finfo(float).tiny
+    both = np.stack([angle, torque])
+    size = np.sqrt(np.mean(np.abs(both) ** 2, axis=2))
+    unit = both / np.maximum(size, tiny)[..., None]
+    coherence = np.abs(np.mean(unit[0].conj() * unit[1], axis=1)) ** 2
+    chance = 2 / angle.shape[1]  # through a window, two neighbouring lines are one
+    square = np.divide(size[1], size[0], out=np.zeros(len(angle)), where=size[0] > tiny) ** 2
+    return np.stack(
+        [square * np.maximum(coherence - chance, 0.0), square * (coherence + chance), size[0] ** 2]
+    )
+
+
+def _continued(measured_at: Floats, gain: Floats, error: Floats, wanted_at: Floats) -> Floats:
+    """Square of a controller's gain at other frequencies, over the sample rate.
+
+    That of a PD controller, whose square is linear in |1 − z|²: filters let it rise less.
+    """
+    if not error.any():
+        return np.zeros(wanted_at.size)
+    slopes = (np.stack([np.ones(x.size), np.sin(np.pi * x) ** 2], 1) for x in (measured_at, wanted_at))
+    rows, wanted = slopes
+    weight = 1 / np.maximum(error, np.finfo(float).eps * error.max())
+    return np.asarray(wanted @ nnls(rows * weight[:, None], gain * weight)[0])
 
 
 class SpectralLines(NamedTuple):

@@ -253,7 +253,9 @@ class ParameterLayout:
         return name in self._slices
 
     def __getitem__(self, name: str) -> slice:
-        """Place of a block in the vector."""
+        """Place of a block in the vector; KeyError names the blocks when there is no such one."""
+        if name not in self:
+            raise KeyError(f"no block {name!r}, only {', '.join(self._slices)}")
         return self._slices[name]
 
     def of_part(self, part: str) -> slice:
@@ -285,9 +287,9 @@ class Parameters:
     """Shape (P,)."""
 
     def __getitem__(self, name: str) -> Floats:
-        """Values of a block, in its shape."""
-        shape = next(block.shape for block in self.layout.blocks if block.name == name)
-        return self.vector[self.layout[name]].reshape(shape)
+        """Values of a block, in its shape; KeyError when there is no such one."""
+        values = self.vector[self.layout[name]]
+        return values.reshape(next(b.shape for b in self.layout.blocks if b.name == name))
 
     def effect(self, name: str) -> Floats | float:
         """Values of an effect, shape (n,); 0 where it is not fitted."""
