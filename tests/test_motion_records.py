@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import time
 import tracemalloc
 import zipfile
 from dataclasses import replace
@@ -562,8 +563,8 @@ def test_wide_bands_of_many_joints_have_short_segments(joints: int, seconds: flo
     np.testing.assert_allclose(lengths, seconds, rtol=0.08)
 
 
-def test_degrees_beside_heavy_friction_are_named_without_a_search() -> None:
-    """It took 100 s, and no unit was named: friction hides the factor in H."""
+def test_degrees_beside_heavy_friction_end_soon_and_are_named() -> None:
+    """The search took 100 s, and no unit was named: friction hides the factor in H."""
     inertia = Inertia([0.003457], [[0.008622]])
     friction = MotorFriction([1.701], [0.05998], step_s=1e-3)
     records = simulate_motion(
@@ -576,8 +577,9 @@ def test_degrees_beside_heavy_friction_are_named_without_a_search() -> None:
         measurement=Measurement(encoder_counts=2**16, torque_noise_Nm=0.01208),
         seed=0,
     )
+    begin = time.process_time()
     turned = [replace(each, theta_rad=np.degrees(each.theta_rad)) for each in records]
     found = analyse(Study(records=turned, inertia=inertia, inertia_std=0.05))
     assert "degrees" in found.headline
     assert found.findings[0].level == "problem"
-    assert len(found.fit.candidates) == 1
+    assert time.process_time() - begin < 10
