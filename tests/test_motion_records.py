@@ -565,16 +565,16 @@ def test_wide_bands_of_many_joints_have_short_segments(joints: int, seconds: flo
 
 def test_degrees_beside_heavy_friction_end_soon_and_are_named() -> None:
     """The search took 100 s, and no unit was named: friction hides the factor in H."""
-    inertia = Inertia([0.003457], [[0.008622]])
-    friction = MotorFriction([1.701], [0.05998], step_s=1e-3)
+    inertia = Inertia([0.0012], [[0.0030]])
+    friction = MotorFriction([0.6], [0.01], step_s=1e-3)
     records = simulate_motion(
         inertia,
-        Elasticity([82.72], [0.08754]),
-        Motion("sweep", 2.0, 30.0, 8.0, acceleration_rad_s2=300.0),
-        records=2,
+        Elasticity([15.0], [0.02]),
+        Motion("sweep", 2.0, 30.0, 6.0, acceleration_rad_s2=300.0),
+        records=1,
         controller=Controller(sample_rate_hz=1000.0),
         friction=friction,
-        measurement=Measurement(encoder_counts=2**16, torque_noise_Nm=0.01208),
+        measurement=Measurement(encoder_counts=2**16, torque_noise_Nm=0.004),
         seed=0,
     )
     begin = time.process_time()
