@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import time
 import tracemalloc
 import zipfile
 from dataclasses import replace
@@ -561,25 +560,3 @@ def test_wide_bands_of_many_joints_have_short_segments(joints: int, seconds: flo
         each.duration_s for each in motion_phasors([record], np.ones((1, joints))).segments if each
     ]
     np.testing.assert_allclose(lengths, seconds, rtol=0.08)
-
-
-def test_degrees_beside_heavy_friction_end_soon_and_are_named() -> None:
-    """The search took 100 s, and no unit was named: friction hides the factor in H."""
-    inertia = Inertia([0.0012], [[0.0030]])
-    friction = MotorFriction([0.6], [0.01], step_s=1e-3)
-    records = simulate_motion(
-        inertia,
-        Elasticity([15.0], [0.02]),
-        Motion("sweep", 2.0, 30.0, 6.0, acceleration_rad_s2=300.0),
-        records=1,
-        controller=Controller(sample_rate_hz=1000.0),
-        friction=friction,
-        measurement=Measurement(encoder_counts=2**16, torque_noise_Nm=0.004),
-        seed=0,
-    )
-    begin = time.process_time()
-    turned = [replace(each, theta_rad=np.degrees(each.theta_rad)) for each in records]
-    found = analyse(Study(records=turned, inertia=inertia, inertia_std=0.05))
-    assert "degrees" in found.headline
-    assert found.findings[0].level == "problem"
-    assert time.process_time() - begin < 10

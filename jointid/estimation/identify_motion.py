@@ -20,7 +20,7 @@ from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.model_fits import evaluated, fit_model, stepped
-from jointid.estimation.model_selection import choose_model, unit_is_wrong
+from jointid.estimation.model_selection import choose_model
 from jointid.estimation.motion_noise import (
     SAME,
     SAME_OF_MANY,
@@ -184,7 +184,7 @@ def _with_first_noise(
     """Phasors with the noise from a fit of some rows with simple friction, and its parameters and model.
     With ``many`` equations the noise is estimated several times.
     """
-    if not phasors.motion.any() or unit_is_wrong(phasors, prior, start):
+    if not phasors.motion.any():
         return phasors, start, ()
     if "coulomb" in start.layout:
         size = np.maximum(start["coulomb"], 0.0)

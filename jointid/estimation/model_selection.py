@@ -41,7 +41,7 @@ from jointid.estimation.model_climb import (
 from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_growth import NEARLY_ALL, exchanged, grown
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
-from jointid.estimation.passivity import least_misfit, torque_shares, torques_are_too_small
+from jointid.estimation.passivity import least_misfit
 from jointid.estimation.start_values import at_resonances, friction_start
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
@@ -139,17 +139,12 @@ def _searched(search: Search) -> Choice:
 
     Heavy friction can make the linear estimate negative, or place it near another local minimum; a
     start with its model is that of a near fit. The search ends soon where no passive robot can produce
-    the records, such as those in a wrong unit, or no model explains a part of them.
+    the records, or no model explains a part of them.
     """
     phasors = search.phasors
-    if search.has_motions:
-        is_impossible = unit_is_wrong(phasors, search.prior, search.start)
-    else:
-        is_impossible = least_misfit(phasors.omega, phasors.z, phasors.covariance) > LOST
-    if is_impossible:
+    if not search.has_motions and least_misfit(phasors.omega, phasors.z, phasors.covariance) > LOST:
         search.fit(search.base, search.start)
-        if not search.has_motions or search.fits.estimate(search.base):
-            return _choice(search, search.base)
+        return _choice(search, search.base)
     for model in search.first:
         if model not in search.fits.tried:
             search.fit(model, search.start)
@@ -181,20 +176,6 @@ def _searched(search: Search) -> Choice:
     if search.is_lost and search.has_motions and linear:  # under a wrong law the gears' motion diverges
         best = search.fits.least(linear)
     return _choice(search, best)
-
-
-def unit_is_wrong(phasors: Phasors, prior: InertiaPrior, start: Parameters) -> bool:
-    """Whether motions have far less torque than their inertias need, and the torques' scale is known.
-
-    Start values with friction come near enough to the data for a search.
-    """
-    if "coulomb" in start.layout or not np.isfinite(prior.torque_std):
-        return False
-    row, bins = np.nonzero(np.any(phasors.harmonics != 0, axis=2) & phasors.motion[:, None])
-    q, tau = np.split(phasors.harmonics[row, bins], 2, axis=1)
-    inertia = prior.M[prior.rotor] + np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2)
-    shares = torque_shares(phasors.omega[row] * (bins + 1), q, tau, inertia[row])
-    return torques_are_too_small(shares)
 
 
 def _inertias_are_wrong(search: Search) -> bool:

@@ -11,9 +11,6 @@ from jointid.arrays import Complexes, Floats
 
 _ALLOWED = 0.2
 """Power over the apparent power that may be absorbed: the phase of lags and filters beyond a delay."""
-_LEAST_SHARE = 1 / 15
-"""Torque over that of the inertias, median of the lines, below which a unit is wrong: springs reduce it
-near a resonance only, friction enlarges it."""
 _DELAYS = np.linspace(-4.0, 4.0, 81)
 """Common delays of the torques that are tried, times the highest frequency in rad/s."""
 
@@ -43,20 +40,3 @@ def least_misfit(omega: Floats, z: Complexes, covariance: Complexes) -> float:
     Parameters as of ``taken_power``.
     """
     return float((taken_power(omega, z, covariance) ** 2).sum() / z.size)
-
-
-def torque_shares(omega: Floats, q: Complexes, tau: Complexes, inertia: Floats) -> Floats:
-    """Torque of each joint over that of its inertia, median of the lines, shape (n,); 1 without motion.
-
-    ``omega`` has shape (k,), ``q`` and ``tau``, phasors of angles and torques, (k, n), ``inertia``, of
-    motor and arm, (k, n) or (n,), kg·m².
-    """
-    needed = omega[:, None] ** 2 * inertia * np.abs(q)
-    moved = needed > 0
-    lines = [np.abs(tau)[k, j] / needed[k, j] for j, k in enumerate(moved.T)]
-    return np.array([np.median(each) if each.size else 1.0 for each in lines])
-
-
-def torques_are_too_small(shares: Floats) -> bool:
-    """Whether the torques of all joints are far below those of inertias, as with angles in degrees."""
-    return bool(np.all(shares < _LEAST_SHARE))

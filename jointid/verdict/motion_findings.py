@@ -6,12 +6,11 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.passivity import torque_shares, torques_are_too_small
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.transfer_matrix import TransferMatrix
-from jointid.verdict.evidence import Evidence, Finding, number, problem, some, warning
+from jointid.verdict.evidence import Evidence, Finding, problem, some, warning
 from jointid.verdict.findings import may_be_wrong, of_records, ranked
 from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_effects import effects_found
@@ -65,7 +64,6 @@ def motion_findings(
     if may_be_wrong(evidence):
         if matrices and rests.max() < _RESTS:  # friction that holds a motor is like another inertia
             causes += wrong_data(*_responses(evidence, matrices))
-        causes += [] if causes else _other_unit(evidence)
         causes += [] if causes else axes_exchanged(evidence)
     own = None if causes or np.any(fit.K <= 0) else judged(evidence)
     causes += [] if own is None else inertias_contradict(evidence, own)
@@ -75,25 +73,6 @@ def motion_findings(
         rules = (model_limits, hardly_tested, hardly_known)[: 2 if resting else 3]
         found += [*resting, *(each for rule in rules for each in rule(evidence))]
     return ranked(found, fit)
-
-
-def _other_unit(evidence: Evidence) -> Iterator[Finding]:
-    """Torques far below those that M and M2 need, where friction hides the factor in the responses."""
-    lines = evidence.fit.phasors
-    inertia = np.mean([each.M + np.diag(each.M2) for each in evidence.inertias], axis=0)
-    shares = torque_shares(lines.omega, lines.q, lines.tau, inertia)
-    if not torques_are_too_small(shares):
-        return
-    times = number(float(np.exp(-np.log(shares).mean())), 2)
-    yield problem(
-        "The positions of all joints seem to be in degrees, or another unit is wrong",
-        f"M and M2 need {times} times the torques for this motion. Friction only enlarges the torques, "
-        "and springs reduce them near a resonance only. A position in degrees read as radians makes a "
-        "factor of 180/π = 57.3, one in mrad 1000.",
-        "Set the unit of the positions on import, or check the units of the torques and of M and M2.",
-        2.0,
-        "edit mapping",
-    )
 
 
 def _responses(
