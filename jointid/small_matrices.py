@@ -6,9 +6,10 @@ BLAS threads only wait for each other.
 
 from contextlib import AbstractContextManager
 from functools import cache
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from scipy.linalg.lapack import dtbtrs, ztbtrs
 from threadpoolctl import ThreadpoolController
 
 from jointid.arrays import Complexes, Floats
@@ -158,3 +159,16 @@ def one_thread() -> AbstractContextManager[object]:
 @cache
 def _controller() -> ThreadpoolController:
     return ThreadpoolController()
+
+
+def decaying(decay: np.ndarray, drive: np.ndarray) -> Any:
+    """z[k] = decay[k] z[k − 1] + drive[k] from zero; drives (n, N), decay (n, N) or (n, 1).
+
+    As ``scipy.signal.lfilter``, whose import takes a third of a second.
+    """
+    solve = ztbtrs if np.iscomplexobj(drive) else dtbtrs
+    band, found = np.ones((2, drive.shape[1]), drive.dtype), np.empty_like(drive)
+    for own, kept, driven in zip(found, np.broadcast_to(decay, drive.shape), drive, strict=True):
+        band[1, :-1] = -kept[1:]
+        own[:] = solve(band, driven[:, None], uplo="L", diag="U")[0][:, 0]
+    return found

@@ -15,7 +15,8 @@ from jointid.arrays import Floats
 from jointid.cut.arm import Elbow, PlanarArm
 from jointid.cut.servo import Servo, ServoPlan, friction_values
 from jointid.cut.toolpath import Toolpath
-from jointid.gears.laws import GearLaws, decaying
+from jointid.gears.laws import GearLaws
+from jointid.small_matrices import decaying
 
 _FILTER_STEP_S = 1.25e-4
 """Step of the integrated deflection; its error is below 0.1 µm at the tool."""

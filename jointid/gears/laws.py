@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs, ztbtrs
 
 from jointid.arrays import Floats, set_fields
 from jointid.gears.gear import Gear, gears_with, knees
+from jointid.small_matrices import decaying
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,19 +153,6 @@ def dahl_from_rest(delta: Floats, sharpness: Floats) -> Floats:
     move = np.diff(delta, axis=1, prepend=delta[:, :1])
     decay = np.exp(-np.abs(move) * sharpness)
     return np.asarray(decaying(decay, np.sign(move) * (1 - decay)))
-
-
-def decaying(decay: np.ndarray, drive: np.ndarray) -> Any:
-    """z[k] = decay[k] z[k − 1] + drive[k] from zero; drives (n, N), decay (n, N) or (n, 1).
-
-    As ``scipy.signal.lfilter``, whose import takes a third of a second.
-    """
-    solve = ztbtrs if np.iscomplexobj(drive) else dtbtrs
-    band, found = np.ones((2, drive.shape[1]), drive.dtype), np.empty_like(drive)
-    for own, kept, driven in zip(found, np.broadcast_to(decay, drive.shape), drive, strict=True):
-        band[1, :-1] = -kept[1:]
-        own[:] = solve(band, driven[:, None], uplo="L", diag="U")[0][:, 0]
-    return found
 
 
 class GearState:

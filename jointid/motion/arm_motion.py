@@ -18,9 +18,9 @@ from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
 
 from jointid.arrays import Complexes, Floats
-from jointid.gears.laws import decaying
 from jointid.motion.reversals import phasors_of_turns, reversals
 from jointid.phasors.segment import Motors, Segment
+from jointid.small_matrices import decaying
 
 _MARGIN, _STATIONARY = 4.0, 0.5
 """An arm is stationary where so many standard deviations of the motor's velocity are this share of its

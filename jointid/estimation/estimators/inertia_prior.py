@@ -45,12 +45,10 @@ def inertia_of_each(
         raise JointIdError(f"inertia = {inertia!r:.60}: expected an Inertia, or one per record.")
     if len(each) != records:
         raise JointIdError(f"{len(each)} inertias for {records} records: give one, or one per record.")
-    for one in each:
-        if one.n != joints:
-            raise JointIdError(
-                f"The records have {counted(joints, 'joint')}, the inertia has {one.n}: give one M per "
-                "joint of the records."
-            )
+    wrong = next((one.n for one in each if one.n != joints), None)
+    if wrong is not None:
+        has = f"The records have {counted(joints, 'joint')}, the inertia has {wrong}"
+        raise JointIdError(f"{has}: give one M per joint of the records.")
     return each
 
 
