@@ -147,7 +147,7 @@ def _spectrum(
         timing *= -np.expm1(-s * T) / (s * T)
     q, torque = (np.fft.rfft(x, axis=1)[:, 1:] / samples for x in (part.theta, tau))
     chosen = (x.T[inside] for x in (s**2 * q, timing * torque))
-    f = s.imag[inside] / (2 * np.pi)
+    f = np.asarray(s.imag[inside] / (2 * np.pi), float)
     noise = noise_variances(part, f) / samples
     noise[0] *= np.abs(s[inside, None]) ** 4
     return (f, *chosen, noise)

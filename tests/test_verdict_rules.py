@@ -1126,7 +1126,7 @@ def test_a_peak_that_h_lacks_is_that_of_the_controller() -> None:
     assert found.title == "The peak of joint 2 at 3 Hz comes from the controller of joint 1"
     assert found.detail == (
         "In the record r2 alone, acceleration over torque peaks there at 1.5 times H22, which has no "
-        "peak. The elastic resonance is the peak of H22 at 6 Hz."
+        "peak there. The elastic resonance is the peak of H22 at 6 Hz."
     )
     assert (found.level, found.weight) == ("note", 0.3)
     for nothing in (
