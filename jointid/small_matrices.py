@@ -6,7 +6,7 @@ BLAS threads only wait for each other.
 
 from contextlib import AbstractContextManager
 from functools import cache
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs, ztbtrs
@@ -161,7 +161,7 @@ def _controller() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def decaying(decay: np.ndarray, drive: np.ndarray) -> Any:
+def decaying(decay: Floats | Complexes, drive: Numbers) -> Numbers:
     """z[k] = decay[k] z[k − 1] + drive[k] from zero; drives (n, N), decay (n, N) or (n, 1).
 
     As ``scipy.signal.lfilter``, whose import takes a third of a second.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -115,12 +115,20 @@ def motion_transfer_matrix(
     bands = {2 * np.pi * centre: partial(_local, spectra, centre, half) for centre in centres}
     matrix = _matrix(bands, "The transfer matrix cannot be estimated from these motions.")
     held_s = max((part.interval_s for part, _, _ in parts if part.held), default=0.0)
-    # Images of a held torque move the rotor, and are folded into its sampled angles.
+    return replace(matrix, covariance=matrix.covariance + _of_images(matrix, held_s))
+
+
+def _of_images(matrix: TransferMatrix, held_s: float) -> Floats:
+    """Covariance of H, as ``TransferMatrix.covariance``, by images of torques held for that long.
+
+    They move the rotor, and are folded into its sampled angles, where −(ωT/2)⁴/15/M of H remains.
+    """
+    n = matrix.H.shape[1]
     diagonal = np.abs(np.einsum("fii->fi", matrix.H))
     rotors = np.maximum(diagonal[-1], np.median(diagonal, axis=0))  # about 1 / M
     images = (0.5 * matrix.omega[:, None] * held_s) ** 4 / 15 * rotors
-    np.einsum("fii->fi", matrix.covariance)[:, :: rotors.size + 1] += images**2
-    return matrix
+    diagonals = np.eye(n * n)[:: n + 1]  # H11, H22, ...
+    return np.asarray(np.einsum("fj,ja,jb->fab", images**2, diagonals, diagonals))
 
 
 def _spectrum(

@@ -152,7 +152,7 @@ def dahl_from_rest(delta: Floats, sharpness: Floats) -> Floats:
     """
     move = np.diff(delta, axis=1, prepend=delta[:, :1])
     decay = np.exp(-np.abs(move) * sharpness)
-    return np.asarray(decaying(decay, np.sign(move) * (1 - decay)))
+    return decaying(decay, np.sign(move) * (1 - decay))
 
 
 class GearState:

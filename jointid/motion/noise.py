@@ -16,7 +16,7 @@ from jointid.phasors.sensor_steps import quantum
 
 _BANDS = 24
 """Bands over which the spectrum is averaged."""
-_BEYOND, _NYQUIST = 1.3, 0.9
+BEYOND, _NYQUIST = 1.3, 0.9
 """Range of the search for noise: from this multiple of the band's end to this share of half the rate."""
 _LATEST = 0.5
 """Share of half the sample rate at which the search begins at the latest."""
@@ -103,7 +103,7 @@ def _spectra(part: UniformPart, highest_hz: float) -> tuple[tuple[Floats, Floats
     """Gains of both variances (f,), and the two sides of the rotor's balance (n, f) beyond the band."""
     T, (f, torque, bend) = part.interval_s, part.rotor_spectra
     half = 0.5 / T
-    used = (f > min(_BEYOND * highest_hz, _LATEST * half)) & (f < _NYQUIST * half)
+    used = (f > min(BEYOND * highest_hz, _LATEST * half)) & (f < _NYQUIST * half)
     z = np.exp(2j * np.pi * f[used] * T)
     gains = np.abs(1 - z) ** 4 / T**4, np.abs(1 + z) ** 2 / 4 if part.held else np.ones(z.size)
     return gains, torque[:, used], bend[:, used]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from jointid.arrays import Complexes, Floats
-from jointid.motion.noise import repeated_variances
+from jointid.motion.noise import BEYOND, repeated_variances
 from jointid.motion.sampling import UniformPart, windowed_spectrum
 from jointid.phasors.sensor_steps import quantum
 
@@ -17,8 +17,8 @@ _QUIET = 0.35, 0.48
 """Frequencies over the sample rate at which the angles have noise only."""
 _BANDS, _LEAST_LINES = 24, 16
 """Bands above the motion in each of which a controller has one gain, and lines of such a band."""
-_BEYOND, _MOVED = 1.3, 2.0
-"""First of these frequencies, over the motion's highest; power over that of noise of a motion."""
+_MOVED = 2.0
+"""Power over that of noise from which there is a motion, or rounding that follows it."""
 
 
 def noise_variances(part: UniformPart, f: Floats) -> Floats:
@@ -34,18 +34,19 @@ def noise_variances(part: UniformPart, f: Floats) -> Floats:
     lines, torque = lines[1:], torque[:, 1:]
     top, end = np.searchsorted(lines, np.array(_QUIET) / T)
     least = np.mean(np.abs(angle[:, top:end]) ** 2, axis=1)
-    begin = min(_BEYOND * f[-1], _QUIET[0] / T)
+    begin = min(BEYOND * f[-1], _QUIET[0] / T)
     edges = np.searchsorted(lines, np.geomspace(begin, _QUIET[1] / T, _BANDS + 1))
     bands = [slice(*ab) for ab in pairwise(edges) if ab[1] - ab[0] >= _LEAST_LINES]
     bands = bands or [slice(int(top), int(end))]
-    gain = np.stack([_gain(angle[:, each], torque[:, each]) for each in bands])
+    gains = [_gain(angle[:, each], torque[:, each]) for each in bands]
+    gain, error, power = (np.array(part) for part in zip(*gains, strict=True))
     latest = np.array([each.stop > top for each in bands])
-    quiet = (gain[:, 2] < _MOVED * least) | latest[:, None]
+    quiet = (power < _MOVED * least) | latest[:, None]
     middle = np.array([lines[each].mean() for each in bands])
     rounding = np.stack([_rounding(each, f, T) for each in part.theta], axis=1)
     angles = np.maximum(least, rounding) + repeated_variances([part])
     answers = [
-        _continued(middle[used] * T, gain[used, 0, j], gain[used, 1, j], f * T)
+        _continued(middle[used] * T, gain[used, j], error[used, j], f * T)
         for j, used in enumerate(quiet.T)
     ]
     return np.stack([angles, angles * np.transpose(answers)])
@@ -62,7 +63,7 @@ def _rounding(theta: Floats, f: Floats, T: float) -> Floats:
         return np.zeros(f.size)
     line = np.linspace(theta[0], theta[-1], theta.size)
     lines = np.fft.rfftfreq(theta.size, T)
-    smooth = line + np.fft.irfft(np.fft.rfft(theta - line) * (lines < _BEYOND * f[-1]), theta.size)
+    smooth = line + np.fft.irfft(np.fft.rfft(theta - line) * (lines < BEYOND * f[-1]), theta.size)
     power = np.abs(np.fft.rfft(np.rint(smooth / step) * step - smooth)) ** 2 / theta.size
     near = np.convolve(power, np.ones(_LEAST_LINES) / _LEAST_LINES, mode="same")
     first, white = round(f[0] * theta.size * T), step**2 / 12
@@ -70,8 +71,8 @@ def _rounding(theta: Floats, f: Floats, T: float) -> Floats:
     return np.where(near > _MOVED * white, _LEAST_LINES * near, white)
 
 
-def _gain(angle: Complexes, torque: Complexes) -> Floats:
-    """Square of the gain from angles to torques, its uncertainty, and power of the angles, (3, n)."""
+def _gain(angle: Complexes, torque: Complexes) -> tuple[Floats, Floats, Floats]:
+    """Square of the gain from angles to torques, its uncertainty, and power of the angles, each (n,)."""
     tiny = np.finfo(float).tiny
     both = np.stack([angle, torque])
     size = np.sqrt(np.mean(np.abs(both) ** 2, axis=2))
@@ -79,9 +80,8 @@ def _gain(angle: Complexes, torque: Complexes) -> Floats:
     coherence = np.abs(np.mean(unit[0].conj() * unit[1], axis=1)) ** 2
     chance = 2 / angle.shape[1]  # through a window, two neighbouring lines are one
     square = np.divide(size[1], size[0], out=np.zeros(len(angle)), where=size[0] > tiny) ** 2
-    return np.stack(
-        [square * np.maximum(coherence - chance, 0.0), square * (coherence + chance), size[0] ** 2]
-    )
+    gain = square * np.maximum(coherence - chance, 0.0)
+    return np.asarray(gain), np.asarray(square * (coherence + chance)), np.asarray(size[0] ** 2)
 
 
 def _continued(measured_at: Floats, gain: Floats, error: Floats, wanted_at: Floats) -> Floats:
@@ -91,8 +91,9 @@ def _continued(measured_at: Floats, gain: Floats, error: Floats, wanted_at: Floa
     """
     if not error.any():
         return np.zeros(wanted_at.size)
-    slopes = (np.stack([np.ones(x.size), np.sin(np.pi * x) ** 2], 1) for x in (measured_at, wanted_at))
-    rows, wanted = slopes
+    rows, wanted = (
+        np.stack([np.ones(x.size), np.sin(np.pi * x) ** 2], axis=1) for x in (measured_at, wanted_at)
+    )
     weight = 1 / np.maximum(error, np.finfo(float).eps * error.max())
     return np.asarray(wanted @ nnls(rows * weight[:, None], gain * weight)[0])
 

@@ -12,6 +12,8 @@ from jointid.gears.torsion_curve import TorsionCurve
 
 _SIGNIFICANT = 3.5
 """Standard errors from which a joint has a law that is fitted to all joints."""
+_UNSEEN = 1.01
+"""Largest torque of the records over that of their curves from which the curves lack a motion."""
 _GEAR_FIELDS = {
     "cubic": ("cubic", "cubic"),
     "backlash": ("backlash_rad", "backlash"),
@@ -44,7 +46,7 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
             float(amplitude.max(initial=0.0)) for amplitude in (curve.amplitude_rad, curve.amplitude_Nm)
         )
         tried_rad, tried_Nm = seen_rad, max(seen_Nm, curve.largest_Nm)
-        if tried_Nm > 1.01 * seen_Nm and gear.K > 0:  # motions below the curve's lines: by the law
+        if tried_Nm > _UNSEEN * seen_Nm and gear.K > 0:  # motions below the curve's lines: by the law
             tried_rad = max(seen_rad, float(gear.deflection(tried_Nm)))
         gears.append(replace(gear, tried_rad=tried_rad, tried_Nm=tried_Nm))
     return tuple(gears)
