@@ -8,7 +8,7 @@ import numpy as np
 
 from jointid.arm_side.band_limited import BandLimited, GaussianFilter
 from jointid.arrays import Floats
-from jointid.gears.laws import dahl_from_rest
+from jointid.gears.dahl import dahl_from_rest
 from jointid.robot_models.model import RobotModel
 
 _PRESLIDING_RAD = 3e-4

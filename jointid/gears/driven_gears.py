@@ -21,7 +21,8 @@ import numpy as np
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from jointid.arrays import Complexes, Floats
-from jointid.gears.laws import GearLaws, dahl_from_rest
+from jointid.gears.dahl import DahlSteps, dahl_from_rest
+from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion, each
 
 _HAT = (1 / 12, 10 / 12, 1 / 12)
@@ -276,14 +277,13 @@ class DrivenGears:
         left[:n, 2:] += 0.5 * step * self.D[:, None] * (delta[:, 2:] - delta[:, :-2])
         left[:n, m.starts] = 0
         if self.laws.hysteretic:
-            sign, decay = self._moves
-            left[n:, 1:] = self.loop[:, 1:] - sign - (self.loop[:, :-1] - sign) * decay
+            left[n:, 1:] = self.loop[:, 1:] - self._loops.z
+            left[n:, m.starts] = 0
         return left
 
     @cached_property
-    def _moves(self) -> tuple[Floats, Floats]:
-        move = np.diff(self.delta, axis=1)
-        return np.sign(move), np.exp(-np.abs(move) * self.laws.sharpness)
+    def _loops(self) -> DahlSteps:
+        return DahlSteps.of(self.delta, self.loop, self.laws.sharpness, self.motors.starts)
 
     @cached_property
     def _slope(self) -> Floats:
@@ -324,13 +324,13 @@ class DrivenGears:
                     place(i, n + i, late, inner * _HAT[late] * squared * laws.level[i, 0])
         band[np.flatnonzero(m.starts), :n, diagonal] = 1
         if laws.hysteretic:
-            sign, decay = self._moves
-            by_move = laws.sharpness * (1 - sign * self.loop[:, :-1]) * decay
+            loops = self._loops
             for j in range(n):
                 band[:, n + j, diagonal] = 1
-                band[1:, j, diagonal + n] = -by_move[j]
-                band[:-1, j, diagonal + n + size] = by_move[j]
-                band[:-1, n + j, diagonal + size] = -decay[j]
+                band[1:, j, diagonal + n] = -loops.by_move[j]
+                band[:-1, j, diagonal + n + size] = (loops.by_move - loops.by_earlier)[j]
+                band[:-2, j, diagonal + n + 2 * size] = loops.by_earlier[j, 1:]
+                band[:-1, n + j, diagonal + size] = -loops.by_z[j]
         factors, pivots, bad = dgbtrf(band.reshape(N * size, -1).T, lower, upper, overwrite_ab=True)
         if bad:
             factors[:] = np.nan  # a singular system has no solution

@@ -9,7 +9,6 @@ import numpy as np
 
 from jointid.arrays import Floats, set_fields
 from jointid.gears.gear import Gear, gears_with, knees
-from jointid.small_matrices import decaying
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,16 +142,6 @@ def nonlinear_laws(
 def _beyond(x: Floats, edge: Floats) -> Floats:
     """Part of x beyond ± edge; np.clip is slower on small arrays."""
     return np.asarray(x - np.minimum(np.maximum(x, -edge), edge))
-
-
-def dahl_from_rest(delta: Floats, sharpness: Floats) -> Floats:
-    """Dahl's z over deflections (n, N), dz/dδ = sharpness (1 − z sign δ̇), from zero.
-
-    The sharpness has shape (n, 1).
-    """
-    move = np.diff(delta, axis=1, prepend=delta[:, :1])
-    decay = np.exp(-np.abs(move) * sharpness)
-    return decaying(decay, np.sign(move) * (1 - decay))
 
 
 class GearState:

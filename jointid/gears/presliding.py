@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from scipy.integrate import cumulative_simpson
 
 from jointid.arrays import Complexes, Floats
-from jointid.gears.laws import dahl_from_rest
+from jointid.gears.dahl import dahl_from_rest
 from jointid.phasors.segment import Segment, bins_of
 
 
