@@ -8,7 +8,7 @@ import numpy as np
 
 from jointid.arm_side.band_limited import BandLimited, GaussianFilter
 from jointid.arrays import Floats
-from jointid.gears.dahl import dahl_from_rest
+from jointid.gears.dahl import dahl
 from jointid.robot_models.model import RobotModel
 
 _PRESLIDING_RAD = 3e-4
@@ -107,7 +107,7 @@ def joint_terms(
     the motor's angle, rad.
     """
     lowpass, raw = motion.lowpass, motion.raw[:, j]
-    friction = lowpass(dahl_from_rest(raw[None], np.array([[1 / _PRESLIDING_RAD]]))[0])[:, None]
+    friction = lowpass(dahl(raw[None], np.array([[1 / _PRESLIDING_RAD]]))[0])[:, None]
     parts = {
         "compliance": torque[:, j, None],
         "skew": motion.dq[:, j, None],

@@ -14,6 +14,9 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.small_matrices import decaying
 
+_SLOW = 0.1
+"""Velocity at the start over its root mean square, above which the element slides from the start."""
+
 
 class DahlSteps(NamedTuple):
     """z after steps 1 … N − 1 from given states before them, and its derivatives, each (n, N − 1)."""
@@ -45,12 +48,25 @@ class DahlSteps(NamedTuple):
         return cls(found, by_move * free, -by_earlier * free, kept * remains * free)
 
 
-def dahl_from_rest(delta: Floats, sharpness: Floats) -> Floats:
-    """z over deflections (n, N) from zero; the sharpness is one over the presliding, shape (n, 1)."""
-    before, after, _ = _around_turns(delta, np.arange(delta.shape[1]) < 2)
+def dahl(delta: Floats, sharpness: Floats, starts: np.ndarray | None = None) -> Floats:
+    """z over deflections (n, N); the sharpness is one over the presliding, shape (n, 1).
+
+    A part of a record begins with z as if it had moved on as in its first step, if that is no slow one:
+    a motion that is recorded from its middle slides. ``starts``, (N,), is as in ``DahlSteps.of``; by
+    default all is one part.
+    """
+    if starts is None:
+        starts = np.arange(delta.shape[1]) < 2
+    before, after, _ = _around_turns(delta, starts)
     kept, remains = np.exp(-np.abs(before) * sharpness), np.exp(-np.abs(after) * sharpness)
     drive = np.sign(before) * (1 - kept) * remains + np.sign(after) * (1 - remains)
-    return decaying(kept * remains, drive)
+    begins = np.flatnonzero(starts)[::2]
+    move = np.diff(delta, axis=1, append=delta[:, -1:])
+    usual = np.sqrt((move**2).mean(axis=1, keepdims=True)) + np.finfo(float).tiny
+    drive[:, begins] = np.clip(move[:, begins] / (_SLOW * usual), -1, 1)
+    decay = kept * remains
+    decay[:, begins] = 0
+    return decaying(decay, drive)
 
 
 def _around_turns(delta: Floats, starts: np.ndarray) -> tuple[Floats, Floats, Floats]:

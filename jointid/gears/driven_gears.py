@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from jointid.arrays import Complexes, Floats
-from jointid.gears.dahl import DahlSteps, dahl_from_rest
+from jointid.gears.dahl import DahlSteps, dahl
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion, each
 
@@ -92,7 +92,7 @@ class DrivenGears:
                 delta += laws.half_backlash * np.sign(delta)
         else:
             delta = start.delta
-        found = begun = cls(motors, laws, delta, _loop(laws, delta), D, *own)._begun()
+        found = begun = cls(motors, laws, delta, _loop(laws, delta, motors.starts), D, *own)._begun()
         least = _CONVERGED * float(np.abs(found._hat_torque(laws.K * delta)).max())
         for _ in range(_WHOLE):
             if not np.abs(found._left).max() > least:
@@ -181,7 +181,7 @@ class DrivenGears:
 
     def at_deflection(self, laws: GearLaws) -> Floats:
         """Torque beyond K δ of other laws at the same deflection, shape (n, N), N·m."""
-        return laws.beyond_linear(self.delta, _loop(laws, self.delta))
+        return laws.beyond_linear(self.delta, _loop(laws, self.delta, self.motors.starts))
 
     def slopes(
         self, name: str, beyond: Floats | float, shape: tuple[int, int], arm: Floats | None = None
@@ -345,6 +345,6 @@ class DrivenGears:
         return np.asarray(found.reshape(N, size, -1).transpose(2, 1, 0).reshape(rows.shape))
 
 
-def _loop(laws: GearLaws, delta: Floats) -> Floats:
+def _loop(laws: GearLaws, delta: Floats, starts: np.ndarray) -> Floats:
     """State of the hysteresis over deflections (n, N)."""
-    return dahl_from_rest(delta, laws.sharpness) if laws.hysteretic else np.zeros(delta.shape)
+    return dahl(delta, laws.sharpness, starts) if laws.hysteretic else np.zeros(delta.shape)
