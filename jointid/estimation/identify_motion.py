@@ -53,6 +53,11 @@ _MANY, _NOISES = 10_000, 4
 estimates from them."""
 
 
+_SEARCHES, _HALF = 3, 1.0
+"""Most further searches with the noise that the chosen model leaves, and the relative change of its
+variance that asks for more than one: with far too much noise, a wrong minimum passes."""
+
+
 def identify_motion(
     records: Sequence[MotionRecord | SineRecord],
     inertia: Inertia | Sequence[Inertia],
@@ -147,9 +152,15 @@ def _identified(
     search = partial(choose_model, friction=friction, delay=delay, gear=gear)
     few, own = phasors.select(rows), prior.of_rows(rows)
     choice = search(few, own, start, noise=noise_of_rows(few, own), first=first if many else ())
-    again = with_noise(phasors, prior, choice.model, choice.estimate)
-    same = SAME_OF_MANY if many and (choice.model,) == first else SAME
-    if rows.size < phasors.omega.size or noise_differs(again, phasors, same):
+    same, left = (
+        SAME_OF_MANY if many and (choice.model,) == first else SAME,
+        rows.size < phasors.omega.size,
+    )
+    for _ in range(_SEARCHES):
+        again = with_noise(phasors, prior, choice.model, choice.estimate)
+        if not left and not noise_differs(again, phasors, same):
+            break
+        same, left = _HALF, False
         phasors, found = again, choice.estimate
         if isinstance(found, LikelihoodEstimate):
             search = partial(search, first=_equals(choice), is_lost=found.misfit >= LOST)

@@ -76,7 +76,8 @@ def noise_differs(one: Phasors, other: Phasors, same: float = SAME) -> bool:
     """Whether the noise of motions differs noticeably."""
     rows = one.motion
     before, after = (np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real for each in (one, other))
-    change = np.divide(before - after, after, out=np.zeros_like(after), where=after > 0)
+    least = np.minimum(before, after)
+    change = np.divide(before - after, least, out=np.zeros_like(least), where=least > 0)
     return bool(np.any(np.sqrt(np.mean(change**2, axis=0)) > same))
 
 

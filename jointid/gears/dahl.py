@@ -63,7 +63,8 @@ def dahl(delta: Floats, sharpness: Floats, starts: np.ndarray | None = None) -> 
     begins = np.flatnonzero(starts)[::2]
     move = np.diff(delta, axis=1, append=delta[:, -1:])
     usual = np.sqrt((move**2).mean(axis=1, keepdims=True)) + np.finfo(float).tiny
-    drive[:, begins] = np.clip(move[:, begins] / (_SLOW * usual), -1, 1)
+    velocity = move[:, begins] - 0.5 * (move[:, begins + 1] - move[:, begins])
+    drive[:, begins] = np.clip(velocity / (_SLOW * usual), -1, 1)
     decay = kept * remains
     decay[:, begins] = 0
     return decaying(decay, drive)
