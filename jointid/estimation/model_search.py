@@ -104,8 +104,10 @@ class Search:
     @property
     def explains_little(self) -> bool:
         """Whether even the nearest model leaves more of the torques of sines than gear laws explain."""
+        if self.has_motions or not self.fits.tried:
+            return False
         found = self.fits.estimate(min(self.fits.tried, key=self.fits.misfit))
-        if self.has_motions or found is None:
+        if found is None:
             return False
         n = self.phasors.n
         variance = np.diagonal(self.phasors.harmonic_covariance, axis1=2, axis2=3)[..., n:].real

@@ -37,7 +37,7 @@ backlash over the largest linear deflection adds: an arm that often leaves its f
 _FIRST, _STARTS = 6, 3
 """Steps at the start of a motion whose smoothed velocity is inaccurate, and Gauss-Newton steps for its
 state."""
-_WHOLE, _WINDOW, _SHORTEST = 10, 2000, 30
+_WHOLE, _WINDOW, _SHORTEST = 10, 2000, 8
 """Newton steps over the whole motion; after them, it is solved in windows of that many steps, or of
 fewer where they do not converge."""
 
@@ -87,18 +87,16 @@ class DrivenGears:
             none = np.zeros(motors.rise.shape)
             zero = 0 * laws.K
             linear = GearLaws.made(laws.K, zero, zero, zero, zero, (zero, zero), (zero, zero))
-            delta = cls(motors, linear, none, none, D, *own)._stepped().delta
-            if laws.has_backlash:
-                delta += laws.half_backlash * np.sign(delta)
+            delta = laws.deflection(laws.K * cls(motors, linear, none, none, D, *own)._stepped().delta)
         else:
             delta = start.delta
         found = begun = cls(motors, laws, delta, _loop(laws, delta, motors.starts), D, *own)._begun()
         least = _CONVERGED * float(np.abs(found._hat_torque(laws.K * delta)).max())
         for _ in range(_WHOLE):
-            if not np.abs(found._left).max() > least:
+            if np.abs(found._left).max() <= least:
                 return found
             found = found._stepped()
-        return found._followed(begun.delta, least)
+        return (found if np.isfinite(found.delta).all() else begun)._followed(begun, least)
 
     def _begun(self) -> DrivenGears:
         """With the state at the start of each part by the torque measured in a first period."""
@@ -114,7 +112,7 @@ class DrivenGears:
             for j in range(n):
                 unit[0, j, j, :2], unit[1, j, j, 1] = 1, 1
             least = _CONVERGED * float(np.abs(part.measured).max()) * step**2
-            part = part._followed(part.delta, least)
+            part = part._followed(part, least)
             for _ in range(_STARTS):
                 moved = part._solved(unit.reshape(-1, unit.shape[-1])).reshape(2 * n, *part._shape)
                 torque = part._slope * moved[:, :n]
@@ -133,7 +131,7 @@ class DrivenGears:
                 moves = np.tensordot(change, moved, 1)
                 loop = part.loop + moves[n:] if self.laws.hysteretic else part.loop
                 begun = replace(part, delta=part.delta + moves[:n], loop=loop)
-                begun = begun._followed(begun.delta, least)
+                begun = begun._followed(begun, least)
                 if not np.isfinite(begun.delta).all():
                     break
                 part = begun
@@ -151,12 +149,12 @@ class DrivenGears:
         loop = self.loop + step[n:] if self.laws.hysteretic else self.loop
         return replace(self, delta=self.delta + step[:n], loop=loop)
 
-    def _followed(self, guess: Floats, least: float) -> DrivenGears:
+    def _followed(self, guess: DrivenGears, least: float) -> DrivenGears:
         """Solution window by window: Newton steps diverge where the kinks lie elsewhere."""
         wrong = ~(np.abs(self._left).max(axis=0) <= least)
         delta, loop, N = self.delta.copy(), self.loop.copy(), wrong.size
         at = int(wrong.argmax())
-        delta[:, at:] = guess[:, at:]
+        delta[:, at:], loop[:, at:] = guess.delta[:, at:], guess.loop[:, at:]
         count = _WINDOW
         while at < N:
             used = slice(max(at - 2, 0), min(at + count, N))

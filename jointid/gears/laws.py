@@ -10,6 +10,9 @@ import numpy as np
 from jointid.arrays import Floats, set_fields
 from jointid.gears.gear import Gear, gears_with, knees
 
+_INVERTED, _LEAST_SLOPE = 8, 0.1
+"""Newton steps for the deflection under a torque, and the smallest slope in them over K."""
+
 
 @dataclass(frozen=True, eq=False)
 class GearLaws:
@@ -114,6 +117,14 @@ class GearLaws:
         for at, bend in zip(self.knees, self.bends, strict=True):
             slope = slope + bend * (np.abs(e) > at)
         return np.asarray(slope + 3 * self.cubic * e * e)
+
+    def deflection(self, torque: Floats) -> Floats:
+        """Deflection under a torque without damping and hysteresis."""
+        delta = torque / self.K + self.half_backlash * np.sign(torque)
+        for _ in range(_INVERTED if self.hardens or self.bent else 0):
+            excess = self.K * delta + self.smooth(delta) + self.kinked(delta) - torque
+            delta = delta - excess / np.maximum(self.slope(delta), _LEAST_SLOPE * self.K)
+        return np.asarray(delta)
 
     def loop(self, before: Floats, move: Floats) -> Floats:
         """State z of the hysteresis after a move of the deflection in one direction."""

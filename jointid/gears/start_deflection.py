@@ -32,16 +32,11 @@ def from_observers(
     solve: Callable[[float, DrivenGears | None], DrivenGears],
     strength: float,
     starts: Sequence[DrivenGears | None],
-    *,
-    by_flank: bool,
 ) -> DrivenGears:
     """Solution from the first start that converges; without any, from a stronger observer.
 
-    With ``by_flank`` that observer comes first: an arm on the wrong flank would stay there.
+    An arm on the wrong flank of a backlash would stay there.
     """
     solved = partial(solve, strength)
-    found = None if by_flank and not starts else first_finite(solved, starts)
-    if found is None or not (starts or np.isfinite(found.delta).all()):
-        far, near = _STRONGER
-        found = solved(solve(near * strength, solve(far * strength, None)))
-    return found
+    far, near = _STRONGER
+    return first_finite(solved, starts or [solve(near * strength, solve(far * strength, None))])

@@ -207,7 +207,6 @@ class JointLaws:
                     partial(DrivenGears.solve, self.motors, laws, p.D, *arm, measured),
                     self.strength,
                     [each.of_motions for each in self.latest],
-                    by_flank=laws.has_backlash,
                 )
                 beyond[..., 1:] += self.motors.bins(of_motions.beyond, (r, H)).swapaxes(1, 2)
         found = Wound(beyond, of_sines, of_motions)
