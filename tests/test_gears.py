@@ -756,6 +756,34 @@ def test_the_deflection_behind_moving_motors_is_that_of_the_equation() -> None:
     assert np.abs(found.delta - delta)[:, 100:-1].max() < 5e-4 * np.abs(delta).max()
 
 
+@pytest.mark.parametrize("size", [0.1, 0.3])
+def test_a_hardening_gear_far_from_linear_is_solved_without_a_near_solution(size: float) -> None:
+    """The linear deflection is several times as large: from it the solution diverged."""
+    gear, D, M2, step = Gear(K=9.0, cubic=9e3), 0.03, 0.0014, 1 / (16 * 30)
+    t, omega = step * np.arange(800), 2 * np.pi * np.array([4.0, 9.0, 13.0])
+    a, phase = size * np.array([1.0, 0.6, 0.5]), np.arange(3)
+
+    def motor(t: float) -> tuple[float, float]:
+        turn = omega * t + phase
+        return float(a @ np.sin(turn)), float((a * omega) @ np.cos(turn))
+
+    def through(t: float, arm: np.ndarray) -> float:
+        angle, velocity = motor(t)
+        return float(gear.torque(angle - arm[0])) + D * (velocity - arm[1])
+
+    def moved(t: float, arm: np.ndarray) -> list[float]:
+        return [arm[1], through(t, arm) / M2]
+
+    arm = solve_ivp(moved, (0, t[-1]), motor(0), t_eval=t, rtol=1e-7, atol=1e-9, max_step=step).y
+    angle = np.array([motor(each)[0] for each in t])
+    torque = np.array([[through(*each) for each in zip(t, arm.T, strict=True)]])
+    none, motors = np.zeros((1, 1, 1)), moving(angle[None], step, torque)
+    laws, damping = GearLaws.of([gear]), np.array([D])
+    with np.errstate(all="ignore"):
+        found = DrivenGears.solve(motors, laws, damping, none + M2, none, torque, 1.0).delta[0]
+    assert np.abs(found - angle + arm[0])[100:-1].max() < 2e-3 * np.abs(angle - arm[0]).max()
+
+
 def test_further_harmonics_near_a_resonance_are_solved() -> None:
     """Wide play at a low frequency: impacts excite motor and arm beyond the harmonics of the record."""
     gear, H = Gear(K=30.0, backlash_rad=0.02), 8
