@@ -11,7 +11,7 @@ from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS
 from jointid.estimation.model_growth import NEARLY_ALL
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.motion_start import motion_start
-from jointid.estimation.start_values import by_motion, friction_start, with_backlash
+from jointid.estimation.start_values import by_motion, friction_start, with_backlash, with_slopes
 
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit does not explain the data at all."""
@@ -113,6 +113,11 @@ def fit_laws(search: Search) -> None:
             fit_slopes(search, wider)
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
+    if search.is_lost and "cubic" in fits.optional and not search.has_motions:
+        start = with_slopes(search.phasors, search.prior)
+        for model in (base, sliding):
+            if start and search.is_lost and (search.may_have_friction or model == base):
+                search.fit(model.with_part("piecewise"), start, compares=False)
 
 
 def fit_complete(search: Search) -> None:

@@ -16,10 +16,10 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import inertia_arrays
 from jointid.estimation.estimators.parameters import Block, ParameterLayout, Parameters
 from jointid.gears.gear import Gear
+from jointid.gears.law_regression import backlash_by_regression, slopes_by_regression
 from jointid.joints import motor_impedance
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors
-from jointid.phasors.periods import phasors_of, samples_of
 
 _LEAST_SHARE = 1e-3
 """Least eigenvalue of M2 with unit diagonal."""
@@ -33,11 +33,6 @@ _WIDE, _NARROW, _SHARP = 0.3, 0.03, 2e-3
 levels of the last two over the largest torque."""
 _KNEES = (0.5, 0.3), (0.2, 0.3)
 """Deflections at changes of slope over the largest: other starts of a gear with three slopes."""
-_POINTS, _LOADED, _LEAST = 128, 0.2, 1e-30
-"""Samples over a period for the start of backlash, torque over its largest from which they count, and
-the least number above zero."""
-_CLEAR = 5.0
-"""Standard deviations from which a harmonic of the torque is no noise."""
 _UNEXPLAINED = 0.1
 """Relative residual of the linear estimate from which friction is looked for."""
 _OUTLIER = 0.1
@@ -137,46 +132,24 @@ def with_delay(p: Parameters) -> Parameters:
 
 
 def with_backlash(phasors: Phasors, prior: InertiaPrior) -> Parameters:
-    """K, D, backlash and Coulomb friction by regression of the deflection on torque, its sign and speed.
+    """K, D, backlash and Coulomb friction by regression of the deflection."""
+    return _with_law("backlash", **backlash_by_regression(phasors, *_of_records(prior)))
 
-    Friction of the motor changes the torque and, by the arm's compliance, the deflection that follows
-    from it. The weight of a record is its torque, because a small one may not reach both flanks, over
-    the error of its deflection by errors of the given inertias. Harmonics within the noise are left out.
-    """
-    n, z = phasors.n, phasors.harmonics
-    s = 1j * phasors.omega[:, None, None] * np.arange(1, z.shape[1] + 1)[:, None]
-    own = s * s * prior.M[prior.rotor, None]
-    variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance).real
-    noise = variance[..., n:] + np.abs(own) ** 2 * variance[..., :n]
-    rotor = own * z[..., :n]
-    clear = np.abs(z[..., n:] - rotor) ** 2 > _CLEAR**2 * noise
-    clear[:, 0] = True
-    torque = np.where(clear, z[..., n:] - rotor, 0)
-    compliance = np.linalg.inv(prior.M2[prior.pose, None])
-    arm = (compliance @ torque[..., None])[..., 0] / (s * s)
-    delta = np.where(clear, z[..., :n], 0) - arm
-    sign = np.sign(samples_of((s * z[..., :n]).swapaxes(1, 2), _POINTS))
-    own = np.diagonal(compliance, axis1=2, axis2=3) / (s * s)
-    moved = own * phasors_of(sign, z.shape[1]).swapaxes(1, 2)
-    waves = samples_of(np.stack([torque, delta, s * delta, moved, arm, rotor]).swapaxes(2, 3), _POINTS)
-    found = np.zeros((5, n))
-    for j in range(n):
-        f, y, rate, shift, *given = waves[:, :, j]
-        columns = np.stack([f, np.sign(f), rate, -shift, sign[:, j]])
-        size = np.maximum(np.abs(f).max(axis=1, keepdims=True), _LEAST)
-        spread = [np.maximum(v.std(axis=1), _LEAST) for v in (f, y, *given)]
-        doubt = np.hypot(spread[2], spread[3] * spread[1] / spread[0])
-        weight = (np.abs(f) > _LOADED * size) * size / doubt[:, None]
-        total = np.maximum(weight.sum(axis=1, keepdims=True), _LEAST)
-        y, columns = (v - (weight * v).sum(axis=-1, keepdims=True) / total for v in (y, columns))
-        unit = np.maximum(np.abs(columns).max(axis=(1, 2)), _LEAST)
-        rows = (weight * columns).reshape(len(columns), -1) / unit[:, None]
-        found[:, j] = np.linalg.lstsq(rows.T, (weight * y).ravel())[0] / unit
-    soft = np.maximum(np.abs(found[0]), _LEAST)
-    layout = ParameterLayout.of(n, friction=True, effects=["backlash"])
-    values = {"K": 1 / soft, "backlash": 2 * found[1], "D": np.abs(found[2]) / soft}
-    friction = {"coulomb": np.maximum(found[3], 0.0), "viscous": np.zeros(n)}
-    return layout.named(layout.pack(**values, **friction))
+
+def with_slopes(phasors: Phasors, prior: InertiaPrior) -> Parameters | None:
+    """K, D, three slopes and Coulomb friction by regression of the deflection; None if it shows none."""
+    found = slopes_by_regression(phasors, *_of_records(prior))
+    return None if found is None else _with_law("piecewise", **found)
+
+
+def _of_records(prior: InertiaPrior) -> tuple[Floats, Floats]:
+    return prior.M[prior.rotor], prior.M2[prior.pose]
+
+
+def _with_law(law: str, **values: Floats) -> Parameters:
+    n = len(values["K"])
+    layout = ParameterLayout.of(n, friction=True, effects=[law])
+    return layout.named(layout.pack(**values, viscous=np.zeros(n)))
 
 
 def without_inertias(phasors: Phasors, prior: InertiaPrior) -> Parameters | None:
