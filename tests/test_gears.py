@@ -733,6 +733,31 @@ def test_backlash_is_not_identified_as_three_slopes(seed: int) -> None:
     np.testing.assert_allclose(fit.K, [36, 9.5], rtol=1e-3)
 
 
+@pytest.mark.parametrize(("ratio", "edge"), [(2.0, 0.1), (3.0, 0.2), (3.0, 0.35)])
+def test_three_slopes_as_in_a_catalogue_are_found(ratio: float, edge: float) -> None:
+    """From the start values of a cubic law the fit ended elsewhere: K was 20 to 270 % off."""
+    inertia = Inertia([0.0028, 0.0012], [[0.0050, 0.0011], [0.0011, 0.0023]])
+    K, size = (36.0, 9.5), (2.0, 0.8)
+    gears = [
+        Gear(K=k, K2=ratio * k, K3=1.3 * ratio * k, T1_Nm=edge * peak, T2_Nm=2 * edge * peak)
+        for k, peak in zip(K, size, strict=True)
+    ]
+    records = simulate_records(
+        inertia,
+        Elasticity(K, [0.08, 0.02]),
+        np.geomspace(3, 28, 6).tolist(),
+        excitation=Excitation(periods=6.5),
+        gears=gears,
+        measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.03, 0.015]),
+        seed=2,
+    )
+    fit = identify_elasticity(extract_phasors(records), inertia)
+    assert [gear.kind for gear in fit.gears] == ["piecewise"] * 2
+    assert fit.misfit < 1
+    np.testing.assert_allclose(fit.K, K, rtol=0.01)
+    assert [gear.T1_Nm for gear in fit.gears] == pytest.approx([g.T1_Nm for g in gears], rel=0.05)
+
+
 def moving(angle: np.ndarray, step_s: float, torque: np.ndarray) -> MotorMotion:
     """Motors of angles and torques (n, N) in equal steps."""
     N = angle.shape[1]

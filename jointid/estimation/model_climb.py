@@ -113,10 +113,11 @@ def fit_laws(search: Search) -> None:
             fit_slopes(search, wider)
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
-    if search.is_lost and "cubic" in fits.optional and not search.has_motions:
+    if fits.least_misfit > DOUBTFUL and "cubic" in fits.optional and not search.has_motions:
         start = with_slopes(search.phasors, search.prior)
         for model in (base, sliding):
-            if start and search.is_lost and (search.may_have_friction or model == base):
+            is_open = fits.least_misfit > DOUBTFUL and (search.may_have_friction or model == base)
+            if start and is_open:
                 search.fit(model.with_part("piecewise"), start, compares=False)
 
 
