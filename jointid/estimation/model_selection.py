@@ -63,9 +63,9 @@ one of hysteresis: its waveform is computed in steps. They shifted K of a robot 
 then."""
 _LAW_ACCURACY = np.array([2e-4, 1e-3])
 """Relative standard error of K and D by these steps: D of robots without noise was 0.04 to 0.1 % low."""
-_RUBBING_SLOPES = np.array([1e-3, 3e-3])
-"""Relative standard error of K and D of gears with three slopes by free friction in the torque that
-deflects them: those of strongly coupled joints were up to 0.3 and 0.9 % off."""
+_SLOPES_ACCURACY = np.array([1e-3, 3e-3])
+"""Relative standard error of K and D of gears with three slopes in sines, by harmonics beyond those of
+the records and by free friction: those of strongly coupled joints were up to 0.3 and 0.9 % off."""
 
 
 def choose_model(
@@ -282,6 +282,6 @@ def _choice(search: Search, best: Model) -> Choice:
             beyond = _LOOPS_BEYOND if is_rough else _LAWS_BEYOND
             whole = whole + beyond * found.elasticity_covariance
             whole = whole + np.diag((_LAW_ACCURACY.repeat(search.phasors.n) * found.elasticity) ** 2)
-    elif best.reversal and "piecewise" in best.effects:
-        whole = whole + np.diag((_RUBBING_SLOPES.repeat(search.phasors.n) * found.elasticity) ** 2)
+    elif "piecewise" in best.effects:
+        whole = whole + np.diag((_SLOPES_ACCURACY.repeat(search.phasors.n) * found.elasticity) ** 2)
     return Choice(best, found, candidates, whole + spread_of_unseen(found, scored, search.prior))
