@@ -48,7 +48,7 @@ from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout,
 from jointid.estimation.model_climb import climbed, fit_laws
 from jointid.estimation.model_growth import grown
 from jointid.estimation.model_search import Search
-from jointid.estimation.start_values import other_laws, with_backlash
+from jointid.estimation.start_values import other_laws, with_backlash, with_one_bend
 from jointid.figures.stiffness import stiffness_over_amplitude, torsion_curve
 from jointid.gears.arm_friction import PeriodicFriction
 from jointid.gears.driven_gears import DrivenGears
@@ -919,3 +919,16 @@ def test_two_laws_are_not_tried_where_the_torques_are_those_of_no_robot() -> Non
     analysis = analyse(campaign.study(turned))
     assert "sign of the torque of joint 2" in analysis.headline
     assert all(len(set(GEAR_LAWS).intersection(c.parts)) < 2 for c in analysis.fit.candidates)
+
+
+def test_two_changes_of_slope_that_coincide_become_one() -> None:
+    """They did not determine each other: the gear was reported as linear, its torque 15 % too small."""
+    layout = ParameterLayout.of(2, effects=["piecewise"])
+    values = {"piecewise": [6.0, 5.0], "second_bend": [6.0, 1.0], "knee": [0.05, 0.04]}
+    p = layout.named(layout.pack(K=[40.0, 18.0], D=[0.1, 0.1], second_knee=[6e-4, 0.02], **values))
+    one = with_one_bend(p)
+    assert one is not None
+    assert one["piecewise"] == pytest.approx([12.0, 5.0])
+    assert one["second_bend"] == pytest.approx([0.0, 1.0])
+    assert one["knee"] == pytest.approx([0.0503, 0.04])
+    assert with_one_bend(one) is None

@@ -21,7 +21,12 @@ from jointid.estimation.estimators.parameters import (
 )
 from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.model_fits import filters_before_friction, fit_model, loaded, model_waveforms
-from jointid.estimation.start_values import other_laws, with_delay, without_inertias
+from jointid.estimation.start_values import (
+    other_laws,
+    with_delay,
+    with_one_bend,
+    without_inertias,
+)
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
@@ -37,6 +42,8 @@ _MOST_EFFECTS = 3
 _LITTLE = 1 / 3
 """Residual over the torques from which two laws of the gears do not explain them: up to 0.3 where one of
 them is fitted; 0.35 to 4 with wrong signs, units and columns."""
+_SAME_COST = 4.0
+"""Cost that two coinciding changes of slope may have saved."""
 _EXPLAINED_MOTIONS = 1.3
 """Misfit of motions below which richer friction and laws are not tried: their noise is that of the
 residual, and wide reversals leave few equations."""
@@ -205,6 +212,9 @@ class Search:
                 ):
                     if DOUBTFUL < estimate.misfit <= bound:
                         estimate = self._better(estimate, model, other, waveforms)
+            apart = None if self.has_motions else with_one_bend(estimate.named)
+            if apart is not None and estimate.misfit < DOUBTFUL:
+                estimate = self._better(estimate, model, apart, waveforms, _SAME_COST)
         except JointIdError as error:
             tried.setdefault(model, error)
             return
@@ -217,13 +227,14 @@ class Search:
         model: Model,
         start: Parameters,
         waveforms: FrictionWaveforms | None,
+        most: float = 0.0,
     ) -> LikelihoodEstimate:
-        """The better of an estimate and of that from another start, if this one gives any."""
+        """The estimate, or that from another start whose cost is higher by less than ``most``."""
         try:
             other = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)
         except JointIdError:
             return estimate
-        return min(estimate, other, key=lambda each: each.whole_cost(1))
+        return other if other.whole_cost(1) < estimate.whole_cost(1) + most else estimate
 
     def waveforms(self, model: Model, p: Parameters) -> FrictionWaveforms | None:
         """Friction waveforms of a model at some parameters."""

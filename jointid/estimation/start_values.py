@@ -33,6 +33,8 @@ _WIDE, _NARROW, _SHARP = 0.3, 0.03, 2e-3
 levels of the last two over the largest torque."""
 _KNEES = (0.5, 0.3), (0.2, 0.3)
 """Deflections at changes of slope over the largest: other starts of a gear with three slopes."""
+_COINCIDE, _APART = 0.05, 0.5
+"""Deflection between two changes of slope, over the first, at which they are one; and for a start."""
 _UNEXPLAINED = 0.1
 """Relative residual of the linear estimate from which friction is looked for."""
 _OUTLIER = 0.1
@@ -121,6 +123,26 @@ def other_laws(
             wind_up = np.repeat(share, p.K.size) * np.tile(largest, 2)
             found.append(layout.named(np.concatenate([start.vector, wind_up])))
     return tuple(found)
+
+
+def with_one_bend(p: Parameters) -> Parameters | None:
+    """The parameters with one change of slope where two coincide, which do not determine each other.
+
+    The second one starts as zero, far from the first. None where no two coincide.
+    """
+    if "piecewise" not in p.layout:
+        return None
+    same = p["second_knee"] < _COINCIDE * p["knee"]
+    if not same.any():
+        return None
+    values = {block.name: p[block.name] for block in p.layout.blocks}
+    both = p["piecewise"] + p["second_bend"]
+    share = np.divide(p["second_bend"], both, out=np.zeros_like(both), where=both != 0)
+    values["piecewise"] = np.where(same, both, p["piecewise"])
+    values["second_bend"] = np.where(same, 0.0, p["second_bend"])
+    values["knee"] = np.where(same, p["knee"] + share * p["second_knee"], p["knee"])  # the same torque
+    values["second_knee"] = np.where(same, _APART * p["knee"], p["second_knee"])
+    return p.layout.named(p.layout.pack(**values))
 
 
 def with_delay(p: Parameters) -> Parameters:
