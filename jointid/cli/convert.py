@@ -20,39 +20,44 @@ from jointid.wording import counted, significant
 def convert(
     logs: Annotated[
         list[Path],
-        typer.Argument(parser=options.named, help="Logs with the same columns.", show_default=False),
+        typer.Argument(
+            parser=options.named,
+            help="Logs with the same columns: CSV, MATLAB, HDF5, Parquet, MDF, ROS bags and others.",
+            show_default=False,
+        ),
     ],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", parser=options.named, help="New study: a folder or a .zip."),
     ] = None,
     mapping: Annotated[
-        Path | None, typer.Option(help="JSON with the role of each column, as written by --guess.")
+        Path | None, typer.Option(help="Mapping: the file of --guess, corrected.")
     ] = None,
     guess: Annotated[
         Path | None, typer.Option(help="Write the proposed mapping to this file and stop.")
     ] = None,
     list_runs: Annotated[
         Path | None,
-        typer.Option(help="Write the runs that --mapping gives to this file (.json) and stop."),
+        typer.Option(help="Write the runs found with --mapping to this file (.json) and stop."),
     ] = None,
     runs: Annotated[
         Path | None,
         typer.Option(
-            help="Use these runs, as written by --list-runs and corrected.", show_default=False
+            help="Runs to convert: a file of --list-runs, corrected. Default: all runs found.",
+            show_default=False,
         ),
     ] = None,
     inertia: Annotated[
         Path | None,
         typer.Option(
             parser=options.named,
-            help="TOML with M, M2 (motor side, kg·m²), std and poses, or with [robot_model] and joint "
-            "angles; or a study.",
+            help="TOML with M and M2 (motor side, kg·m²), or with [robot_model] and joint angles; or a "
+            "study.",
         ),
     ] = None,
     pose: Annotated[
         list[str] | None,
-        typer.Option(help="Name of the pose in the inertia file: once for all logs, or once per log."),
+        typer.Option(help="Name of a pose in the inertia file; give it once for all logs, or per log."),
     ] = None,
     separate: Annotated[
         bool,
@@ -75,11 +80,11 @@ def convert(
     overwrite: Annotated[bool, options.OVERWRITE] = False,
     as_json: Annotated[bool, options.JSON] = False,
 ) -> None:
-    """Convert logs of any controller, with sines or other motions, into a study.
+    """Make a study from logs of sines or other motions.
 
-    First write the proposed mapping with --guess and correct it; then convert with --mapping,
-    --inertia and --output. Every run found becomes a record: list the runs with --list-runs, correct
-    the list, and give it by --runs.
+    First write the proposed mapping (role, unit and scale of every column) with --guess and correct it;
+    then convert with --mapping, --inertia and --output. Every run found becomes a record: to correct
+    the runs, write them with --list-runs and convert with --runs.
     """
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(

@@ -11,7 +11,16 @@ import typer
 from jointid import exporting
 from jointid.analysis import Analysis
 from jointid.cli.files import analyse_file, require_new_output
-from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, UNIT, numbers, require_ending
+from jointid.cli.options import (
+    JSON,
+    METHOD,
+    OVERWRITE,
+    STUDY,
+    UNIT,
+    numbers,
+    numbers_option,
+    require_ending,
+)
 from jointid.cli.output import print_written, progress, warn_if_unusable
 from jointid.files.atomic_write import write_file
 
@@ -20,7 +29,9 @@ def report(
     study: Annotated[Path, STUDY],
     output: Annotated[
         list[Path] | None,
-        typer.Option("--output", "-o", help="Files, .html or .pdf; by default STUDY-report.html."),
+        typer.Option(
+            "--output", "-o", help="File, .html or .pdf; may be repeated. Default: STUDY-report.html."
+        ),
     ] = None,
     with_cut: Annotated[bool, typer.Option("--cut/--no-cut", help="Include the simulated cut.")] = True,
     method: Annotated[str, METHOD] = "auto",
@@ -28,7 +39,7 @@ def report(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Write a report as one HTML file or as PDF."""
+    """Write a report as a single HTML file or as PDF."""
     files = output or [Path(f"{study.resolve().stem or 'study'}-report.html")]
     for file in files:
         require_ending("--output", file, ".html", ".htm", ".pdf")
@@ -79,17 +90,17 @@ def export(
         typer.Option(
             "--output",
             "-o",
-            help="Files; the ending selects the format: .json, .toml (identification), .mat (MATLAB), "
+            help="File; may be repeated. Its ending selects the format: .json, .toml, .mat (results), "
             ".phasors.csv, .H.csv (transfer matrix), .torsion.csv (torsion curves), .gears.csv (gear "
-            "laws), .gears.txt (the same for Modelica), .st, .c, .m, .py (K and D as code), .zip (the "
-            "study), .xml (MuJoCo), .urdf, .sdf.",
+            "laws), .gears.txt (gear laws for Modelica), .st, .c, .m, .py (K and D as code), .zip (the "
+            "study), .xml, .urdf, .sdf (joints for MuJoCo, URDF, SDFormat).",
         ),
     ],
     gear_ratio: Annotated[
         str,
-        typer.Option(
-            help="Motor turns per joint turn: required for .xml, .urdf and .sdf unless the study states "
-            "them; other formats do not use them."
+        numbers_option(
+            "Motor turns per joint turn, negative if they turn in opposite directions: 100,-90. "
+            "Required for .xml, .urdf and .sdf unless the study states gear_ratio; not used otherwise."
         ),
     ] = "",
     overwrite: Annotated[bool, OVERWRITE] = False,

@@ -21,6 +21,11 @@ GEAR_FIELDS = {
 """Field of a gear by its name in an option, motor side and SI units."""
 
 
+def numbers_option(text: str, *names: str, **more: Any) -> Any:
+    """Return an option, described by ``text``, whose value is numbers separated by commas."""
+    return typer.Option(*names, metavar="NUMBERS", help=text, **more)
+
+
 def known_method(value: str) -> str:
     """Check the name of an estimator."""
     if value not in METHODS:
@@ -91,22 +96,22 @@ STUDY = typer.Argument(
 )
 METHOD = typer.Option(
     callback=known_method,
-    help=f"Estimator: {', '.join(METHODS)}. explicit: eq. (15) as printed in the paper.",
+    help="Estimator: auto (maximum likelihood with choice of the model), maximum-likelihood (no "
+    "friction or delay), weighted or least-squares (linear), explicit (eq. (15) as in the paper).",
 )
 JSON = typer.Option("--json", help="Print only JSON.")
-OVERWRITE = typer.Option("--overwrite", help="Replace existing files; otherwise they are an error.")
+OVERWRITE = typer.Option("--overwrite", help="Replace existing files; without it, they are an error.")
 INERTIA_STD = typer.Option(
-    help="Relative standard deviation of M and M2: 0.03 for 3 %; 0: exact; inf: unknown."
+    help="Relative standard deviation of M and M2: 0.03 for 3 %, 0 for exact, inf for unknown values. "
+    "Default: as in the study or inertia file."
 )
 UNIT = typer.Option(
-    help=f"Unit of K, and side of the gear: {', '.join(STIFFNESS_UNITS)}. At the joint only if "
-    "the study states gear_ratio.",
+    help=f"Unit of K, and side of the gear for K and D: {', '.join(STIFFNESS_UNITS)}. At the joint "
+    "only if the study states gear_ratio.",
     show_default=next(iter(STIFFNESS_UNITS)),
 )
 TORQUE_STD = typer.Option(
-    help="Relative standard deviation of the torque constants: 0.02 for 2 %; 0: exact; inf: unknown."
+    help="Relative standard deviation of the torque constants, given in the same way."
 )
-NOMINAL_K = typer.Option(
-    "--nominal-K", help="Nominal stiffness: that in the controller at present, N·m/rad."
-)
-NOMINAL_D = typer.Option("--nominal-D", help="Nominal damping, N·m·s/rad.")
+NOMINAL_K = numbers_option("Nominal stiffness, used by the controller now, N·m/rad.", "--nominal-K")
+NOMINAL_D = numbers_option("Nominal damping, N·m·s/rad.", "--nominal-D")

@@ -26,7 +26,7 @@ from jointid.small_matrices import one_thread
 
 METHODS = {
     "auto": "maximum likelihood, with the simplest model consistent with the noise",
-    "maximum-likelihood": "maximum likelihood; friction and delay on request",
+    "maximum-likelihood": "maximum likelihood of one model, by default without friction and delay",
     "weighted": "weighted least squares, weights from the noise of each record",
     "least-squares": "the paper's pseudo-inverse, equations (13)–(14)",
     "explicit": "the paper's explicit solution, equation (15) as printed",
