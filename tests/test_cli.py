@@ -301,7 +301,7 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
     np.testing.assert_allclose(laws["cubic"], [9000, 0], rtol=0.02)
     np.testing.assert_allclose(laws["backlash_rad"], [0, 0.004], rtol=0.02)
     again = [*made[:-2], "--overwrite", "--gear"]
-    assert 'no joint "3"' in refused(2, *again, "3: cubic=1")
+    assert 'joint "3" does not exist' in refused(2, *again, "3: cubic=1")
     assert "presliding" in refused(2, *again, "loss=0.1")
     assert "not a number" in refused(2, *again, "cubic=hard")
     assert "presliding_rad" in refused(1, *again, "hysteresis=0.1")

@@ -21,9 +21,7 @@ def convert(
     logs: Annotated[
         list[Path],
         typer.Argument(
-            parser=options.named,
-            help="Logs with the same columns: CSV, MATLAB, HDF5, Parquet, MDF, ROS bags and others.",
-            show_default=False,
+            parser=options.named, help="Logs with the same columns, of any format.", show_default=False
         ),
     ],
     output: Annotated[
@@ -43,8 +41,7 @@ def convert(
     runs: Annotated[
         Path | None,
         typer.Option(
-            help="Runs to convert: a file of --list-runs, corrected. Default: all runs found.",
-            show_default=False,
+            help="Runs: the file of --list-runs, corrected; default: all runs found.", show_default=False
         ),
     ] = None,
     inertia: Annotated[
@@ -91,7 +88,7 @@ def convert(
             "Give --guess FILE first, check the mapping in this file, then convert with --mapping FILE."
         )
     if guess is not None and (runs or list_runs):
-        raise typer.BadParameter("--list-runs and --runs need a checked mapping: give it by --mapping.")
+        raise typer.BadParameter("--list-runs and --runs need a checked mapping: give --mapping.")
     if guess is not None:
         options.require_ending("--guess", guess, ".json")
         require_new_output(guess, overwrite, [*logs, inertia])
@@ -229,7 +226,7 @@ def found_runs(
             f"{' '.join([*without, *unused])} The method needs steady sines of a few periods, or "
             "several seconds of another motion. Check in the mapping which columns are position and "
             "torque, and the unit of time; a run can also be marked by its start and stop, with --runs "
-            "or in the app, page Import a log."
+            "or on the page Import a log of the app."
         )
     return logs, segments, (*without, *of_logs, *unused)
 

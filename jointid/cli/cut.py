@@ -18,14 +18,12 @@ def cut(
     study: Annotated[
         Path | None,
         typer.Argument(
-            parser=named, help="Study or sample; default: K and D of the paper on the example arm."
+            parser=named, help="Study or sample; default: the paper's K, D on the example arm."
         ),
     ] = None,
     zones_mm: Annotated[
         str,
-        numbers_option(
-            "Corner zones: distances from a corner at which the tool begins to round it, mm."
-        ),
+        numbers_option("Corner zones: distances from a corner within which the tool rounds it, mm."),
     ] = "1,5,10",
     assumed: Annotated[
         str,

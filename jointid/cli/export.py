@@ -11,16 +11,7 @@ import typer
 from jointid import exporting
 from jointid.analysis import Analysis
 from jointid.cli.files import analyse_file, require_new_output
-from jointid.cli.options import (
-    JSON,
-    METHOD,
-    OVERWRITE,
-    STUDY,
-    UNIT,
-    numbers,
-    numbers_option,
-    require_ending,
-)
+from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, UNIT, numbers, require_ending
 from jointid.cli.output import print_written, progress, warn_if_unusable
 from jointid.files.atomic_write import write_file
 
@@ -30,7 +21,7 @@ def report(
     output: Annotated[
         list[Path] | None,
         typer.Option(
-            "--output", "-o", help="File, .html or .pdf; may be repeated. Default: STUDY-report.html."
+            "--output", "-o", help="File, .html or .pdf; repeatable; default: STUDY-report.html."
         ),
     ] = None,
     with_cut: Annotated[bool, typer.Option("--cut/--no-cut", help="Include the simulated cut.")] = True,
@@ -90,7 +81,7 @@ def export(
         typer.Option(
             "--output",
             "-o",
-            help="File; may be repeated. Its ending selects the format: .json, .toml, .mat (results), "
+            help="File; repeatable. Its ending selects the format: .json, .toml, .mat (results), "
             ".phasors.csv, .H.csv (transfer matrix), .torsion.csv (torsion curves), .gears.csv (gear "
             "laws), .gears.txt (gear laws for Modelica), .st, .c, .m, .py (K and D as code), .zip (the "
             "study), .xml, .urdf, .sdf (joints for MuJoCo, URDF, SDFormat).",
@@ -98,9 +89,10 @@ def export(
     ],
     gear_ratio: Annotated[
         str,
-        numbers_option(
-            "Motor turns per joint turn, negative if they turn in opposite directions: 100,-90. "
-            "Required for .xml, .urdf and .sdf unless the study states gear_ratio; not used otherwise."
+        typer.Option(
+            metavar="NUMBERS",
+            help="Motor turns per joint turn, negative if reversed: 100,-90. Required for .xml, .urdf, "
+            ".sdf unless the study states gear_ratio.",
         ),
     ] = "",
     overwrite: Annotated[bool, OVERWRITE] = False,
@@ -117,7 +109,7 @@ def export(
     ratio = ratio or (None if known is None else known.tolist())
     for file, ending in endings.items():
         if ending in _AT_JOINT and ratio is None:
-            raise typer.BadParameter(f"{file.name} has joint-side values: give --gear-ratio 100,90")
+            raise typer.BadParameter(f"{file.name} needs gear ratios, as in --gear-ratio 100,-90.")
     writers = _writers(ratio)
     empty = {} if analysis.transfer_matrices else {".H.csv": analysis.transfer_problem}
     if not analysis.study.sine_records:

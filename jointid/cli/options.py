@@ -61,13 +61,15 @@ def gears(texts: Sequence[str], joints: int) -> list[Gear]:
     for text in texts:
         joint, _, values = text.rpartition(":")
         if joint and not (joint.strip().isdecimal() and 1 <= int(joint) <= joints):
-            raise typer.BadParameter(f'"{text}": there is no joint "{joint}" of {joints}.')
+            raise typer.BadParameter(
+                f'"{text}": joint "{joint}" does not exist; the robot has {joints}.'
+            )
         for entry in values.split(","):
             name, _, value = (part.strip() for part in entry.partition("="))
             try:
                 law = {GEAR_FIELDS[name]: float(value)}
             except (KeyError, ValueError) as error:
-                fault = f"{value!r} is not a number" if name in GEAR_FIELDS else f"{name!r} is not a law"
+                fault = f'"{value}" is not a number' if name in GEAR_FIELDS else f'"{name}" is not a law'
                 laws_as = f'Laws: {", ".join(GEAR_FIELDS)}, as in "1: cubic=9000, backlash=0.004".'
                 raise typer.BadParameter(f'"{text}": {fault}. {laws_as}') from error
             for own in [laws[int(joint) - 1]] if joint else laws:
@@ -103,7 +105,7 @@ JSON = typer.Option("--json", help="Print only JSON.")
 OVERWRITE = typer.Option("--overwrite", help="Replace existing files; without it, they are an error.")
 INERTIA_STD = typer.Option(
     help="Relative standard deviation of M and M2: 0.03 for 3 %, 0 for exact, inf for unknown values. "
-    "Default: as in the study or inertia file."
+    "Default: that of the study or inertia file, else 0.05."
 )
 UNIT = typer.Option(
     help=f"Unit of K, and side of the gear for K and D: {', '.join(STIFFNESS_UNITS)}. At the joint "
@@ -111,7 +113,7 @@ UNIT = typer.Option(
     show_default=next(iter(STIFFNESS_UNITS)),
 )
 TORQUE_STD = typer.Option(
-    help="Relative standard deviation of the torque constants, given in the same way."
+    help="Relative standard deviation of the torque constants likewise; else 0 (exact)."
 )
 NOMINAL_K = numbers_option("Nominal stiffness, used by the controller now, N·m/rad.", "--nominal-K")
 NOMINAL_D = numbers_option("Nominal damping, N·m·s/rad.", "--nominal-D")

@@ -61,7 +61,7 @@ def simulate(
         list[str] | None,
         typer.Option(
             help='Gear law of one joint, "1: cubic=9000", or of all, "backlash=0.004, hysteresis=0.08, '
-            'presliding=0.002"; may be repeated. Motor side: cubic (N·m/rad³), backlash (total, rad), '
+            'presliding=0.002"; repeatable. Motor side: cubic (N·m/rad³), backlash (total, rad), '
             "hysteresis (N·m) with presliding (rad), K2 and K3 (slopes above the torques T1 and T2, "
             "N·m/rad, N·m)."
         ),

@@ -194,7 +194,7 @@ def joint_path(robot: RobotModel, q: ArrayLike, path: Toolpath) -> JointPath:
             tool, jacobian = robot.tool_motion(now)
         angles[k], lever[k] = now, jacobian @ robot.coupling
         if np.linalg.norm(point - tool) > _NEAR_M:
-            raise JointIdError("The robot's tool does not reach the rectangle from this pose.")
+            raise JointIdError("The tool does not reach the rectangle: choose another pose.")
     velocity = np.gradient(angles, _STEP_S, axis=0)
     still, C = np.zeros_like(angles), robot.coupling
     gravity = robot.torque(angles, still, still)

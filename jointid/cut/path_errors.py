@@ -135,8 +135,8 @@ def _draw(elasticity: Elasticity, covariance: ArrayLike, samples: int, seed: int
     if 2 * len(physical) < len(draws) or len(physical) < samples:
         raise JointIdError(
             f"The covariance allows negative K or D in {1 - len(physical) / len(draws):.0%} of the "
-            "draws: they are not determined well enough to predict a path error. Record more, "
-            "or at frequencies nearer to the resonances."
+            "draws: they are not determined well enough to predict a path error. Record "
+            "longer, or at frequencies nearer to the resonances."
         )
     return np.asarray(physical[:samples])
 

@@ -166,7 +166,7 @@ class Zip:
         except _ZIP_FAULTS as error:
             raise JointIdError(
                 f"{name} is not a readable zip archive; it is damaged or incomplete ({error!s:.200}). "
-                "Give the study's folder, or that folder as .zip; jointid convert makes one of a log.",
+                "Give the study's folder, or that folder as .zip, or convert logs with jointid convert.",
                 file=name,
             ) from error
         self._check_sizes(members)

@@ -89,7 +89,7 @@ def _names(file: str, data: bytes, begin: int) -> tuple[list[str], bytes, int, s
     line = data[start.start() : start.start() + MAX_LINE]
     end = re.search(rb"[\r\n]", line)
     if end is None and len(line) == MAX_LINE:
-        raise JointIdError(f"{file}: the first line is longer than {MAX_LINE} bytes: not a CSV table.")
+        raise JointIdError(f"{file}: the first line exceeds {MAX_LINE} bytes: write one row per line.")
     line = line[: end.start()] if end else line
     if line.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in line:
         raise JointIdError(
@@ -187,7 +187,7 @@ def _text_lines(file: str, data: bytes, begin: int) -> Iterator[str]:
         if len(line) == MAX_LINE:
             raise row_error(
                 (file, "line", _lines_above(data, begin) + number),
-                f"longer than {MAX_LINE} characters: not a CSV table.",
+                f"longer than {MAX_LINE} characters: write one row per line.",
             )
         yield line
 

@@ -173,8 +173,8 @@ def _read_parquet(
         _require_size(file, size, left)
         if size > CHUNK and size > MAX_RATIO * len(data):
             raise JointIdError(
-                f"{file} would take {mebibytes(size)}, more than {MAX_RATIO} times its packed size; "
-                "measurements never compress that well."
+                f"{file} would take {mebibytes(size)}, more than {MAX_RATIO} times its packed size: it "
+                "is damaged. Export the record again."
             )
     columns = list(np.concatenate([*parquet_rows(file, source, names)]).T)
     if not are_usable(columns):

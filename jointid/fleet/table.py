@@ -154,7 +154,7 @@ def read_untrusted(data: bytes) -> tuple[Row, ...]:
     try:
         answer, body = child.ask({"do": "read"}, data)
     except Ended as ended:
-        raise JointIdError(f"The table is damaged. {ended}") from None
+        raise JointIdError(f"The table is damaged: run the batch again. {ended}") from None
     finally:
         child.stop()
     if "error" in answer:

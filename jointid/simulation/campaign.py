@@ -76,7 +76,7 @@ def with_inertia_error(inertia: Inertia, error: float, seed: int = 0) -> Inertia
     """
     if not 0 <= error < 1:
         raise JointIdError(
-            f"The error of the inertias is {error!r:.40}: expected a share from 0 to below 1."
+            f"inertia_error = {error!r:.40}: expected a relative error from 0 to below 1."
         )
     signs = np.random.default_rng([seed, inertia.n]).choice([-1.0, 1.0], (2, inertia.n))
     factor = 1 + error * signs

@@ -203,8 +203,8 @@ def _within(
         acceleration = acceleration * np.minimum(ratio, 2.0)
         share = share * np.minimum(ratio, 1.0)
     raise JointIdError(
-        f"No motion of joint {worst + 1} was found within its limits, which friction and the noise of "
-        "its sensors need. Raise the limits of position, velocity or torque."
+        f"Within its limits, joint {worst + 1} does not move above friction and sensor noise. Raise the "
+        "limits of position, velocity or torque."
     )
 
 

@@ -104,7 +104,7 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
     except JointIdError as error:
         message = str(error)
     except MemoryError:
-        message = f"{name} needs more memory than the limit for logs: it is damaged or too large."
+        message = f"{name} needs more memory than the limit for logs. Cut it into several logs."
     except BaseException as error:  # readers written in Rust raise outside Exception
         reason = " ".join(str(error).replace(path, "the file").split()) or type(error).__name__
         message = (
