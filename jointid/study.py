@@ -94,9 +94,7 @@ class Study:
         for where, record in records:
             if record.pose is not None and record.pose not in self.poses:
                 known = ", ".join(self.poses) or "none"
-                raise JointIdError(
-                    f'{where}: pose "{record.pose}" is not defined. Known poses: {known}.'
-                )
+                raise JointIdError(f'{where}: pose "{record.pose}" is not defined. Poses: {known}.')
 
     @property
     def sine_records(self) -> tuple[SineRecord, ...]:

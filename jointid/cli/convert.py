@@ -21,7 +21,9 @@ def convert(
     logs: Annotated[
         list[Path],
         typer.Argument(
-            parser=options.named, help="Logs with the same columns, of any format.", show_default=False
+            parser=options.named,
+            help="Logs with the same columns: CSV, MDF, MATLAB, HDF5, ROS bags and others.",
+            show_default=False,
         ),
     ],
     output: Annotated[

@@ -91,7 +91,7 @@ def arm_side(
 ) -> None:
     """Identify K from sensors behind the gears.
 
-    K is at the joint, N·m/rad; a joint without such a sensor has the reason in place of K.
+    K is at the joint, N·m/rad; a joint without an estimate has a note with the reason.
     """
     model = None if robot is None else RobotModel.load(robot)
     with progress("Evaluating the sensors"):

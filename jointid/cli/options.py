@@ -38,9 +38,7 @@ def numbers(text: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise typer.BadParameter(
-            f'"{text}": expected numbers separated by commas, as in 43,7.5'
-        ) from None
+        raise typer.BadParameter(f'"{text}": expected numbers separated by commas: 43,7.5') from None
 
 
 def nominal(stiffness: str, damping: str) -> Elasticity | None:
@@ -61,15 +59,13 @@ def gears(texts: Sequence[str], joints: int) -> list[Gear]:
     for text in texts:
         joint, _, values = text.rpartition(":")
         if joint and not (joint.strip().isdecimal() and 1 <= int(joint) <= joints):
-            raise typer.BadParameter(
-                f'"{text}": joint "{joint}" does not exist; the robot has {joints}.'
-            )
+            raise typer.BadParameter(f'"{text}": the robot has joints 1 to {joints}.')
         for entry in values.split(","):
             name, _, value = (part.strip() for part in entry.partition("="))
             try:
                 law = {GEAR_FIELDS[name]: float(value)}
             except (KeyError, ValueError) as error:
-                fault = f'"{value}" is not a number' if name in GEAR_FIELDS else f'"{name}" is not a law'
+                fault = f'"{value}" is not a number' if name in GEAR_FIELDS else f'"{name}" is unknown'
                 laws_as = f'Laws: {", ".join(GEAR_FIELDS)}, as in "1: cubic=9000, backlash=0.004".'
                 raise typer.BadParameter(f'"{text}": {fault}. {laws_as}') from error
             for own in [laws[int(joint) - 1]] if joint else laws:
@@ -112,8 +108,6 @@ UNIT = typer.Option(
     "only if the study states gear_ratio.",
     show_default=next(iter(STIFFNESS_UNITS)),
 )
-TORQUE_STD = typer.Option(
-    help="Relative standard deviation of the torque constants likewise; else 0 (exact)."
-)
+TORQUE_STD = typer.Option(help="The same for the torque constants; 0 (exact) where it is not stated.")
 NOMINAL_K = numbers_option("Nominal stiffness, used by the controller now, N·m/rad.", "--nominal-K")
 NOMINAL_D = numbers_option("Nominal damping, N·m·s/rad.", "--nominal-D")

@@ -62,8 +62,7 @@ def simulate(
         typer.Option(
             help='Gear law of one joint, "1: cubic=9000", or of all, "backlash=0.004, hysteresis=0.08, '
             'presliding=0.002"; repeatable. Motor side: cubic (N·m/rad³), backlash (total, rad), '
-            "hysteresis (N·m) with presliding (rad), K2 and K3 (slopes above the torques T1 and T2, "
-            "N·m/rad, N·m)."
+            "hysteresis (N·m) with presliding (rad), K2 and K3 (slopes, N·m/rad) above T1 and T2 (N·m)."
         ),
     ] = None,
     encoder_counts: Annotated[

@@ -105,9 +105,7 @@ def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[P
     if np.isfinite(covariance).all():
         draws = np.random.default_rng(0).multivariate_normal(fit.K, covariance, _DRAWS)
     if np.any(draws <= 0):
-        raise JointIdError(
-            "K is too uncertain for a deflection of the tool. Resolve the findings first."
-        )
+        raise JointIdError("K is too uncertain for a deflection: resolve the findings first.")
     found = []
     for zone in zones_m:
         toolpath = rectangle(zone_m=zone, centre_m=(0.0, 0.0))

@@ -65,9 +65,7 @@ def read_header(file: str, data: bytes) -> tuple[list[str], int]:
             break
         begin = body
         if begin > MAX_LINE:
-            raise JointIdError(
-                f"{file}: no column names in the first {begin} bytes: remove the comments."
-            )
+            raise JointIdError(f"{file}: no column names in {begin} bytes: remove the comments.")
     if _SOMETHING.search(data, body) is None:
         raise JointIdError(f"{file} has a header but no rows: export the record again.")
     for delimiter, what in _DELIMITERS.items():

@@ -188,7 +188,7 @@ def _sum(table: CheckedTable, default: Inertia, poses: Mapping[str, Inertia]) ->
     if base is None:
         raise table.error(
             f'base = "{name:.60}": no pose of this name has an M2.{nearest(name or "", poses)} '
-            f"Poses with M2: {listed(poses)}. Without base, added is added to [inertia]."
+            f"Poses with M2: {listed(poses)}. Without base, added changes [inertia]."
         )
     with in_place(table.where, table.file):
         loaded = base.with_added(table.matrix("added"))

@@ -104,9 +104,7 @@ def plan_motion(
     blocked = limits.torque_Nm <= friction.coulomb
     if blocked.any():
         j = int(np.argmax(blocked)) + 1
-        raise JointIdError(
-            f"The torque limit of joint {j} does not exceed its friction: raise this limit."
-        )
+        raise JointIdError(f"The torque limit of joint {j} does not exceed its friction: raise it.")
     noise = sensor_noise(fit, interval_s)
     measurement = Measurement(position_noise_rad=noise[:n], torque_noise_Nm=noise[n:])
     chosen, made = _within(fit, motion, limits, friction, measurement, interval_s, records)

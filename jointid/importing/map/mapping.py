@@ -144,9 +144,7 @@ class Mapping:
         if not self.joints:
             raise JointIdError("The mapping has no joints: choose position and torque of at least one.")
         if len(self.joints) > MAX_JOINTS:
-            raise JointIdError(
-                f"{len(self.joints)} joints, more than the limit of {MAX_JOINTS}: leave some out."
-            )
+            raise JointIdError(f"{len(self.joints)} joints; the limit is {MAX_JOINTS}: leave some out.")
         if not isinstance(self.torque_hold, bool):
             raise JointIdError(f"torque_hold = {shown(self.torque_hold)}: expected true or false.")
         delay = float(finite_array("torque_delay_s (s)", self.torque_delay_s, ndim=0))

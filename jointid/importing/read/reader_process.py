@@ -90,9 +90,7 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
     try:
         tables = readers()[kind].read(name, path)
         if not tables:
-            raise JointIdError(
-                f"{name} holds no table of numbers: a log needs at least position and torque."
-            )
+            raise JointIdError(f"{name} has no numbers: a log needs at least position and torque.")
         stated = ("name", "notes", "first_row", "row_word", "rows")
         described = [
             {key: getattr(table, key) for key in stated}
