@@ -122,7 +122,7 @@ class Analysis:
     def require_usable(self) -> None:
         """Raise JointIdError, with the reason, when the answer is not usable."""
         if self.state == NOT_USABLE:
-            raise JointIdError(f"{self.headline} Correct the study first.")
+            raise JointIdError(f"{self.headline} Resolve the findings first.")
 
     @property
     def caution(self) -> str:

@@ -67,8 +67,8 @@ class StiffnessUnit:
             return cls(angle)
         if gear_ratio is None:
             raise JointIdError(
-                f'"{name}" needs the gear ratios: state gear_ratio in '
-                "study.toml, motor turns per joint turn."
+                f'"{name}" needs the gear ratios: state gear_ratio (motor turns per joint turn) in '
+                "study.toml."
             )
         return cls(angle, gear_ratio)
 

@@ -64,9 +64,7 @@ def vectors(name: str, value: ArrayLike, n: int) -> Floats:
     except (TypeError, ValueError) as error:
         raise JointIdError(f"{name}: expected numbers, got {value!r:.80}.") from error
     if array.ndim == 0 or array.shape[-1] != n:
-        raise JointIdError(
-            f"{name} has shape {array.shape}: expected (..., {n}), {n} finite components."
-        )
+        raise JointIdError(f"{name} has shape {array.shape}: expected (..., {n}), {n} finite values.")
     if not np.isfinite(array).all():
         j = int(np.argwhere(~np.isfinite(array))[0][-1])
         raise JointIdError(f"{name}: component {j + 1} is not finite: remove or repair it.")

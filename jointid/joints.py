@@ -258,7 +258,7 @@ def resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
     Returns
     -------
     ndarray, shape (n,)
-        Frequencies in Hz, ascending, without the n rigid-body zeros.
+        Frequencies in Hz, ascending, without the n rigid-body modes at 0 Hz.
     """
     return _natural_frequencies_hz(inertia, elasticity, moving=np.ones(inertia.n, bool))
 

@@ -94,9 +94,7 @@ class Study:
         for where, record in records:
             if record.pose is not None and record.pose not in self.poses:
                 known = ", ".join(self.poses) or "none"
-                raise JointIdError(
-                    f'{where}: pose "{record.pose}" is not defined. Known poses: {known}.'
-                )
+                raise JointIdError(f'{where}: pose "{record.pose}" is not defined. Poses: {known}.')
 
     @property
     def sine_records(self) -> tuple[SineRecord, ...]:
@@ -156,7 +154,7 @@ class Study:
         """Check texts, gear ratios and temperature."""
         for name in ("robot", "note"):
             if not isinstance(value := getattr(self, name), str):
-                raise JointIdError(f"{name} = {value!r:.60}: expected a text.")
+                raise JointIdError(f"{name} = {value!r:.60}: expected text.")
         for name in ("assumed", "changes"):
             value = getattr(self, name)
             if not isinstance(value, list | tuple) or not all(isinstance(text, str) for text in value):
@@ -185,8 +183,8 @@ class Study:
             given = poses.setdefault(name, of_model) if name else self.inertia
             if not np.allclose(given.M2, of_model.M2, rtol=1e-9, atol=1e-12 * np.abs(of_model.M2).max()):
                 raise JointIdError(
-                    f"{f'Pose {name}' if name else 'inertia'} has joint angles and another M2 than the "
-                    "robot model there: leave one of them out."
+                    f"{f'Pose {name}' if name else 'inertia'} has another M2 than the robot model at "
+                    "its joint angles: leave one of them out."
                 )
         set_fields(self, poses=MappingProxyType(poses), pose_angles_rad=MappingProxyType(angles))
 

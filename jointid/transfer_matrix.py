@@ -38,7 +38,7 @@ _NOISE_MARGIN = 3.0
 
 @dataclass(frozen=True, eq=False)
 class TransferMatrix:
-    """Acceleration over torque, H(iω) = Y T⁻¹, at f frequencies of n joints."""
+    """Acceleration over torque, H(iω) = Y T⁻¹, equations (16)-(18), at f frequencies of n joints."""
 
     omega: Floats
     """Frequencies, ascending, shape (f,), rad/s."""
@@ -186,7 +186,8 @@ def _polynomial(
         if near.sum() > order:
             values = acceleration[near], torque[near], noise[:, near]
             lines.append(SpectralLines.of((f[near] - centre) / half, order, *values))
-    too_few = f"At {centre:.4g} Hz the records have too few spectral lines: record longer."
+    at = f"At {centre:.4g} Hz"
+    too_few = f"{at} the records have too few spectral lines: record longer."
     if not lines:
         raise JointIdError(too_few)
     A = np.concatenate([each.regressors(each.torque) for each in lines])
@@ -197,10 +198,10 @@ def _polynomial(
         raise JointIdError(too_few)
     size = np.linalg.norm(A, axis=0)
     if not np.all(size > 0):
-        raise JointIdError(f"At {centre:.4g} Hz the torque of a joint is zero in every record.")
+        raise JointIdError(f"{at} the torque of a joint is zero in every record: excite it.")
     U, singular, Vh = np.linalg.svd(A / size, full_matrices=False)
     if singular[-1] < _SINGULAR * singular[0]:
-        raise JointIdError(f"At {centre:.4g} Hz the torques of the joints are not independent.")
+        raise JointIdError(f"{at} the torques of the joints are not independent: vary their ratios.")
     inverse = (Vh.conj().T / singular) @ U.conj().T / size[:, None]
     found = inverse @ y
     rest = y - A @ found
@@ -214,20 +215,20 @@ def _polynomial(
     covariance = np.einsum("ik,jl->ijkl", left, spread).reshape(n * n, n * n)
     H = found[constant].T
     if np.all(np.diag(left).real * np.diag(spread).real > np.abs(_UNKNOWN * np.diag(H)) ** 2):
-        raise JointIdError(f"At {centre:.4g} Hz the motion does not exceed the noise.")
+        raise JointIdError(f"{at} the motion does not exceed the noise: move the joints more.")
     answer = np.sqrt(angles * answers)[:, None] * np.abs(spread.T)
     if np.any(np.diag(answer) > _UNKNOWN * np.abs(np.diag(H))):
         raise JointIdError(
-            f"At {centre:.4g} Hz the controllers answer the noise of the angles, which may change H by "
+            f"{at} the controllers answer the noise of the angles, which may change H by "
             f"more than {percent(_UNKNOWN)}: move the joints more at this frequency."
         )
     if np.linalg.matrix_rank(H) < n:
-        raise JointIdError(f"At {centre:.4g} Hz a joint does not move: H is singular.")
+        raise JointIdError(f"{at} a joint does not move: excite it.")
     power = _noise_power(lines, freedom, H, angles / len(A))
     bias = (squares @ power @ found)[constant].T
     if np.any(np.abs(np.diag(bias)) > _BIASED * np.abs(np.diag(H))):
         raise JointIdError(
-            f"At {centre:.4g} Hz noise may reduce H by more than {percent(_BIASED)}: move the joints "
+            f"{at} noise may reduce H by more than {percent(_BIASED)}: move the joints "
             "more at this frequency, or record longer."
         )
     for error in (bias, answer):

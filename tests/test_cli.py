@@ -266,7 +266,7 @@ def test_a_simulated_study_has_the_errors_that_were_asked_for(here: Path) -> Non
     found = json.loads(ok("identify", "s.zip", "--json"))
     np.testing.assert_allclose(found["K"], [43, 7.5], rtol=0.02)
     assert found["standard_error"][0] < 1
-    assert "0 to below 1" in refused(1, *made, "--overwrite", "--inertia-error", "5")
+    assert "0 ≤ relative error < 1" in refused(1, *made, "--overwrite", "--inertia-error", "5")
     assert "expected numbers" in refused(2, *made, "--overwrite", "--added", "heavy")
 
 
@@ -301,7 +301,7 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
     np.testing.assert_allclose(laws["cubic"], [9000, 0], rtol=0.02)
     np.testing.assert_allclose(laws["backlash_rad"], [0, 0.004], rtol=0.02)
     again = [*made[:-2], "--overwrite", "--gear"]
-    assert 'no joint "3"' in refused(2, *again, "3: cubic=1")
+    assert "joints 1 to 2" in refused(2, *again, "3: cubic=1")
     assert "presliding" in refused(2, *again, "loss=0.1")
     assert "not a number" in refused(2, *again, "cubic=hard")
     assert "presliding_rad" in refused(1, *again, "hysteresis=0.1")

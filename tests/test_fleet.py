@@ -660,7 +660,7 @@ def test_a_failed_process_start_gives_its_reason(
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text("import sys; sys.exit('no licence')", "utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(JointIdError, match=r"ended during its start .* no licence"):
+    with pytest.raises(JointIdError, match=r"did not start .* no licence"):
         analyse_fleet(paths[:3], tmp_path / "r.parquet", workers=2)
 
 

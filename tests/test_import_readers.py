@@ -356,7 +356,7 @@ def lists_of_one_column() -> bytes:
 @pytest.mark.parametrize(
     ("data", "name", "said"),
     [
-        (lists_of_one_column(), "log.parquet", "no table of numbers"),
+        (lists_of_one_column(), "log.parquet", "has no numbers"),
         (mat_bomb, "log.mat", "million numbers, more than the limit"),
         (huge_npy(), "log.npy", "more memory than the limit"),
         (b'{"a":' * 100_000 + b"1", "log.json", "not JSON"),

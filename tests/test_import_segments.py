@@ -387,7 +387,7 @@ def test_user_adds_and_corrects_a_segment() -> None:
         measure_run(log, 100.0, 101.0)
     with pytest.raises(JointIdError, match="No joint moves"):
         measure_run(log, 0.0, 0.4)
-    with pytest.raises(JointIdError, match="must come later"):
+    with pytest.raises(JointIdError, match="give a later stop"):
         Segment(2.0, 1.0, 3.0)
     with pytest.raises(JointIdError, match="must be positive"):
         Segment(1.0, 2.0, -3.0)

@@ -125,7 +125,7 @@ def test_draws_have_the_covariance_that_was_given() -> None:
 
 def test_bad_input_is_refused() -> None:
     arm, path = PlanarArm.example(), rectangle()
-    with pytest.raises(JointIdError, match=r"ratios .* give positive ratios"):
+    with pytest.raises(JointIdError, match=r"ratios .* give positive values"):
         errors_of_mismatch(arm, path, TRUE, [[-1.0], [1.0]])
     with pytest.raises(JointIdError, match=r"ratios .* shape \(2, 0\)"):
         errors_of_mismatch(arm, path, TRUE, [[], []])

@@ -138,7 +138,7 @@ def test_simulated_inertia_errors_are_as_specified() -> None:
         own = (given.M2 - PAYLOAD) / PARALLELOGRAM.M2
         assert np.abs(np.diag(own) - 1) == pytest.approx(0.3)
     assert len({tuple(with_inertia_error(PARALLELOGRAM, 0.3, seed).M) for seed in range(20)}) == 4
-    with pytest.raises(JointIdError, match="error of the inertias is 1"):
+    with pytest.raises(JointIdError, match="inertia_error = 1"):
         with_inertia_error(PARALLELOGRAM, 1.0)
 
 

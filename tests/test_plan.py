@@ -78,7 +78,7 @@ def test_torque_and_motion_are_two_views_of_one_plan(n: int) -> None:
 
 
 def test_an_invalid_plan_is_refused() -> None:
-    with pytest.raises(JointIdError, match="one of the two"):
+    with pytest.raises(JointIdError, match="either the torques or the angles"):
         planned_records(SERIAL, PAPER, [3.0])
     with pytest.raises(JointIdError, match="one period"):
         planned_records(SERIAL, PAPER, [3.0], torque_Nm=[1, 1], duration_s=0.1)

@@ -66,7 +66,7 @@ def test_robot_and_date_are_read_in_common_spellings() -> None:
         ("date = 10:30:00", ["date must be a date", "'10:30:00'", "Example: date = 2026-11-20"]),
         ("date = 2026", ["date must be a date", "2026"]),
         ("date = 2026-13-01", ["study.toml is not valid TOML"]),
-        ("robot = 7", ["study.toml: robot must be a text in quotes; got 7"]),
+        ("robot = 7", ["study.toml: robot must be text in quotes; got 7"]),
         ("robto = 'A'", ['Did you mean "robot"']),
     ],
 )

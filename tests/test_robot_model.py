@@ -350,7 +350,7 @@ BAD_PARTS = {
     "closed loop": ("a.xml", "<asset>", WELD, "loops"),
     "mass from a mesh": ("a.xml", 'type="box"', 'type="mesh" mesh="shell"', "fore, shape 1.*inertial"),
     "two joints": ("a.xml", '<joint name="j2"/>', '<joint name="j2"/><joint name="j4"/>', "2 joints"),
-    "ball": ("a.xml", 'type="slide"', 'type="ball"', "j3 is neither"),
+    "ball": ("a.xml", 'type="slide"', 'type="ball"', "j3 must be a hinge"),
     "frame": ("a.xml", '<geom type="mesh" mesh="shell"/>', "<frame/>", "<frame>"),
     "gear of 0": ("a.xml", 'gear="-50"', 'gear="0"', "joint j2 has a gear of 0"),
     "two gears": ("a.xml", "<actuator>", '<actuator><velocity joint="j2" gear="9"/>', "gears 9 and -50"),

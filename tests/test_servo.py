@@ -213,7 +213,7 @@ def test_torque_limit_holds_and_is_reported() -> None:
     ("option", "message"),
     [
         ({"sample_rate_hz": 0.0}, "sample_rate_hz = 0 Hz: it must be positive"),
-        ({"sample_rate_hz": 1e6}, "expected 50 Hz to 20000 Hz"),
+        ({"sample_rate_hz": 1e6}, "expected 50 to 20000 Hz"),
         ({"bandwidth_hz": -1.0}, "bandwidth_hz = -1 Hz"),
         ({"delay_samples": 0.5}, "delay_samples = 0.5"),
         ({"delay_samples": -1}, "delay_samples = -1"),

@@ -462,7 +462,7 @@ def test_a_format_refuses_unsupported_motions() -> None:
         b"velocity_deg_s = 9\nacceleration_deg_s2 = 9\ntorque_Nm = 9",
         "one.toml",
     )
-    with pytest.raises(JointIdError, match="has 2 joints"):
+    with pytest.raises(JointIdError, match="experiment with 2"):
         set_points(simulated(), one, "csv")
 
 

@@ -433,7 +433,7 @@ def test_save_refuses_what_load_would_refuse(tmp_path: Path, monkeypatch) -> Non
         ("[nominal]", "[torque]\nstd = -inf\n[nominal]", ["[torque]", "std", "-inf", "0 for exact"]),
         ("[nominal]", "torque = 3\n[nominal]", ["[inertia]", '"torque"']),
         ("[poses.stretched]", "[poses.stretched]\nstd = 0.1", ["[poses.stretched]", '"std"']),
-        ("[poses.stretched]", "[poses.stretched]\nbase = 'a'", ["base", "give added, and no M2"]),
+        ("[poses.stretched]", "[poses.stretched]\nbase = 'a'", ["base", "in place of M2"]),
         (POSE, "added = [[1, 0], [2, 1]]", ["[poses.stretched]", "added must be symmetric"]),
         (POSE, "added = [[1]]", ["[poses.stretched]", "added has shape (1, 1)"]),
         (POSE, "added = [[-1, 0], [0, 0]]", ["[poses.stretched]", "M2 must be positive definite"]),
@@ -534,7 +534,7 @@ def test_study_toml_without_records_or_of_another_kind() -> None:
         (csv_text().encode("utf-16"), ["01.csv", "UTF-16"]),
         (csv_text().replace("tau_m2_Nm", "Größe").encode("latin-1"), ["01.csv", "not UTF-8", "0xF6"]),
         (b"\x89PNG\r\n\x1a\n\0\0\0", ["01.csv", "not UTF-8"]),
-        (b"x" * 200_000, ["01.csv", "first line is longer"]),
+        (b"x" * 200_000, ["01.csv", "first line exceeds"]),
         (line_changed(7, "0.005,0,,0,0"), ["01.csv, line 7, column theta_m2_rad", "missing"]),
         (line_changed(7, "0.005,0,0,nan,0"), ["line 7, column tau_m1_Nm", '"nan"', "finite"]),
         (line_changed(7, "0.005,0,0,0,-inf"), ["line 7, column tau_m2_Nm", '"-inf"', "finite"]),
@@ -742,7 +742,7 @@ def test_megabytes_of_random_bytes_are_refused(size: int) -> None:
     assert "not a readable zip" in failure(garbage)
     assert "01.csv" in failure(zipped(files(first=garbage)))
     digits = b"7" * size
-    assert "first line is longer" in failure(zipped(files(first=digits)))
+    assert "first line exceeds" in failure(zipped(files(first=digits)))
     one_line = (HEADER + "\n").encode() + digits
     assert "line 2: longer than" in failure(zipped(files(first=one_line)))
 

@@ -43,7 +43,7 @@ def test_no_direction_is_softer_than_the_stated_one() -> None:
     values, directions = found.principal
     assert size.max() == pytest.approx(values[0], rel=1e-4)
     assert np.linalg.norm(found.deflection(directions[0])) == pytest.approx(values[0], rel=1e-9)
-    with pytest.raises(JointIdError, match="2 finite components"):
+    with pytest.raises(JointIdError, match="2 finite values"):
         found.deflection([1.0, 2.0, 3.0])
 
 

@@ -140,8 +140,8 @@ def _require_alike(record: MotionRecord, robot: RobotModel) -> None:
         if not 1 / _ALIKE < share < _ALIKE:
             raise JointIdError(
                 f"{record.label or 'A record'}: the sensor of joint {j + 1} moves {share:.3g} times as "
-                "far as its motor through the gear. Give its angles in rad at the joint, and check the "
-                "gear ratio and its sign."
+                "far as its motor and the gear ratio imply. Give its angles in rad at the joint, and "
+                "check the gear ratio and its sign."
             )
 
 

@@ -161,7 +161,8 @@ class Child:
             if self._stopped:
                 raise Ended("It was stopped.") from None
             raise JointIdError(
-                f"A worker process ended during its start ({_exit_reason(code)}). {said}"
+                f"A worker process did not start ({_exit_reason(code)}). {said} Free memory, or install "
+                "jointid again."
             ) from None
         finally:
             timer.cancel()

@@ -31,8 +31,8 @@ def batch(
     studies: Annotated[
         list[str],
         typer.Argument(
-            help="Studies: folders, .zip files, folders of studies at any depth, quoted patterns such "
-            "as 'cells/**/*.zip'.",
+            help="Studies: folders or .zip files, folders that contain studies at any depth, or quoted "
+            "patterns such as 'cells/**/*.zip'.",
             show_default=False,
         ),
     ],
@@ -42,26 +42,26 @@ def batch(
     out: Annotated[Path | None, typer.Option("--out", hidden=True)] = None,  # its name before
     method: Annotated[str, METHOD] = "auto",
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes on this computer; by default one per core.")
+        int | None, typer.Option(min=1, help="Worker processes on this computer; default: one per core.")
     ] = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
-            help="Address of a Dask scheduler, to use its workers instead. They receive the studies as "
-            "bytes and need the same version of jointid."
+            help="Address of a Dask scheduler, such as tcp://10.0.0.5:8786, whose workers analyse the "
+            "studies in place of this computer. They need the same version of jointid."
         ),
     ] = None,
     timeout: Annotated[float, typer.Option(help="Time limit per study, s.")] = 120.0,
     memory: Annotated[float, typer.Option(help="Memory limit per study, GiB.")] = 4.0,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Discard rows of an earlier batch.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Analyse all studies again.")] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Analyse many studies into one table, a row per study.
+    """Analyse many studies into one table.
 
-    A study that cannot be read, exceeds a limit or crashes becomes a row with its error; the others
-    continue. The same command resumes an interrupted batch: finished rows are in OUTPUT.journal
-    until the table is complete. Unchanged studies are not analysed again. Exit code 0: every study has a
-    row, with or without an error; 1: nothing was done; 130: interrupted.
+    Each study has a row, with its error if it cannot be read, exceeds a limit or crashes. The same
+    command resumes an interrupted batch: finished rows are in OUTPUT.journal until the table is
+    complete. Unchanged studies are not analysed again. Exit code 0: every study has a row, with or
+    without an error; 1: nothing was done; 130: interrupted.
     """
     from jointid.fleet import Limits, analyse_fleet
     from jointid.fleet.run import journal_path
@@ -69,9 +69,7 @@ def batch(
     for text in studies:
         named(text)
     if workers is not None and scheduler is not None:
-        raise typer.BadParameter(
-            "--workers applies to this computer, --scheduler to a cluster: give one of them."
-        )
+        raise typer.BadParameter("Give --workers, for this computer, or --scheduler, for a cluster.")
     if (out := output or out) is None:
         raise typer.BadParameter("--output is missing: the table of results, such as results.parquet.")
     require_ending("--output", out, ".parquet", ".pq")

@@ -20,39 +20,43 @@ from jointid.wording import counted, significant
 def convert(
     logs: Annotated[
         list[Path],
-        typer.Argument(parser=options.named, help="Logs with the same columns.", show_default=False),
+        typer.Argument(
+            parser=options.named,
+            help="Logs with the same columns: CSV, MDF, MATLAB, HDF5, ROS bags and others.",
+            show_default=False,
+        ),
     ],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", parser=options.named, help="New study: a folder or a .zip."),
     ] = None,
     mapping: Annotated[
-        Path | None, typer.Option(help="JSON with the role of each column, as written by --guess.")
+        Path | None, typer.Option(help="Mapping: the file of --guess, corrected.")
     ] = None,
     guess: Annotated[
         Path | None, typer.Option(help="Write the proposed mapping to this file and stop.")
     ] = None,
     list_runs: Annotated[
         Path | None,
-        typer.Option(help="Write the runs that --mapping gives to this file (.json) and stop."),
+        typer.Option(help="Write the runs found with --mapping to this file (.json) and stop."),
     ] = None,
     runs: Annotated[
         Path | None,
         typer.Option(
-            help="Use these runs, as written by --list-runs and corrected.", show_default=False
+            help="Runs: the file of --list-runs, corrected; default: all runs found.", show_default=False
         ),
     ] = None,
     inertia: Annotated[
         Path | None,
         typer.Option(
             parser=options.named,
-            help="TOML with M, M2 (motor side, kg·m²), std and poses, or with [robot_model] and joint "
-            "angles; or a study.",
+            help="TOML with M and M2 (motor side, kg·m²), or with [robot_model] and joint angles; or a "
+            "study.",
         ),
     ] = None,
     pose: Annotated[
         list[str] | None,
-        typer.Option(help="Name of the pose in the inertia file: once for all logs, or once per log."),
+        typer.Option(help="Name of a pose in the inertia file; give it once for all logs, or per log."),
     ] = None,
     separate: Annotated[
         bool,
@@ -75,18 +79,18 @@ def convert(
     overwrite: Annotated[bool, options.OVERWRITE] = False,
     as_json: Annotated[bool, options.JSON] = False,
 ) -> None:
-    """Convert logs of any controller, with sines or other motions, into a study.
+    """Make a study from logs of sines or other motions.
 
-    First write the proposed mapping with --guess and correct it; then convert with --mapping,
-    --inertia and --output. Every run found becomes a record: list the runs with --list-runs, correct
-    the list, and give it by --runs.
+    First write the proposed mapping (role, unit and scale of every column) with --guess and correct it;
+    then convert with --mapping, --inertia and --output. Every run found becomes a record: to correct
+    the runs, write them with --list-runs and convert with --runs.
     """
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(
             "Give --guess FILE first, check the mapping in this file, then convert with --mapping FILE."
         )
     if guess is not None and (runs or list_runs):
-        raise typer.BadParameter("--list-runs and --runs need a checked mapping: give it by --mapping.")
+        raise typer.BadParameter("--list-runs and --runs need a checked mapping: give --mapping.")
     if guess is not None:
         options.require_ending("--guess", guess, ".json")
         require_new_output(guess, overwrite, [*logs, inertia])
@@ -224,7 +228,7 @@ def found_runs(
             f"{' '.join([*without, *unused])} The method needs steady sines of a few periods, or "
             "several seconds of another motion. Check in the mapping which columns are position and "
             "torque, and the unit of time; a run can also be marked by its start and stop, with --runs "
-            "or in the app, page Import a log."
+            "or on the page Import a log of the app."
         )
     return logs, segments, (*without, *of_logs, *unused)
 

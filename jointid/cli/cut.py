@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from jointid.cli.files import analyse_file, require_new_output
-from jointid.cli.options import JSON, METHOD, OVERWRITE, named, numbers, require_ending
+from jointid.cli.options import JSON, METHOD, OVERWRITE, named, numbers, numbers_option, require_ending
 from jointid.cli.output import print_json, print_table, progress
 from jointid.files.atomic_write import write_file
 from jointid.wording import enumerated
@@ -17,27 +17,35 @@ from jointid.wording import enumerated
 def cut(
     study: Annotated[
         Path | None,
-        typer.Argument(parser=named, help="Study or sample; by default the paper's K and D."),
+        typer.Argument(
+            parser=named, help="Study or sample; default: the paper's K, D on the example arm."
+        ),
     ] = None,
-    zones_mm: Annotated[str, typer.Option(help="Corner zones, mm.")] = "1,5,10",
+    zones_mm: Annotated[
+        str,
+        numbers_option("Corner zones: distances from a corner within which the tool rounds it, mm."),
+    ] = "1,5,10",
     assumed: Annotated[
         str,
         typer.Option(
-            help="K used by the compensation in the case before: study (its nominal K), rigid (no "
-            "compensation), soft (0.4 K) or stiff (3 K)."
+            help="K in the compensation before the identification: study (its nominal K), rigid "
+            "(no compensation), soft (0.4 K) or stiff (3 K). Default: study; rigid for a study without "
+            "nominal K; soft without STUDY."
         ),
     ] = "",
     drive: Annotated[
-        str, typer.Option(help="Drive of the arm: parallelogram or serial; by default the study's.")
+        str, typer.Option(help="Drive of the arm: parallelogram or serial; default: as in the study.")
     ] = "",
-    svg: Annotated[
-        Path | None, typer.Option(help="Write the picture of the cut paths to this file, .svg.")
-    ] = None,
+    svg: Annotated[Path | None, typer.Option(help="Also draw the paths to this file, .svg.")] = None,
     method: Annotated[str, METHOD] = "auto",
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Simulate the paper's cut with nominal and with identified K and D."""
+    """Simulate a cut with nominal and with identified K and D.
+
+    The tool follows a rectangle; the table shows its largest path error before and after the
+    identification. For a robot model of six axes, it shows the deflection of the tool along the path.
+    """
     from jointid.cut.outcome import millimetres, remaining_error_text
     from jointid.cut.path_deflection import has_own_path
     from jointid.cut.robot import DEMONSTRATION, NOMINAL_NAMES, cut_robot, demonstration

@@ -20,7 +20,9 @@ def report(
     study: Annotated[Path, STUDY],
     output: Annotated[
         list[Path] | None,
-        typer.Option("--output", "-o", help="Files, .html or .pdf; by default STUDY-report.html."),
+        typer.Option(
+            "--output", "-o", help="File, .html or .pdf; repeatable; default: STUDY-report.html."
+        ),
     ] = None,
     with_cut: Annotated[bool, typer.Option("--cut/--no-cut", help="Include the simulated cut.")] = True,
     method: Annotated[str, METHOD] = "auto",
@@ -28,7 +30,7 @@ def report(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Write a report as one HTML file or as PDF."""
+    """Write a report as a single HTML file or as PDF."""
     files = output or [Path(f"{study.resolve().stem or 'study'}-report.html")]
     for file in files:
         require_ending("--output", file, ".html", ".htm", ".pdf")
@@ -79,17 +81,18 @@ def export(
         typer.Option(
             "--output",
             "-o",
-            help="Files; the ending selects the format: .json, .toml (identification), .mat (MATLAB), "
+            help="File; repeatable. Its ending selects the format: .json, .toml, .mat (results), "
             ".phasors.csv, .H.csv (transfer matrix), .torsion.csv (torsion curves), .gears.csv (gear "
-            "laws), .gears.txt (the same for Modelica), .st, .c, .m, .py (K and D as code), .zip (the "
-            "study), .xml (MuJoCo), .urdf, .sdf.",
+            "laws), .gears.txt (gear laws for Modelica), .st, .c, .m, .py (K and D as code), .zip (the "
+            "study), .xml, .urdf, .sdf (joints for MuJoCo, URDF, SDFormat).",
         ),
     ],
     gear_ratio: Annotated[
         str,
         typer.Option(
-            help="Motor turns per joint turn: required for .xml, .urdf and .sdf unless the study states "
-            "them; other formats do not use them."
+            metavar="NUMBERS",
+            help="Motor turns per joint turn, negative if reversed: 100,-90. Required for .xml, .urdf, "
+            ".sdf unless the study states gear_ratio.",
         ),
     ] = "",
     overwrite: Annotated[bool, OVERWRITE] = False,
@@ -106,7 +109,7 @@ def export(
     ratio = ratio or (None if known is None else known.tolist())
     for file, ending in endings.items():
         if ending in _AT_JOINT and ratio is None:
-            raise typer.BadParameter(f"{file.name} has joint-side values: give --gear-ratio 100,90")
+            raise typer.BadParameter(f"{file.name} needs gear ratios, as in --gear-ratio 100,-90.")
     writers = _writers(ratio)
     empty = {} if analysis.transfer_matrices else {".H.csv": analysis.transfer_problem}
     if not analysis.study.sine_records:

@@ -30,7 +30,10 @@ def identify(
     unit: Annotated[str, UNIT] = "",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Identify stiffness and damping of every joint."""
+    """Identify stiffness and damping of every joint.
+
+    The first line states whether the answer is usable; findings follow, with remedies.
+    """
     deviations = without_none(inertia_std=inertia_std, torque_std=torque_std)
     analysis = analyse_file(study, method, **deviations)
     if as_json:
@@ -80,13 +83,16 @@ def arm_side(
         Path | None,
         typer.Option(
             parser=named,
-            help="Robot as .urdf, .xml (MJCF) or .toml (Denavit–Hartenberg).",
+            help="Robot model: .urdf, .xml (MJCF) or .toml (Denavit–Hartenberg).",
             show_default="the study's [robot_model]",
         ),
     ] = None,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Identify K of the joints with sensors behind their gears."""
+    """Identify K from sensors behind the gears.
+
+    K is at the joint, N·m/rad; a joint without an estimate has a note with the reason.
+    """
     model = None if robot is None else RobotModel.load(robot)
     with progress("Evaluating the sensors"):
         fit = analyse_arm_side(load_named(study), model)

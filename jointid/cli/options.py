@@ -21,6 +21,11 @@ GEAR_FIELDS = {
 """Field of a gear by its name in an option, motor side and SI units."""
 
 
+def numbers_option(text: str, *names: str, **more: Any) -> Any:
+    """Return an option, described by ``text``, whose value is numbers separated by commas."""
+    return typer.Option(*names, metavar="NUMBERS", help=text, **more)
+
+
 def known_method(value: str) -> str:
     """Check the name of an estimator."""
     if value not in METHODS:
@@ -33,9 +38,7 @@ def numbers(text: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise typer.BadParameter(
-            f'"{text}": expected numbers separated by commas, as in 43,7.5'
-        ) from None
+        raise typer.BadParameter(f'"{text}": expected numbers separated by commas: 43,7.5') from None
 
 
 def nominal(stiffness: str, damping: str) -> Elasticity | None:
@@ -56,13 +59,13 @@ def gears(texts: Sequence[str], joints: int) -> list[Gear]:
     for text in texts:
         joint, _, values = text.rpartition(":")
         if joint and not (joint.strip().isdecimal() and 1 <= int(joint) <= joints):
-            raise typer.BadParameter(f'"{text}": there is no joint "{joint}" of {joints}.')
+            raise typer.BadParameter(f'"{text}": the robot has joints 1 to {joints}.')
         for entry in values.split(","):
             name, _, value = (part.strip() for part in entry.partition("="))
             try:
                 law = {GEAR_FIELDS[name]: float(value)}
             except (KeyError, ValueError) as error:
-                fault = f"{value!r} is not a number" if name in GEAR_FIELDS else f"{name!r} is not a law"
+                fault = f'"{value}" is not a number' if name in GEAR_FIELDS else f'"{name}" is unknown'
                 laws_as = f'Laws: {", ".join(GEAR_FIELDS)}, as in "1: cubic=9000, backlash=0.004".'
                 raise typer.BadParameter(f'"{text}": {fault}. {laws_as}') from error
             for own in [laws[int(joint) - 1]] if joint else laws:
@@ -91,22 +94,20 @@ STUDY = typer.Argument(
 )
 METHOD = typer.Option(
     callback=known_method,
-    help=f"Estimator: {', '.join(METHODS)}. explicit: eq. (15) as printed in the paper.",
+    help="Estimator: auto (maximum likelihood with choice of the model), maximum-likelihood (no "
+    "friction or delay), weighted or least-squares (linear), explicit (eq. (15) as in the paper).",
 )
 JSON = typer.Option("--json", help="Print only JSON.")
-OVERWRITE = typer.Option("--overwrite", help="Replace existing files; otherwise they are an error.")
+OVERWRITE = typer.Option("--overwrite", help="Replace existing files; without it, they are an error.")
 INERTIA_STD = typer.Option(
-    help="Relative standard deviation of M and M2: 0.03 for 3 %; 0: exact; inf: unknown."
+    help="Relative standard deviation of M and M2: 0.03 for 3 %, 0 for exact, inf for unknown values. "
+    "Default: that of the study or inertia file, else 0.05."
 )
 UNIT = typer.Option(
-    help=f"Unit of K, and side of the gear: {', '.join(STIFFNESS_UNITS)}. At the joint only if "
-    "the study states gear_ratio.",
+    help=f"Unit of K, and side of the gear for K and D: {', '.join(STIFFNESS_UNITS)}. At the joint "
+    "only if the study states gear_ratio.",
     show_default=next(iter(STIFFNESS_UNITS)),
 )
-TORQUE_STD = typer.Option(
-    help="Relative standard deviation of the torque constants: 0.02 for 2 %; 0: exact; inf: unknown."
-)
-NOMINAL_K = typer.Option(
-    "--nominal-K", help="Nominal stiffness: that in the controller at present, N·m/rad."
-)
-NOMINAL_D = typer.Option("--nominal-D", help="Nominal damping, N·m·s/rad.")
+TORQUE_STD = typer.Option(help="The same for the torque constants; 0 (exact) where it is not stated.")
+NOMINAL_K = numbers_option("Nominal stiffness, used by the controller now, N·m/rad.", "--nominal-K")
+NOMINAL_D = numbers_option("Nominal damping, N·m·s/rad.", "--nominal-D")

@@ -13,7 +13,7 @@ import typer
 from jointid.analysis import Analysis, analyse
 from jointid.arrays import per_joint
 from jointid.cli.files import load_named, read_toml, require_new_output
-from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers
+from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers, numbers_option
 from jointid.cli.output import print_columns, print_json, print_table, progress, warn_if_unusable
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
@@ -24,14 +24,17 @@ if TYPE_CHECKING:
     from jointid.uncertainty.motion_plan import PlannedMotion
     from jointid.uncertainty.plan import Suggestion
 
+_STUDY = "the largest in the study"
 COUNT = typer.Option(min=1, max=50, help="Number of records.")
 DURATION = typer.Option(help="Length of each record, s.")
-TORQUE_LIMIT = typer.Option(help="Largest torque amplitudes, N·m; default: the study's.")
-VELOCITY_LIMIT = typer.Option(help="Largest velocity amplitudes, rad/s; default: the study's.")
-MOTION = typer.Option(help="Plan a motion other than sines: sweep, multisine, random or moves.")
-POSITION_LIMIT = typer.Option(help="Largest angles of a motion, ± rad; default: the study's.")
-FROM_HZ = typer.Option(help="Lowest frequency of a motion, Hz.")
-TO_HZ = typer.Option(help="Highest frequency of a motion, Hz.")
+TORQUE_LIMIT = numbers_option("Largest motor torques, N·m.", show_default=_STUDY)
+VELOCITY_LIMIT = numbers_option("Largest motor velocities, rad/s.", show_default=_STUDY)
+MOTION = typer.Option(
+    help="Motion in place of sines: sweep, multisine, random (band-limited) or moves (point to point)."
+)
+POSITION_LIMIT = numbers_option("With --motion: largest motor angles, ± rad.", show_default=_STUDY)
+FROM_HZ = typer.Option(help="With --motion: lowest frequency, Hz.")
+TO_HZ = typer.Option(help="With --motion: highest frequency, Hz.")
 
 
 def plan(
@@ -47,9 +50,10 @@ def plan(
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Suggest the next records and predict the standard errors after each.
+    """Suggest the records that reduce the errors of K and D most.
 
-    Limits are one number for all joints, or several separated by commas: 2.5,2.8.
+    The table shows the relative standard errors now and after each record. NUMBERS are one
+    for all joints, or one per joint, separated by commas: 2.5,2.8.
     """
     limits = position_limit, velocity_limit, torque_limit
     shape = (motion, from_hz, to_hz) if motion else None
@@ -188,26 +192,31 @@ def _document(suggestion: Suggestion) -> dict[str, Any]:
 def setpoints(
     study: Annotated[Path, STUDY],
     limits: Annotated[
-        Path, typer.Option(parser=named, help="TOML with limits, gear ratios and start pose.")
+        Path, typer.Option(parser=named, help="TOML with joint limits, gear ratios and start pose.")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", parser=named, help="File of set points.")],
     file_format: Annotated[
-        str, typer.Option("--format", help="csv, ros2 (JointTrajectory), ur, egm or rsi.")
+        str,
+        typer.Option("--format", help="csv, ros2 (trajectory), ur (URScript), egm (ABB) or rsi (KUKA)."),
     ] = "csv",
     kind: Annotated[
-        str, typer.Option(help="Form of the planned sines: sines, multisine or sweep.")
+        str,
+        typer.Option(
+            help="Planned sines as sines (one after another), multisine (all at once) or sweep (over "
+            "their frequencies)."
+        ),
     ] = "sines",
     interval_ms: Annotated[
-        float | None, typer.Option(help="Time between set points, ms; default: the format's.")
+        float | None, typer.Option(help="Time between set points, ms; default: 1 to 4, by format.")
     ] = None,
-    scale: Annotated[float, typer.Option(help="Factor on all amplitudes.")] = 1.0,
-    repeats: Annotated[int, typer.Option(help="Number of passes through all records.")] = 1,
-    ramp_s: Annotated[float, typer.Option(help="Length of the ramps, s.")] = 0.5,
+    scale: Annotated[float, typer.Option(help="Motion scale: factor on all amplitudes.")] = 1.0,
+    repeats: Annotated[int, typer.Option(help="Number of runs of each record.")] = 1,
+    ramp_s: Annotated[float, typer.Option(help="Length of the ramps of each record, s.")] = 0.5,
     rest_s: Annotated[float, typer.Option(help="Rest between records, s.")] = 1.0,
     superposed: Annotated[
         str,
-        typer.Option(
-            help="Superposed velocities of the joints, °/s; each record then runs forward and back."
+        numbers_option(
+            "Superposed velocities, joint side, °/s; each record then runs forward and back."
         ),
     ] = "0",
     count: Annotated[int, COUNT] = 3,
@@ -222,7 +231,11 @@ def setpoints(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Write the suggested records as set points, after a check on the simulated robot."""
+    """Write the suggested records as set points for a robot.
+
+    Simulated robots run them first; if they exceed a limit, no file is written. NUMBERS are one for all
+    joints, or one per joint, separated by commas: 2.5,2.8.
+    """
     from jointid.setpoints.files import set_points
     from jointid.setpoints.from_plan import planned_experiment
     from jointid.setpoints.limit_check import check_table

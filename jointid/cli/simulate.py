@@ -11,8 +11,6 @@ from jointid.cli.files import require_new_output, robot_from
 from jointid.cli.output import print_new_study, progress
 from jointid.errors import JointIdError
 
-_LAWS = ", ".join(options.GEAR_FIELDS)
-
 
 def simulate(
     output: Annotated[
@@ -29,45 +27,49 @@ def simulate(
     drive: Annotated[str, typer.Option(help="Drive of the example arm: parallelogram or serial.")] = (
         "parallelogram"
     ),
-    stiffness: Annotated[str, typer.Option("--K", help="True stiffness, N·m/rad.")] = "43,7.5",
-    damping: Annotated[str, typer.Option("--D", help="True damping, N·m·s/rad.")] = "0.10,0.015",
+    stiffness: Annotated[str, options.numbers_option("True stiffness, N·m/rad.", "--K")] = "43,7.5",
+    damping: Annotated[str, options.numbers_option("True damping, N·m·s/rad.", "--D")] = "0.10,0.015",
     nominal_K: Annotated[str, options.NOMINAL_K] = "",
     nominal_D: Annotated[str, options.NOMINAL_D] = "",
     from_hz: Annotated[float, typer.Option(help="Lowest frequency, Hz.")] = 3.0,
     to_hz: Annotated[float, typer.Option(help="Highest frequency, Hz.")] = 30.0,
     count: Annotated[
-        int | None, typer.Option(min=1, max=500, help="Number of sine frequencies, 18 by default.")
+        int | None, typer.Option(min=1, max=500, help="Number of sine frequencies, default: 18.")
     ] = None,
     periods: Annotated[
-        float | None, typer.Option(help="Length of each sine record, periods; 12.5 by default.")
+        float | None, typer.Option(help="Length of each sine record, periods; default: 12.5.")
     ] = None,
     motion: Annotated[
-        str, typer.Option(help="In place of sines: sweep, multisine, random or moves.")
+        str, typer.Option(help="Motion in place of sines: sweep, multisine, random or moves.")
     ] = "",
     odd: Annotated[
-        bool, typer.Option(help="Multisine on odd lines only, which shows distortion.")
+        bool, typer.Option(help="Multisine on odd lines only: the others show distortion.")
     ] = False,
     duration_s: Annotated[
-        float | None, typer.Option(help="Length of each motion record, s; 20 by default.")
+        float | None, typer.Option(help="Length of each motion record, s; default: 20.")
     ] = None,
     records: Annotated[
-        int | None, typer.Option(min=1, max=100, help="Number of motion records, 2 by default.")
+        int | None, typer.Option(min=1, max=100, help="Number of motion records, default: 2.")
     ] = None,
-    coulomb: Annotated[str, typer.Option(help="Coulomb friction of the motors, N·m.")] = "0",
-    viscous: Annotated[str, typer.Option(help="Viscous friction of the motors, N·m·s/rad.")] = "0",
+    coulomb: Annotated[str, options.numbers_option("Coulomb friction of the motors, N·m.")] = "0",
+    viscous: Annotated[str, options.numbers_option("Viscous friction of the motors, N·m·s/rad.")] = "0",
     load_friction: Annotated[
-        str, typer.Option(help="Ratio of load-dependent friction to gear torque.")
+        str,
+        options.numbers_option("Load-dependent friction of the motors over gear torque."),
     ] = "0",
     gear: Annotated[
         list[str] | None,
         typer.Option(
-            help='Gear laws in addition to K, motor side, for one joint or all: "1: cubic=9000", '
-            f'"backlash=0.004, hysteresis=0.08, presliding=0.002". Laws: {_LAWS}.'
+            help='Gear law of one joint, "1: cubic=9000", or of all, "backlash=0.004, hysteresis=0.08, '
+            'presliding=0.002"; repeatable. Motor side: cubic (N·m/rad³), backlash (total, rad), '
+            "hysteresis (N·m) with presliding (rad), K2 and K3 (slopes, N·m/rad) above T1 and T2 (N·m)."
         ),
     ] = None,
-    encoder_counts: Annotated[int, typer.Option(help="Counts per motor turn; 0 is ideal.")] = 65536,
+    encoder_counts: Annotated[
+        int, typer.Option(help="Encoder counts per motor turn; 0: no rounding.")
+    ] = 65536,
     torque_noise: Annotated[
-        str, typer.Option(help="Standard deviation of the torque noise, N·m.")
+        str, options.numbers_option("Standard deviation of the torque noise, N·m.")
     ] = "0.01",
     delay_ms: Annotated[float, typer.Option(help="Delay of the torque after its sample, ms.")] = 0.0,
     sample_rate_hz: Annotated[float, typer.Option(help="Sample rate of control and log, Hz.")] = 2000.0,
@@ -75,24 +77,26 @@ def simulate(
         float,
         typer.Option(help="Relative error of M and M2 in the study: 0.05 for 5 %."),
     ] = 0.0,
-    torque_gain: Annotated[str, typer.Option(help="Ratio of logged to true torque.")] = "1",
+    torque_gain: Annotated[str, options.numbers_option("Ratio of logged to true torque.")] = "1",
     added: Annotated[
         str,
         typer.Option(
-            help="Add records with a payload: its exactly known contribution to M2, kg·m², rows "
-            "separated by semicolons."
+            metavar="MATRIX",
+            help="Add records with a payload of this exactly known contribution to M2, kg·m², rows "
+            'separated by semicolons: "0.001,0;0,0.002".',
         ),
     ] = "",
     inertia_std: Annotated[float | None, options.INERTIA_STD] = None,
     torque_std: Annotated[float | None, options.TORQUE_STD] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and random motion.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of noise and motion.")] = 0,
     name: Annotated[str, typer.Option(help="Name of the study.")] = "Simulated robot",
     overwrite: Annotated[bool, options.OVERWRITE] = False,
     as_json: Annotated[bool, options.JSON] = False,
 ) -> None:
-    """Simulate closed-loop experiments, sines or another motion, and save them as a study.
+    """Simulate an experiment and save it as a study.
 
-    Options with a value per joint take one number for all, or several separated by commas: 43,7.5.
+    The joints move in sines or another motion under joint control. Values are at the motor; NUMBERS are
+    one for all joints, or one per joint, separated by commas: 43,7.5.
     """
     import numpy as np
 

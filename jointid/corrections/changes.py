@@ -45,9 +45,7 @@ def _start(study: Study, change: Change) -> tuple[Study, str]:
     sines = {k: record for k, record in records.items() if isinstance(record, SineRecord)}
     starts = {k: at for k, record in sines.items() if (at := steady_from(record)) is not None}
     if not starts:
-        raise JointIdError(
-            "No part of these records is steady: measure again, and wait longer before recording."
-        )
+        raise JointIdError("No part of these records is steady: wait longer before recording.")
     begin = {k: f"{_name(study, k)} at {start:.6g} s" for k, start in starts.items()}
     each = _each(study, starts, lambda record, start: replace(record, start_s=start))
     return each, f"Later start, at the steady state: {listed(begin.values())}."

@@ -204,7 +204,7 @@ class PlanarArm:
         raise JointIdError(
             f"Tool point ({x:.4g}, {y:.4g}) m {fault}: it lies {distance[worst]:.4g} m from the base, "
             f"and the arm works between {inner:.4g} m and {outer:.4g} m. Move the path, or change the "
-            "links."
+            "lengths of the links."
         )
 
 

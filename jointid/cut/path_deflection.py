@@ -105,9 +105,7 @@ def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[P
     if np.isfinite(covariance).all():
         draws = np.random.default_rng(0).multivariate_normal(fit.K, covariance, _DRAWS)
     if np.any(draws <= 0):
-        raise JointIdError(
-            "K is too uncertain for a deflection of the tool. Resolve the findings first."
-        )
+        raise JointIdError("K is too uncertain for a deflection: resolve the findings first.")
     found = []
     for zone in zones_m:
         toolpath = rectangle(zone_m=zone, centre_m=(0.0, 0.0))
@@ -194,7 +192,7 @@ def joint_path(robot: RobotModel, q: ArrayLike, path: Toolpath) -> JointPath:
             tool, jacobian = robot.tool_motion(now)
         angles[k], lever[k] = now, jacobian @ robot.coupling
         if np.linalg.norm(point - tool) > _NEAR_M:
-            raise JointIdError("The robot's tool does not reach the rectangle from this pose.")
+            raise JointIdError("The tool does not reach the rectangle: choose another pose.")
     velocity = np.gradient(angles, _STEP_S, axis=0)
     still, C = np.zeros_like(angles), robot.coupling
     gravity = robot.torque(angles, still, still)

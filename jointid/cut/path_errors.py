@@ -71,9 +71,7 @@ def errors_of_mismatch(
     require_two_joints(elasticity)
     pairs = finite_array("ratios (K̂ / K)", ratios, ndim=2)
     if len(pairs) != 2 or pairs.size == 0 or pairs.min() <= 0:
-        raise JointIdError(
-            f"ratios (K̂ / K), shape {pairs.shape}: give positive ratios, shape (2, runs)."
-        )
+        raise JointIdError(f"ratios (K̂ / K), shape {pairs.shape}: give positive values (2, runs).")
     K, D = elasticity.K[:, None], elasticity.D[:, None]
     assumed = (K * pairs, np.repeat(D, pairs.shape[1], axis=1))
     return _largest_errors(arm, toolpath, pairs.shape[1], (K, D), assumed, **options)
@@ -135,8 +133,8 @@ def _draw(elasticity: Elasticity, covariance: ArrayLike, samples: int, seed: int
     if 2 * len(physical) < len(draws) or len(physical) < samples:
         raise JointIdError(
             f"The covariance allows negative K or D in {1 - len(physical) / len(draws):.0%} of the "
-            "draws: they are not determined well enough to predict a path error. Record more, "
-            "or at frequencies nearer to the resonances."
+            "draws: they are not determined well enough to predict a path error. Record "
+            "longer, or at frequencies nearer to the resonances."
         )
     return np.asarray(physical[:samples])
 

@@ -62,9 +62,7 @@ class Servo:
         for name in ("sample_rate_hz", "bandwidth_hz"):
             object.__setattr__(self, name, bounded_number(name, "Hz", getattr(self, name)))
         if not 50 <= self.sample_rate_hz <= 20_000:
-            raise JointIdError(
-                f"sample_rate_hz = {self.sample_rate_hz:g} Hz: expected 50 Hz to 20000 Hz."
-            )
+            raise JointIdError(f"sample_rate_hz = {self.sample_rate_hz:g} Hz: expected 50 to 20000 Hz.")
         whole_number("delay_samples", self.delay_samples, 0, 100)
         if self.encoder_bits is not None:
             whole_number("encoder_bits", self.encoder_bits, 4, 40)

@@ -38,12 +38,12 @@ class Friction:
     standard_error: Floats
     """Standard errors of coulomb (n), then viscous (n), shape (2n,); 0 without a reversal."""
     load: Floats | float = 0.0
-    """Shape (n,); 0 where it was not fitted."""
+    """Share μ of the torque through the gear, shape (n,); 0 where it was not fitted."""
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticityFit:
-    """Stiffness and damping of n joints, identified from r records."""
+    """Stiffness and damping of n joints, motor side, identified from r records, equations (8)-(15)."""
 
     method: str
     """Estimator, a key of ``METHODS``."""

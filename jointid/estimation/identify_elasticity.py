@@ -26,7 +26,7 @@ from jointid.small_matrices import one_thread
 
 METHODS = {
     "auto": "maximum likelihood, with the simplest model consistent with the noise",
-    "maximum-likelihood": "maximum likelihood; friction and delay on request",
+    "maximum-likelihood": "maximum likelihood of one model, by default without friction and delay",
     "weighted": "weighted least squares, weights from the noise of each record",
     "least-squares": "the paper's pseudo-inverse, equations (13)–(14)",
     "explicit": "the paper's explicit solution, equation (15) as printed",
@@ -45,7 +45,7 @@ def identify_elasticity(
     torque_std: float | None = None,
     gear: str = "auto",
 ) -> ElasticityFit:
-    """Identify K and D of every joint; one record suffices in principle.
+    """Identify K and D of every joint, equations (8)-(15); one record suffices in principle.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def identify_elasticity(
         errors. By default they are exact, as in the paper.
     torque_std : float, optional
         The same for the torque constant of each joint.
-    gear : {"auto", "linear"}
+    gear : {"auto", "linear"}, default "auto"
         Whether "auto" fits nonlinear gears where the data require them.
 
     Returns
@@ -95,7 +95,7 @@ def require_method(method: str) -> None:
 def require_gear(gear: str) -> None:
     """Refuse a choice of gear laws that is neither "auto" nor "linear"."""
     if gear not in ("auto", "linear"):
-        raise JointIdError(f'gear = {gear!r:.60} is not known: "auto" or "linear".')
+        raise JointIdError(f'gear = {gear!r:.60} is not known: expected "auto" or "linear".')
 
 
 def identify_each(

@@ -108,9 +108,7 @@ def fit_model(
                     waveforms, same = model_waveforms(phasors, model, estimate.named), False
             return estimate if same else fitted(estimate.named)
     except np.linalg.LinAlgError as error:
-        raise JointIdError(
-            "The model does not fit: its parameters exceed the numerical range."
-        ) from error
+        raise JointIdError("The model does not fit: its parameters overflow.") from error
 
 
 def freest(phasors: Phasors, base: Model, optional: Sequence[str]) -> Model:

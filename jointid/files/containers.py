@@ -166,7 +166,7 @@ class Zip:
         except _ZIP_FAULTS as error:
             raise JointIdError(
                 f"{name} is not a readable zip archive; it is damaged or incomplete ({error!s:.200}). "
-                "Give the study's folder, or that folder as .zip; jointid convert makes one of a log.",
+                "Give the study's folder, or that folder as .zip, or convert logs with jointid convert.",
                 file=name,
             ) from error
         self._check_sizes(members)
@@ -232,9 +232,7 @@ class Zip:
         if stat.S_ISLNK(member.external_attr >> 16):
             raise JointIdError(f"{path} in {self.name} is a link: put the file itself into the archive.")
         if member.flag_bits & 0x1:
-            raise JointIdError(
-                f"{path} in {self.name} is encrypted: create the archive without a password."
-            )
+            raise JointIdError(f"{path} in {self.name} is encrypted: create it without a password.")
         # Other methods can ask for gigabytes of working memory before the first byte.
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise JointIdError(

@@ -65,9 +65,7 @@ def read_header(file: str, data: bytes) -> tuple[list[str], int]:
             break
         begin = body
         if begin > MAX_LINE:
-            raise JointIdError(
-                f"{file}: no column names in the first {begin} bytes: remove the comments."
-            )
+            raise JointIdError(f"{file}: no column names in {begin} bytes: remove the comments.")
     if _SOMETHING.search(data, body) is None:
         raise JointIdError(f"{file} has a header but no rows: export the record again.")
     for delimiter, what in _DELIMITERS.items():
@@ -89,7 +87,7 @@ def _names(file: str, data: bytes, begin: int) -> tuple[list[str], bytes, int, s
     line = data[start.start() : start.start() + MAX_LINE]
     end = re.search(rb"[\r\n]", line)
     if end is None and len(line) == MAX_LINE:
-        raise JointIdError(f"{file}: the first line is longer than {MAX_LINE} bytes: not a CSV table.")
+        raise JointIdError(f"{file}: the first line exceeds {MAX_LINE} bytes: write one row per line.")
     line = line[: end.start()] if end else line
     if line.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in line:
         raise JointIdError(
@@ -187,7 +185,7 @@ def _text_lines(file: str, data: bytes, begin: int) -> Iterator[str]:
         if len(line) == MAX_LINE:
             raise row_error(
                 (file, "line", _lines_above(data, begin) + number),
-                f"longer than {MAX_LINE} characters: not a CSV table.",
+                f"longer than {MAX_LINE} characters: write one row per line.",
             )
         yield line
 

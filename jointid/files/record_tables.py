@@ -112,9 +112,7 @@ def _find_columns(file: str, found: Sequence[str], joints: int, arm: bool = Fals
     for name in [*expected, *(n for n in map(_arm_name, range(joints)) if arm and n in found)]:
         count = found.count(name)
         if count > 1:
-            raise JointIdError(
-                f"{file} has {count} columns {name}: keep one and rename the others.", column=name
-            )
+            raise JointIdError(f"{file} has {count} columns {name}: rename all but one.", column=name)
         if count == 0:
             others = [other for other in found if other not in expected]
             raise JointIdError(
@@ -173,8 +171,8 @@ def _read_parquet(
         _require_size(file, size, left)
         if size > CHUNK and size > MAX_RATIO * len(data):
             raise JointIdError(
-                f"{file} would take {mebibytes(size)}, more than {MAX_RATIO} times its packed size; "
-                "measurements never compress that well."
+                f"{file} would take {mebibytes(size)}, more than {MAX_RATIO} times its packed size: it "
+                "is damaged. Export the record again."
             )
     columns = list(np.concatenate([*parquet_rows(file, source, names)]).T)
     if not are_usable(columns):

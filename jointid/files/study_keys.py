@@ -174,7 +174,7 @@ def _poses(top: CheckedTable, default: Inertia, robot: RobotModel | None) -> dic
     additions = {name for name, table in tables.items() if "M2" not in table and "added" in table}
     for name, table in tables.items():
         if "base" in table and name not in additions:
-            raise table.error("base is the pose to which added is added: give added, and no M2.")
+            raise table.error("base needs the key added, the change of the base's M2, in place of M2.")
     own = {
         name: _inertia(table, default, robot) for name, table in tables.items() if name not in additions
     }
@@ -188,7 +188,7 @@ def _sum(table: CheckedTable, default: Inertia, poses: Mapping[str, Inertia]) ->
     if base is None:
         raise table.error(
             f'base = "{name:.60}": no pose of this name has an M2.{nearest(name or "", poses)} '
-            f"Poses with M2: {listed(poses)}. Without base, added is added to [inertia]."
+            f"Poses with M2: {listed(poses)}. Without base, added changes [inertia]."
         )
     with in_place(table.where, table.file):
         loaded = base.with_added(table.matrix("added"))

@@ -249,9 +249,7 @@ def _checked_target(path: str | os.PathLike[str], overwrite: bool) -> Path:
 
 def _require_replaceable(target: Path, overwrite: bool) -> None:
     if not overwrite:
-        raise JointIdError(
-            f"{target} exists: choose another path, or pass overwrite=True to replace it."
-        )
+        raise JointIdError(f"{target} exists: choose another path, or pass overwrite=True.")
     if target.is_dir() == _is_zip(target):
         raise JointIdError(
             f"{target} is {'a folder' if target.is_dir() else 'a file'}: choose another path."

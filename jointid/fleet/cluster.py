@@ -85,7 +85,7 @@ class Cluster:
         for worker, version in versions.items():
             if version != __version__:
                 raise JointIdError(
-                    f"The worker {worker} has jointid {version}, this is {__version__}: install "
+                    f"The worker {worker} has jointid {version}, this computer {__version__}: install "
                     "the same version."
                 )
 

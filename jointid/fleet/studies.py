@@ -164,7 +164,7 @@ def packed(path: Path) -> bytes:
                         member.write(chunk)
             except OSError as error:
                 raise JointIdError(
-                    f"{name} in {path} cannot be read: {error.strerror or error}."
+                    f"{name} in {path} cannot be read: {error.strerror or error}. Check its permissions."
                 ) from error
     return buffer.getvalue()
 

@@ -80,18 +80,14 @@ def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
         file = pa_parquet.ParquetFile(io.BytesIO(source) if isinstance(source, bytes) else source)
         held = (file.schema_arrow.metadata or {}).items()
         if not _KIND.items() <= held:
-            raise JointIdError(
-                f"{name} is not a results table: expected a file written by jointid batch."
-            )
+            raise JointIdError(f"{name} is not a results table: give a file of jointid batch.")
         if file.metadata.num_rows > MAX_ROWS:
             raise JointIdError(
                 f"{name} has {file.metadata.num_rows} rows, more than the limit of {MAX_ROWS}: split it."
             )
         own, there = (*_HEAD, *_TAIL), file.schema_arrow.names
         if missing := [column for column in own if column not in there]:
-            raise JointIdError(
-                f"{name} has no column {missing[0]}: it was changed. Run the batch again."
-            )
+            raise JointIdError(f"{name} has no column {missing[0]}: run the batch again.")
         of_joints = {
             quantity: [c for j in range(MAX_JOINTS) if (c := column.format(j + 1)) in there]
             for quantity, column in _JOINTWISE.items()
@@ -154,7 +150,7 @@ def read_untrusted(data: bytes) -> tuple[Row, ...]:
     try:
         answer, body = child.ask({"do": "read"}, data)
     except Ended as ended:
-        raise JointIdError(f"The table is damaged. {ended}") from None
+        raise JointIdError(f"The table is damaged: run the batch again. {ended}") from None
     finally:
         child.stop()
     if "error" in answer:

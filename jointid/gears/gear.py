@@ -39,7 +39,7 @@ class Gear:
     hysteresis_Nm: float = 0.0
     """Saturation level of the hysteresis, half the height of its loop, N·m."""
     presliding_rad: float = 0.0
-    """The level of the hysteresis over its initial slope, rad."""
+    """Level of the hysteresis divided by its initial slope, rad."""
     loss_factor: float = 0.0
     """Structural damping: amplitude of the torque in phase with the velocity over that of K δ."""
     K2: float = 0.0

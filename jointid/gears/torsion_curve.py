@@ -54,7 +54,7 @@ class TorsionCurve:
         return np.asarray(0.5 * np.ptp(self.torque_Nm, axis=1))
 
     def noise_beside(self, gear: Gear) -> Floats:
-        """Standard deviation from noise of the torque beside a gear's law, (records, points), N·m.
+        """Standard deviation from noise of the torque minus a gear's law, (records, points), N·m.
 
         The deflection is noisy as well: at low frequency it is the small difference of two motions.
         """

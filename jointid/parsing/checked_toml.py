@@ -65,7 +65,7 @@ class CheckedTable:
 
     def text(self, key: str, default: str | None = None) -> str:
         """Return a string."""
-        return self._typed(key, str, "a text in quotes", default)
+        return self._typed(key, str, "text in quotes", default)
 
     def flag(self, key: str) -> bool:
         """Return true or false."""
@@ -106,7 +106,7 @@ class CheckedTable:
 
     def texts(self, key: str) -> list[str]:
         """Return a list of strings."""
-        value = self._typed(key, list, expected := "a list of texts")
+        value = self._typed(key, list, expected := "a list of texts in quotes")
         if not all(isinstance(item, str) for item in value):
             raise self._wrong_type(key, value, expected)
         return value
@@ -222,7 +222,7 @@ def toml_values(file: str, data: bytes) -> dict[str, Any]:
     if match := _LONG_DOTTED_KEY.search(text):
         line = text.count("\n", 0, match.start()) + 1
         raise JointIdError(
-            f"{file}, line {line}: a key of more than 32 dotted parts.",
+            f"{file}, line {line}: a key of more than 32 dotted parts: shorten it.",
             file=file,
             line=line,
         )

@@ -35,7 +35,7 @@ _PER_ROW = ("labels", "segments")
 
 @dataclass(frozen=True, eq=False)
 class Phasors:
-    """Fourier coefficients of r records of n joints, with figures of each record's quality."""
+    """Phasors of r records of n joints, equations (2)-(4), with figures of each record's quality."""
 
     omega: Floats
     """Excitation frequencies, shape (r,), rad/s."""
@@ -225,8 +225,8 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     records : sequence of SineRecord
         Of the same joints. The window need not span whole periods.
     harmonics : int, optional
-        Highest harmonic of a second fit. By default 3, and ``MANY_HARMONICS`` if these exceed the noise,
-        since they then show friction.
+        Highest harmonic of a second fit. By default 3, and 31 (``MANY_HARMONICS``) if these exceed the
+        noise, since they then show friction.
 
     Returns
     -------

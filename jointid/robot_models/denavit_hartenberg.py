@@ -139,14 +139,10 @@ def _coupling(top: CheckedTable, links: list[CheckedTable]) -> Floats:
         return frozen(np.diag(1 / np.array(ratios)))
     for link in links:
         if "gear_ratio" in link:
-            raise link.error(
-                "gear_ratio and coupling are both given: the coupling matrix holds the gears."
-            )
+            raise link.error("gear_ratio and coupling are both given: leave gear_ratio out.")
     C = np.array(top.matrix("coupling"))
     if C.shape != (len(links),) * 2:
-        raise top.error(
-            f"coupling has shape {C.shape}: expected one row and column per link ({len(links)})."
-        )
+        raise top.error(f"coupling has shape {C.shape}: expected {len(links)} rows and columns.")
     if not np.linalg.cond(C) < 1e9:
         raise top.error("coupling is singular: some motion of the motors would move no joint.")
     return frozen(C)

@@ -79,9 +79,7 @@ def read_mjcf(file: str, data: bytes) -> RobotDescription:
     hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
     for name, kind in zip(names, model.jnt_type, strict=True):
         if kind not in (hinge, slide):
-            raise xml_error(
-                file, f"joint {name} is neither a hinge nor a slide: only these types are supported."
-            )
+            raise xml_error(file, f"joint {name} must be a hinge or a slide.")
     links = _bodies(mujoco, model, tuple((model.jnt_type == slide).tolist()))
     require_physical(file, names, links)
     if (
@@ -126,9 +124,7 @@ def _require_readable(file: str, root: Element) -> None:
     if root.find(".//include") is not None:
         raise xml_error(file, "<include>: other files are not read. Insert the included text.")
     if any(root.find(f"equality/{tie}") is not None for tie in ("connect", "weld", "joint")):
-        raise xml_error(
-            file, "<equality>: closed loops and coupled joints are not supported. Remove them."
-        )
+        raise xml_error(file, "<equality>: remove closed loops and coupled joints.")
     for key, value in (pair for part in root.findall("compiler") for pair in part.items()):
         usual = key in _TEXTS["compiler"] | _IGNORED and (key, value) != ("inertiafromgeom", "true")
         if not usual and (key, value) != ("coordinate", "local"):

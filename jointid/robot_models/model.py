@@ -106,12 +106,12 @@ class RobotModel(RobotDescription):
         if gear_ratio is not None:
             N = per_joint("gear_ratio (motor turns per joint turn)", gear_ratio, robot.n)
             if not N.all():
-                raise JointIdError(f"gear_ratio of joint {int(np.argmin(np.abs(N))) + 1} is 0.")
+                raise JointIdError(f"gear_ratio of joint {int(np.argmin(np.abs(N))) + 1} must not be 0.")
             robot = replace(robot, coupling=frozen(np.diag(1 / N)))
         if rotor_inertia is not None:
             J = per_joint("rotor_inertia (motor side, kg·m²)", rotor_inertia, robot.n)
             if J.min() <= 0:
-                raise JointIdError(f"rotor_inertia of joint {int(np.argmin(J)) + 1} is not positive.")
+                raise JointIdError(f"rotor_inertia of joint {int(np.argmin(J)) + 1} must be positive.")
             return replace(robot, rotor_inertia=frozen(J), armature=None)
         if robot.armature is not None:
             return replace(robot, rotor_inertia=frozen(robot.armature / robot.gear_ratio**2))
@@ -208,7 +208,7 @@ class RobotModel(RobotDescription):
         ]:
             raise JointIdError(
                 f"{self.source[0]}: no mass moves with {enumerated(unmoved[:8])}. State the mass and "
-                "inertia of the link beyond, or of the payload.",
+                "inertia of the link that it moves, or of the payload.",
                 file=self.source[0],
             )
         shared, shared_gravity = None, None

@@ -71,7 +71,7 @@ def _require_possible(
             f"{interval_ms:g} ms: plan up to {significant(most)} Hz, or shorten the interval."
         )
     if robot.gear_ratio.size != n:
-        raise JointIdError(f"The experiment has {n} joints, the limits have {robot.gear_ratio.size}.")
+        raise JointIdError(f"Limits for {robot.gear_ratio.size} joints, experiment with {n}: give {n}.")
     if chosen.axes and axes not in chosen.axes:
         raise JointIdError(
             f"{chosen.title} needs the start angles of {' or '.join(map(str, chosen.axes))} axes, got "

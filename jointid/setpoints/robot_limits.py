@@ -68,7 +68,7 @@ class RobotLimits:
             raise JointIdError("A gear ratio is 0: give motor turns per joint turn, such as 100.")
         if np.any(values["lower_deg"] >= values["upper_deg"]):
             j = int(np.argmax(values["lower_deg"] >= values["upper_deg"])) + 1
-            raise JointIdError(f"The lowest position of joint {j} is not below its highest position.")
+            raise JointIdError(f"The lowest position of joint {j} must lie below its highest.")
         axes, every = list(self.axes) or list(range(1, n + 1)), range(1, start.size + 1)
         names = tuple(self.joint_names) or tuple(f"joint_{axis}" for axis in every)
         if not len(axes) == len(set(axes)) == n or not set(axes) <= set(every):

@@ -75,9 +75,7 @@ def with_inertia_error(inertia: Inertia, error: float, seed: int = 0) -> Inertia
     below 1.
     """
     if not 0 <= error < 1:
-        raise JointIdError(
-            f"The error of the inertias is {error!r:.40}: expected a share from 0 to below 1."
-        )
+        raise JointIdError(f"inertia_error = {error!r:.40}: expected 0 ≤ relative error < 1.")
     signs = np.random.default_rng([seed, inertia.n]).choice([-1.0, 1.0], (2, inertia.n))
     factor = 1 + error * signs
     rest = (inertia.M2 - inertia.added) * np.sqrt(np.outer(factor[1], factor[1]))

@@ -73,9 +73,9 @@ class Excitation:
     records_per_frequency: int | None = None
     """R; by default n, or the rows of ``pattern``."""
     velocity_rad_s: PerJoint = 10.0
-    """Largest velocity amplitude of the reference, motor side."""
+    """Largest velocity amplitude of the reference, motor side, rad/s."""
     acceleration_rad_s2: PerJoint = 300.0
-    """Largest acceleration amplitude of the reference, motor side."""
+    """Largest acceleration amplitude of the reference, motor side, rad/s²."""
     constant_velocity_rad_s: PerJoint = 0.0
     """Superposed constant velocity v, rad/s. A joint with a constant velocity must not reverse."""
     duration_s: float = 4.0

@@ -42,9 +42,9 @@ class Motion:
     duration_s: float = 20.0
     """Length of the log, s."""
     velocity_rad_s: PerJoint = 10.0
-    """Largest velocity of the reference, motor side."""
+    """Largest velocity of the reference, motor side, rad/s."""
     acceleration_rad_s2: PerJoint = 300.0
-    """Largest acceleration of the reference, motor side."""
+    """Largest acceleration of the reference, motor side, rad/s²."""
     position_rad: PerJoint = 1.0
     """Largest distance from the pose, motor side, rad."""
     odd: bool = False

@@ -215,8 +215,8 @@ class Robot:
             j = int(np.argmax(reverses))
             raise JointIdError(
                 f"constant_velocity_rad_s of joint {j + 1} is {velocity[j]:g} rad/s, but its sine "
-                f"reaches {amplitude[j]:.3g} rad/s: the joint would reverse. Superpose more, or move "
-                "less."
+                f"reaches {amplitude[j]:.3g} rad/s: the joint would reverse. Raise it, or lower the "
+                "amplitude."
             )
         if velocity.any() and self.inertia.gravity.any():
             raise JointIdError(

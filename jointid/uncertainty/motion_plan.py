@@ -104,9 +104,7 @@ def plan_motion(
     blocked = limits.torque_Nm <= friction.coulomb
     if blocked.any():
         j = int(np.argmax(blocked)) + 1
-        raise JointIdError(
-            f"The torque limit of joint {j} does not exceed its friction: raise this limit."
-        )
+        raise JointIdError(f"The torque limit of joint {j} does not exceed its friction: raise it.")
     noise = sensor_noise(fit, interval_s)
     measurement = Measurement(position_noise_rad=noise[:n], torque_noise_Nm=noise[n:])
     chosen, made = _within(fit, motion, limits, friction, measurement, interval_s, records)
@@ -203,8 +201,8 @@ def _within(
         acceleration = acceleration * np.minimum(ratio, 2.0)
         share = share * np.minimum(ratio, 1.0)
     raise JointIdError(
-        f"No motion of joint {worst + 1} was found within its limits, which friction and the noise of "
-        "its sensors need. Raise the limits of position, velocity or torque."
+        f"Within its limits, joint {worst + 1} does not move above friction and sensor noise. Raise the "
+        "limits of position, velocity or torque."
     )
 
 

@@ -123,9 +123,7 @@ def suggest_records(
     torque = torque - 4 / np.pi * np.asarray(identified_friction(fit).coulomb)
     if np.any(torque <= 0):
         j = int(np.argmin(torque)) + 1
-        raise JointIdError(
-            f"The torque limit of joint {j} does not exceed its friction: raise this limit."
-        )
+        raise JointIdError(f"The torque limit of joint {j} does not exceed its friction: raise it.")
     frequency = _candidate_frequencies(phasors, pose, fit, duration_s, highest_hz)
     candidates = _candidates(now, frequency, torque, velocity, duration_s)
     frequency, angle, duration = candidates.frequency_hz, candidates.angle_rad, candidates.duration_s

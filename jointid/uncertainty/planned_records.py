@@ -78,7 +78,7 @@ def planned_records(
             "frequencies and durations."
         )
     if (torque_Nm is None) == (angle_rad is None):
-        raise JointIdError("Give the torques or the angles of the planned records, one of the two.")
+        raise JointIdError("Give either the torques or the angles of the planned records.")
     given = np.asarray(torque_Nm if angle_rad is None else angle_rad, np.complex128)
     shape = (frequency.size, inertia.n)
     if given.shape not in (shape, shape[1:]) or not np.isfinite(given).all():

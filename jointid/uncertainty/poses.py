@@ -115,7 +115,7 @@ def fits_by_pose(
         covariances.append(covariance)
         shifts.append(shift[:, _is_shared(fit, prior)])
     if not names:
-        raise JointIdError(f"No pose allows an estimate alone. {problems[0]}")
+        raise JointIdError(f"No pose alone allows an estimate. {problems[0]}")
     return PoseFits(
         tuple(names), np.array(estimates), np.array(covariances), np.array(shifts), tuple(problems)
     )

@@ -60,9 +60,7 @@ def harmonic_content(phasors: Phasors) -> HarmonicContent:
     """
     above = phasors.harmonics[:, 1:]
     if above.shape[1] < 2:
-        raise JointIdError(
-            "These phasors hold the fundamental alone: extract them with harmonics=3 or more."
-        )
+        raise JointIdError("These phasors have no harmonics: extract them with harmonics=3 or more.")
     known = np.any(above != 0, axis=2)
     variance = np.abs(np.einsum("rhjj->rhj", phasors.harmonic_covariance[:, 1:]))
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -83,9 +83,8 @@ class SpringEquations:
         V = lifted(E @ C @ E.conj().swapaxes(-2, -1), E, C)
         if np.any(at_rest := np.diagonal(V, axis1=-2, axis2=-1).real <= 0):
             raise JointIdError(
-                f"The motor of joint {np.argwhere(at_rest)[0, -1] + 1} does not move in a record, whose "
-                "torque alone does not determine K: move the motor more, or log its position with more "
-                "digits."
+                f"The motor of joint {np.argwhere(at_rest)[0, -1] + 1} does not move in a record; its "
+                "torque alone does not determine K. Move it more, or log its position with more digits."
             )
         return V
 

@@ -248,7 +248,7 @@ def _determined_by_data(problem: Problem, p: Floats, normal: Floats) -> float:
 def _require_rows(problem: Problem, p: Floats) -> None:
     if problem.rows == 0:
         raise JointIdError(
-            "No motor moves visibly in any record, so that friction cannot be separated from "
+            "No motor moves above its noise in any record, so that friction cannot be separated from "
             "elasticity: move the motors more, or log their positions with more digits."
         )
     if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.shapes:

@@ -37,10 +37,11 @@ def runs_from_json(text: str | bytes, logs: Sequence[MappedLog]) -> list[list[Se
     its span holds. Raises JointIdError when the text is no list of runs, names no log, or a run is
     empty.
     """
-    values = json_values("The list of runs", text, "write it by --list-runs.")
+    remedy = "write it with jointid convert --list-runs."
+    values = json_values("The list of runs", text, remedy)
     rows = values.get("runs") if isinstance(values, dict) and values.get("format") == 1 else None
     if not isinstance(rows, list):
-        raise JointIdError('The list of runs needs "format": 1 and "runs": write it by --list-runs.')
+        raise JointIdError(f'The list of runs needs "format": 1 and "runs": {remedy}')
     by_name = {name: k for k, name in enumerate(_names(logs))}
     found: list[list[Segment]] = [[] for _ in logs]
     for number, row in enumerate(rows, start=1):
@@ -77,7 +78,7 @@ def _segment(row: dict[str, Any], log: MappedLog) -> Segment:
         if given is not None:
             raise JointIdError("it has frequency_hz and band_hz: keep one of them.")
         if not isinstance(band, list) or len(band) != 2:
-            raise JointIdError(f"band_hz = {shown(band)}; expected two frequencies.")
+            raise JointIdError(f"band_hz = {shown(band)}; expected two frequencies, Hz.")
         low, high = (_number("band_hz", value) for value in band)
         return Segment(start, stop, float("nan"), band_hz=(low, high))
     if given is None or given == []:

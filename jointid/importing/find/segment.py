@@ -64,11 +64,11 @@ class Segment:
         elif self.frequency_hz not in lines:
             raise JointIdError(
                 f"frequency_hz = {self.frequency_hz:g} Hz is not among lines_hz, "
-                f"{listed(f'{line:g}' for line in lines)} Hz: give it there too."
+                f"{listed(f'{line:g}' for line in lines)} Hz: add it."
             )
         if not self.stop_s > self.start_s:
             raise JointIdError(
-                f"A run from {self.start_s:g} s to {self.stop_s:g} s is empty: the stop must come later."
+                f"A run from {self.start_s:g} s to {self.stop_s:g} s is empty: give a later stop."
             )
         set_fields(self, lines_hz=lines)
 

@@ -171,9 +171,7 @@ def measure_run(
         segment = Segment(float(time[0]), float(time[-1]), lines[0], tuple(lines))  # checks them
         return measured(time, theta, tau, segment.lines_hz, free=False)
     if not np.any(np.ptp(theta, axis=0) > 0):
-        raise JointIdError(
-            f"No joint moves from {start_s:g} s to {stop_s:g} s: choose times at which one does."
-        )
+        raise JointIdError(f"No joint moves from {start_s:g} s to {stop_s:g} s: choose other times.")
     lines = find_lines(time, theta, tau)
     found = measured(time, theta, tau, significant_lines(time, theta, tau, lines)) if lines else None
     if found and min(found.share, found.torque_share) >= _LEAST_SHARE:

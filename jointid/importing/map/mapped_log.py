@@ -66,8 +66,8 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
         empty = [n for n in names if not np.isfinite(table.column(n).values).any()]
         which = f" Empty columns: {listed(empty)}." if empty else ""
         raise JointIdError(
-            f"{table.name}: {counted(kept, 'row')} with all of {listed(names)}.{which} Choose other "
-            "columns."
+            f"{table.name}: {counted(kept, 'row')} with numbers in all of {listed(names)}.{which} "
+            "Choose other columns."
         )
     notes = [*table.notes, clock_note] if clock_note else list(table.notes)
     if kept < table.rows and not clock_note:

@@ -37,15 +37,14 @@ class TimeColumn:
         if self.unit == SAMPLES:
             if self.rate_hz is None:
                 raise JointIdError(
-                    "time: sample numbers need a rate. Give rate_hz, samples per second: 1000, for "
-                    "instance."
+                    "time: sample numbers need a rate. Give rate_hz, such as 1000 samples per second."
                 )
             set_fields(self, rate_hz=bounded_number("time: rate_hz", "Hz", self.rate_hz))
         elif self.rate_hz is not None:
             raise JointIdError(f'time: rate_hz goes with the unit "samples", not with "{self.unit}".')
         elif not self.column:
             raise JointIdError(
-                'time: no column. Choose one, or the unit "samples" with a rate to number the rows.'
+                'time: no column. Choose one, or number the rows with the unit "samples" and rate_hz.'
             )
 
 
@@ -145,9 +144,7 @@ class Mapping:
         if not self.joints:
             raise JointIdError("The mapping has no joints: choose position and torque of at least one.")
         if len(self.joints) > MAX_JOINTS:
-            raise JointIdError(
-                f"{len(self.joints)} joints, more than the limit of {MAX_JOINTS}: leave some out."
-            )
+            raise JointIdError(f"{len(self.joints)} joints; the limit is {MAX_JOINTS}: leave some out.")
         if not isinstance(self.torque_hold, bool):
             raise JointIdError(f"torque_hold = {shown(self.torque_hold)}: expected true or false.")
         delay = float(finite_array("torque_delay_s (s)", self.torque_delay_s, ndim=0))

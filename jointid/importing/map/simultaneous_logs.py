@@ -209,7 +209,8 @@ def joined_table(tables: Sequence[LogTable]) -> LogTable:
         raise JointIdError("Only two or more logs of one joint each can be joined.")
     cuts = rows_in_common(parts)
     if not cuts:
-        raise JointIdError(f"{listed(part.table.name for part in parts)} have no times in common.")
+        names = listed(part.table.name for part in parts)
+        raise JointIdError(f"{names} have no times in common: do not join them.")
     named = [part.joint for part in parts]
     stems = [stem(part.table.name) for part in parts]
     for labels in (named if all(named) else stems, stems, [f"{k}" for k in range(1, len(parts) + 1)]):

@@ -90,9 +90,7 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
     try:
         tables = readers()[kind].read(name, path)
         if not tables:
-            raise JointIdError(
-                f"{name} holds no table of numbers: a log needs at least position and torque."
-            )
+            raise JointIdError(f"{name} has no numbers: a log needs at least position and torque.")
         stated = ("name", "notes", "first_row", "row_word", "rows")
         described = [
             {key: getattr(table, key) for key in stated}
@@ -104,7 +102,7 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
     except JointIdError as error:
         message = str(error)
     except MemoryError:
-        message = f"{name} needs more memory than the limit for logs: it is damaged or too large."
+        message = f"{name} needs more memory than the limit for logs. Cut it into several logs."
     except BaseException as error:  # readers written in Rust raise outside Exception
         reason = " ".join(str(error).replace(path, "the file").split()) or type(error).__name__
         message = (

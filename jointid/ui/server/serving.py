@@ -101,7 +101,7 @@ def bound_uploads(manager: Any) -> None:
         }
         own = sizes.get(session_id, 0) + len(file.data)
         if own > MOST_OF_SESSION or sum(sizes.values()) + len(file.data) > MOST_OF_ALL:
-            raise HTTPException(413, "The uploads of this session, or of all, are too large.")
+            raise HTTPException(413, "The uploads of this session, or of all sessions, are too large.")
         add(session_id, file)
 
     manager.add_file = add_file

@@ -277,9 +277,7 @@ def _load_kept(folder: str, entry: str, checksum: str, _place: str, _digest: str
     study = load_study(store().read(_place, entry))
     if study_digest(study) != _digest:
         store().set_aside(_place, entry, "its content has changed")
-        raise JointIdError(
-            "The stored copy of this study is damaged and was set aside: open its file again."
-        )
+        raise JointIdError("The stored copy of this study is damaged: open its file again.")
     return _digest, study
 
 

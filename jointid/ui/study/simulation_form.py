@@ -146,7 +146,7 @@ def ask() -> Simulation | None:
         first, last = (_EXPERIMENTS[key][1] for key in ("first", "last"))
     if last < first:
         raise JointIdError(
-            f"Last frequency {last:g} Hz lies below the first, {first:g} Hz: exchange them."
+            f"Last frequency {last:g} Hz is below the first, {first:g} Hz: exchange them."
         )
     rotors = numbers_in("Rotor inertias M", text["M"])
     joints, kind, seconds = len(rotors), _RECORDS[pattern], float(number["seconds"])

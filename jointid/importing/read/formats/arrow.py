@@ -54,7 +54,7 @@ def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:
     require_few_values(file, rows * (len(kept) - len(lists) + sum(widths.values())))
     if sum(widths.values()) > MAX_COLUMNS:
         raise JointIdError(
-            f"{file} has lists of {longest} numbers, more than the limit of {MAX_COLUMNS} columns."
+            f"{file} has lists of {longest} numbers; the limit is {MAX_COLUMNS}: log fewer signals."
         )
     found: list[LogColumn] = []
     for field in kept:
@@ -75,7 +75,7 @@ def _parquet(file: str, source: Any) -> tuple[Any, list[str]]:
     schema, metadata = parquet.schema_arrow, parquet.metadata
     if len(set(schema.names)) < len(schema.names):
         raise JointIdError(
-            f"{file} has several columns of one name: rename them. Names: {listed(schema.names)}."
+            f"{file} has several columns with the same name: rename them. Names: {listed(schema.names)}."
         )
     names = [
         f.name for f in schema if _is_number(f.type) or _is_list(f.type) or pa.types.is_struct(f.type)

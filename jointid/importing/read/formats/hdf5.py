@@ -155,7 +155,7 @@ def _own_object(h5py: Any, file: str, group: Any, key: Any) -> Any:
             if not h5py.h5z.filter_avail(code):
                 raise JointIdError(
                     f'{file}: "{item.name!s:.200}" is packed with filter {code} '
-                    f"({label.decode(errors='replace'):.40}), which this HDF5 does not have. "
+                    f"({label.decode(errors='replace'):.40}), which is not installed. "
                     "Save it with gzip compression, or without."
                 )
     return item

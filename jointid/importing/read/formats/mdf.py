@@ -47,7 +47,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
                         signals.append(Signal(channel.name, time, values, str(found.unit or "")))
     left_out = f"Channels with a formula, left out: {listed(formulas)}. Export their converted values."
     otherwise = (
-        f"{file} has no channels of numbers with times and without formulas. "
+        f"{file} has no channels of numbers with times; channels with formulas are not read. "
         f"Channels found: {listed(seen)}."
     )
     return tables_of_signals(file, signals, [left_out] if formulas else [], otherwise=otherwise)

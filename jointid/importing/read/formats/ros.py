@@ -83,7 +83,7 @@ def _require_plain_names(file: str, path: Path) -> None:
         if set("%?#").intersection(part.name):
             raise JointIdError(
                 f"{file}: the file name {part.name!r:.200} has one of the characters %, ? and #, which "
-                "lead to another file when a ROS bag is opened: rename it, in metadata.yaml too."
+                "a ROS bag cannot have: rename it, also in metadata.yaml."
             )
 
 

@@ -43,8 +43,8 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     origin = min((int(columns[k][columns[k] > 0].min()) for k in full), default=0)
     if len(names) != len(about.get("VariableSize", names)):
         raise JointIdError(
-            f"{file} separates columns by {separator!r}, as do the channels' names: export it with "
-            "tabs or semicolons."
+            f"{file} has {separator!r} between columns and in names of channels: export it with tabs "
+            "or semicolons."
         )
     signals, notes, time = [], [], None
     for k, name in enumerate(names):

@@ -114,7 +114,7 @@ def _no_text(file: str) -> JointIdError:
     return JointIdError(
         f"{file} is neither text nor a file of a known kind: CSV and other text "
         "tables, TwinCAT, CODESYS, LabVIEW, halscope, dSPACE, MDF, MATLAB, HDF5, Parquet, Arrow, NumPy, "
-        "JSON, Excel, ROS bags, and a .zip of them."
+        "JSON, Excel, ROS bags, and a .zip of them. Export it as CSV."
     )
 
 

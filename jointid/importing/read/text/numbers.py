@@ -83,7 +83,7 @@ def marks_note(file: str, cells: Iterable[str], decimal: str, thousands: str) ->
             raise JointIdError(
                 f'{file}: "{grouped[0]}" may be {_both(grouped[0], thousands)}'
                 + (f', because "{plain}" occurs as well' if plain else "")
-                + ". Export without marks between thousands, or with one decimal mark throughout."
+                + ". Export without thousands separators, or with one decimal mark throughout."
             )
         shown, meant = proof or grouped[0], value_of(proof or grouped[0], decimal, thousands)
         name = "blank" if thousands.isspace() else thousands

@@ -193,8 +193,8 @@ def columns_of(
     rows = [_row(line, separator, width) for line in lines if line.strip()]
     if width > MAX_COLUMNS or not rows:
         raise JointIdError(
-            f"{file} has {width} columns and {len(rows)} rows; a log has rows, and at most "
-            f"{MAX_COLUMNS} columns. Export the log again."
+            f"{file} has {width} columns and {len(rows)} rows: export the log again, with one row "
+            f"per sample and at most {MAX_COLUMNS} columns."
         )
     try:
         text = "\n".join(rows).encode("utf-8", "replace")
