@@ -42,6 +42,8 @@ def slopes_by_regression(phasors: Phasors, M: Floats, M2: Floats) -> dict[str, F
     found, bends, explained = [], [], 1.0
     for rows in _rows(phasors, M, M2, 0.0):
         f = rows[0]
+        if not np.isfinite(rows).all():
+            return None
         least, linear = np.inf, _least(rows, np.zeros((0, *f.shape)))[0]
         for edges in combinations(np.abs(f).max() * np.array(_EDGES), 2):
             squares, each = _least(rows, np.stack([f - np.clip(f, -edge, edge) for edge in edges]))

@@ -149,8 +149,12 @@ def _solution(method: str, equations: SpringEquations) -> Floats:
         R = (W @ _regressors(equations)).reshape(len(a), -1, p.shape[-1])
         right = (W @ b[..., None]).reshape(len(a), -1, 1)
         adjoint = R.conj().swapaxes(1, 2)
-        p = np.asarray(np.linalg.solve((adjoint @ R).real, (adjoint @ right).real)[..., 0], float)
-    return p
+        normal, moment = (adjoint @ R).real, (adjoint @ right).real
+        try:
+            p = np.linalg.solve(normal, moment)[..., 0]
+        except np.linalg.LinAlgError:  # a changed inertia may make it singular
+            p = np.asarray((np.linalg.pinv(normal, hermitian=True) @ moment)[..., 0], float)
+    return np.asarray(p, float)
 
 
 def prior_covariance(method: str, phasors: Phasors, prior: InertiaPrior, noise: Noise) -> Floats:
