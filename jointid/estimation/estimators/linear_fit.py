@@ -151,10 +151,10 @@ def _solution(method: str, equations: SpringEquations) -> Floats:
         adjoint = R.conj().swapaxes(1, 2)
         normal, moment = (adjoint @ R).real, (adjoint @ right).real
         try:
-            p = np.linalg.solve(normal, moment)[..., 0]
+            p = np.asarray(np.linalg.solve(normal, moment)[..., 0], float)
         except np.linalg.LinAlgError:  # a changed inertia may make it singular
             p = np.asarray((np.linalg.pinv(normal, hermitian=True) @ moment)[..., 0], float)
-    return np.asarray(p, float)
+    return p
 
 
 def prior_covariance(method: str, phasors: Phasors, prior: InertiaPrior, noise: Noise) -> Floats:
