@@ -7,14 +7,17 @@ import numpy as np
 
 from jointid.estimation.candidates import EXPLAINED, NEEDED, Model
 from jointid.estimation.estimators.levenberg_marquardt import LOST
-from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS
+from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.model_growth import NEARLY_ALL
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.motion_start import motion_start
-from jointid.estimation.start_values import by_motion, friction_start, with_backlash, with_slopes
+from jointid.estimation.start_values import (
+    by_motion,
+    friction_start,
+)
 
-_FAR_LAWS = "cubic", "backlash", "hysteresis"
-"""Laws that are fitted where the linear fit does not explain the data at all."""
+_BENT = 0.7
+"""Squares of a regression over those of linear gears below which its law is tried before other parts."""
 _COMPLETE = (("cubic", "hysteresis"), ("backlash", "hysteresis"), ("cubic", "backlash"))
 """Laws of the gears that are fitted at once."""
 _NEAR = 0.5
@@ -84,6 +87,20 @@ def fit_hanging(search: Search) -> None:
             _freed(search, model)
 
 
+def fit_regressed(search: Search, most_left: float = _BENT) -> None:
+    """Fit laws of the gears to sines, from regressions of the deflection that leave little of it."""
+    fits, base = search.fits, search.base
+    if search.has_motions or not search.is_distorted or fits.least_misfit <= DOUBTFUL:
+        return
+    for law, start, left in search.regressed_laws:
+        for model in (base, replace(base, reversal=0.0)):
+            wider, may_rub = model.with_part(law), search.may_have_friction or model == base
+            is_open = fits.least_misfit > DOUBTFUL and wider not in search.regressed
+            if left < most_left and may_rub and is_open:
+                search.regressed.add(wider)
+                _fit_law(search, wider, start)
+
+
 def fit_laws(search: Search) -> None:
     """Fit laws of the gears from their own start values where no other model explains the data."""
     fits, base = search.fits, search.base
@@ -92,33 +109,34 @@ def fit_laws(search: Search) -> None:
     sliding = replace(base, reversal=0.0)
     plain = fits.misfit(base if base in fits.tried else sliding)  # motors stick
     needs_friction = NEEDED * _linear_misfit(search) < plain < np.inf
+    if search.is_lost:
+        fit_regressed(search, np.inf)
     laws = []
     if not (needs_friction or search.has_motions or search.first):
-        laws += [(base, law, with_backlash if law == "backlash" else by_motion) for law in _FAR_LAWS]
+        laws += [(base, "hysteresis", by_motion)]
     if search.may_have_friction:
-        laws += [(sliding, "backlash", with_backlash)]
         laws += [(sliding, law, by_motion) for law in ("hysteresis", "backlash")]
     if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
         laws.append((fits.least(list(fits.tried)), "backlash", partial(motion_start, backlash=True)))
     for model, law, begin in laws:
         if (search.is_lost or search.has_motions) and law in fits.optional:
             wider = model.with_part(law)
-            search.fit(wider, begin(search.phasors, search.prior), compares=not search.has_motions)
-            near, rubs = fits.estimate(wider), replace(wider, reversal=0.0)
-            leads = search.is_lost and fits.misfit(wider) < _STEEP * _linear_misfit(search)
-            if near and leads and search.may_have_friction and rubs not in fits.tried:
-                search.fit(rubs, near.named)
-            if search.is_lost:
-                _freed(search, wider)
-            fit_slopes(search, wider)
+            _fit_law(search, wider, begin(search.phasors, search.prior))
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth beside a law that explains nothing takes long
-    if fits.least_misfit > DOUBTFUL and "cubic" in fits.optional and not search.has_motions:
-        start = with_slopes(search.phasors, search.prior)
-        for model in (base, sliding):
-            is_open = fits.least_misfit > DOUBTFUL and (search.may_have_friction or model == base)
-            if start and is_open:
-                search.fit(model.with_part("piecewise"), start, compares=False)
+
+
+def _fit_law(search: Search, wider: Model, start: Parameters) -> None:
+    """Fit a model with a law of the gears, and what follows from its estimate if it is far off."""
+    fits = search.fits
+    search.fit(wider, start, compares=not search.has_motions)
+    near, rubs = fits.estimate(wider), replace(wider, reversal=0.0)
+    leads = search.is_lost and fits.misfit(wider) < _STEEP * _linear_misfit(search)
+    if near and leads and search.may_have_friction and rubs not in fits.tried:
+        search.fit(rubs, near.named)
+    if search.is_lost:
+        _freed(search, wider)
+    fit_slopes(search, wider)
 
 
 def fit_complete(search: Search) -> None:
@@ -145,8 +163,9 @@ def fit_complete(search: Search) -> None:
     for model in models:
         if model not in fits.tried:
             search.fit(model, search.start, compares=False)
-        if "backlash" in model.effects and fits.misfit(model) > DOUBTFUL:
-            search.fit(model, with_backlash(search.phasors, search.prior), compares=False)
+        for law, start, _ in search.regressed_laws:
+            if law in model.effects and fits.misfit(model) > DOUBTFUL:
+                search.fit(model, start, compares=False)
     if models:
         nearest = min(models, key=fits.misfit)
         for each in (nearest, *fit_slopes(search, nearest)):
@@ -241,8 +260,9 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
                 if not each.is_slow and fits.misfit(each) >= _CLIMB * found.misfit:
                     search.fit(each, search.start)  # the model without the part may have diverged
                 elif each.is_slow and not search.has_motions and POOR < fits.misfit(each) < LOST:
-                    begin = with_backlash if "backlash" in each.effects else by_motion
-                    search.fit(each, begin(search.phasors, search.prior), compares=False)
+                    regressed = [start for law, start, _ in search.regressed_laws if law in each.effects]
+                    begin = (*regressed, by_motion(search.phasors, search.prior))[0]
+                    search.fit(each, begin, compares=False)
                 least = min(least, fits.misfit(each))
         wider += fit_slopes(search, min(wider, key=fits.misfit))
         plain = fits.criterion(judged=False)

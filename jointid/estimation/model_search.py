@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from jointid.estimation.estimators.parameters import (
 from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.model_fits import filters_before_friction, fit_model, loaded, model_waveforms
 from jointid.estimation.start_values import (
+    by_regression,
     other_laws,
     with_delay,
     with_one_bend,
@@ -44,6 +46,9 @@ _LITTLE = 1 / 3
 them is fitted; 0.35 to 4 with wrong signs, units and columns."""
 _SAME_COST = 4.0
 """Cost that two coinciding changes of slope may have saved."""
+_REGRESSED = {"cubic": 1.0, "backlash": 1.0, "piecewise": 2.0}
+"""Laws with a regression of the deflection, and factors on the squares that they leave: slopes imitate
+the others."""
 _EXPLAINED_MOTIONS = 1.3
 """Misfit of motions below which richer friction and laws are not tried: their noise is that of the
 residual, and wide reversals leave few equations."""
@@ -78,6 +83,8 @@ class Search:
     slow_fits: int = 0
     laws: list[list[str]] = field(default_factory=list)
     """Laws of the gears in these fits; of motions, other parts beside the same laws do not count."""
+    regressed: set[Model] = field(default_factory=set)
+    """Models that were fitted from a regression."""
     _waveforms: dict[tuple[float | None, ...], FrictionWaveforms | None] = field(default_factory=dict)
     _scores: dict[Model, tuple[LikelihoodEstimate, dict[str, Score]]] = field(default_factory=dict)
     """Scores with the estimate at which they were evaluated."""
@@ -144,6 +151,16 @@ class Search:
         if self.has_motions:
             return found.misfit > _EXPLAINED_MOTIONS
         return found.misfit > EXPLAINED or fundamental_chance(found) < CHANCE
+
+    @cached_property
+    def regressed_laws(self) -> list[tuple[str, Parameters, float]]:
+        """Laws of the gears with start values by regression, and the squares left, the fewest first."""
+        found = []
+        for law, factor in _REGRESSED.items():
+            regressed = by_regression(law, self.phasors, self.prior)
+            if regressed and ("cubic" if law == "piecewise" else law) in self.fits.optional:
+                found.append((law, *regressed, factor * regressed[1]))
+        return [each[:3] for each in sorted(found, key=lambda each: each[3])]
 
     def may_explain(self, model: Model, part: str) -> bool:
         """Whether a fit with one more part is worth its time; slow ones far from the data rarely are."""

@@ -36,6 +36,7 @@ from jointid.estimation.model_climb import (
     fit_first,
     fit_hanging,
     fit_laws,
+    fit_regressed,
     fit_slopes,
 )
 from jointid.estimation.model_fits import fit_without_inertias, freest
@@ -149,6 +150,7 @@ def _searched(search: Search) -> Choice:
         if model not in search.fits.tried:
             search.fit(model, search.start)
     fit_first(search)
+    fit_regressed(search)
     if search.is_lost and search.may_have_friction and search.is_distorted:
         climb_from_first(search)
     rows = search.few_rows()

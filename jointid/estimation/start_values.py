@@ -16,7 +16,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import inertia_arrays
 from jointid.estimation.estimators.parameters import Block, ParameterLayout, Parameters
 from jointid.gears.gear import Gear
-from jointid.gears.law_regression import backlash_by_regression, slopes_by_regression
+from jointid.gears.law_regression import law_by_regression
 from jointid.joints import motor_impedance
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors
@@ -153,25 +153,16 @@ def with_delay(p: Parameters) -> Parameters:
     return delayed.named(np.append(p.vector, p["lag"].mean()))
 
 
-def with_backlash(phasors: Phasors, prior: InertiaPrior) -> Parameters:
-    """K, D, backlash and Coulomb friction by regression of the deflection."""
-    return _with_law("backlash", **backlash_by_regression(phasors, *_of_records(prior)))
+def by_regression(law: str, phasors: Phasors, prior: InertiaPrior) -> tuple[Parameters, float] | None:
+    """K, D, Coulomb friction and a law by regression of the deflection; None where it gives none.
 
-
-def with_slopes(phasors: Phasors, prior: InertiaPrior) -> Parameters | None:
-    """K, D, three slopes and Coulomb friction by regression of the deflection; None if it shows none."""
-    found = slopes_by_regression(phasors, *_of_records(prior))
-    return None if found is None else _with_law("piecewise", **found)
-
-
-def _of_records(prior: InertiaPrior) -> tuple[Floats, Floats]:
-    return prior.M[prior.rotor], prior.M2[prior.pose]
-
-
-def _with_law(law: str, **values: Floats) -> Parameters:
-    n = len(values["K"])
-    layout = ParameterLayout.of(n, friction=True, effects=[law])
-    return layout.named(layout.pack(**values, viscous=np.zeros(n)))
+    With the squares that the law leaves, over those of linear gears.
+    """
+    found = law_by_regression(law, phasors, prior.M[prior.rotor], prior.M2[prior.pose])
+    if found is None:
+        return None
+    layout = ParameterLayout.of(phasors.n, friction=True, effects=[law])
+    return layout.named(layout.pack(**found.values, viscous=np.zeros(phasors.n))), found.left
 
 
 def without_inertias(phasors: Phasors, prior: InertiaPrior) -> Parameters | None:

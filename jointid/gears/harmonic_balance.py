@@ -151,14 +151,16 @@ class WoundGears:
     def change(self, drive: Complexes, beyond: Complexes) -> Complexes:
         """Change of g with changes of F, and of g at given δ, each shape (r, n, 1 + H, c)."""
         H, m = self.beyond.shape[2] - 1, (self.inverse.shape[3] - 1) // 2
-        compliance, by = self.compliance[..., : 1 + m], self._spread(m)
+        k = max(m, *np.flatnonzero(drive.any(axis=(0, 1, 3))), 0)
+        compliance, by = self.compliance[..., : 1 + k], self._spread(k)
         left = np.zeros((*compliance.shape, drive.shape[3]), complex)
-        used = slice(1 + min(m, H))
+        used = slice(1 + min(k, H))
         left[:, :, used] = drive[:, :, used] - compliance[:, :, used, None] * beyond[:, :, used]
-        inward = _inward(compliance, by[..., inner(m, max(m, H))])
-        if m < _MANY:
-            self.inverse[:] = np.linalg.inv(inward)  # the next solution starts with it
-            wound: Floats = self.inverse @ _parts(left)
+        inward = _inward(compliance, by[..., inner(k, max(k, H))])
+        if k < _MANY:
+            inverse, first = np.linalg.inv(inward), inner(m, k)
+            self.inverse[:] = inverse[..., first, :][..., first]  # the next solution starts with it
+            wound: Floats = inverse @ _parts(left)
         else:
             wound = np.asarray(np.linalg.solve(inward, _parts(left)))
         return np.asarray(beyond + _complex(by.swapaxes(2, 3) @ wound)[:, :, : 1 + H])

@@ -232,9 +232,10 @@ class JointLaws:
         gear: Complexes,
         stiffness: Mapping[str, Complexes],
         torque: Mapping[str, Complexes],
+        apart: Mapping[str, Complexes],
         arm: Floats | None,
     ) -> dict[str, Complexes]:
-        """Derivatives of w: by the gears' parameters, of the arm, and with the torque.
+        """Derivatives of all w by the parameters, shape (r, H, n, c) of c parameters.
 
         Parameters
         ----------
@@ -244,22 +245,23 @@ class JointLaws:
             Its derivatives by the parameters in it.
         torque : mapping of str to ndarray, shape (r, H, n)
             Derivatives of the torque f by other parameters of the same joint.
+        apart : mapping of str to ndarray, shape (r, H, n, c)
+            Derivatives of the deflection by the motions of motor and arm.
         arm : ndarray, shape (c, p, n, n), optional
             Derivatives of M2 of every pose by its parameters.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (r, H, n, n); of M2 (r, H, n, c)
-            Derivatives of all w by the parameter of each joint.
         """
         if wound is None:
             return {}
-        values, units, H, joints = _values(p), self.units(p), gear.shape[1], np.arange(p.K.size)
-        names = [*torque, *dict.fromkeys((*stiffness, *(n for n in _GEAR if n in p.layout)))]
-        found = {name: np.zeros((*gear.shape, p.K.size), complex) for name in names}
-        inward, columns = (self.low / gear)[self.sines], []
-        for name in names:
-            drive, beyond = np.zeros((2, self.sines.size, joints.size, 1 + H), complex)
+        values, units, H, n = _values(p), self.units(p), gear.shape[1], p.K.size
+        names = list(dict.fromkeys((*apart, *stiffness, *(n for n in _GEAR if n in p.layout))))
+        counts = [apart[name].shape[3] if name in apart else n for name in names]
+        found = {
+            name: np.zeros((*gear.shape, c), complex) for name, c in zip(names, counts, strict=True)
+        }
+        rows, inward, columns = self.sines, (self.low / gear)[self.sines], []
+        measured = (self.clear & ~self.low)[rows, ..., None]
+        for name, c in zip(names, counts, strict=True):
+            drive, beyond = np.zeros((2, rows.size, n, 1 + H, c), complex)
             of_motions: Floats | float = 0.0
             if name in _GEAR:
                 step, changed = _SMALL * units[name][:, None], values.copy()
@@ -267,30 +269,33 @@ class JointLaws:
                 if wound.of_sines is not None:
                     at = wound.of_sines
                     there, *_ = beyond_linear(_laws(changed), at.delta, at.points)
-                    beyond = (there[..., : 1 + H] - at.beyond) / step
+                    beyond += _own((there[..., : 1 + H] - at.beyond) / step)
                 if wound.of_motions is not None:
                     at_rest = wound.of_motions.at_deflection(_laws(changed))
                     of_motions = (at_rest - wound.of_motions.beyond) / step
-            if wound.of_motions is not None and name not in torque:
-                found[name] += wound.of_motions.slopes(name, of_motions, self.s.shape)
+            if wound.of_motions is not None and (name == "M2" or name not in apart):
+                by_arm = arm if name == "M2" else None
+                found[name] += wound.of_motions.slopes(name, of_motions, self.s.shape, by_arm)
+            if name in apart:
+                drive += _with_mean([measured * apart[name][rows]])
             if name in torque:
-                drive += _with_mean([inward * torque[name][self.sines]])
+                drive += _own(_with_mean([inward * torque[name][rows]]))
             if name in stiffness and wound.of_sines is not None:
-                linear = _with_mean([inward * stiffness[name][self.sines]])
+                linear = _with_mean([inward * stiffness[name][rows]])
                 linear[..., 0] = (name == "K") / p.K
-                drive -= linear * wound.of_sines.delta[..., : 1 + H]
+                drive -= _own(linear * wound.of_sines.delta[..., : 1 + H])
             columns.append((drive, beyond))
         if wound.of_sines is not None:
             changes = wound.of_sines.change(
-                *(np.stack(each, axis=3) for each in zip(*columns, strict=True))
+                *(np.concatenate(each, axis=3) for each in zip(*columns, strict=True))
             )
-            for k, name in enumerate(names):
-                found[name][self.sines[:, None], :, joints, joints] = changes[:, :, 1:, k]
-        if wound.of_motions is not None and arm is not None:
-            found["M2"] = wound.of_motions.slopes("M2", 0.0, self.s.shape, arm)
+            for name, change in zip(
+                names, np.split(changes, np.cumsum(counts)[:-1], axis=3), strict=True
+            ):
+                found[name][rows] = change[:, :, 1:].swapaxes(1, 2)
         w = self.law(wound, gear)
         for name, value in stiffness.items():
-            found[name][..., joints, joints] += w * value
+            found[name] += (w * value)[..., None] * np.eye(n)
         return {name: -value / gear[..., None] for name, value in found.items()}
 
     def law(self, wound: Wound, stiffness: Complexes) -> Complexes:
@@ -334,8 +339,13 @@ def _points(H: int) -> int:
 
 
 def _with_mean(parts: Sequence[Complexes]) -> Complexes:
-    """A mean of zero before consecutive harmonics, each (r, H, n): shape (r, n, 1 + H)."""
+    """A mean of zero before consecutive harmonics, each (r, H, n, ...): shape (r, n, 1 + H, ...)."""
     return np.concatenate([0 * parts[0][:, :1], *parts], axis=1).swapaxes(1, 2)
+
+
+def _own(columns: Complexes) -> Complexes:
+    """Columns (r, n, 1 + H) of the parameter of each joint, (r, n, 1 + H, n)."""
+    return columns[..., None] * np.eye(columns.shape[1])[:, None]
 
 
 def _values(p: Parameters) -> Floats:

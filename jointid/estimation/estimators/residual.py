@@ -186,23 +186,21 @@ class Residual:
         stiffness = {name: value * np.ones(n) for name, value in stiffness.items()}
         for name, value in stiffness.items():
             J[..., layout[name]] = by_gear * value[..., None, :]
-        turns = self.turns
+        turns, share = self.turns, np.asarray(self.X @ self.arm)
         if turns is not None:
             force = turns.settled(turns.sign[..., None] * np.eye(n))
-            J[..., layout["arm_coulomb"]] = -(self.X @ self.arm) @ force
-        self._differentiate_arm(J, f - self.law[1])
+            J[..., layout["arm_coulomb"]] = -share @ force
         if "position_filter" in layout:
             J[..., layout["position_filter"]] = -self.X * (s * smooth[..., :n])[..., None, :]
         own = self._own_columns(smooth)
-        slopes = {}
-        if problem.laws is not None:
-            arm = problem.prior.by_lower_element if "M2" in layout else None
-            slopes = problem.laws.slopes(self.wound, p, self.gear, stiffness, own, arm)
+        slopes = self._by_laws(smooth, stiffness, own)
+        for name, columns in self._by_arm(share, f - self.law[1]).items():
+            J[..., layout[name]] = -columns
         for name, columns in own.items():
             through = self.X @ slopes[name] if name in slopes else 0
             whole = columns[..., None, :] * np.eye(n) + through
             if turns is not None:
-                whole += self._by_turns(turns, self.arm * self._clear(columns)[..., None, :])
+                whole -= share @ self._turned(self.arm * self._clear(columns)[..., None, :])
             block, _, part = name.partition(" ")
             place = np.arange(layout.size)[layout[block]]
             if block == "curve":
@@ -219,18 +217,38 @@ class Residual:
             J[..., layout[name]] += self.X @ slopes[name]
         return J
 
+    def _by_laws(
+        self, smooth: Complexes, stiffness: dict[str, Complexes], own: dict[str, Complexes]
+    ) -> dict[str, Complexes]:
+        """Derivatives of w by the parameters, each (r, H, n, c)."""
+        laws, problem, p = self.problem.laws, self.problem, self.p
+        if laws is None or self.wound is None:
+            return {}
+        torque = self.lag * p.torque_scale * smooth[..., problem.n :] - self.friction - self.law[1]
+        torque -= motor_stiffness(problem, p) * self._before_filter(smooth) + problem.free_torque
+        apart = self._by_arm(self.arm, torque)
+        for name, columns in own.items():
+            turned = self._turned(self.arm * self._clear(columns)[..., None, :])
+            apart[name] = self.arm @ turned - self.arm * columns[..., None, :]
+        if "position_filter" in own:
+            moved = problem.s[..., None] * smooth[..., : problem.n]
+            apart["position_filter"] += moved[..., None] * np.eye(problem.n)
+        arm = problem.prior.by_lower_element if "M2" in problem.layout else None
+        return laws.slopes(self.wound, self.p, self.gear, stiffness, own, apart, arm)
+
     def _clear(self, torque: Complexes) -> Complexes:
         """Harmonics of a torque, shape (r, H, n), that decide when the arm turns back."""
         laws = self.problem.laws
         return torque if laws is None else np.where(laws.clear, torque, 0)
 
-    def _by_turns(self, turns: ArmFriction, angle: Complexes) -> Complexes:
-        """Change of r by Coulomb friction at the arm for changes of its angle, both (r, H, n, c).
+    def _turned(self, angle: Complexes) -> Complexes:
+        """Change of Coulomb friction at the arm for changes of its angle, both (r, H, n, c).
 
         They move the instants at which the arm turns back.
         """
-        force = turns.by_motion(self.problem.s[..., None, None] * angle)
-        return np.asarray(-(self.X @ self.arm) @ force)
+        if self.turns is None:
+            return np.zeros_like(angle)
+        return self.turns.by_motion(self.problem.s[..., None, None] * angle)
 
     def _own_columns(self, smooth: Complexes) -> dict[str, Complexes]:
         """Derivatives of the torque through a gear by its own motor's parameters, each (r, H, n)."""
@@ -265,47 +283,39 @@ class Residual:
             columns["bristle"] = -p["motor_presliding"] * slope * earlier
         return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
 
-    def _differentiate_arm(self, J: Complexes, f: Complexes) -> None:
-        """Fill the columns of M2 and of the effects on the arm's dynamic stiffness.
+    def _by_arm(self, left: Complexes, f: Complexes) -> dict[str, Complexes]:
+        """Changes of left A⁻¹(f − P) by the parameters of the arm, with a negative sign, (r, H, n, c).
 
-        ``f`` is the torque that moves the arm.
+        ``left`` has the shape (r, H, n, n), ``f`` is the torque f − P that moves the arm.
         """
-        problem, layout, s = self.problem, self.problem.layout, self.problem.s
+        problem, layout, found = self.problem, self.problem.layout, dict[str, Complexes]()
         if not any(name in layout for name in (*ARM_EFFECTS, "M2")):
-            return
-        share, turns = -self.X @ self.arm, self.turns  # −XA⁻¹
+            return found
+        s, of_elements = problem.s[..., None], problem.prior.by_elements
         angle = (self.arm @ f[..., None])[..., 0]
-        by_arm = share * angle[..., None, :]  # ∂r/∂A_jj
         moved = (self.arm @ (self._clear(self.torque) - self.law[1])[..., None])[..., 0]
-        factors = {"arm_viscous": s, "link": -(s**4), "gravity": np.ones_like(s)}
-        for name, factor in factors.items():
-            if name in layout:
-                J[..., layout[name]] = by_arm * factor[..., None, None]
-                if turns is not None:
-                    turned = -self.arm * (moved * factor[..., None])[..., None, :]
-                    J[..., layout[name]] += self._by_turns(turns, turned)
-        if "M2" in layout:
-            square, of_elements = (s * s)[..., None], problem.prior.by_elements
-            by_element = of_elements(share, angle * square)
-            if turns is not None:
-                turned = -of_elements(self.arm, moved * square)
-                by_element += self._by_turns(turns, turned)
-            for part in range(len(problem.prior.rest)):
-                size = by_element.shape[-1]
-                first = layout["M2"].start + part * size
-                uses = problem.prior.part[problem.prior.pose] == part
-                J[uses, :, :, first : first + size] = by_element[uses]
-            if problem.prior.shared_gravity.any():
-                J[..., layout["M2"]] += self._by_common_gravity(share, angle, moved)
 
-    def _by_common_gravity(self, share: Complexes, angle: Complexes, moved: Complexes) -> Complexes:
-        """Change of r by the gravity that follows the common unknown in M2, shape (r, H, n, u t)."""
-        prior = self.problem.prior
-        change = prior.shared_gravity[prior.pose, None]
-        by_unknown = share @ (change @ angle[..., None])
-        if self.turns is not None:
-            by_unknown = by_unknown + self._by_turns(self.turns, -self.arm @ (change @ moved[..., None]))
-        return np.asarray(by_unknown * prior.by_lower)
+        def turned(change: Complexes) -> Complexes | float:
+            return 0.0 if self.turns is None else left @ self._turned(-change)
+
+        for name, factor in {"arm_viscous": s, "link": -(s**4), "gravity": np.ones_like(s)}.items():
+            if name in layout:
+                found[name] = left * (angle * factor)[..., None, :]
+                found[name] += turned(self.arm * (moved * factor)[..., None, :])
+        if "M2" not in layout:
+            return found
+        by_element = of_elements(left, angle * s * s) + turned(of_elements(self.arm, moved * s * s))
+        found["M2"] = np.zeros((*angle.shape, problem.prior.lower.size), complex)
+        size = by_element.shape[3]
+        for part in range(len(problem.prior.rest)):
+            uses = problem.prior.part[problem.prior.pose] == part
+            found["M2"][uses, :, :, part * size : (part + 1) * size] = by_element[uses]
+        if problem.prior.shared_gravity.any():
+            change = problem.prior.shared_gravity[problem.prior.pose, None]
+            by_unknown = left @ (change @ angle[..., None])
+            by_unknown += turned(self.arm @ (change @ moved[..., None]))
+            found["M2"] += by_unknown * problem.prior.by_lower
+        return found
 
 
 def with_law_noise(problem: Problem, vector: Floats) -> Problem:
