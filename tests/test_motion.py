@@ -30,12 +30,17 @@ from jointid import (
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.estimation.estimators.problem import fitted_layout, make_problem
+from jointid.estimation.estimators.residual import Residual
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.identify_motion import motion_misfits
+from jointid.estimation.motion_noise import noise_of_rows
 from jointid.gears.presliding import presliding_bins
 from jointid.motion import end_terms
 from jointid.motion.arm_motion import DrivenArms
 from jointid.motion.complement import Basis, Complement
+from jointid.motion.friction import friction_waveforms
 from jointid.motion.noise import repeated_variances, sensor_variances
 from jointid.motion.reversals import phasors_of_turns, reversals
 from jointid.motion.sampling import UniformPart, uniform_parts
@@ -657,3 +662,29 @@ def test_waveforms_of_known_size_take_degrees_of_freedom_by_their_share() -> Non
     left = Complement.of((basis,), noise).noise_left()
     each = (2 / (2 + sizes)) ** 2
     np.testing.assert_allclose(left, [[each[:3].sum(), each[3:].sum()]], rtol=1e-6)
+
+
+def test_the_jacobian_behind_hardening_gears_in_motion() -> None:
+    """Against central differences: the observer of the deflection follows the motors' balance.
+
+    Each start of a record is estimated by itself, which the Jacobian leaves out.
+    """
+    logs = records(replace(SHORT, duration_s=8.0, noise_Nm=1e-3), cubic=9000.0)
+    phasors = motion_phasors(logs, np.tile(CELL.M, (len(logs), 1)))
+    prior = InertiaPrior.of(GIVEN, *phasors.q.shape, inertia_std=0.05, torque_std=0.05)
+    layout = fitted_layout(prior, friction_waveforms(phasors, 0.0), False, ["cubic"])
+    start = ParameterLayout.of(2, friction=True, effects=["cubic"])
+    friction = {"coulomb": 1e-3, "viscous": 1e-4}
+    given = start.named(start.pack(K=CELL.K, D=CELL.D, **friction, cubic=9000.0))
+    noise = noise_of_rows(phasors, prior)
+    problem = make_problem(phasors, prior, layout, given, friction_waveforms(phasors, 0.0), noise)
+    p = problem.start(given)
+    J = Residual.at(problem, p).jacobian(problem.z)
+    balanced = [k for k, label in enumerate(layout.labels) if label.startswith(("J_m", "torque"))]
+    for k in balanced:
+        step = 1e-2 * p[k] * np.eye(p.size)[k]
+        ahead, behind = (Residual.at(problem, p + sign * step).r for sign in (1, -1))
+        column = (ahead - behind) / (2 * step[k])
+        off = np.linalg.norm(J[..., k] - column)
+        assert off < 0.08 * np.linalg.norm(column), layout.labels[k]
+    assert len(balanced) == 4

@@ -182,7 +182,12 @@ class DrivenGears:
         return laws.beyond_linear(self.delta, _loop(laws, self.delta, self.motors.starts))
 
     def slopes(
-        self, name: str, beyond: Floats | float, shape: tuple[int, int], arm: Floats | None = None
+        self,
+        name: str,
+        beyond: Floats | float,
+        shape: tuple[int, int],
+        arm: Floats | None = None,
+        measured: Floats | float = 0.0,
     ) -> Complexes:
         """Bins of the change of the torque beyond K δ by a parameter, (r, H, n, n) or (r, H, n, c).
 
@@ -196,24 +201,22 @@ class DrivenGears:
             r and H.
         arm : ndarray, shape (c, p, n, n), optional
             Derivatives of M2 of every pose by its c parameters.
+        measured : ndarray, shape (n, N), or 0
+            Change of the torque by the motors' balance, which the observer follows.
         """
         (n, N), step = self.delta.shape, self.motors.step_s[2:]
-        if not self.laws.hysteretic and np.all(self._slope == self.laws.K):
-            # of linear gears, no other deflection changes the torque beyond K δ
-            bins = np.zeros((*shape, n, n if arm is None else len(arm)), complex)
-            if np.any(beyond):
-                bins[..., range(n), range(n)] = self.motors.bins(np.asarray(beyond), shape)
-            return bins
-        own = beyond * np.eye(n)[..., None]
+        unit = np.eye(n)[..., None]
+        own = beyond * unit
         left = np.zeros((n if arm is None else len(arm), *self._shape))
         if arm is not None:
             bend = np.diff(self.delta, 2, axis=1) - self.motors.rise[:, 2:]
             left[:, :n, 2:] = each(arm.swapaxes(0, 1), bend, self.motors.pose[2:])
         else:
-            elastic = own + (name == "K") * self.delta * np.eye(n)[..., None]
-            damping = (name == "D") * np.eye(n)
+            elastic, damping = own + (name == "K") * self.delta * unit, (name == "D") * np.eye(n)
             left[:, :n] = self._hat_torque(elastic)
             left[:, :n, 2:] += self._held(self._changes(elastic, damping))
+            followed = self._changes(measured * unit + 0 * elastic, 0 * damping)
+            left[:, :n, 2:] -= each(self._observer, followed, self.motors.pose[2:])
             apart = 0.5 * step * (self.delta[:, 2:] - self.delta[:, :-2])
             left[:, :n, 2:] += damping[..., None] * apart
         left[..., self.motors.starts] = 0
@@ -221,8 +224,7 @@ class DrivenGears:
         found = (self._slope - self.laws.K) * moved[:, :n]
         if self.laws.hysteretic:
             found += self.laws.level * moved[:, n:]
-        if arm is None:
-            found += own
+        found += own if arm is None else 0
         return self.motors.bins(found.swapaxes(0, 1), shape)
 
     @cached_property

@@ -23,12 +23,13 @@ from jointid.estimation.estimators.balance import wind_up
 from jointid.estimation.estimators.parameters import GEAR_LAWS, Parameters
 from jointid.gears.arm_friction import ArmFriction
 from jointid.gears.driven_gears import DrivenGears
-from jointid.gears.harmonic_balance import WoundGears, beyond_linear
+from jointid.gears.harmonic_balance import WoundGears
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.presliding import presliding_bins
 from jointid.gears.start_deflection import first_finite, from_observers
 from jointid.gears.torque_spread import dahl
+from jointid.gears.wound import Wound
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.phasors.segment import Segment
 
@@ -53,6 +54,9 @@ _GEAR = (
     "piecewise", "knee", "second_bend", "second_knee",
 )  # fmt: skip
 """Parameters of a gear's torque over deflection."""
+
+_BALANCED = "torque_scale", "M", "viscous", "coulomb"
+"""Parameters of the motors' balance in ``MotorMotion.balance``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,25 +263,22 @@ class JointLaws:
             name: np.zeros((*gear.shape, c), complex) for name, c in zip(names, counts, strict=True)
         }
         rows, inward, columns = self.sines, (self.low / gear)[self.sines], []
-        measured = (self.clear & ~self.low)[rows, ..., None]
+        by_angles = (self.clear & ~self.low)[rows, ..., None]
         for name, c in zip(names, counts, strict=True):
             drive, beyond = np.zeros((2, rows.size, n, 1 + H, c), complex)
             of_motions: Floats | float = 0.0
             if name in _GEAR:
                 step, changed = _SMALL * units[name][:, None], values.copy()
                 changed[_GEAR.index(name)] += step[:, 0]
-                if wound.of_sines is not None:
-                    at = wound.of_sines
-                    there, *_ = beyond_linear(_laws(changed), at.delta, at.points)
-                    beyond += _own((there[..., : 1 + H] - at.beyond) / step)
-                if wound.of_motions is not None:
-                    at_rest = wound.of_motions.at_deflection(_laws(changed))
-                    of_motions = (at_rest - wound.of_motions.beyond) / step
-            if wound.of_motions is not None and (name == "M2" or name not in apart):
+                of_sines, of_motions = wound.by_law(_laws(changed), step)
+                beyond += _own(of_sines)
+            if wound.of_motions is not None and (name in ("M2", *_BALANCED) or name not in apart):
                 by_arm = arm if name == "M2" else None
-                found[name] += wound.of_motions.slopes(name, of_motions, self.s.shape, by_arm)
+                unit = [np.full(n, float(name == each)) for each in _BALANCED]
+                measured = self.motors.balance(*unit) if self.motors and name in _BALANCED else 0.0
+                found[name] += wound.of_motions.slopes(name, of_motions, self.s.shape, by_arm, measured)
             if name in apart:
-                drive += _with_mean([measured * apart[name][rows]])
+                drive += _with_mean([by_angles * apart[name][rows]])
             if name in torque:
                 drive += _own(_with_mean([inward * torque[name][rows]]))
             if name in stiffness and wound.of_sines is not None:
@@ -321,16 +322,6 @@ class JointLaws:
         """Derivative of the phasors ``shape`` of z(θ) by the presliding angles, shape (r, H, n)."""
         changed = self.presliding((1 + _STEP) * bristle, shape.shape[1])
         return np.asarray((changed - shape) / (_STEP * np.maximum(bristle, _LEAST_ANGLE)))
-
-
-@dataclass(frozen=True, eq=False)
-class Wound:
-    """Nonlinear gears at some parameters."""
-
-    beyond: Complexes
-    """Mean and phasors of the torque beyond K δ, shape (r, n, 1 + H), N·m."""
-    of_sines: WoundGears | None
-    of_motions: DrivenGears | None
 
 
 def _points(H: int) -> int:

@@ -17,7 +17,6 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.balance import balance, gear_torque, noise_of
-from jointid.estimation.estimators.joint_laws import Wound
 from jointid.estimation.estimators.parameters import ARM_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.problem import (
     Problem,
@@ -29,6 +28,7 @@ from jointid.estimation.estimators.problem import (
     rigid_arm_compliance,
 )
 from jointid.gears.arm_friction import ArmFriction
+from jointid.gears.wound import Wound
 from jointid.joints import motor_impedance
 from jointid.small_matrices import inverse, lifted
 
