@@ -18,6 +18,8 @@ from jointid.estimation.start_values import (
 
 _BENT = 0.7
 """Squares of a regression over those of linear gears below which its law is tried before other parts."""
+_OTHER_LAWS = 2.0
+"""These squares over those of the best law from which another one is not tried."""
 _COMPLETE = (("cubic", "hysteresis"), ("backlash", "hysteresis"), ("cubic", "backlash"))
 """Laws of the gears that are fitted at once."""
 _NEAR = 0.5
@@ -93,9 +95,11 @@ def fit_regressed(search: Search, most_left: float = _BENT) -> None:
     if search.has_motions or not search.is_distorted or fits.least_misfit <= DOUBTFUL:
         return
     for law, start, left in search.regressed_laws:
+        most_left = min(most_left, _OTHER_LAWS * left)
         for model in (base, replace(base, reversal=0.0)):
             wider, may_rub = model.with_part(law), search.may_have_friction or model == base
-            is_open = fits.least_misfit > DOUBTFUL and wider not in search.regressed
+            done = model.reversal is not None and wider in fits.tried  # from the estimate without
+            is_open = fits.least_misfit > DOUBTFUL and wider not in search.regressed and not done
             if left < most_left and may_rub and is_open:
                 search.regressed.add(wider)
                 _fit_law(search, wider, start)
@@ -161,10 +165,9 @@ def fit_complete(search: Search) -> None:
         models += [both, both.with_part("motor_presliding")]
     models = [model for model in models if set(model.effects).issubset(fits.optional)]
     for model in models:
-        if model not in fits.tried:
-            search.fit(model, search.start, compares=False)
-        for law, start, _ in search.regressed_laws:
-            if law in model.effects and fits.misfit(model) > DOUBTFUL:
+        starts = [start for law, start, _ in search.regressed_laws if law in model.effects]
+        for start in (*starts, *[search.start] * (model not in fits.tried)):
+            if fits.misfit(model) > DOUBTFUL:
                 search.fit(model, start, compares=False)
     if models:
         nearest = min(models, key=fits.misfit)
@@ -260,9 +263,7 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
                 if not each.is_slow and fits.misfit(each) >= _CLIMB * found.misfit:
                     search.fit(each, search.start)  # the model without the part may have diverged
                 elif each.is_slow and not search.has_motions and POOR < fits.misfit(each) < LOST:
-                    regressed = [start for law, start, _ in search.regressed_laws if law in each.effects]
-                    begin = (*regressed, by_motion(search.phasors, search.prior))[0]
-                    search.fit(each, begin, compares=False)
+                    search.fit(each, by_motion(search.phasors, search.prior), compares=False)
                 least = min(least, fits.misfit(each))
         wider += fit_slopes(search, min(wider, key=fits.misfit))
         plain = fits.criterion(judged=False)

@@ -155,12 +155,13 @@ class Search:
     @cached_property
     def regressed_laws(self) -> list[tuple[str, Parameters, float]]:
         """Laws of the gears with start values by regression, and the squares left, the fewest first."""
-        found = []
+        found: list[tuple[str, Parameters, float, float]] = []
         for law, factor in _REGRESSED.items():
             regressed = by_regression(law, self.phasors, self.prior)
             if regressed and ("cubic" if law == "piecewise" else law) in self.fits.optional:
                 found.append((law, *regressed, factor * regressed[1]))
-        return [each[:3] for each in sorted(found, key=lambda each: each[3])]
+        found.sort(key=lambda each: each[3])
+        return [each[:3] for each in found]
 
     def may_explain(self, model: Model, part: str) -> bool:
         """Whether a fit with one more part is worth its time; slow ones far from the data rarely are."""
@@ -229,6 +230,9 @@ class Search:
                 ):
                     if DOUBTFUL < estimate.misfit <= bound:
                         estimate = self._better(estimate, model, other, waveforms)
+            for law, other, _ in () if self.has_motions else self.regressed_laws:
+                if law in model.effects and DOUBTFUL < estimate.misfit <= LOST and other is not start:
+                    estimate = self._better(estimate, model, other, waveforms)
             apart = None if self.has_motions else with_one_bend(estimate.named)
             if apart is not None and estimate.misfit < DOUBTFUL:
                 estimate = self._better(estimate, model, apart, waveforms, _SAME_COST)

@@ -150,9 +150,9 @@ def _searched(search: Search) -> Choice:
         if model not in search.fits.tried:
             search.fit(model, search.start)
     fit_first(search)
-    fit_regressed(search)
     if search.is_lost and search.may_have_friction and search.is_distorted:
         climb_from_first(search)
+    fit_regressed(search)
     rows = search.few_rows()
     if search.is_lost and rows.size < phasors.omega.size:
         return _searched_in_few(search, rows)
