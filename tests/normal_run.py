@@ -78,7 +78,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "fleet_page::a_table_is_read_in_a_process_of_its_own": (),
     "gears::a_servo_with_the_torsion_curve_has_a_smaller_error": (),
     "gears::strong_hardening_is_found_behind_heavy_rotors": (),
-    "gears::hardening_is_found_beside_a_gear_too_stiff_to_be_known": (),
+    "gears::hardening_is_found_beside_a_gear_of_one_encoder_step": (),
     "gears::hardening_is_found_beside_presliding_friction": ("hardening",),
     "gears::hysteresis_is_found_beside_a_stiff_gear": (),
     "gears::hysteresis_is_found_beside_much_hardening": (),

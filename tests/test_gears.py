@@ -445,7 +445,6 @@ def test_hysteresis_is_found_beside_a_stiff_gear() -> None:
     assert np.all(np.abs(fit.estimate - robot.answer)[shown] < 4 * fit.standard_error[shown])
 
 
-@pytest.mark.long
 def test_hardening_is_found_beside_a_gear_of_one_encoder_step() -> None:
     """K of the stiff gear was lost; its deflection is that of one step."""
     stiff = replace(PAPER, K=[43.0, 8000.0], D=[0.1, 0.05], cubic=[9000.0, 0.0])

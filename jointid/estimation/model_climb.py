@@ -99,9 +99,8 @@ def fit_regressed(search: Search, most_left: float = _BENT) -> None:
         for model in (base, replace(base, reversal=0.0)):
             wider, may_rub = model.with_part(law), search.may_have_friction or model == base
             done = model.reversal is not None and wider in fits.tried  # from the estimate without
-            is_open = fits.least_misfit > DOUBTFUL and wider not in search.regressed and not done
-            if left < most_left and may_rub and is_open:
-                search.regressed.add(wider)
+            is_open = fits.least_misfit > DOUBTFUL and (law, wider) not in search.regressed
+            if left < most_left and may_rub and is_open and not done:
                 _fit_law(search, wider, start)
 
 

@@ -83,8 +83,8 @@ class Search:
     slow_fits: int = 0
     laws: list[list[str]] = field(default_factory=list)
     """Laws of the gears in these fits; of motions, other parts beside the same laws do not count."""
-    regressed: set[Model] = field(default_factory=set)
-    """Models that were fitted from a regression."""
+    regressed: set[tuple[str, Model]] = field(default_factory=set)
+    """Models that were fitted from the regression of a law."""
     _waveforms: dict[tuple[float | None, ...], FrictionWaveforms | None] = field(default_factory=dict)
     _scores: dict[Model, tuple[LikelihoodEstimate, dict[str, Score]]] = field(default_factory=dict)
     """Scores with the estimate at which they were evaluated."""
@@ -155,13 +155,12 @@ class Search:
     @cached_property
     def regressed_laws(self) -> list[tuple[str, Parameters, float]]:
         """Laws of the gears with start values by regression, and the squares left, the fewest first."""
-        found: list[tuple[str, Parameters, float, float]] = []
+        found = []
         for law, factor in _REGRESSED.items():
             regressed = by_regression(law, self.phasors, self.prior)
             if regressed and ("cubic" if law == "piecewise" else law) in self.fits.optional:
-                found.append((law, *regressed, factor * regressed[1]))
-        found.sort(key=lambda each: each[3])
-        return [each[:3] for each in found]
+                found.append((law, regressed[0], factor * regressed[1]))
+        return sorted(found, key=lambda each: each[2])
 
     def may_explain(self, model: Model, part: str) -> bool:
         """Whether a fit with one more part is worth its time; slow ones far from the data rarely are."""
@@ -231,8 +230,11 @@ class Search:
                     if DOUBTFUL < estimate.misfit <= bound:
                         estimate = self._better(estimate, model, other, waveforms)
             for law, other, _ in () if self.has_motions else self.regressed_laws:
-                if law in model.effects and DOUBTFUL < estimate.misfit <= LOST and other is not start:
-                    estimate = self._better(estimate, model, other, waveforms)
+                is_new = law in model.effects and (law, model) not in self.regressed
+                if is_new and (other is start or DOUBTFUL < estimate.misfit <= LOST):
+                    self.regressed.add((law, model))
+                    if other is not start:
+                        estimate = self._better(estimate, model, other, waveforms)
             apart = None if self.has_motions else with_one_bend(estimate.named)
             if apart is not None and estimate.misfit < DOUBTFUL:
                 estimate = self._better(estimate, model, apart, waveforms, _SAME_COST)

@@ -15,7 +15,6 @@ from itertools import combinations
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.gears.gear import Gear
 from jointid.phasors.extract import Phasors
 from jointid.phasors.periods import phasors_of, samples_of
 
@@ -28,8 +27,8 @@ _HARDENING = 0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.5
 """Cubic torque over the linear one at the largest deflection."""
 _EDGES = 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 0.95
 """Torques at changes of slope over the largest."""
-_STEEPEST = 20.0
-"""Largest ratio of two slopes."""
+_STEEPEST, _PASSES = 20.0, 3
+"""Largest ratio of two slopes, and number of passes, each with the damping that the last one found."""
 _Fit = tuple[float, Floats, list[float]]
 """Squares left, factors of torque, velocity, friction and the law, and the law's parameters."""
 
@@ -54,15 +53,19 @@ def law_by_regression(law: str, phasors: Phasors, M: Floats, M2: Floats) -> Regr
     for rows in _rows(phasors, M, M2, loaded):
         if not np.isfinite(rows).all():
             return None
-        fits = [each for each in shapes(rows) if each[1][0] > 0]
-        if not fits:
-            return None
-        squares, factors, values = min(fits, key=lambda each: each[0])
-        linear, _ = _least(rows, rows[:0])
-        found.append([*factors[:3], *values])
+        (linear, _), torque, damped = _least(rows, rows[:0]), rows[0].copy(), 0.0
+        for _ in range(_PASSES):
+            fits = [each for each in shapes(rows) if each[1][0] > 0]
+            if not fits:
+                return None
+            squares, factors, values = min(fits, key=lambda each: each[0])
+            # The law bends neither damping nor friction, which are parts of the torque.
+            damped += factors[1] / factors[0]
+            rows[0] = torque + damped * rows[1] - max(factors[2], 0.0) * rows[3]
+        found.append([factors[0], damped, factors[2], *values])
         least = min(least, squares / max(linear, _LEAST))
     soft, damped, rubs, *values = np.transpose(found)
-    own = {"K": 1 / soft, "D": np.abs(damped) / soft, "coulomb": np.maximum(rubs, 0.0)}
+    own = {"K": 1 / soft, "D": np.abs(damped), "coulomb": np.maximum(rubs, 0.0)}
     return Regression(own | dict(zip(names, values, strict=True)), least)
 
 
@@ -77,8 +80,14 @@ def _cubic(rows: Floats) -> Iterator[_Fit]:
     size = max(np.abs(f).max(), _LEAST)
     for share in _HARDENING:
         shape = share * ((1 + share) / size) ** 2
-        squares, factors = _least(np.stack([Gear(1.0, shape).deflection(f), *rows[1:]]), rows[:0])
+        squares, factors = _least(np.stack([_softened(f, shape), *rows[1:]]), rows[:0])
         yield squares, factors, [shape / factors[0] ** 3]
+
+
+def _softened(f: Floats, cubic: float) -> Floats:
+    """Solution x of x + cubic x³ = f."""
+    root = np.sqrt(3 * cubic)
+    return np.asarray(2 / root * np.sinh(np.arcsinh(1.5 * root * f) / 3))
 
 
 def _slopes(rows: Floats) -> Iterator[_Fit]:
