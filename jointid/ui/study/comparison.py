@@ -14,7 +14,7 @@ from jointid.figures import compared_responses
 from jointid.ui.shared.entries import choose_from
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.sidebar import ESTIMATORS
+from jointid.ui.shared.settings import ESTIMATORS
 from jointid.ui.shared.workspace import label, names_by_address, open_study, sample_paths
 from jointid.uncertainty.comparison import Difference, compare
 from jointid.wording import enumerated, signed_percent, significant, unbroken
