@@ -142,7 +142,7 @@ def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
     if page.digest == other.digest:
         largest = max(abs(row.relative) for row in stiffness)
         between = f"between {page.method} and {other.method}"
-        return f"The stiffnesses differ by at most {significant(100 * largest, 2)} % {between}"
+        return f"The stiffnesses differ by up to {significant(100 * largest, 2)} % {between}"
     names = _quoted(other), _quoted(page)
     clear = [row for row in stiffness if abs(row.sigmas) > _CLEAR]
     if not clear:
