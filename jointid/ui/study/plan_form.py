@@ -285,7 +285,7 @@ def _edit_plan(start: dict[str, list[float]], digest: str) -> dict[str, list[flo
         # Narrow, so that a phone shows the columns of two joints; of more, it scrolls beside the first.
         column_config={
             name: number(
-                label, width=50, help=name, format="%g", required=True, pinned=label == short[0]
+                label, width=50, help=name, format="%.4g", required=True, pinned=label == short[0]
             )
             for name, label in zip(start, short, strict=True)
         },
