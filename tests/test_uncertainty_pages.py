@@ -183,6 +183,7 @@ class TestTheNextExperiment:
         assert "Worst error afterwards" not in at.table[0].value
         assert len(at.table) == 1  # no errors of a plan of one's own either
         assert len(at.get("plotly_chart")) == 0
+        assert not at.info  # more records are no remedy
         assert not any("large gain" in caption.value for caption in at.caption)
         assert any("findings and remedies" in link.proto.label for link in at.get("page_link"))
 

@@ -144,8 +144,9 @@ def show_suggestion(page: Page, settings: PlanSettings, found: Suggestion, analy
         st.caption("Predicted with K and D that are not usable: a guide to frequencies, not to errors.")
     columns = suggested_table(found)
     show_text_table({name: columns[name] for name in columns if usable or name != _WORST})
-    for advice in filter(None, (analysis.limit_of_records(found.worst), second_amplitude(analysis.fit))):
-        st.info(advice)
+    advice = analysis.limit_of_records(found.worst), second_amplitude(analysis.fit)
+    for text in filter(None, advice if usable else ()):
+        st.info(text)
     st.caption(
         "Torques: amplitude ∠ phase relative to the first driven joint"
         + (", without the friction of the motors." if analysis.fit.friction is not None else ".")
