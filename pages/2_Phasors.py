@@ -8,7 +8,9 @@ from jointid.exporting.tables import phasors_csv
 from jointid.figures import phasor_plane
 from jointid.ui.shared.charts import choose_joint, download, table
 from jointid.ui.shared.messages import show_info
+from jointid.ui.shared.method_steps import RECORDS, TRANSFER
 from jointid.ui.shared.page import open_page
+from jointid.ui.shared.workspace import link_to
 from jointid.ui.study.data_quality import phasor_table
 
 page = open_page(
@@ -24,6 +26,9 @@ st.latex(
 
 if not page.study.sine_records:
     show_info("This study has no sine records: motions are analysed by their spectra, without phasors.")
+    st.write("The spectra of the motions, and the transfer matrix from them:")
+    link_to(RECORDS)
+    link_to(TRANSFER)
     st.stop()
 phasors = page.phasors()
 chosen = st.selectbox(

@@ -7,8 +7,9 @@ from jointid.ui.shared.charts import introduce
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import plan_form
-from jointid.ui.study.motion_plan_form import show_motion_plan, show_set_points
+from jointid.ui.study.motion_plan_form import show_motion_plan
 from jointid.ui.study.overview import warn_if_unusable
+from jointid.ui.study.set_points_form import show_set_points
 
 page = open_page("Plan")
 analysis = page.analysis()
@@ -43,4 +44,4 @@ except JointIdError as error:
     show_error(error)
 if motions.open:
     with motions:
-        show_motion_plan(page, analysis, settings)
+        show_motion_plan(page, analysis, settings, found)

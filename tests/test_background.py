@@ -25,7 +25,7 @@ from jointid.background.pool import NoWorkerError, Pool
 from jointid.ui.shared import results
 from jointid.ui.shared.page import analyse_first_sample
 from jointid.ui.shared.results import ResultCache, result_cache, run_in_background
-from jointid.ui.shared.sidebar import DEFAULT_METHOD
+from jointid.ui.shared.settings import DEFAULT_METHOD
 from jointid.ui.shared.workspace import open_sample, sample_paths
 from jointid.uncertainty.resampling import jackknife
 

@@ -58,7 +58,7 @@ def test_the_page_compares_two_studies(app: AppTest) -> None:
     at = at.selectbox(key="compare_study").set_value("paper").run()
     at = at.selectbox(key="compare_estimator").set_value("least-squares").run()
     assert not at.exception, at.exception[0].stack_trace
-    assert at.header[0].value.startswith("The stiffnesses differ by at most")
+    assert at.header[0].value.startswith("The stiffnesses differ by up to")
     assert list(at.table[0].value.columns) == ["Quantity", "Difference", "First", "Second"]
 
 

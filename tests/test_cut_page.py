@@ -42,7 +42,7 @@ from jointid.ui.cut.pictures import (
 from jointid.ui.cut.settings import CutSettings, usual
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import ResultCache
-from jointid.ui.shared.sidebar import DEFAULT_METHOD
+from jointid.ui.shared.settings import DEFAULT_METHOD
 
 PAGE = "pages/5_Cut.py"
 COVARIANCE = np.diag([0.43, 0.075, 0.002, 0.0003]) ** 2

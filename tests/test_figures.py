@@ -309,13 +309,14 @@ def test_raw_columns_are_drawn_for_tables_that_are_no_record() -> None:
 
 
 def test_the_titles_of_raw_columns_fit_beside_their_panels() -> None:
-    names = ["Axis1.ActPos (deg)", "Axis2.ActPos (deg)", "a"]
+    names = ["Axis1.ActPos (deg)", "axis2_motor_position (deg)", "a"]
     figure = raw_columns({"t": np.arange(5.0)} | dict.fromkeys(names, np.zeros(5)))
     axes = [figure.layout[axis] for axis in ("yaxis", "yaxis2", "yaxis3")]
     for axis in axes:
         low, high = axis.domain
         assert figure.layout.height * (high - low) > 7 * len(axis.title.text)
     assert axes[0].title.text == names[0]
+    assert axes[1].title.text == "axis2_motor_pos… (deg)"
 
 
 @pytest.fixture(scope="module")

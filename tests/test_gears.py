@@ -61,7 +61,7 @@ from jointid.gears.torsion_curve import torsion_curves
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.small_matrices import inverse
-from jointid.uncertainty.validation import second_amplitude
+from jointid.uncertainty.validation import second_amplitude, second_amplitude_record
 from jointid.verdict.rules_effects import effects_found
 
 PAPER = Robot(
@@ -397,6 +397,10 @@ def test_indistinguishable_laws_give_the_remedy_of_a_second_amplitude(stiffening
     advice = second_amplitude(replace(stiffening, candidates=(best, rival)))
     assert "backlash" in advice
     assert "half the amplitude" in advice
+    assert second_amplitude_record(stiffening) is None
+    record = second_amplitude_record(replace(stiffening, candidates=(best, rival)))
+    assert record is not None
+    assert stiffening.phasors.labels[record] in advice
 
 
 def test_slopes_count_by_their_sum_and_without_what_no_record_shows() -> None:

@@ -346,6 +346,15 @@ def test_positions_that_move_as_the_sensor_behind_the_gear_are_at_the_joint() ->
         assert (guess.mapping.joints[0].position.side, confirm) == found
 
 
+def test_joints_without_a_second_sensor_are_measured_as_those_with_one() -> None:
+    names = [f"axis{k}_motor_{what}" for k in (1, 2) for what in ("position_deg", "torque")]
+    table = table_named("t", *names)
+    behind = replace(table.columns[1], name="axis1_secondary_encoder")
+    guess = guess_mapping(replace(table, columns=(*table.columns, behind)))
+    assert [joint.position.side for joint in guess.mapping.joints] == ["joint", "joint"]
+    assert "side of position of joint 2" in {reason.what for reason in unsure(guess)}
+
+
 def test_positions_without_a_unit_share_one() -> None:
     """A small motion of one joint does not make it radians beside others in degrees."""
     table = table_named("t", "jPos[0]", "jPos[1]", "nTorque[0]", "nTorque[1]")

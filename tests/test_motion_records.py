@@ -508,6 +508,9 @@ def test_every_page_shows_the_sample_of_motions(app: AppTest) -> None:
         if page.name.startswith("1_"):
             assert [tab.label for tab in at.tabs][-1] == "Coherence"
             assert list(at.table[0].value["Band"]) == ["automatic"] * 2
+        if page.name.startswith("2_"):  # no dead end
+            links = [link.proto.label for link in at.main.get("page_link")]
+            assert links[-2:] == ["Records", "Transfer matrix"]
         if page.name.startswith("4_"):
             assert any("Hz, chosen from its spectrum" in caption.value for caption in at.caption)
         if page.name.startswith("6_"):

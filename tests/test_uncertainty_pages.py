@@ -15,6 +15,7 @@ from streamlit.testing.v1 import AppTest
 from jointid import Analysis, Study
 from jointid.figures.uncertainty import normalised_residuals
 from jointid.ui.shared.charts import csv_of
+from jointid.ui.study import plan_form
 from jointid.ui.study.elasticity_figures import harmonic_columns
 from jointid.ui.study.plan_form import largest_so_far, suggested_columns
 from jointid.uncertainty.plan import suggest_records
@@ -160,6 +161,17 @@ class TestTheNextExperiment:
         assert len(today) == 2 * joints
         assert len(column(at, "Both together")) == 2 * joints
 
+    def test_a_record_that_settles_a_doubt_is_in_the_own_plan(
+        self, app: AppTest, found: Analysis, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(plan_form, "second_amplitude_record", lambda fit: 4)
+        at = opened(app, PLAN)
+        label, tau = found.phasors.labels[4], np.abs(found.fit.phasors.tau[4])
+        assert any(f"The last row repeats {label} at half" in m.value for m in at.markdown)
+        row = at.dataframe[-1].value.iloc[-1]
+        assert row["Frequency (Hz)"] == pytest.approx(found.phasors.omega[4] / (2 * np.pi), rel=1e-8)
+        assert [row[f"Torque {j} (N·m)"] for j in (1, 2)] == pytest.approx(0.5 * tau, rel=1e-2)
+
     def test_an_unusable_answer_has_no_predicted_gain(
         self, app: AppTest, studies: dict[int, Study]
     ) -> None:
@@ -171,6 +183,7 @@ class TestTheNextExperiment:
         assert "Worst error afterwards" not in at.table[0].value
         assert len(at.table) == 1  # no errors of a plan of one's own either
         assert len(at.get("plotly_chart")) == 0
+        assert not at.info  # more records are no remedy
         assert not any("large gain" in caption.value for caption in at.caption)
         assert any("findings and remedies" in link.proto.label for link in at.get("page_link"))
 
@@ -317,6 +330,10 @@ class TestSetPoints:
         at = opened(app, PLAN, plan_view="Motions in place of sines")
         next(w for w in at.number_input if w.key == "motion_seconds").set_value(3.0)
         at = shown(next(b for b in at.button if b.label == "Predict").click().run())
+        ways = ["sweeps (6 s)", "multisines (6 s)", "the sines above (12 s)"]
+        after = ", ".join(rf"\S+ % with {re.escape(way)}" for way in ways)
+        assert any(re.fullmatch(rf"Worst error \S+ % → {after}", h.value) for h in at.header)
+        assert column(at, "Present records")[0] == "18 s"
         for label, text in LIMITS.items():
             [w for w in at.text_input if w.label == label][-1].set_value(text)
         [w for w in at.number_input if w.label == "Motion scale"][-1].set_value(0.3)

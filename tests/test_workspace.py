@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from urllib.parse import parse_qs
 
 import pytest
 from app_pages import opened_app, shown, upload
@@ -53,6 +54,21 @@ def test_the_address_chooses_the_study_whenever_it_changes() -> None:
         at = shown(at.run())
         assert at.selectbox(key="study").value == name
         assert at.query_params["study"] in (name, [name])
+
+
+def test_the_address_and_its_links_hold_the_settings() -> None:
+    at = begun()
+    unit = at.selectbox(key="unit")
+    usual, other = unit.options[0], unit.options[-1]
+    at = shown(unit.set_value(other).run())
+    assert at.query_params["unit"] in (other, [other])
+    links = [parse_qs(link.proto.query_string) for link in at.get("page_link")]
+    assert all(link["unit"] == [other] for link in links)
+    del at.query_params["unit"]  # the Back button
+    at = shown(at.run())
+    assert at.selectbox(key="unit").value == usual
+    assert shown(at.selectbox(key="unit").set_value(other).run()).query_params["unit"]
+    assert "unit" not in at.selectbox(key="unit").set_value(usual).run().query_params
 
 
 @pytest.mark.parametrize("joints", [1, 2, 3])

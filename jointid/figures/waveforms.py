@@ -183,11 +183,20 @@ def raw_columns(columns: Mapping[str, Floats], *, dark: bool = False) -> go.Figu
         x, y = downsampled(time, np.asarray(columns[name], float))
         style: Trace = {"yaxis": f"y{row}", "showlegend": False}
         sketch.line(x, y, plain_text(name), "measured", width=1.2, **style)
-    axes = [linear_axis(plain_text(name, most=_LONGEST_TITLE), nticks=6) for name in shown]
+    axes = [linear_axis(_column_title(name), nticks=6) for name in shown]
     across = linear_axis(plain_text(names[0]) if len(names) > 1 else "Row")
     # A title runs upwards along its panel: 7.5 px for each letter, and the gap between panels.
     panel = max(110, 20 + round(7.5 * min(_LONGEST_TITLE, max(map(len, shown)))))
     return sketch.figure(across, *axes, height=60 + panel * len(shown))
+
+
+def _column_title(name: str) -> str:
+    """Shorten the name of a column, not its unit."""
+    quantity, bracket, unit = name.rpartition(" (")
+    room = _LONGEST_TITLE - len(bracket + unit)
+    if not bracket or room < _LONGEST_TITLE // 2:
+        return plain_text(name, most=_LONGEST_TITLE)
+    return plain_text(quantity, most=room) + plain_text(bracket + unit)
 
 
 def downsampled(x: Floats, y: Floats, *, peaks_only: bool = False) -> tuple[Floats, Floats]:

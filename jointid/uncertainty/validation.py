@@ -9,7 +9,6 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS
 from jointid.phasors.extract import Phasors
-from jointid.wording import enumerated
 
 _DEFLECTION_RATIO = 1.3
 """Smallest ratio of deflections of the records compared for a nonlinear stiffness."""
@@ -129,17 +128,23 @@ def rival_laws(fit: ElasticityFit) -> tuple[str, ...]:
     return tuple(sorted(law for law in laws if any(law in name for name in near)))
 
 
+def second_amplitude_record(fit: ElasticityFit) -> int | None:
+    """Return the record whose repetition at half its amplitude settles a doubt between laws, if any."""
+    one_amplitude = np.isinf(amplitude_dependence(fit).standard_error).any()
+    if not rival_laws(fit) or fit.phasors.motion.any() or not one_amplitude:
+        return None
+    torque = np.stack([curve.amplitude_Nm for curve in fit.torsion_curves], axis=1)
+    return int((torque / torque.max(axis=0)).sum(axis=1).argmax())
+
+
 def second_amplitude(fit: ElasticityFit) -> str:
     """Advise a record of another amplitude where it settles a doubt between laws of the gears, or ""."""
-    rivals, phasors = rival_laws(fit), fit.phasors
-    if not rivals or phasors.motion.any() or np.isfinite(amplitude_dependence(fit).standard_error).all():
+    record, phasors = second_amplitude_record(fit), fit.phasors
+    if record is None:
         return ""
-    torque = np.stack([curve.amplitude_Nm for curve in fit.torsion_curves], axis=1)
-    strongest = int((torque / torque.max(axis=0)).sum(axis=1).argmax())
     return (
-        f"Another law, {enumerated(rivals)}, explains the records almost as well. To decide, repeat "
-        f"{phasors.labels[strongest]} ({phasors.omega[strongest] / (2 * np.pi):.3g} Hz) at half the "
-        "amplitude."
+        f"The records are explained almost as well by {' or '.join(rival_laws(fit))}. To decide, repeat "
+        f"{phasors.labels[record]} ({phasors.omega[record] / (2 * np.pi):.3g} Hz) at half the amplitude."
     )
 
 

@@ -120,6 +120,8 @@ def finding_of(
 
 
 _EXPECTED = "the value from M and M2"
+_MOST_OF_INERTIAS = 10.0
+"""Factor from which M and M2 are no likely cause."""
 _WHOLE: dict[str, tuple[str, str, str, Action]] = {
     "inertia": (
         "M2 seems to be given at the joint side",
@@ -246,6 +248,8 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
         causes = f"The cause may be a gear ratio {how}: {', or '.join(gears)}; or {unit}"
         if side:
             causes += f" The coupling between the joints points to {_SEEN[side]}"
+    if ratios.max() < _MOST_OF_INERTIAS and np.all(factor > 0):
+        causes += " Wrong M and M2 look alike: check them as well."
     if np.any(factor[wrong] < 0):
         causes += " The sign is reversed as well, as with a gear that reverses the direction."
     if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < ALIKE:

@@ -195,8 +195,8 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
         )
     if fit.friction is not None:
         return (
-            "The fit already includes friction. Check the inertias, the torque constants and external "
-            "disturbances."
+            "The fit already includes friction. Check the inertias, the torque constants, the play of "
+            "the gears and external disturbances."
         )
     odd = distortion(evidence)
     if odd > 1e-3:

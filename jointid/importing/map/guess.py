@@ -80,9 +80,14 @@ def guess_mapping(table: LogTable) -> Guess:
         for entry in reversed(behind_gear(columns))
         if guess_unit("position", entry.column)[0] not in POSITION_SCALES
     }
+    behind = [arms.get(groups.get(position.name, "")) for position, _ in pairs]
+    alike = [
+        arm is not None and _move_alike(pair[0], arm) for pair, arm in zip(pairs, behind, strict=True)
+    ]
+    like = alike.index(True) + 1 if True in alike else 0
     joints = tuple(
-        _joint(k, pair, arms.get(groups.get(pair[0].name, "")), degrees, reasons)
-        for k, pair in enumerate(pairs, start=1)
+        _joint(k, pair, arm, like, degrees, reasons)
+        for k, (pair, arm) in enumerate(zip(pairs, behind, strict=True), start=1)
     )
     hold = "Logs do not state whether the torque is held between samples; not held is assumed."
     reasons.append(Reason("torque hold", hold))
@@ -91,12 +96,17 @@ def guess_mapping(table: LogTable) -> Guess:
 
 
 def _joint(
-    number: int, pair: Pair, behind: LogColumn | None, degrees: bool, reasons: list[Reason]
+    number: int, pair: Pair, behind: LogColumn | None, like: int, degrees: bool, reasons: list[Reason]
 ) -> JointMapping:
-    """Mapping of a joint, with the sensor behind its gear if there is one."""
+    """Mapping of a joint, with the sensor behind its gear if there is one.
+
+    The position of joint ``like``, if any, moves like the sensor behind its gear.
+    """
     sides = {role: _side(role, pair) for role in QUANTITIES}
     if behind is not None and _move_alike(pair[0], behind):
         sides["position"] = JOINT, True, f'It moves like "{behind.name}", which is behind the gear.'
+    elif behind is None and like and not sides["position"][1]:
+        sides["position"] = JOINT, False, f"As for joint {like}, which moves like its arm-side position."
     position, torque = (
         _channel(role, number, column, guess_unit(role, column, degrees), side, reasons)
         for (role, side), column in zip(sides.items(), pair, strict=True)

@@ -105,7 +105,9 @@ def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where
     st.write(f"**{force:.0f} N move the tool by up to {texts[0]}** ({where}).")
     show_text_table(
         {
-            "Direction": [", ".join(minus(f"{part:+.2f}") for part in row) for row in directions],
+            f"Direction ({', '.join('xyz'[: len(directions)])})": [
+                ", ".join(minus(f"{part:+.2f}") for part in row) for row in directions
+            ],
             "Deflection": texts,
             "Stiffness (N/mm)": [significant(1e-3 / value, 3) for value in values],
         }

@@ -60,13 +60,14 @@ def show_text_table(columns: Mapping[str, Sequence[Any]]) -> None:
     """Show a small table without a frame of its own; headings and cells are text.
 
     A column without a heading holds names of quantities. A narrow cell breaks before "±", not after, and
-    not before "mm".
+    not before "mm" and "%".
     """
     escaped = {
         markdown_escape(name or "Quantity"): [
             markdown_escape(cell)
             .replace("± ", "±\N{NO-BREAK SPACE}")
             .replace(" mm", "\N{NO-BREAK SPACE}mm")
+            .replace(" %", "\N{NO-BREAK SPACE}%")
             for cell in cells
         ]
         for name, cells in columns.items()

@@ -18,7 +18,8 @@ from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, REPORT, SIMULATE
 from jointid.ui.shared.recent_studies import link_to_last_on_a_phone
 from jointid.ui.shared.results import awaited, note_session, result_cache
-from jointid.ui.shared.sidebar import DEFAULT_METHOD, choose_study, remember_file
+from jointid.ui.shared.settings import DEFAULT_METHOD
+from jointid.ui.shared.sidebar import choose_study, remember_file
 from jointid.ui.shared.workspace import Refused, label, link_to, open_sample, open_study, sample_paths
 
 Given = ParamSpec("Given")

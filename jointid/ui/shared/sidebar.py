@@ -1,17 +1,14 @@
 """The sidebar: pages, choice of the study, and settings of the whole study."""
 
-import inspect
-
 import streamlit as st
 
-from jointid import JointIdError, analyse
-from jointid.answer import STIFFNESS_UNITS
-from jointid.estimation.identify_elasticity import METHODS
+from jointid import JointIdError
 from jointid.files.study_files import load_study
 from jointid.ui.shared.charts import equip_page
 from jointid.ui.shared.messages import markdown_escape
 from jointid.ui.shared.method_steps import GROUPS
 from jointid.ui.shared.recent_studies import show_recent
+from jointid.ui.shared.settings import ESTIMATORS, SETTINGS
 from jointid.ui.shared.workspace import (
     follow_address,
     keep,
@@ -23,10 +20,6 @@ from jointid.ui.shared.workspace import (
     show_in_address,
 )
 
-DEFAULT_METHOD = str(inspect.signature(analyse).parameters["method"].default)
-"""The default estimator of ``analyse``."""
-ESTIMATORS = {DEFAULT_METHOD: METHODS.get(DEFAULT_METHOD, "chosen for these records")} | METHODS
-"""Estimators with their descriptions, the default first."""
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
 _ARRIVED = "arrived_study"
@@ -35,8 +28,6 @@ _ARRIVED = "arrived_study"
 def choose_study() -> tuple[str, str, str] | None:
     """Draw the sidebar and return the study's key, estimator and unit; None without any study."""
     follow_address()
-    for name in {"estimator", "unit"} & {*st.session_state}:  # else lost on the page after an address
-        st.session_state[name] = st.session_state[name]
     with st.sidebar:
         links = st.container()
         st.divider()
@@ -52,18 +43,16 @@ def choose_study() -> tuple[str, str, str] | None:
         st.divider()
         method = st.selectbox(
             "Estimator",
-            list(ESTIMATORS),
+            SETTINGS["estimator"],
             key="estimator",
-            bind="query-params",
             help="How K and D are computed from the phasors. "
             + "; ".join(f"{name}: {line}" for name, line in ESTIMATORS.items())
             + ". The page Elasticity compares them.",
         )
         unit = st.selectbox(
             "Stiffness in",
-            list(STIFFNESS_UNITS),
+            SETTINGS["unit"],
             key="unit",
-            bind="query-params",
             help="For the answer, its report, and all tables and figures of K, D and the gears. With "
             "a gear ratio N, a stiffness K at the motor is N² K at the joint. Records, phasors, H and "
             "files stay at the motor, in SI units.",

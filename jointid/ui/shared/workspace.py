@@ -21,6 +21,7 @@ from jointid.files.store import Store, new_workspace
 from jointid.files.store_files import Entry, part_of, user_folder
 from jointid.files.study_files import lines_around, load_study, pack_study, study_name
 from jointid.ui.shared.method_steps import Step
+from jointid.ui.shared.settings import SETTINGS
 from jointid.wording import free_name
 
 SAMPLES = application_folder() / "sample_data"
@@ -101,28 +102,53 @@ def workspace() -> str | None:
 
 
 def _address() -> dict[str, str]:
-    """Return the study and workspace as parameters of the address."""
+    """Return study, workspace and the sidebar's settings as parameters of the address.
+
+    Its widgets are not bound to them: streamlit drops from a link what is bound on the page it is on.
+    """
     parts = {"study": st.session_state.get("chosen"), "w": st.session_state.get("workspace")}
-    return {name: value for name, value in parts.items() if value}
+    return {name: value for name, value in (parts | _settings()).items() if value}
+
+
+def _settings() -> dict[str, str]:
+    """Return the settings of the sidebar that are not the usual ones."""
+    found: dict[str, str] = st.session_state.get("settings", {})
+    return found
 
 
 def follow_address() -> None:
-    """Choose the study of the address if it is not the one shown there: by a link or the Back button."""
-    asked = st.query_params.get("study")
-    if asked and asked != st.session_state.get("address"):
-        st.session_state.update(chosen=asked, address=asked)
+    """Take study and settings of an address that is not the one shown: of a link or the Back button."""
+    asked = _shown_address()
+    moved = asked != st.session_state.get("address")
+    if moved and asked["study"]:
+        st.session_state["chosen"] = asked["study"]
+    for name, options in SETTINGS.items():
+        value = st.session_state.get(name, _settings().get(name))
+        if moved and (asked[name] or "address" in st.session_state):
+            value = asked[name]
+        # Set in every run: the browser else draws the widget of a new page with the usual value.
+        st.session_state[name] = value if value in options else options[0]
+    st.session_state["settings"] = {
+        name: st.session_state[name] for name in SETTINGS if st.session_state[name] != SETTINGS[name][0]
+    }
 
 
 def show_in_address() -> None:
-    """Put study and workspace into the address at once: each change is a step of the Back button.
+    """Put study, workspace and settings into the address at once: each change is a step of Back.
 
     The bare address stays that of the first sample.
     """
     parts, shown = _address(), st.query_params
+    for name in {*SETTINGS} - {*parts}:
+        shown.pop(name, None)
     is_bare = "study" not in shown and parts == {"study": next(iter(sample_paths()), "")}
     if not is_bare and any(shown.get(name) != value for name, value in parts.items()):
         shown.update(parts)
-    st.session_state["address"] = parts.get("study")
+    st.session_state["address"] = _shown_address()
+
+
+def _shown_address() -> dict[str, str | None]:
+    return {name: st.query_params.get(name) for name in ("study", *SETTINGS)}
 
 
 def link_to(step: Step, label: str = "", place: DeltaGenerator | None = None, help_: str = "") -> None:

@@ -14,7 +14,7 @@ from jointid.figures import compared_responses
 from jointid.ui.shared.entries import choose_from
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.sidebar import ESTIMATORS
+from jointid.ui.shared.settings import ESTIMATORS
 from jointid.ui.shared.workspace import label, names_by_address, open_study, sample_paths
 from jointid.uncertainty.comparison import Difference, compare
 from jointid.wording import enumerated, signed_percent, significant, unbroken
@@ -142,7 +142,7 @@ def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
     if page.digest == other.digest:
         largest = max(abs(row.relative) for row in stiffness)
         between = f"between {page.method} and {other.method}"
-        return f"The stiffnesses differ by at most {significant(100 * largest, 2)} % {between}"
+        return f"The stiffnesses differ by up to {significant(100 * largest, 2)} % {between}"
     names = _quoted(other), _quoted(page)
     clear = [row for row in stiffness if abs(row.sigmas) > _CLEAR]
     if not clear:

@@ -20,7 +20,7 @@ from jointid.figures import (
     torsion_curve,
 )
 from jointid.figures.response_curves import removed_effects
-from jointid.figures.stiffness import ColourBy
+from jointid.figures.stiffness import ColourBy, drawn_records
 from jointid.figures.uncertainty import left_out_prediction, normalised_residuals
 from jointid.ui.shared.charts import NO_POSE, choose_joint, choose_segment, download, plot, table
 from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
@@ -33,6 +33,7 @@ from jointid.uncertainty.validation import (
     HarmonicContent,
     harmonic_content,
     record_residuals,
+    second_amplitude,
 )
 from jointid.verdict.rules_model import EXPLAINED
 from jointid.wording import file_stem, significant, with_error
@@ -101,6 +102,7 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         + " Damping and hysteresis open the loops, one per record, drawn with ± two standard errors."
         * bool(sines)
         + f" Motions appear as dots{', coloured by torque amplitude' * (not sines)}." * bool(motions)
+        + _left_out(analysis)
     )
     if missing := without_curve(analysis.fit):
         show_info(missing)
@@ -114,6 +116,8 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
     )
     if analysis.state != NOT_USABLE:
         _show_gear_terms(analysis, joints)
+        if advice := second_amplitude(analysis.fit):
+            show_info(f"{advice} The own plan of the page Plan has this record.")
     download(
         "Torsion curves (.csv)",
         lambda: torsion_table(analysis),
@@ -122,6 +126,17 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         "and hysteresis, the elastic law does not. The mean deflection of a record is not observable "
         "and set to 0.",
     )
+
+
+def _left_out(analysis: Analysis) -> str:
+    """Say which records the torsion curves do not show."""
+    amplitudes = [curve.amplitude_Nm for curve in analysis.fit.torsion_curves]
+    most, text = max(amplitudes, key=len), ""
+    if (drawn := len(drawn_records(most))) < most.size:
+        text = f" Of {most.size} records {drawn} are drawn, spread over their torque amplitudes."
+    if min(map(len, amplitudes)) < most.size:
+        text += " A motion without frequencies above the resonance with locked motors has no dots."
+    return text
 
 
 def _show_gear_terms(analysis: Analysis, joints: Sequence[int]) -> None:

@@ -1,6 +1,5 @@
-"""Set points and motions of a plan: limits of the robot, expected accuracy, check table and file."""
+"""Motions of a plan: limits, expected accuracy, and their set points."""
 
-from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,190 +7,18 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Motion
+from jointid.analysis import NOT_USABLE
 from jointid.arrays import Floats
-from jointid.setpoints.files import FORMATS, set_points
-from jointid.setpoints.from_plan import KINDS, planned_experiment
-from jointid.setpoints.limit_check import check_table, require_within_limits
-from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml
-from jointid.setpoints.simulated_experiment import SimulatedExperiment, simulate_experiment
 from jointid.ui.shared.charts import Table, csv_of, download
-from jointid.ui.shared.entries import (
-    applied,
-    choose_from,
-    enter_number,
-    enter_text,
-    numbers_in,
-    numbers_out,
-)
-from jointid.ui.shared.messages import show_error, show_text_table, show_warning
+from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text, numbers_in
+from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 from jointid.ui.study.plan_form import PlanSettings, pose_inertia
-from jointid.uncertainty.chosen_model import identified_friction
+from jointid.ui.study.set_points_form import show_set_points
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
-from jointid.uncertainty.planned_records import PlannedRecords
-from jointid.wording import enumerated, file_stem, percent, significant, three_digits
-
-_LIMITS = {
-    "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
-    "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As displayed by the robot."),
-    "lower_deg": ("Lowest positions (°)", "-150, -80", ""),
-    "upper_deg": ("Highest positions (°)", "150, 60", ""),
-    "velocity_deg_s": ("Velocities (°/s)", "100, 90", "Largest velocities of the joints."),
-    "acceleration_deg_s2": ("Accelerations (°/s²)", "2000, 1500", "Largest accelerations."),
-    "torque_Nm": ("Motor torques (N·m)", "10, 8", "Largest torques of the motors."),
-    "load_Nm": ("Motor torques at rest (N·m)", "0, 4", "Such as gravity at the start; empty: none."),
-    "axes": ("Axes of the robot", "1, 2", "Axes that are joints of the study; empty: the first ones."),
-    "joint_names": ("Names of all axes", "joint_1, joint_2", "For ROS 2; empty: joint_1, joint_2, …"),
-}
-_AMPLIFIED = 1.3
-"""Peak over the planned amplitude above which a warning is shown."""
-_SUPERPOSED = "Avoids sticking at reversals; every record then runs forward and back."
-_OPTIONAL = ("load_Nm", "axes", "joint_names")
-_PLAYED: dict[str, tuple[Any, ...]] = {
-    "scale": ("Motion scale", 1.0, (0.001, 100.0), "Factor on all amplitudes."),
-    "repeats": ("Repeats", 1, (1, 100)),
-    "ramp": ("Ramps (s)", 0.5, (0.05, 10.0)),
-    "rest": ("Rest between records (s)", 1.0, (0.1, 60.0)),
-}
-"""Label, default and limits of each number."""
-_SINES = "Sines"
-_FORMS = dict(zip((_SINES, "Multisine", "Sweeps"), KINDS, strict=True))
-
-
-def show_set_points(
-    page: Page,
-    plan: PlannedRecords | PlannedMotion,
-    content: Hashable,
-    analysis: Analysis,
-    pose: str,
-) -> None:
-    """Draw the form; with limits entered, the check and the file. ``content`` identifies the plan.
-
-    Raises JointIdError when the answer is not usable, an entry is wrong or a limit is exceeded.
-    """
-    analysis.require_usable()
-    st.write(
-        "The plan above as a motion of the joints, for the controller. It runs on the simulated robot "
-        "first; a file is written only if the limits of the robot hold for the whole motion, with ramps "
-        "and load at rest. Amplitudes are limited by the plan. Read the header of the file before use."
-    )
-    sines = isinstance(plan, PlannedRecords)
-    ratios = analysis.study.gear_ratios
-    entered = {} if ratios is None else {"gear_ratio": numbers_out(ratios)}
-    keys = {name: f"setpoints_{name}_{page.digest[:12]}" for name in _LIMITS if name not in entered}
-    _load_limits(keys)
-    places = [column for _ in range(4) for column in st.columns(3)]
-    for place, (name, key) in zip(places, keys.items(), strict=False):
-        label, example, hint = _LIMITS[name]
-        entered[name] = enter_text(place, key, label, "", hint, example)
-    *first, two, three, four = st.columns(4 if sines else 3)
-    kind = choose_from(first[0], "setpoints_kind", "Motion", list(_FORMS)) if sines else _SINES
-    titles = {name: each.title for name, each in FORMATS.items()}
-    file_format = choose_from(two, "setpoints_format", "Format", list(FORMATS), titles.__getitem__)
-    interval_hint = "Empty: the default of the format."
-    interval = enter_text(three, "setpoints_interval", "Interval (ms)", "", interval_hint)
-    numbers: list[Any] = [
-        enter_number(place, f"setpoints_{key}", *entry)
-        for place, (key, entry) in zip((four, *st.columns(3)), _PLAYED.items(), strict=True)
-    ]
-    drift_entry = "setpoints_superposed", "Superposed velocities (°/s)", "0", _SUPERPOSED
-    superposed = enter_text(st.container(), *drift_entry)
-    choice = (entered, kind, file_format, interval, numbers, superposed)
-    known = applied("Check on the simulated robot", f"setpoints {page.digest} {sines}", choice)
-    entered, kind, file_format, interval, numbers, superposed = known or choice
-    if known is None:
-        ratios_too = "gear ratios, " if ratios is None else ""
-        st.caption(
-            f"Enter {ratios_too}start pose and limits: without them there is no check and no file."
-        )
-        return
-    needed = [name for name in _LIMITS if name not in _OPTIONAL and not entered[name].strip()]
-    if needed:
-        labels = enumerated([f'"{_LIMITS[name][0]}"' for name in needed])
-        raise JointIdError(f"Not checked. Enter {labels}.")
-    scale, repeats, ramp_s, rest_s = numbers
-    n = analysis.fit.n
-    given: dict[str, Any] = {
-        name: numbers_in(_LIMITS[name][0], text, count=None if name in ("start_deg", "axes") else n)
-        for name, text in entered.items()
-        if name != "joint_names" and (text.strip() or name not in _OPTIONAL)
-    }
-    names = entered["joint_names"].split(",")
-    given["joint_names"] = tuple(name.strip() for name in names if name.strip())
-    robot = RobotLimits(**given, robot=analysis.study.robot)
-    drift = tuple(robot.motor_velocity(numbers_in("Superposed velocities", superposed)).tolist())
-    settings = {"kind": _FORMS[kind], "scale": scale, "repeats": repeats, "ramp_s": ramp_s}
-    settings |= {"rest_s": rest_s, "velocity_rad_s": drift}
-    inertia, fit = analysis.inertia(pose), analysis.fit
-    simulated = page.computed(
-        ("simulated", pose, content, *settings.values()),
-        "Running on the simulated robot",
-        simulate_experiment,
-        planned_experiment(plan, inertia, fit.elasticity, **settings),
-        inertia,
-        fit.elasticity,
-        friction=identified_friction(fit),
-    )
-    (interval_ms,) = numbers_in("Interval", interval, count=1) if interval.strip() else (None,)
-    points = set_points(
-        simulated, robot, file_format, interval_ms=interval_ms, study=analysis.study.name
-    )
-    show_text_table(check_table(points.rows))
-    st.caption(
-        f"{simulated.experiment.duration_s:.0f} s. Position, velocity and acceleration at the joint, "
-        "torque at the motor. Each peak is the largest of set points, simulated control and exact "
-        "following, for motors and arm. Peaks may exceed the planned amplitudes: the controller, ramps, "
-        "friction, holding torque and, in a multisine, coinciding sine peaks add to them. "
-        "Not run on hardware."
-    )
-    require_within_limits(points.rows, points.scale)
-    st.success("All limits hold.")
-    if isinstance(plan, PlannedRecords):
-        planned = {
-            "torque": (np.abs(plan.torque_Nm).max(axis=0) + simulated.coulomb_Nm, "N·m"),
-            "velocity": (plan.velocity_rad_s.max(axis=0), "rad/s at the motor"),
-        }
-        show_amplified(simulated, planned, scale)
-    chosen = FORMATS[file_format]
-    name = f"{file_stem(analysis.study.name)}_set_points{chosen.ending}"
-    download(f"Save the set points ({chosen.title})", points.text, name)
-    with st.expander("Header of the file"):
-        st.code("\n".join(points.comments), language=None, height=360)
-
-
-def show_amplified(
-    simulated: SimulatedExperiment, planned: dict[str, tuple[Floats, str]], scale: float
-) -> None:
-    """Warn where the peaks of a quantity exceed the planned amplitudes, (n,) with their unit."""
-    for quantity, (amplitude, unit) in planned.items():
-        peaks = [each for each in simulated.peaks if each.quantity == quantity]
-        values = np.array([np.abs(each.values).max(axis=0) for each in peaks])
-        ratio = np.divide(values, scale * amplitude, out=np.zeros_like(values), where=amplitude > 0)
-        k, j = np.unravel_index(ratio.argmax(), ratio.shape)
-        if ratio[k, j] > _AMPLIFIED:
-            show_warning(
-                f"The {quantity} of joint {j + 1} reaches {significant(float(values[k, j]))} {unit} "
-                f"({peaks[k].source}), {significant(float(ratio[k, j]), 2)} × the planned amplitude: a "
-                "position controller may amplify the motion near a resonance, beyond the plan. If this "
-                "is too much, reduce the motion scale."
-            )
-
-
-def _load_limits(keys: dict[str, str]) -> None:
-    """Fill the fields in from the file of limits that ``jointid setpoints`` reads."""
-    hint = "The file that jointid setpoints --limits reads. Its values fill the fields below."
-    label = "Limits of the robot and start pose (.toml), optional"
-    file = st.file_uploader(label, ["toml"], key="setpoints limits", help=hint, max_upload_size=1)
-    if file is None or st.session_state.get("setpoints file") == file.file_id:
-        return
-    st.session_state["setpoints file"] = file.file_id
-    robot = limits_from_toml(file.getvalue(), file.name)
-    for name, key in keys.items():
-        value = getattr(robot, name)
-        text = ", ".join(value) if name == "joint_names" else numbers_out(value)
-        st.session_state[key] = text  # of an entry that is drawn later in this run
-
+from jointid.uncertainty.plan import Suggestion
+from jointid.wording import percent, three_digits
 
 _NUMBERS: dict[str, tuple[Any, ...]] = {
     "records": ("Records", 2, (1, 20)),
@@ -231,10 +58,16 @@ def _planned(settings: MotionSettings, analysis: Analysis, show: Show) -> tuple[
     return tuple(plans)
 
 
-def show_motion_plan(page: Page, analysis: Analysis, sines: PlanSettings | None = None) -> None:
+def show_motion_plan(
+    page: Page,
+    analysis: Analysis,
+    sines: PlanSettings | None = None,
+    suggested: Suggestion | None = None,
+) -> None:
     """Ask for the limits and show the expected accuracy of each motion.
 
-    The limits of velocity and torque are those of the plan of ``sines``, if there is one.
+    The limits of velocity and torque are those of the plan of ``sines``, if there is one; the motions
+    stand beside the sines that are ``suggested``.
     """
     st.write(
         "The identified robot is simulated with a sweep and a multisine within your limits and with the "
@@ -258,10 +91,12 @@ def show_motion_plan(page: Page, analysis: Analysis, sines: PlanSettings | None 
     )
     if plans is None:
         return
-    show_text_table(plan_table(plans))
+    if analysis.state != NOT_USABLE:
+        st.header(_outcome(plans, analysis, suggested), anchor=False)
+    show_text_table(plan_table(plans, analysis))
     st.caption(
         "Relative standard errors. With present records: of both together, with common inertias. The "
-        "peaks are those of the simulated motors and include friction."
+        "peaks of the motions are those of the simulated motors and include friction."
     )
     for plan in plans:
         download(
@@ -310,19 +145,44 @@ def _ask(page: Page, analysis: Analysis, sines: PlanSettings | None) -> MotionSe
     )
 
 
-def plan_table(plans: tuple[PlannedMotion, ...]) -> Table:
-    """One column per motion: duration, peaks and errors."""
+def _outcome(plans: tuple[PlannedMotion, ...], analysis: Analysis, suggested: Suggestion | None) -> str:
+    """The worst error today and after each motion, and the time on the robot, beside that of sines."""
+    ways = [(f"{plan.motion.kind}s", plan.together.max(), plan.duration_s) for plan in plans]
+    if suggested is not None:
+        seconds = suggested.records.duration_s.sum()
+        ways.append(("the sines above", suggested.worst[-1], seconds))
+    after = ", ".join(f"{percent(float(e))} with {name} ({t:.0f} s)" for name, e, t in ways)
+    return f"Worst error {percent(float(_today(analysis).max()))} → {after}"
+
+
+def _today(analysis: Analysis) -> Floats:
+    """Relative standard errors of K and D today, shape (2n,)."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(analysis.fit.standard_error / np.abs(analysis.fit.estimate))
+
+
+def plan_table(plans: tuple[PlannedMotion, ...], analysis: Analysis) -> Table:
+    """Length, peaks and errors of the present records, and with each motion in addition."""
     found: dict[str, list[str]] = {
-        "": ["Length", "Peak velocity (rad/s)", "Peak torque (N·m)", "Worst error, motion alone"]
+        "": ["Length", "Peak velocity (rad/s)", "Peak torque (N·m)", "Worst error, alone"]
         + [f"{name} error, with present records" for name in plans[0].names]
     }
+    today, records = _today(analysis), analysis.study.records
+    seconds = sum(record.samples * record.interval_s for record in records)
+    columns: list[tuple[str, str, Any, Floats, Floats]] = [
+        ("Present records", f"{seconds:.0f} s", records, today, today)
+    ]
     for plan in plans:
-        peak = largest_motion(plan.records)
-        found[_KINDS[plan.motion.kind]] = [
-            f"{len(plan.records)} × {significant(plan.motion.duration_s, 3)} s",
+        length = f"{len(plan.records)} × {plan.motion.duration_s:g} s"
+        kind = _KINDS[plan.motion.kind]
+        columns.append((kind, length, plan.records, plan.alone, plan.together))
+    for name, length, made, alone, together in columns:
+        peak = largest_motion(made)
+        found[name] = [
+            length,
             three_digits(peak.velocity_rad_s),
             three_digits(peak.torque_Nm),
-            *(percent(float(error)) for error in (plan.alone.max(), *plan.together)),
+            *(percent(float(error)) for error in (alone.max(), *together)),
         ]
     return found
 

@@ -14,7 +14,7 @@ from jointid.arrays import Floats
 from jointid.figures.uncertainty import worst_error
 from jointid.ui.shared.charts import NO_POSE, Table, csv_of, download
 from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text, numbers_in
-from jointid.ui.shared.messages import show_text_table
+from jointid.ui.shared.messages import markdown_escape, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import computed_on_click, run_in_background
 from jointid.ui.study.uncertainty_panels import plus_minus
@@ -26,7 +26,7 @@ from jointid.uncertainty.plan import (
     suggest_records,
 )
 from jointid.uncertainty.planned_records import PlannedRecords, phase_deg, phasor_text, planned_records
-from jointid.uncertainty.validation import second_amplitude
+from jointid.uncertainty.validation import second_amplitude, second_amplitude_record
 from jointid.wording import counted, percent, significant, three_digits
 
 _LARGE_GAIN = (
@@ -144,8 +144,9 @@ def show_suggestion(page: Page, settings: PlanSettings, found: Suggestion, analy
         st.caption("Predicted with K and D that are not usable: a guide to frequencies, not to errors.")
     columns = suggested_table(found)
     show_text_table({name: columns[name] for name in columns if usable or name != _WORST})
-    for advice in filter(None, (analysis.limit_of_records(found.worst), second_amplitude(analysis.fit))):
-        st.info(advice)
+    advice = analysis.limit_of_records(found.worst), second_amplitude(analysis.fit)
+    for text in filter(None, advice if usable else ()):
+        st.info(text)
     st.caption(
         "Torques: amplitude ∠ phase relative to the first driven joint"
         + (", without the friction of the motors." if analysis.fit.friction is not None else ".")
@@ -209,7 +210,14 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
         + " The table below shows the expected accuracy."
         * usable
     )
-    plan = _own_plan(_edit_plan(found, page.digest), page, analysis, pose)
+    columns = _rows(found.records)
+    if (record := repeated_record(analysis, pose)) is not None:
+        _add_repetition(columns, analysis, record)
+        st.write(
+            f"The last row repeats {markdown_escape(analysis.phasors.labels[record])} at half its "
+            "amplitude, to decide between the laws of the gears."
+        )
+    plan = _own_plan(_edit_plan(columns, page.digest), page, analysis, pose)
     if not usable:
         return plan
     errors = page.computed(
@@ -230,17 +238,44 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     return plan
 
 
-def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
-    """Let a plan be edited that begins as the suggestion; rows can be added and deleted."""
-    start: dict[str, list[float]] = {
-        "Frequency (Hz)": [float(f"{f:.4g}") for f in found.records.frequency_hz],
-        "Length (s)": found.records.duration_s.tolist(),
+def _rows(records: PlannedRecords) -> dict[str, list[float]]:
+    """Frequency, length, torques and phases of records as the columns of a plan, rounded."""
+    columns = {
+        "Frequency (Hz)": [float(f"{f:.4g}") for f in records.frequency_hz],
+        "Length (s)": [float(f"{t:.3g}") for t in records.duration_s],
     }
-    turned, _ = found.records.relative
+    turned, _ = records.relative
     for j in range(turned.shape[1]):
-        start[f"Torque {j + 1} (N·m)"] = [float(f"{x:.3g}") for x in np.abs(turned[:, j])]
-        start[f"Phase {j + 1} (°)"] = [float(round(x)) for x in phase_deg(turned[:, j])]
-    of_joints = ((f"τ{j + 1}", f"φ{j + 1}") for j in range(turned.shape[1]))
+        columns[f"Torque {j + 1} (N·m)"] = [float(f"{x:.3g}") for x in np.abs(turned[:, j])]
+        columns[f"Phase {j + 1} (°)"] = [float(round(x)) for x in phase_deg(turned[:, j])]
+    return columns
+
+
+def repeated_record(analysis: Analysis, pose: str) -> int | None:
+    """Return the record to repeat at half its amplitude, if one of this pose settles a doubt."""
+    record = second_amplitude_record(analysis.fit)
+    if record is None or (analysis.study.records[record].pose or "") != pose:
+        return None
+    return record
+
+
+def _add_repetition(columns: dict[str, list[float]], analysis: Analysis, record: int) -> None:
+    """Add a record to a plan at half its amplitude."""
+    phasors = analysis.fit.phasors  # without the friction of the motors
+    planned = PlannedRecords(
+        phasors.omega[[record]] / (2 * np.pi),
+        phasors.tau[[record]] / 2,
+        phasors.q[[record]] / 2,
+        phasors.duration_s[[record]],
+    )
+    for name, values in _rows(planned).items():
+        columns[name] += values
+    columns["Frequency (Hz)"][-1] = float(f"{planned.frequency_hz[0]:.9g}")  # the same, not a near one
+
+
+def _edit_plan(start: dict[str, list[float]], digest: str) -> dict[str, list[float | None]]:
+    """Let a plan be edited that begins as ``start``; rows can be added and deleted."""
+    of_joints = ((f"τ{j}", f"φ{j}") for j in range(1, len(start) // 2))
     short = ["f", "t", *chain.from_iterable(of_joints)]
     number = st.column_config.NumberColumn
     edited = st.data_editor(
@@ -251,7 +286,7 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
         # Narrow, so that a phone shows the columns of two joints; of more, it scrolls beside the first.
         column_config={
             name: number(
-                label, width=50, help=name, format="%g", required=True, pinned=label == short[0]
+                label, width=50, help=name, format="%.4g", required=True, pinned=label == short[0]
             )
             for name, label in zip(start, short, strict=True)
         },

@@ -17,7 +17,7 @@ from jointid.ui.shared.charts import table
 from jointid.ui.shared.messages import show_info, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
-from jointid.ui.shared.sidebar import ESTIMATORS
+from jointid.ui.shared.settings import ESTIMATORS
 from jointid.uncertainty.answer_tables import (
     COMPARED_MODELS,
     compared_models,
