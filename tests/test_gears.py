@@ -809,6 +809,23 @@ def test_a_hardening_gear_far_from_linear_is_solved_without_a_near_solution(size
     assert np.abs(found - angle + arm[0])[100:-1].max() < 2e-3 * np.abs(angle - arm[0]).max()
 
 
+def test_a_gear_of_small_torques_follows_its_parameters() -> None:
+    """Beside a torque a thousand times as large, its deflection stayed where the solution started."""
+    gear = Gear(cubic=300.0)
+    D, M2, step = np.array([0.05, 5e-5]), np.diag([1.4e-3, 1.4e-6])[None], 1 / (24 * 20)
+    t = step * np.arange(600)
+    angle = np.tile(0.3 * np.sin(2 * np.pi * 7 * t) + 0.1 * np.sin(2 * np.pi * 19 * t), (2, 1))
+    motors, one, none = moving(angle, step, 0 * angle), np.ones(2), np.zeros(2)
+    measured = motors.balance(one, np.array([0.02, 2e-5]), none, none)
+    found = None
+    for K in (9.0, 9.3):
+        laws = GearLaws.of([replace(gear, K=9.3), replace(gear, K=K).scaled(1e-3)])
+        found = DrivenGears.solve(motors, laws, D, M2, 0 * M2, measured, 1.0, found)
+    assert found is not None
+    first, second = found.delta
+    np.testing.assert_allclose(second[300:], first[300:], atol=1e-4 * np.abs(first).max())
+
+
 def test_further_harmonics_near_a_resonance_are_solved() -> None:
     """Wide play at a low frequency: impacts excite motor and arm beyond the harmonics of the record."""
     gear, H = Gear(K=30.0, backlash_rad=0.02), 8

@@ -72,6 +72,12 @@ class GearLaws:
         sharpness = np.where(level != 0, 1 / np.where(presliding > 0, presliding, 1.0), 0.0)
         return cls(K, cubic, 0.5 * backlash, level, sharpness, (at[0], at[1]), (bends[0], bends[1]))
 
+    @property
+    def linear(self) -> GearLaws:
+        """The springs K alone."""
+        zero = 0 * self.K
+        return self.made(self.K, zero, zero, zero, zero, (zero, zero), (zero, zero))
+
     def smooth(self, delta: Floats) -> Floats:
         """Torque of the cubic stiffness."""
         e = self._beyond_backlash(delta)
