@@ -949,3 +949,11 @@ def test_two_changes_of_slope_that_coincide_become_one() -> None:
     assert one["second_bend"] == pytest.approx([0.0, 1.0])
     assert one["knee"] == pytest.approx([0.0503, 0.04])
     assert with_one_bend(one) is None
+
+
+def test_opposite_changes_of_slope_that_coincide_leave_a_deflection_above_zero() -> None:
+    layout = ParameterLayout.of(1, effects=["piecewise"])
+    values = {"piecewise": 20.0, "second_bend": -19.9, "knee": 0.05, "second_knee": 2e-3}
+    one = with_one_bend(layout.named(layout.pack(K=40.0, **values)))
+    assert one is not None
+    assert 0.05 <= one["knee"][0] <= 0.052
