@@ -134,6 +134,17 @@ def test_torque_and_deflection_are_inverse() -> None:
     assert softening.deflection(99.0) == pytest.approx(top)
 
 
+@pytest.mark.parametrize("gear", [HARD, PLAY, SLOPES, Gear(cubic=-9000.0)], ids=lambda gear: gear.kind)
+def test_deflections_of_many_torques_are_near_those_of_the_gear(gear: Gear) -> None:
+    """With torques beyond the largest of a softening gear they overflowed, and nothing was solved."""
+    gear = replace(gear, K=50.0)
+    torque = np.linspace(-4.0, 4.0, 41)[None]
+    delta = GearLaws.of([gear]).deflection(torque)
+    held = np.abs(gear.torque(gear.deflection(torque)) - torque) < 1e-9
+    np.testing.assert_allclose(delta[held], gear.deflection(torque)[held], atol=0.002)
+    assert np.abs(delta).max() < 2 * np.abs(gear.deflection(torque)).max()
+
+
 def test_three_slopes_are_those_of_a_catalogue() -> None:
     gear = replace(SLOPES, K=43.0)
     at = gear.deflection([0.7, 1.6])

@@ -125,11 +125,17 @@ class GearLaws:
         return np.asarray(slope + 3 * self.cubic * e * e)
 
     def deflection(self, torque: Floats) -> Floats:
-        """Deflection under a torque without damping and hysteresis."""
+        """Deflection under a torque without damping and hysteresis, to a few per cent.
+
+        That of a softening gear is at most where its slope has fallen to ``_LEAST_SLOPE``.
+        """
         delta = torque / self.K + self.half_backlash * np.sign(torque)
+        softens = np.maximum(-3 * self.cubic / self.K, np.finfo(float).tiny)
+        most = self.half_backlash + np.sqrt((1 - _LEAST_SLOPE) / softens)
         for _ in range(_INVERTED if self.hardens or self.bent else 0):
             excess = self.K * delta + self.smooth(delta) + self.kinked(delta) - torque
             delta = delta - excess / np.maximum(self.slope(delta), _LEAST_SLOPE * self.K)
+            delta = np.clip(delta, -most, most)
         return np.asarray(delta)
 
     def loop(self, before: Floats, move: Floats) -> Floats:
