@@ -67,7 +67,11 @@ def _parameters(soft: Floats, damped: Floats, rubs: Floats) -> dict[str, Floats]
 
 
 def _least(rows: Floats, law: Floats) -> tuple[float, Floats]:
-    """Least weighted squares, and the factors of torque, velocity, friction and the law."""
+    """Least weighted squares, and the factors of torque, rate, friction and the law.
+
+    Friction acts by the arm's compliance and, by 1/K, on the deflection itself: its sign has a factor of
+    its own, which is not returned.
+    """
     f, rate, shift, sign, delta, weight = rows
     columns = np.stack([f, rate, -shift, sign, *law])
     total = np.maximum(weight.sum(axis=1, keepdims=True), _LEAST)
@@ -80,9 +84,10 @@ def _least(rows: Floats, law: Floats) -> tuple[float, Floats]:
 
 
 def _rows(phasors: Phasors, M: Floats, M2: Floats, loaded: float) -> list[Floats]:
-    """Of every joint: torque, deflection's velocity, that by friction, its sign, deflection and weight.
+    """Rows of the regression of every joint, each shape (r, points).
 
-    Each has shape (r, points). The weight of a record is its torque, because a small one may not reach
+    They are the torque, the rate of the deflection, the deflection by friction of 1 N·m, its sign, the
+    deflection, and the weight. The weight of a record is its torque, because a small one may not reach
     both flanks, over the error of its deflection by errors of the given inertias; samples of less torque
     than ``loaded`` times the largest have none. Harmonics within the noise are left out.
     """
