@@ -136,6 +136,17 @@ def test_torque_and_deflection_are_inverse() -> None:
     assert softening.deflection(99.0) == pytest.approx(top)
 
 
+@pytest.mark.parametrize("gear", [HARD, PLAY, SLOPES, Gear(cubic=-9000.0)], ids=lambda gear: gear.kind)
+def test_deflections_of_many_torques_are_near_those_of_the_gear(gear: Gear) -> None:
+    """With torques beyond the largest of a softening gear they overflowed, and nothing was solved."""
+    gear = replace(gear, K=50.0)
+    torque = np.linspace(-4.0, 4.0, 41)[None]
+    delta = GearLaws.of([gear]).deflection(torque)
+    held = np.abs(gear.torque(gear.deflection(torque)) - torque) < 1e-9
+    np.testing.assert_allclose(delta[held], gear.deflection(torque)[held], atol=0.002)
+    assert np.abs(delta).max() < 2 * np.abs(gear.deflection(torque)).max()
+
+
 def test_three_slopes_are_those_of_a_catalogue() -> None:
     gear = replace(SLOPES, K=43.0)
     at = gear.deflection([0.7, 1.6])
@@ -816,6 +827,23 @@ def test_a_hardening_gear_far_from_linear_is_solved_without_a_near_solution(size
     assert np.abs(found - angle + arm[0])[100:-1].max() < 2e-3 * np.abs(angle - arm[0]).max()
 
 
+def test_a_gear_of_small_torques_follows_its_parameters() -> None:
+    """Beside a torque a thousand times as large, its deflection stayed where the solution started."""
+    gear = Gear(cubic=300.0)
+    D, M2, step = np.array([0.05, 5e-5]), np.diag([1.4e-3, 1.4e-6])[None], 1 / (24 * 20)
+    t = step * np.arange(600)
+    angle = np.tile(0.3 * np.sin(2 * np.pi * 7 * t) + 0.1 * np.sin(2 * np.pi * 19 * t), (2, 1))
+    motors, one, none = moving(angle, step, 0 * angle), np.ones(2), np.zeros(2)
+    measured = motors.balance(one, np.array([0.02, 2e-5]), none, none)
+    found = None
+    for K in (9.0, 9.3):
+        laws = GearLaws.of([replace(gear, K=9.3), replace(gear, K=K).scaled(1e-3)])
+        found = DrivenGears.solve(motors, laws, D, M2, 0 * M2, measured, 1.0, found)
+    assert found is not None
+    first, second = found.delta
+    np.testing.assert_allclose(second[300:], first[300:], atol=1e-4 * np.abs(first).max())
+
+
 def test_further_harmonics_near_a_resonance_are_solved() -> None:
     """Wide play at a low frequency: impacts excite motor and arm beyond the harmonics of the record."""
     gear, H = Gear(K=30.0, backlash_rad=0.02), 8
@@ -967,3 +995,11 @@ def test_the_jacobian_behind_nonlinear_gears(law: dict[str, float]) -> None:
         ahead, behind = (Residual.at(problem, p + sign * step).r for sign in (1, -1))
         column = (ahead - behind) / (2 * step[k])
         assert np.linalg.norm(J[..., k] - column) < 0.01 * np.linalg.norm(column), label
+
+
+def test_opposite_changes_of_slope_that_coincide_leave_a_deflection_above_zero() -> None:
+    layout = ParameterLayout.of(1, effects=["piecewise"])
+    values = {"piecewise": 20.0, "second_bend": -19.9, "knee": 0.05, "second_knee": 2e-3}
+    one = with_one_bend(layout.named(layout.pack(K=40.0, **values)))
+    assert one is not None
+    assert 0.05 <= one["knee"][0] <= 0.052

@@ -51,11 +51,9 @@ _FEW = 6
 _MANY, _NOISES = 10_000, 4
 """Equations of many joints above which the first segments also give the model, and number of noise
 estimates from them."""
-
-
-_SEARCHES, _HALF = 3, 1.0
-"""Most further searches with the noise that the chosen model leaves, and the relative change of its
-variance that asks for more than one: with far too much noise, a wrong minimum passes."""
+_SEARCHES, _TWICE = 3, 1.0
+"""Most further searches with the noise that the chosen model leaves, and the change of its variance,
+over the smaller one, that asks for more than one: with twice the noise, a wrong minimum may pass."""
 
 
 def identify_motion(
@@ -160,7 +158,7 @@ def _identified(
         again = with_noise(phasors, prior, choice.model, choice.estimate)
         if not left and not noise_differs(again, phasors, same):
             break
-        same, left = _HALF, False
+        same, left = _TWICE, False
         phasors, found = again, choice.estimate
         if isinstance(found, LikelihoodEstimate):
             search = partial(search, first=_equals(choice), is_lost=found.misfit >= LOST)

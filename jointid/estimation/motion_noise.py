@@ -73,7 +73,7 @@ def with_torque_noise(
 
 
 def noise_differs(one: Phasors, other: Phasors, same: float = SAME) -> bool:
-    """Whether the noise of motions differs noticeably."""
+    """Whether the variances of motions differ by more than ``same`` times the smaller (RMS)."""
     rows = one.motion
     before, after = (np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real for each in (one, other))
     least = np.minimum(before, after)

@@ -138,9 +138,10 @@ def with_one_bend(p: Parameters) -> Parameters | None:
     values = {block.name: p[block.name] for block in p.layout.blocks}
     both = p["piecewise"] + p["second_bend"]
     share = np.divide(p["second_bend"], both, out=np.zeros_like(both), where=both != 0)
+    share = np.clip(share, 0, 1)  # opposite changes: their nearly constant torque is dropped
     values["piecewise"] = np.where(same, both, p["piecewise"])
     values["second_bend"] = np.where(same, 0.0, p["second_bend"])
-    values["knee"] = np.where(same, p["knee"] + share * p["second_knee"], p["knee"])  # the same torque
+    values["knee"] = p["knee"] + np.where(same, share * p["second_knee"], 0)  # the same torque
     values["second_knee"] = np.where(same, _APART * p["knee"], p["second_knee"])
     return p.layout.named(p.layout.pack(**values))
 

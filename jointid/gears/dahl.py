@@ -53,7 +53,7 @@ def dahl(delta: Floats, sharpness: Floats, starts: np.ndarray | None = None) -> 
 
     A part of a record begins with z as if it had moved on as in its first step, if that is no slow one:
     a motion that is recorded from its middle slides. ``starts``, (N,), is as in ``DahlSteps.of``; by
-    default all is one part.
+    default all is one part. Over a period that repeats, see ``periodic_dahl``.
     """
     if starts is None:
         starts = np.arange(delta.shape[1]) < 2

@@ -30,7 +30,7 @@ _HAT = (1 / 12, 10 / 12, 1 / 12)
 _SECOND, _CENTRAL = (1.0, -2.0, 1.0), (0.5, 0.0, -0.5)
 """Second difference, and half the difference over two steps."""
 _NEWTON, _CONVERGED = 25, 1e-3
-"""Most Newton steps, and the relative residual that ends them."""
+"""Most Newton steps, and the residual of each joint, over its largest torque, that ends them."""
 _OBSERVED, _OF_BACKLASH = 0.1, 5.0
 """Rate of the observer over the resonance with the motor locked, and what the square of half the
 backlash over the largest linear deflection adds: an arm that often leaves its flanks is unstable."""
@@ -85,34 +85,32 @@ class DrivenGears:
         own = M2, G, measured, strength * (_OBSERVED + _OF_BACKLASH * np.minimum(share**2, 1))
         if start is None:
             none = np.zeros(motors.rise.shape)
-            zero = 0 * laws.K
-            linear = GearLaws.made(laws.K, zero, zero, zero, zero, (zero, zero), (zero, zero))
-            delta = laws.deflection(laws.K * cls(motors, linear, none, none, D, *own)._stepped().delta)
+            linear = cls(motors, laws.linear, none, none, D, *own)._stepped()
+            delta = laws.deflection(laws.K * linear.delta)
         else:
             delta = start.delta
         found = begun = cls(motors, laws, delta, _loop(laws, delta, motors.starts), D, *own)._begun()
-        least = _CONVERGED * float(np.abs(found._hat_torque(laws.K * delta)).max())
+        largest = np.abs(laws.K * delta).max(axis=1, keepdims=True)
         for _ in range(_WHOLE):
-            if np.abs(found._left).max() <= least:
+            if found._solves(largest).all():
                 return found
             found = found._stepped()
-        return (found if np.isfinite(found.delta).all() else begun)._followed(begun, least)
+        return (found if np.isfinite(found.delta).all() else begun)._followed(begun, largest)
 
     def _begun(self) -> DrivenGears:
         """With the state at the start of each part by the torque measured in a first period."""
         n, delta = len(self.delta), self.delta.copy()
         squared = np.linalg.eigvals(np.linalg.solve(self.M2, np.diag(self.laws.K[:, 0])))
         period = 2 * np.pi / np.sqrt(np.maximum(squared.real.min(), np.finfo(float).tiny))
+        largest = np.abs(self.measured).max(axis=1, keepdims=True)
         begins = np.flatnonzero(self.motors.starts)[::2].tolist()
         for at, end in zip(begins, [*begins[1:], delta.shape[1]], strict=True):
             step = self.motors.step_s[at]
             used = slice(at, at + int(min(max(period / step, 4 * _FIRST), end - at)))
             part = self._part(used, delta, self.loop)
-            unit = np.zeros((2, n, *part._shape))
-            for j in range(n):
-                unit[0, j, j, :2], unit[1, j, j, 1] = 1, 1
-            least = _CONVERGED * float(np.abs(part.measured).max()) * step**2
-            part = part._followed(part, least)
+            unit, joints = np.zeros((2, n, *part._shape)), range(n)
+            unit[0, joints, joints, :2] = unit[1, joints, joints, 1:2] = 1
+            part = part._followed(part, largest)
             for _ in range(_STARTS):
                 moved = part._solved(unit.reshape(-1, unit.shape[-1])).reshape(2 * n, *part._shape)
                 torque = part._slope * moved[:, :n]
@@ -120,10 +118,9 @@ class DrivenGears:
                     torque += self.laws.level * moved[:, n:]
                 both = np.concatenate([part.laws.K * part.delta + part.beyond - part.measured, *torque])
                 turn = np.concatenate([part.delta, *moved[:, :n]])
-                both = both.reshape(1 + 2 * n, n, -1)[..., 1:-1]
-                turn = turn.reshape(1 + 2 * n, n, -1)
-                both = both + self.D[:, None] * (turn[..., 2:] - turn[..., :-2]) / (2 * step)
-                rows = (both / self.laws.K)[..., _FIRST:].reshape(1 + 2 * n, -1)
+                both, turn = (rows.reshape(1 + 2 * n, n, -1) for rows in (both, turn))
+                damping = self.D[:, None] * (turn[..., 2:] - turn[..., :-2]) / (2 * step)
+                rows = ((both[..., 1:-1] + damping) / largest)[..., _FIRST:].reshape(1 + 2 * n, -1)
                 if not np.isfinite(rows).all():
                     return replace(self, delta=np.full(delta.shape, np.nan))
                 size = np.linalg.norm(rows[1:], axis=1)
@@ -131,7 +128,7 @@ class DrivenGears:
                 moves = np.tensordot(change, moved, 1)
                 loop = part.loop + moves[n:] if self.laws.hysteretic else part.loop
                 begun = replace(part, delta=part.delta + moves[:n], loop=loop)
-                begun = begun._followed(begun, least)
+                begun = begun._followed(begun, largest)
                 if not np.isfinite(begun.delta).all():
                     break
                 part = begun
@@ -149,21 +146,26 @@ class DrivenGears:
         loop = self.loop + step[n:] if self.laws.hysteretic else self.loop
         return replace(self, delta=self.delta + step[:n], loop=loop)
 
-    def _followed(self, guess: DrivenGears, least: float) -> DrivenGears:
+    def _solves(self, largest: Floats) -> np.ndarray:
+        """Whether each step solves the equations, (N,); ``largest`` torques of the joints are (n, 1)."""
+        torques, loops = np.split(np.abs(self._left), [len(largest)])
+        is_solved = np.all(torques <= _CONVERGED * largest * self.motors.step_s**2, axis=0)
+        return np.asarray(is_solved & np.all(loops <= _CONVERGED, axis=0))
+
+    def _followed(self, guess: DrivenGears, largest: Floats) -> DrivenGears:
         """Solution window by window: Newton steps diverge where the kinks lie elsewhere."""
-        wrong = ~(np.abs(self._left).max(axis=0) <= least)
+        wrong = ~self._solves(largest)
         delta, loop, N = self.delta.copy(), self.loop.copy(), wrong.size
-        at = int(wrong.argmax())
+        at, count = int(wrong.argmax()), _WINDOW
         delta[:, at:], loop[:, at:] = guess.delta[:, at:], guess.loop[:, at:]
-        count = _WINDOW
         while at < N:
             used = slice(max(at - 2, 0), min(at + count, N))
             part = self._part(used, delta, loop)
             for _ in range(_NEWTON):
-                if np.abs(part._left).max() <= least:
+                if part._solves(largest).all():
                     break
                 part = part._stepped()
-            if not np.abs(part._left).max() <= least:
+            if not part._solves(largest).all():
                 if count <= _SHORTEST:  # it has no solution, nor have the steps that follow
                     return replace(self, delta=np.full(delta.shape, np.nan))
                 count = max(count // 8, _SHORTEST)
@@ -193,12 +195,10 @@ class DrivenGears:
 
         Parameters
         ----------
-        name : str
-            Of the parameter, which each joint has, or "M2".
+        name, shape : str, tuple of int
+            Parameter, which each joint has, or "M2"; r and H.
         beyond : ndarray, shape (n, N), or 0
             Change of this torque at a given deflection by the parameter of the joint.
-        shape : tuple of int
-            r and H.
         arm : ndarray, shape (c, p, n, n), optional
             Derivatives of M2 of every pose by its c parameters.
         measured : ndarray, shape (n, N), or 0

@@ -9,7 +9,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.gears.gear import Gear
 from jointid.gears.laws import GearLaws
-from jointid.gears.torque_spread import dahl, inner, spread
+from jointid.gears.torque_spread import inner, periodic_dahl, spread
 from jointid.phasors.periods import phasors_of, samples_of
 
 _POINTS = 8
@@ -235,7 +235,8 @@ def beyond_linear(laws: GearLaws, delta: Complexes, points: int) -> tuple[Comple
     torque, energy = laws.kinked(chords), laws.kinked_energy(chords)
     average = (energy - np.roll(energy, 1, axis=-1)) / move
     if laws.hysteretic:
-        z = dahl(chords, laws.sharpness)  # its slope depends on all moves before: ``_loop_spread``
+        # Its slope depends on all moves before: ``_loop_spread``.
+        z = periodic_dahl(chords, laws.sharpness)
         change = z - np.roll(z, 1, axis=-1)
         turns = np.where(laws.sharpness > 0, laws.sharpness * np.abs(move), 1.0)
         average = average + laws.level * (np.sign(move) - change / turns)

@@ -108,7 +108,11 @@ _LAWS = {
 
 
 def _least(rows: Floats, law: Floats) -> tuple[float, Floats]:
-    """Least weighted squares, and the factors of torque, velocity, friction and the law."""
+    """Least weighted squares, and the factors of torque, rate, friction and the law.
+
+    Friction acts by the arm's compliance and, by 1/K, on the deflection itself: its sign has a factor of
+    its own, which is not returned; nor are the errors of the arm's compliance.
+    """
     f, rate, shift, sign, delta, weight, *arm = rows
     columns = np.stack([f, rate, -shift, *law, sign, *arm])
     total = np.maximum(weight.sum(axis=1, keepdims=True), _LEAST)
@@ -121,13 +125,13 @@ def _least(rows: Floats, law: Floats) -> tuple[float, Floats]:
 
 
 def _rows(phasors: Phasors, M: Floats, M2: Floats, loaded: float) -> list[Floats]:
-    """Rows of every joint for ``_least``, each of shape (r, points) over a period.
+    """Rows of the regression of every joint, each shape (r, points).
 
-    They are the torque, the deflection's velocity, that by friction, its sign, the deflection, its
-    weight and the parts of the arm's angle by the torques of all joints. The weight of a record is its
-    torque, because a small one may not reach both flanks, over the error of its deflection by errors of
-    the given inertias; samples of less torque than ``loaded`` times the largest have none. Harmonics
-    within the noise are left out.
+    They are the torque, the rate of the deflection, the deflection by friction of 1 N·m, its sign, the
+    deflection, its weight, and the parts of the arm's angle by the torques of all joints. The weight of
+    a record is its torque, because a small one may not reach both flanks, over the error of its
+    deflection by errors of the given inertias; samples of less torque than ``loaded`` times the largest
+    have none. Harmonics within the noise are left out.
     """
     n, z = phasors.n, phasors.harmonics
     s = 1j * phasors.omega[:, None, None] * np.arange(1, z.shape[1] + 1)[:, None]

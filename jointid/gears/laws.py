@@ -72,6 +72,12 @@ class GearLaws:
         sharpness = np.where(level != 0, 1 / np.where(presliding > 0, presliding, 1.0), 0.0)
         return cls(K, cubic, 0.5 * backlash, level, sharpness, (at[0], at[1]), (bends[0], bends[1]))
 
+    @property
+    def linear(self) -> GearLaws:
+        """The springs K alone."""
+        zero = 0 * self.K
+        return self.made(self.K, zero, zero, zero, zero, (zero, zero), (zero, zero))
+
     def smooth(self, delta: Floats) -> Floats:
         """Torque of the cubic stiffness."""
         e = self._beyond_backlash(delta)
@@ -119,11 +125,17 @@ class GearLaws:
         return np.asarray(slope + 3 * self.cubic * e * e)
 
     def deflection(self, torque: Floats) -> Floats:
-        """Deflection under a torque without damping and hysteresis."""
+        """Deflection under a torque without damping and hysteresis, to a few per cent.
+
+        That of a softening gear is at most where its slope has fallen to ``_LEAST_SLOPE``.
+        """
         delta = torque / self.K + self.half_backlash * np.sign(torque)
+        softens = np.maximum(-3 * self.cubic / self.K, np.finfo(float).tiny)
+        most = self.half_backlash + np.sqrt((1 - _LEAST_SLOPE) / softens)
         for _ in range(_INVERTED if self.hardens or self.bent else 0):
             excess = self.K * delta + self.smooth(delta) + self.kinked(delta) - torque
             delta = delta - excess / np.maximum(self.slope(delta), _LEAST_SLOPE * self.K)
+            delta = np.clip(delta, -most, most)
         return np.asarray(delta)
 
     def loop(self, before: Floats, move: Floats) -> Floats:

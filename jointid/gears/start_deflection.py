@@ -33,9 +33,10 @@ def from_observers(
     strength: float,
     starts: Sequence[DrivenGears | None],
 ) -> DrivenGears:
-    """Solution from the first start that converges; without any, from a stronger observer.
+    """Solution from the first start that converges.
 
-    An arm on the wrong flank of a backlash would stay there.
+    Without a start, solutions with a stronger observer come before: an arm on the wrong flank of a
+    backlash would stay on it.
     """
     solved = partial(solve, strength)
     far, near = _STRONGER

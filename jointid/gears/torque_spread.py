@@ -12,7 +12,7 @@ from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import pairs
 
 
-def dahl(delta: Floats, sharpness: Floats) -> Floats:
+def periodic_dahl(delta: Floats, sharpness: Floats) -> Floats:
     """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
     move = np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
     decay = np.exp(-np.abs(move) * sharpness[..., 0])
@@ -73,7 +73,7 @@ def _loop_spread(
     """
     points = delta.shape[1]
     waves, weights = _waves(H, points)
-    z, s = dahl(delta, sharpness[:, None]), np.sign(delta - np.roll(delta, 1, axis=1))
+    z, s = periodic_dahl(delta, sharpness[:, None]), np.sign(delta - np.roll(delta, 1, axis=1))
     s[s == 0] = 1.0
     turns = s != np.roll(s, 1, axis=1)
     turns[:, 0] |= ~turns.any(axis=1)

@@ -28,7 +28,7 @@ from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.presliding import presliding_bins
 from jointid.gears.start_deflection import first_finite, from_observers
-from jointid.gears.torque_spread import dahl
+from jointid.gears.torque_spread import periodic_dahl
 from jointid.gears.wound import Wound
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.phasors.segment import Segment
@@ -313,7 +313,8 @@ class JointLaws:
         sharpness = 1 / np.maximum(bristle, _LEAST_ANGLE)[:, None]
         found = np.zeros((len(self.s), H, bristle.size), complex)
         if self.sines.size:
-            found[self.sines] = phasors_of(dahl(self.angle[self.sines], sharpness), H).swapaxes(1, 2)
+            z = periodic_dahl(self.angle[self.sines], sharpness)
+            found[self.sines] = phasors_of(z, H).swapaxes(1, 2)
         for row, bins in presliding_bins(self.segments, sharpness).items():
             found[row, : len(bins)] = bins
         return found
