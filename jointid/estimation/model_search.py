@@ -223,11 +223,13 @@ class Search:
         try:
             waveforms = self.waveforms(model, start)
             estimate = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)
+            # A loop without width at one joint spoils little of the fit.
+            doubtful = EXPLAINED if "hysteresis" in model.effects else DOUBTFUL
             for is_near, bound in ((False, np.inf), (True, POOR)):
                 for other in other_laws(
                     self.phasors, self.prior, start, estimate.named, is_near=is_near
                 ):
-                    if DOUBTFUL < estimate.misfit <= bound:
+                    if doubtful < estimate.misfit <= bound:
                         estimate = self._better(estimate, model, other, waveforms)
             for law, other, _ in () if self.has_motions else self.regressed_laws:
                 is_new = law in model.effects and (law, model) not in self.regressed
