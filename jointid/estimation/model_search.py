@@ -43,7 +43,7 @@ _LITTLE = 1 / 3
 """Residual over the torques from which two laws of the gears do not explain them: up to 0.3 where one of
 them is fitted; 0.35 to 4 with wrong signs, units and columns."""
 _SAME_COST = 4.0
-"""Cost that two coinciding changes of slope may have saved."""
+"""Cost that a superfluous change of slope may have saved."""
 _EXPLAINED_MOTIONS = 1.3
 """Misfit of motions below which richer friction and laws are not tried: their noise is that of the
 residual, and wide reversals leave few equations."""
@@ -212,7 +212,7 @@ class Search:
                 ):
                     if DOUBTFUL < estimate.misfit <= bound:
                         estimate = self._better(estimate, model, other, waveforms)
-            apart = None if self.has_motions else with_one_bend(estimate.named)
+            apart = with_one_bend(estimate.named)
             if apart is not None and estimate.misfit < DOUBTFUL:
                 estimate = self._better(estimate, model, apart, waveforms, _SAME_COST)
         except JointIdError as error:
