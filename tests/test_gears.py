@@ -1003,3 +1003,14 @@ def test_opposite_changes_of_slope_that_coincide_leave_a_deflection_above_zero()
     one = with_one_bend(layout.named(layout.pack(K=40.0, **values)))
     assert one is not None
     assert 0.05 <= one["knee"][0] <= 0.052
+
+
+def test_a_first_slope_at_no_deflection_is_left_out() -> None:
+    """In a motion K was 1.3 for 3.39 N·m/rad: the slope up to 12 µrad, which no data show."""
+    layout = ParameterLayout.of(1, effects=["piecewise"])
+    values = {"piecewise": 2.1, "second_bend": 1.7, "knee": 1.2e-5, "second_knee": 0.025}
+    one = with_one_bend(layout.named(layout.pack(K=1.3, **values)))
+    assert one is not None
+    assert [one["K"][0], one["piecewise"][0], one["second_bend"][0]] == pytest.approx([3.4, 1.7, 0.0])
+    assert one["knee"] == pytest.approx(0.025, rel=1e-3)
+    assert with_one_bend(one) is None

@@ -45,7 +45,7 @@ _LITTLE = 1 / 3
 """Residual over the torques from which two laws of the gears do not explain them: up to 0.3 where one of
 them is fitted; 0.35 to 4 with wrong signs, units and columns."""
 _SAME_COST = 4.0
-"""Cost that two coinciding changes of slope may have saved."""
+"""Cost that a superfluous change of slope may have saved."""
 _REGRESSED = {"cubic": 1.0, "backlash": 1.0, "piecewise": 2.0}
 """Laws with a regression of the deflection, and factors on the squares that they leave: slopes imitate
 the others."""
@@ -237,7 +237,7 @@ class Search:
                     self.regressed.add((law, model))
                     if other is not start:
                         estimate = self._better(estimate, model, other, waveforms)
-            apart = None if self.has_motions else with_one_bend(estimate.named)
+            apart = with_one_bend(estimate.named)
             if apart is not None and estimate.misfit < DOUBTFUL:
                 estimate = self._better(estimate, model, apart, waveforms, _SAME_COST)
         except JointIdError as error:

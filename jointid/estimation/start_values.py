@@ -34,7 +34,8 @@ levels of the last two over the largest torque."""
 _KNEES = (0.5, 0.3), (0.2, 0.3)
 """Deflections at changes of slope over the largest: other starts of a gear with three slopes."""
 _COINCIDE, _APART = 0.05, 0.5
-"""Deflection between two changes of slope, over the first, at which they are one; and for a start."""
+"""Ratio of the deflections to the first and between two changes of slope at which one is superfluous;
+and for a start."""
 _UNEXPLAINED = 0.1
 """Relative residual of the linear estimate from which friction is looked for."""
 _OUTLIER = 0.1
@@ -126,23 +127,26 @@ def other_laws(
 
 
 def with_one_bend(p: Parameters) -> Parameters | None:
-    """The parameters with one change of slope where two coincide, which do not determine each other.
+    """The parameters with one change of slope where two do not determine each other; None where they do.
 
-    The second one starts as zero, far from the first. None where no two coincide.
+    They coincide, or the first one is at nearly no deflection, below which no data show the slope. The
+    second one starts as zero, far from the first.
     """
     if "piecewise" not in p.layout:
         return None
-    same = p["second_knee"] < _COINCIDE * p["knee"]
-    if not same.any():
+    knee, further, bend, last = (p[x] for x in ("knee", "second_knee", "piecewise", "second_bend"))
+    same, early = further < _COINCIDE * knee, knee < _COINCIDE * further
+    if not np.any(same | early):
         return None
     values = {block.name: p[block.name] for block in p.layout.blocks}
-    both = p["piecewise"] + p["second_bend"]
-    share = np.divide(p["second_bend"], both, out=np.zeros_like(both), where=both != 0)
+    both = bend + last
+    share = np.divide(last, both, out=np.zeros_like(both), where=both != 0)
     share = np.clip(share, 0, 1)  # opposite changes: their nearly constant torque is dropped
-    values["piecewise"] = np.where(same, both, p["piecewise"])
-    values["second_bend"] = np.where(same, 0.0, p["second_bend"])
-    values["knee"] = p["knee"] + np.where(same, share * p["second_knee"], 0)  # the same torque
-    values["second_knee"] = np.where(same, _APART * p["knee"], p["second_knee"])
+    values["K"] = np.where(early, p.K + bend, p.K)
+    values["piecewise"] = np.select([same, early], [both, last], bend)
+    values["second_bend"] = np.where(same | early, 0.0, last)
+    values["knee"] = knee + np.select([same, early], [share * further, further])  # the same torque
+    values["second_knee"] = np.where(same | early, _APART * values["knee"], further)
     return p.layout.named(p.layout.pack(**values))
 
 
