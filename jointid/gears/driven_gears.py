@@ -31,7 +31,7 @@ _SECOND, _CENTRAL = (1.0, -2.0, 1.0), (0.5, 0.0, -0.5)
 """Second difference, and half the difference over two steps."""
 _NEWTON, _CONVERGED = 25, 1e-3
 """Most Newton steps, and the residual of each joint, over its largest torque, that ends them."""
-_OBSERVED, _OF_BACKLASH = 0.1, 5.0
+_OBSERVED, _OF_BACKLASH = 0.02, 5.0
 """Rate of the observer over the resonance with the motor locked, and what the square of half the
 backlash over the largest linear deflection adds: an arm that often leaves its flanks is unstable."""
 _FIRST, _STARTS = 6, 3
