@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointid import Elasticity, Inertia, SineRecord, Study
+from jointid import Elasticity, Inertia, RobotModel, SineRecord, Study
 from jointid.files.digest import study_digest
+from jointid.files.study_files import load_study, pack_study
+from tests.robots import SIX_AXES
 
 TIME = np.arange(4000) / 1000.0
 
@@ -95,3 +97,15 @@ def test_the_memory_layout_does_not_change_the_digest() -> None:
     assert study_digest(
         changed_record(theta_rad=np.ascontiguousarray(record.theta_rad))
     ) == study_digest(study())
+
+
+def test_a_stored_robot_model_has_the_digest_of_its_file_of_any_name() -> None:
+    """A study is stored with robot.toml; a changed digest would count as a damaged copy."""
+    robot = RobotModel.parse("my cell.toml", SIX_AXES.encode())
+    record = study().records[0]
+    many = replace(record, theta_rad=np.tile(record.theta_rad, 3), tau_Nm=np.tile(record.tau_Nm, 3))
+    angles = {"": np.radians([0.0, -60, 60, 0, 45, 0])}
+    made = Study(
+        records=(many,), inertia=robot.inertia(angles[""]), robot_model=robot, pose_angles_rad=angles
+    )
+    assert study_digest(load_study(pack_study(made, record_format="parquet"))) == study_digest(made)

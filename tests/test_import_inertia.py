@@ -288,6 +288,19 @@ def test_links_of_an_arm_with_another_number_of_joints(page: AppTest) -> None:
     assert "has 2 joints, step 2 has 1" in at.error[0].value
 
 
+def test_a_robot_model_gives_the_inertia_of_the_pose(page: AppTest, taken: list[Inertia]) -> None:
+    time, theta, tau = _two_joints()
+    at = source(drop(page, ("two.csv", _csv(time, theta, tau))), "Robot model")
+    two = "[[link]]".join(SIX_AXES.split("[[link]]")[:3])
+    uploader = next(u for u in at.file_uploader if u.label.startswith("Robot model"))
+    at = shown(uploader.set_value(("arm.toml", two.encode(), "application/toml")).run())
+    assert not taken
+    at = shown(at.text_input(key="import model pose").set_value("-60, 30").run())
+    expected = RobotModel.parse("arm.toml", two.encode()).inertia(np.radians([-60.0, 30.0]))
+    assert pytest.approx(expected.M2) == taken[-1].M2
+    assert "arm.toml" in [caption.value for caption in at.caption]
+
+
 def _two_joints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     time = np.arange(0, 2, 2e-3)
     wave = np.sin(2 * np.pi * 5 * time)

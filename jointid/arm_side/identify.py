@@ -19,6 +19,7 @@ from jointid.errors import JointIdError
 from jointid.records import MotionRecord
 from jointid.robot_models.model import RobotModel
 from jointid.small_matrices import one_thread
+from jointid.wording import percent
 
 LARGEST_ERROR = 0.25
 """Relative standard error beyond which a stiffness is refused."""
@@ -325,7 +326,7 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool) -> str:
     relative = joint.compliance_std / abs(joint.compliance)
     if joint.compliance <= 0 or relative > LARGEST_ERROR:
         return (
-            f"K is not identifiable from this motion: its error is {relative:.0%}. "
+            f"K is not identifiable from this motion: its error is {percent(relative)}. "
             "The joint's torque varies too little, or only together with the transmission error. "
             "Move through poses of different gravity, or faster."
         )

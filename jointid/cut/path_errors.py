@@ -22,6 +22,7 @@ from jointid.errors import JointIdError
 from jointid.gears.gear import Gear
 from jointid.gears.laws import nonlinear_laws
 from jointid.joints import Elasticity
+from jointid.wording import percent
 
 _BATCH_RUNS = 512
 """Runs per batch, which keeps the arrays within some hundred megabytes."""
@@ -132,7 +133,7 @@ def _draw(elasticity: Elasticity, covariance: ArrayLike, samples: int, seed: int
     physical = draws[(draws[:, :2] > 0).all(axis=1) & (draws[:, 2:] >= 0).all(axis=1)]
     if 2 * len(physical) < len(draws) or len(physical) < samples:
         raise JointIdError(
-            f"The covariance allows negative K or D in {1 - len(physical) / len(draws):.0%} of the "
+            f"The covariance allows negative K or D in {percent(1 - len(physical) / len(draws))} of the "
             "draws: they are not determined well enough to predict a path error. Record "
             "longer, or at frequencies nearer to the resonances."
         )

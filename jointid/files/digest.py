@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.files.study_keys import PARTS
+from jointid.files.study_keys import PARTS, robot_file
 from jointid.phasors.long_records import LongRecord
 from jointid.records import MotionRecord, SineRecord
 from jointid.study import INERTIA_STD, Study
@@ -48,7 +48,8 @@ def _computed(study: Study) -> str:
     if (robot := study.robot_model) is not None:
         further["angles"] = [(pose, q.tolist()) for pose, q in study.pose_angles_rad.items()]
         numbers = robot.coupling, robot.rotor_inertia, *vars(robot.payload).values()
-        further["model"] = robot.source, [np.asarray(values).tolist() for values in numbers]
+        source = robot_file(robot), robot.source[1]
+        further["model"] = source, [np.asarray(values).tolist() for values in numbers]
     for name, value in further.items():  # without any, the digest is that of version 0.1
         if value and value != (INERTIA_STD, None):
             _texts(state, (name, repr(value)))

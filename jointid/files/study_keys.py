@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -138,6 +139,11 @@ def read_robot_model(top: CheckedTable, read: Callable[[str], bytes]) -> RobotMo
     values = load.values(PAYLOAD_KEYS)
     with in_place(load.where, load.file):
         return robot.with_payload(**values)
+
+
+def robot_file(robot: RobotModel) -> str:
+    """Return the name of a robot model's file in a study, whatever it was called before."""
+    return "robot" + PurePosixPath(robot.source[0]).suffix.lower()
 
 
 def read_known(

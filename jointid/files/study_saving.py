@@ -23,6 +23,7 @@ from jointid.files.study_keys import (
     RECORD_VALUES,
     STUDY_VALUES,
     TIMING_KEYS,
+    robot_file,
     written_values,
 )
 from jointid.joints import Inertia
@@ -96,7 +97,7 @@ def _files(study: Study, record_format: str) -> Iterator[tuple[str, bytes]]:
         )
     yield STUDY_FILE, text
     if study.robot_model is not None:
-        yield _robot_file(study.robot_model), study.robot_model.source[1]
+        yield robot_file(study.robot_model), study.robot_model.source[1]
     for name, record in zip(names, study.records, strict=True):
         if isinstance(record, LongRecord):
             raise JointIdError(
@@ -145,14 +146,10 @@ def inertia_table(inertia: Inertia) -> dict[str, Any]:
     return {"M": inertia.M.tolist(), "M2": inertia.M2.tolist()} | known
 
 
-def _robot_file(robot: RobotModel) -> str:
-    return "robot" + PurePosixPath(robot.source[0]).suffix.lower()
-
-
 def _robot_table(robot: RobotModel) -> dict[str, Any]:
     """Table of the robot model: its file, and values that replaced those of the file."""
     plain = RobotModel.parse(*robot.source)
-    table: dict[str, Any] = {"file": _robot_file(robot)}
+    table: dict[str, Any] = {"file": robot_file(robot)}
     for key in ("gear_ratio", "rotor_inertia"):
         value = getattr(robot, key)
         if not np.array_equal(value, getattr(plain, key)) and np.isfinite(value).all():

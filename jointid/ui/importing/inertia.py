@@ -1,11 +1,12 @@
-"""The inertias as numbers, TOML or links of the arm, converted to the motor side."""
+"""The inertias as numbers, TOML, robot model or links of the arm, converted to the motor side."""
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import streamlit as st
 
-from jointid import Elasticity, Inertia, JointIdError, PlanarArm
+from jointid import Elasticity, Inertia, JointIdError, PlanarArm, RobotModel
 from jointid.importing.robot_inertia import (
     INERTIA_UNITS,
     KnownRobot,
@@ -21,7 +22,7 @@ from jointid.ui.shared.entries import (
     numbers_in,
     numbers_out,
 )
-from jointid.ui.shared.messages import show_note
+from jointid.ui.shared.messages import markdown_escape, show_note
 from jointid.wording import counted
 
 _MOTOR, _JOINT = "motor side", "joint side"
@@ -44,6 +45,8 @@ _LINKS = {
 }
 """Label, unit and example of each entry for an arm of links."""
 _UPLOADS = "import_toml_uploads"
+ROBOT_FILES = ("toml", "urdf", "xml")
+"""Endings of robot models."""
 _HELP = (
     "Rigid-body inertias, seen from the motors: divided by both gear ratios. The fit corrects them "
     "within the uncertainty stated below. Values of the joint side are divided by the gear ratios of "
@@ -59,6 +62,7 @@ def ask_inertia(gear_ratios: Sequence[float]) -> KnownRobot | None:
     ask: Mapping[str, Callable[[Sequence[float]], KnownRobot | None]] = {
         "Numbers": _by_numbers,
         "TOML": _by_toml,
+        "Robot model": _by_model,
         "Links of the arm": _by_links,
     }
     source = st.segmented_control(
@@ -162,12 +166,50 @@ def _by_toml(ratios: Sequence[float]) -> KnownRobot | None:
 
 
 def _take_toml() -> None:
+    if (file := _taken("import_toml_file")) is not None:
+        st.session_state["import toml"] = file[1]
+
+
+def _taken(key: str) -> tuple[str, str] | None:
+    """Name and text of the file just given to the uploader of this key, which is empty afterwards."""
     number = st.session_state.get(_UPLOADS, 0)
-    file = st.session_state.get(f"import_toml_file {number}")
-    if file is not None:
-        # A file that is no text is refused by the TOML reader.
-        st.session_state["import toml"] = file.getvalue()[: 1 << 20].decode("utf-8-sig", "replace")
-        st.session_state[_UPLOADS] = number + 1
+    file = st.session_state.get(f"{key} {number}")
+    if file is None:
+        return None
+    st.session_state[_UPLOADS] = number + 1
+    # A file that is no text is refused by its reader.
+    return file.name, file.getvalue()[: 1 << 20].decode("utf-8-sig", "replace")
+
+
+def _by_model(ratios: Sequence[float]) -> KnownRobot | None:
+    left, right = st.columns(2)
+    left.file_uploader(
+        "Robot model (Denavit–Hartenberg .toml, .urdf or MJCF .xml)",
+        ROBOT_FILES,
+        max_upload_size=1,
+        key=f"import_model_file {st.session_state.get(_UPLOADS, 0)}",
+        on_change=_take_model,
+    )
+    example = ", ".join(["0", "-90", "90", "0", "45", "0"][: len(ratios)])
+    label = "Joint angles of the logs' pose (°)"
+    angles = enter_text(right, "import model pose", label, "", "As the model counts them.", example)
+    name, text = (st.session_state.get(f"import model {what}", "") for what in ("name", "text"))
+    if not text:
+        return None
+    RobotModel.parse(name, text.encode())  # its problem, before the angles are entered
+    left.caption(markdown_escape(name))
+    if not angles.strip():
+        return None
+    at = list(numbers_in(label, angles))
+    return robot_from_toml(
+        f"[robot_model]\nfile = {json.dumps(name)}\n[inertia]\nangles_deg = {at}",
+        read=lambda _: text.encode(),
+    )
+
+
+def _take_model() -> None:
+    if (file := _taken("import_model_file")) is not None:
+        st.session_state["import model name"], st.session_state["import model text"] = file
 
 
 def _by_links(ratios: Sequence[float]) -> KnownRobot | None:

@@ -232,7 +232,8 @@ def show_how_well_known(matrix: TransferMatrix, i: int, j: int) -> None:
     for text in matrix.rejected:
         show_info(text)
     columns = element_table(matrix, i, j)
-    table(columns, phone=[*columns][:3])
+    names = [*columns]
+    table(columns, phone=[*names[:2], "Condition" if "Condition" in columns else names[2]])
     st.caption("The chosen element as measured, with ± one standard error. |H| in 1/(kg·m²).")
 
 
