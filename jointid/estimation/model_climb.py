@@ -167,7 +167,7 @@ def fit_complete(search: Search) -> None:
     models = [model for model in models if set(model.effects).issubset(fits.optional)]
     for model in models:
         starts = [start for law, start, _ in search.regressed_laws if law in model.effects]
-        for start in (*starts, *[search.start] * (model not in fits.tried)):
+        for start in (*starts[:1], *[search.start] * (model not in fits.tried)):
             if fits.misfit(model) > DOUBTFUL:
                 search.fit(model, start, compares=False)
     if models:
