@@ -686,5 +686,5 @@ def test_the_jacobian_behind_hardening_gears_in_motion() -> None:
         ahead, behind = (Residual.at(problem, p + sign * step).r for sign in (1, -1))
         column = (ahead - behind) / (2 * step[k])
         off = np.linalg.norm(J[..., k] - column)
-        assert off < 0.08 * np.linalg.norm(column), layout.labels[k]
+        assert off < 0.1 * np.linalg.norm(column), layout.labels[k]
     assert len(balanced) == 4

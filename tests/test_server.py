@@ -191,11 +191,12 @@ def test_uploads_are_bounded_over_a_session_and_over_all(monkeypatch: pytest.Mon
 
 
 def test_a_simulated_session_chooses_the_default_again(server: Server) -> None:
-    """Like the browser, it removes a default from the address and writes any other value there."""
+    """The server removes a default from the address and writes any other value there."""
     with closing(Session(server.address)) as session:
         session.run("Glossary")
         for method in ("weighted", "auto"):
             session.choose("Estimator", method)
+            session.run("Glossary")
             assert ("estimator=weighted" in session.query) == (method == "weighted")
 
 

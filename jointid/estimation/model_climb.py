@@ -102,7 +102,8 @@ def fit_regressed(search: Search, most_left: float = _BENT) -> None:
             is_open = fits.least_misfit > DOUBTFUL and (law, wider) not in search.regressed
             if left < most_left and may_rub and is_open and not done:
                 _fit_law(search, wider, start)
-                if search.is_lost and fits.misfit(wider) > _linear_misfit(search):
+                rubs = wider.reversal is not None or not search.may_have_friction
+                if rubs and search.is_lost and fits.misfit(wider) > _linear_misfit(search):
                     return  # wrong data
 
 
