@@ -667,7 +667,7 @@ def test_waveforms_of_known_size_take_degrees_of_freedom_by_their_share() -> Non
 def test_the_jacobian_behind_hardening_gears_in_motion() -> None:
     """Against central differences: the observer of the deflection follows the motors' balance.
 
-    Each start of a record is estimated by itself, which the Jacobian leaves out.
+    The start of a record is estimated by itself, which the Jacobian leaves out; its end forgets that.
     """
     logs = records(replace(SHORT, duration_s=8.0, noise_Nm=1e-3), cubic=9000.0)
     phasors = motion_phasors(logs, np.tile(CELL.M, (len(logs), 1)))
@@ -685,6 +685,6 @@ def test_the_jacobian_behind_hardening_gears_in_motion() -> None:
         step = 1e-2 * p[k] * np.eye(p.size)[k]
         ahead, behind = (Residual.at(problem, p + sign * step).r for sign in (1, -1))
         column = (ahead - behind) / (2 * step[k])
-        off = np.linalg.norm(J[..., k] - column)
-        assert off < 0.1 * np.linalg.norm(column), layout.labels[k]
+        off = np.linalg.norm((J[..., k] - column)[-1])
+        assert off < 0.02 * np.linalg.norm(column[-1]), layout.labels[k]
     assert len(balanced) == 4
