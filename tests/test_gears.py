@@ -427,6 +427,9 @@ def test_slopes_count_by_their_sum_and_without_what_no_record_shows() -> None:
     seen = {"amplitude_rad": np.full(1, 0.02), "amplitude_Nm": np.ones(1), "largest_Nm": 1.0}
     curves = [SimpleNamespace(**seen)] * 2
     sure, unseen = fitted_gears(p, covariance, curves)
+    short = SimpleNamespace(**(seen | {"amplitude_Nm": np.full(1, 0.613), "largest_Nm": 0.0}))
+    beyond, _ = fitted_gears(p, covariance, [short, short])
+    assert (sure.T2_Nm, beyond.K3) == (pytest.approx(0.612), beyond.K2)
     assert (sure.kind, unseen.kind) == ("piecewise", "piecewise")
     assert (sure.K2, sure.K3) == (56.0, 55.0)
     assert (unseen.K2, unseen.K3, unseen.T2_Nm) == (59.0, 59.0, unseen.T1_Nm)

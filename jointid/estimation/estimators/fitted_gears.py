@@ -14,6 +14,8 @@ _SIGNIFICANT = 3.5
 """Standard errors from which a joint has a law that is fitted to all joints."""
 _UNSEEN = 1.01
 """Largest torque of the records over that of their curves from which the curves lack a motion."""
+_REACHED = 0.98
+"""Torque at a change of slope, over the largest, from which no record shows the slope beyond."""
 _GEAR_FIELDS = {
     "cubic": ("cubic", "cubic"),
     "backlash": ("backlash_rad", "backlash"),
@@ -38,29 +40,37 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
                 clear &= p[judge] > 0
             found[target] = np.where(clear, p[name], 0.0).tolist()
     if "piecewise" in p.layout:
-        found |= _slopes(p, covariance)
+        found |= _slopes(p, covariance, np.array([_largest(curve) for curve in curves]))
     gears = []
     for j, curve in enumerate(curves):
         gear = Gear(K=max(float(p.K[j]), 0.0), **{field: values[j] for field, values in found.items()})
         seen_rad, seen_Nm = (
             float(amplitude.max(initial=0.0)) for amplitude in (curve.amplitude_rad, curve.amplitude_Nm)
         )
-        tried_rad, tried_Nm = seen_rad, max(seen_Nm, curve.largest_Nm)
+        tried_rad, tried_Nm = seen_rad, _largest(curve)
         if tried_Nm > _UNSEEN * seen_Nm and gear.K > 0:  # motions below the curve's lines: by the law
             tried_rad = max(seen_rad, float(gear.deflection(tried_Nm)))
         gears.append(replace(gear, tried_rad=tried_rad, tried_Nm=tried_Nm))
     return tuple(gears)
 
 
-def _slopes(p: Parameters, covariance: Floats) -> dict[str, list[float]]:
-    """Three slopes and torques as in catalogues; zero at joints without a significant change."""
+def _largest(curve: TorsionCurve) -> float:
+    """Largest torque of the records, N·m."""
+    return max(float(curve.amplitude_Nm.max(initial=0.0)), curve.largest_Nm)
+
+
+def _slopes(p: Parameters, covariance: Floats, largest: Floats) -> dict[str, list[float]]:
+    """Three slopes and torques as in catalogues; zero at joints without a significant change.
+
+    A slope that no torque up to the ``largest``, shape (n,), reaches is that before.
+    """
     first, last = (np.arange(p.vector.size)[p.layout[bend]] for bend in ("piecewise", "second_bend"))
     bends, variance = p.vector[[first, last]], np.diag(covariance)[[first, last]]
     change = np.vstack([bends, bends.sum(axis=0)])  # each may be uncertain, and not their sum
     doubt = np.vstack([variance, variance.sum(axis=0) + 2 * covariance[first, last]])
     clear = np.any(change**2 > _SIGNIFICANT**2 * np.maximum(doubt, 0), axis=0)
     K2, T1 = p.K + bends[0], p.K * p["knee"]
-    seen = np.isfinite(variance[1])
+    seen = np.isfinite(variance[1]) & (T1 + K2 * p["second_knee"] < _REACHED * largest)
     K3, T2 = (np.where(seen, x, y) for x, y in ((K2 + bends[1], K2), (T1 + K2 * p["second_knee"], T1)))
     found = {"K2": K2, "K3": K3, "T1_Nm": T1, "T2_Nm": T2}
     return {name: np.where(clear, values, 0.0).tolist() for name, values in found.items()}
