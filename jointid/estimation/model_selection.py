@@ -152,10 +152,10 @@ def _searched(search: Search) -> Choice:
     fit_first(search)
     if search.is_lost and search.may_have_friction and search.is_distorted:
         climb_from_first(search)
-    fit_regressed(search)
     rows = search.few_rows()
     if search.is_lost and rows.size < phasors.omega.size:
         return _searched_in_few(search, rows)
+    fit_regressed(search)
     if search.is_lost and _inertias_are_wrong(search):
         return _choice(search, search.fits.least(list(search.fits.tried)))
     if search.is_lost and not (search.has_motions or search.is_distorted):
