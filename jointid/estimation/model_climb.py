@@ -94,16 +94,20 @@ def fit_regressed(search: Search, most_left: float = _BENT) -> None:
     fits, base = search.fits, search.base
     if search.has_motions or not search.is_distorted or fits.least_misfit <= DOUBTFUL:
         return
+    sliding = [replace(base, reversal=0.0)] * search.may_have_friction
+    models = list(dict.fromkeys((base, *sliding)))
     for law, start, left in search.regressed_laws:
         most_left = min(most_left, _OTHER_LAWS * left)
-        for model in (base, replace(base, reversal=0.0)):
-            wider, may_rub = model.with_part(law), search.may_have_friction or model == base
-            done = model.reversal is not None and wider in fits.tried  # from the estimate without
-            is_open = fits.least_misfit > DOUBTFUL and (law, wider) not in search.regressed
-            if left < most_left and may_rub and is_open and not done:
+        for model in models if left < most_left else ():
+            wider = model.with_part(law)
+            follows = model.reversal is not None and wider in fits.tried  # from the fit without friction
+            if fits.least_misfit > DOUBTFUL and (law, wider) not in search.regressed and not follows:
                 _fit_law(search, wider, start)
-                rubs = wider.reversal is not None or not search.may_have_friction
-                if rubs and search.is_lost and fits.misfit(wider) > _linear_misfit(search):
+                if (
+                    search.is_lost
+                    and model == models[-1]
+                    and fits.misfit(wider) > _linear_misfit(search)
+                ):
                     return  # wrong data
 
 

@@ -70,7 +70,8 @@ def _slopes(p: Parameters, covariance: Floats, largest: Floats) -> dict[str, lis
     doubt = np.vstack([variance, variance.sum(axis=0) + 2 * covariance[first, last]])
     clear = np.any(change**2 > _SIGNIFICANT**2 * np.maximum(doubt, 0), axis=0)
     K2, T1 = p.K + bends[0], p.K * p["knee"]
-    seen = np.isfinite(variance[1]) & (T1 + K2 * p["second_knee"] < _REACHED * largest)
-    K3, T2 = (np.where(seen, x, y) for x, y in ((K2 + bends[1], K2), (T1 + K2 * p["second_knee"], T1)))
+    K3, T2 = K2 + bends[1], T1 + K2 * p["second_knee"]
+    seen = np.isfinite(variance[1]) & (_REACHED * largest > T2)
+    K3, T2 = np.where(seen, K3, K2), np.where(seen, T2, T1)
     found = {"K2": K2, "K3": K3, "T1_Nm": T1, "T2_Nm": T2}
     return {name: np.where(clear, values, 0.0).tolist() for name, values in found.items()}

@@ -32,6 +32,9 @@ from jointid.gears.wound import Wound
 from jointid.joints import motor_impedance
 from jointid.small_matrices import inverse, lifted
 
+_By = dict[str, Complexes]
+"""Derivatives by the names of parameters."""
+
 
 @dataclass(frozen=True, eq=False)
 class Residual:
@@ -192,15 +195,18 @@ class Residual:
             J[..., layout["arm_coulomb"]] = -share @ force
         if "position_filter" in layout:
             J[..., layout["position_filter"]] = -self.X * (s * smooth[..., :n])[..., None, :]
-        own = self._own_columns(smooth)
-        slopes = self._by_laws(smooth, stiffness, own)
+        own, turned = self._own_columns(smooth), _By()
+        if turns is not None:
+            for name, columns in own.items():
+                turned[name] = self._turned(turns, self.arm * self._clear(columns)[..., None, :])
+        slopes = self._by_laws(smooth, stiffness, own, turned)
         for name, columns in self._by_arm(share, f - self.law[1]).items():
             J[..., layout[name]] = -columns
         for name, columns in own.items():
             through = self.X @ slopes[name] if name in slopes else 0
             whole = columns[..., None, :] * np.eye(n) + through
-            if turns is not None:
-                whole -= share @ self._turned(self.arm * self._clear(columns)[..., None, :])
+            if name in turned:
+                whole -= share @ turned[name]
             block, _, part = name.partition(" ")
             place = np.arange(layout.size)[layout[block]]
             if block == "curve":
@@ -217,10 +223,11 @@ class Residual:
             J[..., layout[name]] += self.X @ slopes[name]
         return J
 
-    def _by_laws(
-        self, smooth: Complexes, stiffness: dict[str, Complexes], own: dict[str, Complexes]
-    ) -> dict[str, Complexes]:
-        """Derivatives of w by the parameters, each (r, H, n, c)."""
+    def _by_laws(self, smooth: Complexes, stiffness: _By, own: _By, turned: _By) -> _By:
+        """Derivatives of w by the parameters, each (r, H, n, c).
+
+        ``own`` torques of the motors change the friction of the arms by ``turned``.
+        """
         laws, problem, p = self.problem.laws, self.problem, self.p
         if laws is None or self.wound is None:
             return {}
@@ -228,8 +235,9 @@ class Residual:
         torque -= motor_stiffness(problem, p) * self._before_filter(smooth) + problem.free_torque
         apart = self._by_arm(self.arm, torque)
         for name, columns in own.items():
-            turned = self._turned(self.arm * self._clear(columns)[..., None, :])
-            apart[name] = self.arm @ turned - self.arm * columns[..., None, :]
+            apart[name] = -self.arm * columns[..., None, :]
+            if name in turned:
+                apart[name] += self.arm @ turned[name]
         if "position_filter" in own:
             moved = problem.s[..., None] * smooth[..., : problem.n]
             apart["position_filter"] += moved[..., None] * np.eye(problem.n)
@@ -241,16 +249,14 @@ class Residual:
         laws = self.problem.laws
         return torque if laws is None else np.where(laws.clear, torque, 0)
 
-    def _turned(self, angle: Complexes) -> Complexes:
+    def _turned(self, turns: ArmFriction, angle: Complexes) -> Complexes:
         """Change of Coulomb friction at the arm for changes of its angle, both (r, H, n, c).
 
         They move the instants at which the arm turns back.
         """
-        if self.turns is None:
-            return np.zeros_like(angle)
-        return self.turns.by_motion(self.problem.s[..., None, None] * angle)
+        return turns.by_motion(self.problem.s[..., None, None] * angle)
 
-    def _own_columns(self, smooth: Complexes) -> dict[str, Complexes]:
+    def _own_columns(self, smooth: Complexes) -> _By:
         """Derivatives of the torque through a gear by its own motor's parameters, each (r, H, n)."""
         problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
         s = problem.s[..., None]
@@ -283,12 +289,12 @@ class Residual:
             columns["bristle"] = -p["motor_presliding"] * slope * earlier
         return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
 
-    def _by_arm(self, left: Complexes, f: Complexes) -> dict[str, Complexes]:
+    def _by_arm(self, left: Complexes, f: Complexes) -> _By:
         """Changes of left A⁻¹(f − P) by the parameters of the arm, with a negative sign, (r, H, n, c).
 
         ``left`` has the shape (r, H, n, n), ``f`` is the torque f − P that moves the arm.
         """
-        problem, layout, found = self.problem, self.problem.layout, dict[str, Complexes]()
+        problem, layout, found = self.problem, self.problem.layout, _By()
         if not any(name in layout for name in (*ARM_EFFECTS, "M2")):
             return found
         s, of_elements = problem.s[..., None], problem.prior.by_elements
@@ -296,7 +302,7 @@ class Residual:
         moved = (self.arm @ (self._clear(self.torque) - self.law[1])[..., None])[..., 0]
 
         def turned(change: Complexes) -> Complexes | float:
-            return 0.0 if self.turns is None else left @ self._turned(-change)
+            return 0.0 if self.turns is None else left @ self._turned(self.turns, -change)
 
         for name, factor in {"arm_viscous": s, "link": -(s**4), "gravity": np.ones_like(s)}.items():
             if name in layout:
