@@ -159,7 +159,7 @@ def _print_motion(analysis: Analysis, found: PlannedMotion, as_json: bool) -> No
     count, seconds = len(found.records), found.duration_s
     total = f"{counted(count, 'record')}, {seconds:.4g} s in all"
     print(f"{found.motion.kind}, {total}: relative standard errors\n")
-    today = fit.standard_error / np.abs(fit.estimate)
+    today = fit.relative_error
     columns = ([percent(float(x)) for x in each] for each in (today, found.alone, found.together))
     rows = [list(row) for row in zip(found.names, *columns, strict=True)]
     print_table(["", "now", "motion alone", "together"], rows, right=(1, 2, 3))

@@ -116,6 +116,12 @@ class ElasticityFit:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
+    def relative_error(self) -> Floats:
+        """``standard_error`` over ``estimate``, shape (2n,)."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(self.standard_error / np.abs(self.estimate))
+
+    @property
     def errors(self) -> Parameters:
         """Standard errors of all ``parameters`` by their names; of K and D those from all causes."""
         others = np.sqrt(np.diag(self.parameter_covariance))[2 * self.n :]

@@ -256,7 +256,7 @@ def _require_replaceable(target: Path, overwrite: bool) -> None:
     for entry in [*target.iterdir(), *(target / "records").glob("*")]:
         name = entry.relative_to(target).as_posix()
         is_record = name.startswith("records/") and entry.suffix in (".csv", ".parquet")
-        is_robot = name in ("robot.toml", "robot.urdf", "robot.xml")
+        is_robot = name in [f"robot{ending}" for ending in RobotModel.ENDINGS]
         if not (is_record or is_robot or name in (STUDY_FILE, "records")):
             raise JointIdError(
                 f"{target} also holds {name}, which is not part of a study: nothing was overwritten. "

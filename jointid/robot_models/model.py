@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +41,9 @@ class RobotModel(RobotDescription):
 
     Joint angles are those of the log, in radians; they may have leading axes, (..., n).
     """
+
+    ENDINGS: ClassVar[tuple[str, ...]] = tuple(_READERS)
+    """Endings of the files that ``load`` reads."""
 
     @classmethod
     def load(

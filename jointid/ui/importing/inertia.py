@@ -45,8 +45,6 @@ _LINKS = {
 }
 """Label, unit and example of each entry for an arm of links."""
 _UPLOADS = "import_toml_uploads"
-ROBOT_FILES = ("toml", "urdf", "xml")
-"""Endings of robot models."""
 _HELP = (
     "Rigid-body inertias, seen from the motors: divided by both gear ratios. The fit corrects them "
     "within the uncertainty stated below. Values of the joint side are divided by the gear ratios of "
@@ -185,7 +183,7 @@ def _by_model(ratios: Sequence[float]) -> KnownRobot | None:
     left, right = st.columns(2)
     left.file_uploader(
         "Robot model (Denavit–Hartenberg .toml, .urdf or MJCF .xml)",
-        ROBOT_FILES,
+        RobotModel.ENDINGS,
         max_upload_size=1,
         key=f"import_model_file {st.session_state.get(_UPLOADS, 0)}",
         on_change=_take_model,

@@ -38,7 +38,6 @@ from jointid.uncertainty.validation import (
 from jointid.verdict.rules_model import EXPLAINED
 from jointid.wording import file_stem, significant, with_error
 
-_ROBOT_MODELS = ("toml", "urdf", "xml")
 _SIGNIFICANT = 4.0
 """Root mean square of a record's harmonics, in units of their noise, that is not by chance."""
 _SPREAD = 1.5
@@ -172,7 +171,7 @@ def show_arm_side(page: Page) -> None:
     robot, model, file = study.robot_model, "", None
     if robot is None:
         kinds = "URDF, MJCF (.xml) or Denavit–Hartenberg TOML, with gear ratios."
-        file = st.file_uploader("Robot model", _ROBOT_MODELS, help=kinds)
+        file = st.file_uploader("Robot model", RobotModel.ENDINGS, help=kinds)
         if file is None:
             return
     try:

@@ -152,13 +152,7 @@ def _outcome(plans: tuple[PlannedMotion, ...], analysis: Analysis, suggested: Su
         seconds = suggested.records.duration_s.sum()
         ways.append(("the sines above", suggested.worst[-1], seconds))
     after = ", ".join(f"{percent(float(e))} with {name} ({t:.0f} s)" for name, e, t in ways)
-    return f"Worst error {percent(float(_today(analysis).max()))} → {after}"
-
-
-def _today(analysis: Analysis) -> Floats:
-    """Relative standard errors of K and D today, shape (2n,)."""
-    with np.errstate(divide="ignore"):
-        return np.asarray(analysis.fit.standard_error / np.abs(analysis.fit.estimate))
+    return f"Worst error {percent(float(analysis.fit.relative_error.max()))} → {after}"
 
 
 def plan_table(plans: tuple[PlannedMotion, ...], analysis: Analysis) -> Table:
@@ -167,7 +161,7 @@ def plan_table(plans: tuple[PlannedMotion, ...], analysis: Analysis) -> Table:
         "": ["Length", "Peak velocity (rad/s)", "Peak torque (N·m)", "Worst error, alone"]
         + [f"{name} error, with present records" for name in plans[0].names]
     }
-    today, records = _today(analysis), analysis.study.records
+    today, records = analysis.fit.relative_error, analysis.study.records
     seconds = sum(record.samples * record.interval_s for record in records)
     columns: list[tuple[str, str, Any, Floats, Floats]] = [
         ("Present records", f"{seconds:.0f} s", records, today, today)
