@@ -15,6 +15,7 @@ from jointid.arm_side.identify import identify_arm_side
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.identify_elasticity import identify_each, require_method
 from jointid.estimation.identify_motion import identify_motion
@@ -29,7 +30,7 @@ from jointid.study import Study
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
 from jointid.uncertainty.answer_tables import largest_part
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
-from jointid.verdict.findings import Evidence, Finding, findings
+from jointid.verdict.findings import Evidence, Finding, findings, is_wrong, may_be_wrong
 from jointid.verdict.motion_findings import motion_findings
 from jointid.verdict.rules_model import MODEL_LIMITS
 from jointid.wording import plain, significant
@@ -205,21 +206,21 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         freed, problem = _motion_matrices(study, transfer_matrices, fits[method], problem)
         found = motion_findings(study.records, study.inertias, phasors, fits, transfer_matrices)
     else:
-        names = list(dict.fromkeys((method, *LINEAR)))
         fits = {} if known is None else dict(known.fits)
-        fits |= identify_each(phasors, study.sine_prior, [m for m in names if m not in fits])
-        fits = {name: fits[name] for name in names}
-        freed, _ = _transfer_matrices(study, fits[method].phasors)
-        found = findings(
-            Evidence(
-                records=sines,
-                inertias=study.inertias,
-                phasors=phasors,
-                fit=fits[method],
-                transfer_matrices=transfer_matrices,
-                automatic=None if known is None else known.fit,
-            )
+        fits |= identify_each(phasors, study.sine_prior, [m for m in LINEAR if m not in fits])
+        evidence = Evidence(
+            records=sines,
+            inertias=study.inertias,
+            phasors=phasors,
+            fit=fits["weighted"],
+            transfer_matrices=transfer_matrices,
+            automatic=None if known is None else known.fit,
         )
+        if method not in fits:
+            fits[method] = _nonlinear_fit(evidence, study.sine_prior, method)
+        fits = {name: fits[name] for name in dict.fromkeys((method, *LINEAR))}
+        freed, _ = _transfer_matrices(study, fits[method].phasors)
+        found = findings(replace(evidence, fit=fits[method]))
     if study.assumed and found[0].level == "problem":
         assumed = f"First check what the import assumed: {'; '.join(study.assumed)}."
         found = replace(found[0], remedy=f"{assumed} {found[0].remedy}"), *found[1:]
@@ -233,6 +234,18 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         fits=MappingProxyType(fits),
         findings=found,
     )
+
+
+def _nonlinear_fit(evidence: Evidence, prior: InertiaPrior, method: str) -> ElasticityFit:
+    """The fit of an estimator that is not linear; ``evidence`` holds a linear one.
+
+    No rich model explains wrong data, and the search would take long.
+    """
+    if method == "auto" and is_wrong(evidence):
+        simple = identify_each(evidence.phasors, prior, [method], simply=True)[method]
+        if may_be_wrong(replace(evidence, fit=simple)):
+            return simple
+    return identify_each(evidence.phasors, prior, [method])[method]
 
 
 def analyse_arm_side(study: Study, robot: RobotModel | None = None) -> ArmSideFit:

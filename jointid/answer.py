@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.elasticity import AGREEING, ElasticityFit, undetermined
 from jointid.estimation.estimators.parameters import EFFECTS
 from jointid.estimation.quantities import Quantity, quantities
 from jointid.joints import Elasticity
@@ -27,8 +27,6 @@ from jointid.wording import (
     with_error,
 )
 
-_AGREEING = 2.0
-"""Standard errors within which values agree: 95 % of normal errors."""
 _PER_CENT = (0.67, 1.5)
 """Ratios of stiffnesses between which the difference is given in per cent."""
 _AGREEMENT = 0.01
@@ -141,7 +139,7 @@ def friction_note(fit: ElasticityFit) -> str:
     if not negative:
         return ""
     joints = enumerated([f"joint {found.joints[0]}" for found in negative])
-    if all(found.value > -_AGREEING * found.error for found in negative):
+    if all(found.value > -AGREEING * found.error for found in negative):
         return f"The negative viscous friction of {joints} agrees with 0."
     return (
         f"The viscous friction of {joints} is negative: friction falls with speed "
@@ -242,13 +240,13 @@ def answer_sentence(
     ``nominal`` holds K and D in the controller at present; ``torque_stated`` is whether the uncertainty
     of the torque scale is part of the errors. If not, the sentence says so.
     """
-    unknown = np.flatnonzero(~(fit.K > _AGREEING * fit.errors.K))
+    unknown = np.flatnonzero(undetermined(fit))
     if unknown.size:
         which = enumerated([f"joint {j + 1}" for j in unknown])
         return f"These records do not determine the stiffness of {which}: see the findings."
     condition = "" if torque_stated else ", if the torque scale is exact"
-    undetermined = [f"D{j + 1}" for j in np.flatnonzero(np.isinf(fit.errors.D))]
-    tail = f" These records do not determine {enumerated(undetermined)}." if undetermined else ""
+    unknown_D = [f"D{j + 1}" for j in np.flatnonzero(np.isinf(fit.errors.D))]
+    tail = f" These records do not determine {enumerated(unknown_D)}." if unknown_D else ""
     return f"{_stiffnesses(fit, nominal, unit)}{condition}.{tail}"
 
 
@@ -301,7 +299,7 @@ def _difference(fit: ElasticityFit, nominal: Elasticity, j: int) -> tuple[str, s
     """Kind of the difference of a stiffness from the nominal one, its size in words, its size."""
     ratio = float(fit.K[j] / nominal.K[j])
     error = float(fit.errors.K[j] / nominal.K[j])
-    if abs(ratio - 1) <= max(_AGREEMENT, _AGREEING * error):
+    if abs(ratio - 1) <= max(_AGREEMENT, AGREEING * error):
         return "has its nominal stiffness", "", 0.0
     if _PER_CENT[0] < ratio < _PER_CENT[1]:
         percent = 100 * abs(ratio - 1)
@@ -322,6 +320,6 @@ def change_from(value: float, error: float, reference: float) -> str:
     if reference <= 0 or not np.isfinite(error):
         return "–"
     ratio = value / reference - 1
-    if abs(ratio) <= _AGREEING * error / reference:
+    if abs(ratio) <= AGREEING * error / reference:
         return "agrees"
     return signed_percent(100 * ratio)

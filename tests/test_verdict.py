@@ -326,6 +326,17 @@ def test_a_wrong_scale_comes_first_and_suppresses_its_consequences(
     assert not said(analysis.findings, "record")  # accuses none
 
 
+@pytest.mark.parametrize(("unit", "size"), [("rad/s", 1.0), ("rpm", np.pi / 30)])
+def test_velocities_in_place_of_positions_are_named(unit: str, size: float) -> None:
+    records = [remade(r, theta_rad=np.gradient(r.theta_rad, r.time_s, axis=0) / size) for r in sound()]
+    analysis = analysed(records)
+    assert analysis.headline == "Not usable: The positions seem to be velocities."
+    assert f"velocities in {unit}, they give K of about" in analysis.findings[0].detail
+    assert not any(
+        set(each.parts) - {"friction", "viscous", "delay"} for each in analysis.fit.candidates
+    )
+
+
 # --------------------------------------------------------------------------- friction, delay, estimator
 
 
@@ -1012,6 +1023,8 @@ def with_torques(change: str) -> list[SineRecord]:
         torques = [
             np.clip(torque, *(0.6 * np.ptp(torque) * np.array([-0.5, 0.5]))) for torque in torques
         ]
+    if change == "no sign":
+        torques = [np.abs(torque) for torque in torques]
     lengths = [record.samples for record in records]
     return [
         remade(record, tau_Nm=np.resize(torque, (length, 2)))
@@ -1025,6 +1038,7 @@ def with_torques(change: str) -> list[SineRecord]:
         ("other frequencies", "do not belong to the motions", "lacks the frequency"),
         ("another clock", "do not belong to the motions", "would absorb power"),
         ("clipped", "is clipped", "of the samples are at the largest torque"),
+        ("no sign", "has no sign", "keeps its sign and has twice the frequency"),
     ],
 )
 def test_torques_of_other_motions_are_named_without_a_long_search(
@@ -1034,7 +1048,10 @@ def test_torques_of_other_motions_are_named_without_a_long_search(
     assert title in analysis.findings[0].title, titles(analysis)
     assert detail in analysis.findings[0].detail
     assert analysis.state == "not usable"
-    assert len(analysis.fit.candidates) <= 4 or change == "clipped"
+    assert len(analysis.fit.candidates) <= 4
+    assert not any(
+        set(each.parts) - {"friction", "viscous", "delay"} for each in analysis.fit.candidates
+    )
 
 
 def test_a_torque_in_coarse_steps_is_not_reported_as_clipped() -> None:

@@ -650,6 +650,12 @@ def test_a_torque_is_clipped_from_a_tenth_of_the_samples(largest: int, clipped: 
         assert rules_outlier._is_clipped(steps) == far_more == rules_outlier._is_clipped(-steps)
 
 
+def test_a_torque_without_sign_reaches_zero_and_does_not_pass_it() -> None:
+    sine = np.sin(np.linspace(0, 40, 999))
+    for torque, one_sign in ((sine, False), (np.abs(sine), True), (sine + 1.1, False)):
+        assert rules_outlier._has_one_sign(torque) == one_sign == rules_outlier._has_one_sign(-torque)
+
+
 @pytest.mark.parametrize(("wrong", "left_out"), [(0, False), (2, True), (3, False)])
 def test_records_with_negative_power_can_be_left_out_while_most_remain(
     monkeypatch: pytest.MonkeyPatch, wrong: int, left_out: bool
@@ -738,6 +744,7 @@ def test_a_joint_at_rest_is_reported_where_its_stiffness_is_unknown(
 ) -> None:
     fit = two_joints(friction=case())
     fit.errors = case(K=np.array([1e-3, error]) * fit.K)
+    fit.standard_error = np.concatenate([fit.errors.K, fit.D])
     found = list(motion_findings._joints_at_rest(fit, np.array([0.9, share])))
     assert levels(found) == level
     for finding in found:

@@ -41,6 +41,10 @@ class Friction:
     """Share μ of the torque through the gear, shape (n,); 0 where it was not fitted."""
 
 
+AGREEING = 2.0
+"""Standard errors within which values agree: 95 % of normal errors."""
+
+
 @dataclass(frozen=True, eq=False)
 class ElasticityFit:
     """Stiffness and damping of n joints, motor side, identified from r records, equations (8)-(15)."""
@@ -180,12 +184,17 @@ class ElasticityFit:
                     f"K{j + 1} is {self.K[j]:.4g} N·m/rad; a spring needs K > 0. Check the "
                     f"sign and unit of the torque of joint {j + 1}, the gear ratios, and M and M2."
                 )
-            if self.D[j] < -2 * D_error[j]:
+            if self.D[j] < -AGREEING * D_error[j]:
                 raise JointIdError(
                     f"D{j + 1} is {self.D[j]:.4g} N·m·s/rad; a damper needs D > 0. "
                     "The torque probably leads or lags: check torque_hold and torque_delay_s."
                 )
         return Elasticity(K=self.K, D=np.maximum(self.D, 0.0))
+
+
+def undetermined(fit: ElasticityFit) -> np.ndarray:
+    """Whether each K is within two standard errors of zero, shape (n,)."""
+    return np.asarray(~(AGREEING * fit.standard_error[: fit.n] < fit.K))
 
 
 def likelihood_fit(

@@ -79,6 +79,7 @@ def choose_model(
     delay: bool,
     exactly: bool = False,
     gear: str = "auto",
+    simply: bool = False,
     first: Sequence[Model] = (),
     most: float = np.inf,
     is_lost: bool = False,
@@ -95,6 +96,8 @@ def choose_model(
         Exclude the optional parts; only the form of the friction reversals is chosen.
     gear : {"auto", "linear"}
         Whether nonlinear laws of the gears are among the optional parts.
+    simply : bool
+        Exclude the optional parts except friction and delay.
     first : sequence of Model, optional
         Models that an earlier search could not tell apart, which are fitted first. The start values are
         those of the first one.
@@ -113,7 +116,7 @@ def choose_model(
     if phasors.is_superposed:  # presliding of sines is computed for angles that return
         excluded.add("motor_presliding")
     parts = ("friction",) * (not friction) + ("delay",) * (not delay)
-    parts += tuple(name for name in EFFECTS if name not in excluded)
+    parts += tuple(name for name in EFFECTS if not (simply or name in excluded))
     optional = () if exactly else parts
     rows = 2 * int(np.count_nonzero(phasors.harmonics[..., : phasors.n]))
     search = Search(

@@ -16,11 +16,12 @@ from jointid.verdict.causes import (
     OTHER_CAUSES,
     ROUGH,
     SUBTLE,
+    VELOCITY_UNITS,
     Cause,
     known_cause,
 )
 from jointid.verdict.evidence import Action, Change, Finding, number, problem, times_noise
-from jointid.verdict.scorer import Hypothesis
+from jointid.verdict.scorer import VELOCITY, Hypothesis
 from jointid.wording import capitalised, enumerated, listed
 
 
@@ -44,6 +45,7 @@ def finding_of(
         title, detail, remedy, action = _WHOLE[hypothesis.kind]
         fields = {
             "gears": ", ".join(number(value) for value in hypothesis.gear),
+            "unit": VELOCITY_UNITS.get(float(1 / hypothesis.scale[0]), ""),
             "K": f"{', '.join(number(k) for k in K)} N·m/rad",
             "q": listed(f"theta_m{j + 1}_rad" for j in range(K.size)),
             "tau": listed(f"tau_m{j + 1}_Nm" for j in range(K.size)),
@@ -135,6 +137,13 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
         "Read as angles behind the gears, they give K of about {K}.",
         "Choose the columns of the motors' encoders as positions ({q} in a study's tables). An encoder "
         "behind the gear does not show the motion of the motor, whatever the gear ratio.",
+        "edit mapping",
+    ),
+    VELOCITY: (
+        "The positions seem to be velocities",
+        "Read as velocities in {unit}, they give K of about {K}.",
+        "Choose the columns of the motors' positions ({q} in a study's tables), or integrate the "
+        "velocities before the import.",
         "edit mapping",
     ),
     "gear torque": (

@@ -11,6 +11,8 @@ CLOSE, ROUGH, NEAR = 1.03, 1.1, 1.35
 """Ratio within which a factor is a known one: of a good fit, where more is wrong, for a hint."""
 GOOD = 10.0
 """Misfit above which something is left to be explained."""
+VELOCITY_UNITS = {1.0: "rad/s", DEGREES: "°/s", np.pi / 30: "rpm"}
+"""Units of a velocity that may be taken for a position, by their size in rad/s."""
 LARGEST_GEAR_RATIO = 1000.0
 """Larger ratios, and less than one over it, are no gears."""
 ALIKE = 0.02

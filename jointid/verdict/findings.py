@@ -124,6 +124,17 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     return ranked(found, evidence.fit)
 
 
+def is_wrong(evidence: Evidence) -> bool:
+    """Whether signs, units or columns are wrong, or torques are clipped, by a linear fit.
+
+    Friction and laws of the gears may leave as much of the data, but no such cause explains it then.
+    """
+    wrong = any(foreign_torques(evidence)) or wrong_columns(
+        evidence, evidence.phasors, evidence.inertias
+    )
+    return bool(wrong)
+
+
 def _best_fit(evidence: Evidence) -> ElasticityFit:
     """Fit that the rules assess: the best model, since a model that fits excludes wrong data."""
     fit = evidence.fit

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.elasticity import ElasticityFit, undetermined
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
@@ -20,9 +20,8 @@ from jointid.verdict.rules_records import counted_twice
 from jointid.verdict.wrong_data import wrong_data
 from jointid.wording import percent
 
-_RESTS, _LOOSELY, _UNKNOWN = 0.35, 0.01, 0.5
-"""A joint is reported from this share of the time at rest and this relative standard error of K; with
-the last relative standard error, K agrees with 0."""
+_RESTS, _LOOSELY = 0.35, 0.01
+"""A joint is reported from this share of the time at rest and this relative standard error of K."""
 _SURE = 1e4
 """Degrees of freedom of the covariance of transfer matrices."""
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
@@ -110,7 +109,7 @@ def _joints_at_rest(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
         result = f"do not determine K{j + 1}."
         if np.isfinite(known[j]):
             result = f"determine K{j + 1}: one standard error is {percent(known[j])}."
-        make = problem if np.any(known[joints] > _UNKNOWN) else warning
+        make = problem if np.any(undetermined(fit)[joints]) else warning
         yield make(
             f"{some([f'Joint {k + 1}' for k in joints])} rest{'s' * (joints.size == 1)} for much of the "
             "motion",

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from jointid.answer import fitted_parts
-from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.elasticity import ElasticityFit, undetermined
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.model_average import USUAL_LINK
@@ -107,8 +107,15 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
     if unknown:
         worst = int(np.argmax(excess))
         size = percent(whole[worst]) if np.isfinite(fit.standard_error[worst]) else ""
-        yield warning(
-            f"{some(unknown)} {'is' if len(unknown) == 1 else 'are'} poorly determined",
+        title = f"{some(unknown)} {'is' if len(unknown) == 1 else 'are'} poorly determined"
+        make = warning
+        if undetermined(fit).all():
+            make, title = (
+                problem,
+                f"These records do not determine {enumerated(names[: fit.n].tolist())}",
+            )
+        yield make(
+            title,
             f"One standard error of {names[worst]} is {size} of its value."
             if size
             else f"These records do not determine {names[worst]} at all.",

@@ -61,6 +61,12 @@ _CUT_OFF = (
     "A logged torque is clipped",
     "Log the torque with a larger range, or use smaller motions.",
 )
+_UNSIGNED = (
+    "A logged torque has no sign",
+    "Log the torque with its sign: its size alone does not give K and D.",
+)
+_OPPOSITE = 0.02
+"""Largest torque of one sign over that of the other from which a torque has both."""
 _CUT, _FAR_MORE = 0.1, 4.0
 """Share of the samples at the largest torque from which its log is clipped there, and their number over
 that at any smaller one: 2.4 for a sine in coarse steps."""
@@ -178,15 +184,17 @@ def _outlier_text(label: str, scale: Floats) -> tuple[str, str, str, bool]:
 
 
 def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
-    """Torques that are clipped, or lack the frequency at which the motor moves."""
+    """Torques that are clipped, lack their sign, or the frequency at which the motor moves."""
     phasors, n = evidence.phasors, evidence.phasors.n
     noise = np.sqrt(np.einsum("rjj->rj", phasors.harmonic_covariance[:, 0, n:, n:]).real)
     moves = joint_share(phasors)[:, :n] > _MOVES
     suspicious = moves & (np.abs(phasors.harmonics[:, 0, n:]) < _CLEAR * noise)
     squared = phasors.omega[:, None] ** 2
     rotors = 0.5 * np.abs(np.array([each.M for each in evidence.inertias]) * squared * phasors.q) ** 2
-    at_multiples = 0.5 * (np.abs(phasors.harmonics[..., n:]) ** 2).sum(axis=1)
-    poor, found = evidence.fit.misfit >= GOOD, np.zeros((2, len(noise)), bool)
+    orders = np.abs(phasors.harmonics[..., n:])
+    at_multiples = 0.5 * (orders**2).sum(axis=1)
+    twice = moves & (orders[:, 1:2].sum(axis=1) > orders[:, 0])
+    poor, found = evidence.fit.misfit >= GOOD, np.zeros((3, len(noise)), bool)
     for i, record in enumerate(evidence.sines):
         if isinstance(record, LongRecord) or not (poor or suspicious[i].any()):
             continue
@@ -195,10 +203,14 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
         lost = (at_multiples[i] < _LOST * whole) & (rotors[i] > _EXPECTED * whole)
         found[0, i] = np.any(suspicious[i] & lost)
         found[1, i] = poor and any(_is_clipped(torque[:, j]) for j in np.flatnonzero(moves[i]))
+        found[2, i] = poor and any(_has_one_sign(torque[:, j]) for j in np.flatnonzero(twice[i]))
     found[0, list(off_frequency(evidence))] = False
     lacking = phasors.omega[found[0]]
     if found[0].mean() > _MANY and (poor or lacking.max() > _RESONANCE * lacking.min()):
         yield _foreign(evidence, found[0], "the torque lacks the frequency at which the motor moves")
+    elif found[2].mean() > _MANY:
+        why = "the torque keeps its sign and has twice the frequency of the motion"
+        yield _foreign(evidence, found[2], why, _UNSIGNED)
     elif found[1].any():
         yield _foreign(
             evidence,
@@ -212,6 +224,13 @@ def _is_clipped(torque: Floats) -> bool:
     """Whether many samples have the largest size, and far more than any smaller one."""
     counts = np.unique(np.abs(torque), return_counts=True)[1]
     return bool(counts.size > 1 and counts[-1] > max(_CUT * torque.size, _FAR_MORE * counts[:-1].max()))
+
+
+def _has_one_sign(torque: Floats) -> bool:
+    """Whether a torque reaches zero and keeps its sign."""
+    largest = float(np.abs(torque).max())
+    opposite = min(float(torque.max()), -float(torque.min()))
+    return abs(opposite) < _OPPOSITE * largest
 
 
 def motors_take_power(evidence: Evidence) -> Iterator[Finding]:

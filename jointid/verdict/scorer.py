@@ -17,6 +17,8 @@ from jointid.estimation.estimators.joint_equations import inertia_arrays
 from jointid.joints import Inertia, dynamic_arm_inertia
 from jointid.phasors.extract import Phasors
 
+VELOCITY = "velocity"
+"""Kind of the hypothesis that positions are velocities."""
 _FLOOR = 1e-9
 """Smallest standard deviation of a phasor, over the signal's largest."""
 _WEIGHT_ITERATIONS = 3
@@ -135,7 +137,7 @@ class Scorer:
         with np.errstate(all="ignore"):
             return self._fitted(of_a, of_b, use[..., None])
 
-    def equations(self, hypothesis: Hypothesis) -> tuple[Floats, Floats]:
+    def equations(self, hypothesis: Hypothesis) -> tuple[Floats | Complexes, Floats | Complexes]:
         """Matrices of a and b for the logged z, each shape (r, n, 2n)."""
         n, s2, gear = self.n, -(self.omega[:, None, None] ** 2), hypothesis.gear
         M2, M = self.M2 / np.outer(gear, gear) + self.gravity, self.M[:, :, None] * np.eye(n)
@@ -148,18 +150,20 @@ class Scorer:
                 M = none
             arm = np.asarray(np.linalg.inv(M2), np.float64)
             a, b = [(eye + arm @ M) * s2, -arm], [-M * s2 * s2, s2 * eye]
+        if hypothesis.kind == VELOCITY:
+            a[0], b[0] = (each[0] / (1j * self.omega[:, None, None]) for each in (a, b))
         columns = np.argsort(hypothesis.order)
         return tuple(  # type: ignore[return-value]
             (np.concatenate(each, axis=2) / hypothesis.scale)[..., columns] for each in (a, b)
         )
 
-    def _fitted(self, of_a: Floats, of_b: Floats, use: Floats) -> Scores:
+    def _fitted(self, of_a: Floats | Complexes, of_b: Floats | Complexes, use: Floats) -> Scores:
         omega = self.omega[:, None]
         a, b = ((each @ self.z[..., None])[..., 0] for each in (of_a, of_b))
         through = of_a @ self.noise
-        var_a = (through * of_a).sum(axis=-1).real
-        cov = (through * of_b).sum(axis=-1).conj()  # of b with a
-        var_b = ((of_b @ self.noise) * of_b).sum(axis=-1).real
+        var_a = (through * of_a.conj()).sum(axis=-1).real
+        cov = (through * of_b.conj()).sum(axis=-1).conj()  # of b with a
+        var_b = ((of_b @ self.noise) * of_b.conj()).sum(axis=-1).real
         power, product = use * np.abs(a) ** 2, use * a.conj() * b
         weight: Floats = np.ones_like(power)
         for last in range(_WEIGHT_ITERATIONS + 1):

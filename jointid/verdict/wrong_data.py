@@ -13,15 +13,15 @@ from itertools import combinations, product
 import numpy as np
 from scipy.optimize import minimize
 
-from jointid.arrays import Floats
+from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.joint_equations import LARGEST, LEAST
 from jointid.estimation.passivity import least_misfit
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.verdict.cause_findings import finding_of
-from jointid.verdict.causes import CAUSES, GOOD, LARGEST_GEAR_RATIO, SUBTLE
+from jointid.verdict.causes import CAUSES, GOOD, LARGEST_GEAR_RATIO, SUBTLE, VELOCITY_UNITS
 from jointid.verdict.evidence import Finding
-from jointid.verdict.scorer import Hypothesis, Scorer
+from jointid.verdict.scorer import VELOCITY, Hypothesis, Scorer
 
 _SNAP = 1.35  # a factor this close to a known one is taken for it
 _RIGHT = 1.8  # a factor within this is that of inertias that are somewhat off
@@ -102,8 +102,12 @@ def _reversed_by_power(phasors: Phasors, tried: Sequence[Hypothesis]) -> list[Hy
 
 def _supplies_power(phasors: Phasors, hypothesis: Hypothesis) -> bool:
     """Whether the corrected records take no power from the motors; angles of the arm do not show it."""
-    order, scale = hypothesis.order, hypothesis.scale
-    covariance = phasors.covariance[:, order[:, None], order] / np.outer(scale, scale)
+    order = hypothesis.order
+    scale: Complexes = np.asarray(hypothesis.scale + np.zeros(phasors.z.shape, complex))
+    if hypothesis.kind == VELOCITY:
+        scale[:, : phasors.n] *= 1j * phasors.omega[:, None]
+    covariance = phasors.covariance[:, order[:, None], order]
+    covariance = covariance / (scale[:, :, None] * scale[:, None].conj())
     left = least_misfit(phasors.omega, phasors.z[:, order] / scale, covariance)
     return hypothesis.kind == "arm angle" or left < GOOD
 
@@ -129,6 +133,8 @@ def _hypotheses(n: int, measured: Floats | None, inertias: Sequence[Inertia]) ->
             yield replace(as_logged, kind="exchanged", order=order)
     for kind in ("arm angle", "gear torque"):
         yield replace(as_logged, kind=kind)
+    for unit in VELOCITY_UNITS:
+        yield Hypothesis.of(VELOCITY, one / unit, one)
     ratio = _ratio(measured, inertias)
     if measured is None or n > _MOST_JOINTS:
         return
@@ -203,7 +209,7 @@ def _refined(hypothesis: Hypothesis, scorer: Scorer) -> Hypothesis:
     parts = np.concatenate([hypothesis.scale, hypothesis.gear]).reshape(3, n)
     logs = np.log(np.abs(parts))
     free = np.flatnonzero(np.any(logs != 0, axis=0))
-    if hypothesis.kind in ("arm angle", "gear torque", "exchanged") or not free.size:
+    if hypothesis.kind in ("arm angle", "gear torque", "exchanged", VELOCITY) or not free.size:
         return hypothesis
     # A ratio that scales both, angle and torque, is one number.
     turn = np.sign(logs) * np.sign(np.abs(logs).sum(axis=0))
