@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from jointid.estimation.quantities import Quantity
 from jointid.joints import Inertia
 from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors, extract_phasors, no_phasors
-from jointid.records import require_torques
+from jointid.records import MotionRecord, require_torques
 from jointid.robot_models.model import RobotModel
 from jointid.small_matrices import one_thread
 from jointid.study import Study
@@ -31,7 +33,7 @@ from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, mo
 from jointid.uncertainty.answer_tables import largest_part
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.verdict.findings import Evidence, Finding, findings, is_wrong, may_be_wrong
-from jointid.verdict.motion_findings import motion_findings
+from jointid.verdict.motion_findings import motion_findings, wrong_motions
 from jointid.verdict.rules_model import MODEL_LIMITS
 from jointid.wording import plain, significant
 
@@ -202,8 +204,11 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         phasors = extract_phasors(sines) if sines else no_phasors(study.inertia.n)
         transfer_matrices, problem = _transfer_matrices(study, phasors)
     if study.motion_records:
-        fits = _fits_with_motion(study, phasors, method)
-        freed, problem = _motion_matrices(study, transfer_matrices, fits[method], problem)
+        by_pose = _motions_by_pose(study, transfer_matrices)
+        of_motions, problem = _motion_matrices(by_pose, problem)
+        transfer_matrices |= of_motions
+        fits = _fits_with_motion(study, phasors, method, transfer_matrices)
+        freed, problem = _motion_matrices(by_pose, problem, fits[method])
         found = motion_findings(study.records, study.inertias, phasors, fits, transfer_matrices)
     else:
         fits = {} if known is None else dict(known.fits)
@@ -242,7 +247,7 @@ def _nonlinear_fit(evidence: Evidence, prior: InertiaPrior, method: str) -> Elas
     No rich model explains wrong data, and the search would take long.
     """
     if method == "auto" and is_wrong(evidence):
-        simple = identify_each(evidence.phasors, prior, [method], simply=True)[method]
+        simple = identify_each(evidence.phasors, prior, [method], effects=False)[method]
         if may_be_wrong(replace(evidence, fit=simple)):
             return simple
     return identify_each(evidence.phasors, prior, [method])[method]
@@ -270,7 +275,9 @@ def analyse_arm_side(study: Study, robot: RobotModel | None = None) -> ArmSideFi
     return identify_arm_side(records, robot)
 
 
-def _fits_with_motion(study: Study, phasors: Phasors, method: str) -> dict[str, ElasticityFit]:
+def _fits_with_motion(
+    study: Study, phasors: Phasors, method: str, matrices: dict[str, TransferMatrix]
+) -> dict[str, ElasticityFit]:
     """The fit of all records together, and linear fits of the sines where they allow them."""
     require_method(method)
     if method in LINEAR:
@@ -278,13 +285,20 @@ def _fits_with_motion(study: Study, phasors: Phasors, method: str) -> dict[str, 
             f'The estimator "{method}" takes sine records only, and this study has records of other '
             'motions: choose "auto".'
         )
-    inertia = study.inertias if study.poses else study.inertia
+    identify = partial(
+        identify_motion,
+        study.records,
+        study.inertias if study.poses else study.inertia,
+        inertia_std=study.inertia_std,
+        torque_std=study.torque_std,
+    )
+    fits = {}
     try:
-        fits = {
-            method: identify_motion(
-                study.records, inertia, inertia_std=study.inertia_std, torque_std=study.torque_std
-            )
-        }
+        if wrong_motions(study.records, study.inertias, matrices):  # as in _nonlinear_fit
+            fits[method] = identify(effects=False)
+            of_fit = Evidence(study.records, study.inertias, fits[method].phasors, fits[method], {})
+        if not fits or not may_be_wrong(of_fit):
+            fits[method] = identify()
     except JointIdError as error:
         if all(record.arm_rad is None for record in study.motion_records):
             raise
@@ -297,29 +311,32 @@ def _fits_with_motion(study: Study, phasors: Phasors, method: str) -> dict[str, 
     return fits
 
 
+def _motions_by_pose(study: Study, matrices: dict[str, TransferMatrix]) -> dict[str, list[MotionRecord]]:
+    """Motions, with their bands, of the poses that have no transfer matrix by sines."""
+    found: dict[str, list[MotionRecord]] = {}
+    for record in study.motion_records:
+        if (pose := record.pose or "") not in matrices:
+            found.setdefault(pose, []).append(record)
+    return found
+
+
 def _motion_matrices(
-    study: Study, matrices: dict[str, TransferMatrix], fit: ElasticityFit, problem: str
+    by_pose: dict[str, list[MotionRecord]], problem: str, fit: ElasticityFit | None = None
 ) -> tuple[dict[str, TransferMatrix], str]:
-    """Add the transfer matrices of poses with motions alone; return them without friction and delay."""
-    freed: dict[str, TransferMatrix] = {}
-    zero = np.zeros(study.inertia.n)
-    friction = (zero, zero) if fit.friction is None else (fit.friction.coulomb, fit.friction.viscous)
-    for pose in dict.fromkeys(record.pose or "" for record in study.motion_records):
-        if pose in matrices:
-            continue
+    """Transfer matrices of motions, without the friction and the delay of a fit."""
+    without: dict[str, Any] = {}
+    if fit is not None:
+        without = {"delay": fit.delay or 0.0}
+        if fit.friction is not None:
+            without |= {"coulomb": fit.friction.coulomb, "viscous": fit.friction.viscous}
+    matrices = {}
+    for pose, records in by_pose.items():
         try:
-            records = [
-                replace(record, band_hz=record.band_hz or coherent_band(record))
-                for record in study.motion_records
-                if (record.pose or "") == pose
-            ]
-            matrices[pose] = motion_transfer_matrix(records)
-            freed[pose] = motion_transfer_matrix(
-                records, coulomb=friction[0], viscous=friction[1], delay=fit.delay or 0.0
-            )
+            banded = [replace(each, band_hz=each.band_hz or coherent_band(each)) for each in records]
+            matrices[pose] = motion_transfer_matrix(banded, **without)
         except JointIdError as error:  # K and D do not need H
             problem = str(error)
-    return freed, problem
+    return matrices, problem
 
 
 def _transfer_matrices(study: Study, phasors: Phasors) -> tuple[dict[str, TransferMatrix], str]:

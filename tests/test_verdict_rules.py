@@ -642,18 +642,18 @@ def test_a_peak_stands_out_by_forty_per_cent() -> None:
 
 
 @pytest.mark.parametrize(("largest", "clipped"), [(10, False), (11, True)])
-def test_a_torque_is_clipped_from_a_tenth_of_the_samples(largest: int, clipped: bool) -> None:
+def test_a_torqueis_clipped_from_a_tenth_of_the_samples(largest: int, clipped: bool) -> None:
     torque = np.r_[np.full(largest, -2.0), np.linspace(0, 1.9, 100 - largest)]
-    assert rules_outlier._is_clipped(torque) == clipped
+    assert rules_outlier.is_clipped(torque) == clipped
     for smaller, far_more in ((25, False), (24, True)):  # a fourth of them at a smaller size
         steps = np.repeat([0.0, 1.0, 2.0], [smaller, smaller - largest, 100])
-        assert rules_outlier._is_clipped(steps) == far_more == rules_outlier._is_clipped(-steps)
+        assert rules_outlier.is_clipped(steps) == far_more == rules_outlier.is_clipped(-steps)
 
 
 def test_a_torque_without_sign_reaches_zero_and_does_not_pass_it() -> None:
     sine = np.sin(np.linspace(0, 40, 999))
     for torque, one_sign in ((sine, False), (np.abs(sine), True), (sine + 1.1, False)):
-        assert rules_outlier._has_one_sign(torque) == one_sign == rules_outlier._has_one_sign(-torque)
+        assert rules_outlier.has_one_sign(torque) == one_sign == rules_outlier.has_one_sign(-torque)
 
 
 @pytest.mark.parametrize(("wrong", "left_out"), [(0, False), (2, True), (3, False)])
@@ -939,13 +939,13 @@ def test_inertias_that_are_far_off_at_low_frequency_are_named(
 def test_responses_are_the_motions_under_one_torque_at_a_time() -> None:
     H = np.array([[[1.0, 2.0], [3.0, 4.0]]])
     matrix = case(omega=np.array([2.0]), H=H, covariance=np.zeros((1, 4, 4)))
-    records = [case(time_s=np.array([1.0, 9.0]))]
-    given = case(fit=two_joints(), records=records, of_pose=lambda pose: (None, pose))
-    motions, inertias = motion_findings._responses(given, {"far": matrix})
+    records: Any = [case(time_s=np.array([1.0, 9.0]), pose=pose) for pose in (None, "far")]
+    given: Any = [case(n=2, pose="near"), case(n=2, pose="far")]
+    motions, inertias = motion_findings._responses(records, given, {"far": matrix})
     assert motions.q.real.tolist() == [[-0.25, -0.75], [-0.5, -1.0]]
     assert motions.tau.real.tolist() == [[1, 0], [0, 1]]
     assert motions.duration_s.tolist() == [8.0, 8.0]
-    assert inertias == ["far", "far"]
+    assert inertias == [given[1]] * 2
 
 
 # --- records, more

@@ -106,15 +106,15 @@ def identify_each(
     friction: bool = False,
     delay: bool = False,
     gear: str = "auto",
-    simply: bool = False,
+    effects: bool = True,
     start: Parameters | None = None,
     first: Model | None = None,
     most: float = np.inf,
 ) -> dict[str, ElasticityFit]:
     """Identify K and D by several estimators from the same equations.
 
-    Parameters, errors and each fit as in :func:`identify_elasticity`; ``simply`` leaves only friction
-    and delay optional, as for wrong data; ``start`` holds the parameters of
+    Parameters, errors and each fit as in :func:`identify_elasticity`; ``effects`` is whether parts
+    other than friction and delay are optional; ``start`` holds the parameters of
     a similar fit, from which the models start in place of a linear estimate, ``first`` its model, and
     ``most`` is the misfit above which a fit has no use.
     """
@@ -124,7 +124,7 @@ def identify_each(
     require_gear(gear)
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
-    data = _Data(phasors, prior, equations, friction, delay, gear, simply, start, first, most)
+    data = _Data(phasors, prior, equations, friction, delay, gear, effects, start, first, most)
     return {name: data.fit(name) for name in names}
 
 
@@ -138,7 +138,7 @@ class _Data:
     friction: bool
     delay: bool
     gear: str
-    simply: bool
+    effects: bool
     start: Parameters | None
     first: Model | None
     most: float
@@ -163,7 +163,7 @@ class _Data:
                 delay=self.delay,
                 exactly=method != "auto",
                 gear=self.gear,
-                simply=self.simply,
+                effects=self.effects,
                 first=() if self.first is None else (self.first,),
                 most=self.most,
             )

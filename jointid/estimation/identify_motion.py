@@ -2,7 +2,7 @@
 
 import contextlib
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -65,6 +65,7 @@ def identify_motion(
     gear: str = "auto",
     friction: bool = False,
     delay: bool = False,
+    effects: bool = True,
 ) -> ElasticityFit:
     """Identify K and D of every joint from records of any motion around one pose each.
 
@@ -78,6 +79,8 @@ def identify_motion(
         As in :func:`identify_elasticity`.
     friction, delay : bool, default False
         Fit them in every model compared.
+    effects : bool, default True
+        Whether effects other than friction and delay are fitted where the data require them.
 
     Returns
     -------
@@ -96,8 +99,9 @@ def identify_motion(
     require_torques(records)
     n = records[0].n
     given = InertiaPrior.of(inertia, len(records), n, inertia_std=inertia_std, torque_std=torque_std)
+    search = partial(choose_model, friction=friction, delay=delay, gear=gear, effects=effects)
     with one_thread():
-        return _identified(records, given, friction=friction, delay=delay, gear=gear)
+        return _identified(records, given, search, seeks_resonances=effects)
 
 
 def motion_misfits(records: list[MotionRecord | SineRecord], priors: list[InertiaPrior]) -> Floats:
@@ -134,10 +138,9 @@ def _checked(records: object) -> list[MotionRecord | SineRecord]:
 def _identified(
     records: list[MotionRecord | SineRecord],
     given: InertiaPrior,
+    search: Callable[..., Choice],
     *,
-    friction: bool,
-    delay: bool,
-    gear: str,
+    seeks_resonances: bool,
 ) -> ElasticityFit:
     phasors, source = _phasors(records, given.M[given.rotor])
     _require_motion(phasors)
@@ -146,8 +149,10 @@ def _identified(
     rows, many = _few(phasors, prior), _are_many(phasors)
     if many:
         phasors, prior, rows = phasors.select(rows), prior.of_rows(rows), np.arange(rows.size)
-    phasors, start, first = _with_first_noise(phasors, prior, rows, motion_start(*whole), many)
-    search = partial(choose_model, friction=friction, delay=delay, gear=gear)
+    start: Floats | Parameters
+    phasors, start, first = _with_first_noise(
+        phasors, prior, rows, motion_start(*whole), many=many, seeks_resonances=seeks_resonances
+    )
     few, own = phasors.select(rows), prior.of_rows(rows)
     choice = search(few, own, start, noise=noise_of_rows(few, own), first=first if many else ())
     same, left = (
@@ -188,10 +193,18 @@ def _identified(
 
 
 def _with_first_noise(
-    phasors: Phasors, prior: InertiaPrior, rows: np.ndarray, start: Parameters, many: bool
+    phasors: Phasors,
+    prior: InertiaPrior,
+    rows: np.ndarray,
+    start: Parameters,
+    *,
+    many: bool,
+    seeks_resonances: bool,
 ) -> tuple[Phasors, Floats | Parameters, tuple[Model, ...]]:
     """Phasors with the noise from a fit of some rows with simple friction, and its parameters and model.
-    With ``many`` equations the noise is estimated several times.
+
+    With ``many`` equations the noise is estimated several times. Resonances are further start values
+    where the fit stays far from the data.
     """
     if not phasors.motion.any():
         return phasors, start, ()
@@ -208,7 +221,8 @@ def _with_first_noise(
             if found is not None and (richer.misfit > _BETTER * found.misfit or not dissipates(richer)):
                 break
             model, found = each, richer
-    if "coulomb" in start.layout and not (found and found.misfit < _POOR):
+    is_poor = found is None or found.misfit >= _POOR
+    if seeks_resonances and is_poor and "coulomb" in start.layout:
         for other in at_resonances(few, own, friction=start):
             with contextlib.suppress(JointIdError):
                 richer = fit_model(few, own, other, noise, model)

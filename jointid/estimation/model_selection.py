@@ -79,7 +79,7 @@ def choose_model(
     delay: bool,
     exactly: bool = False,
     gear: str = "auto",
-    simply: bool = False,
+    effects: bool = True,
     first: Sequence[Model] = (),
     most: float = np.inf,
     is_lost: bool = False,
@@ -96,8 +96,9 @@ def choose_model(
         Exclude the optional parts; only the form of the friction reversals is chosen.
     gear : {"auto", "linear"}
         Whether nonlinear laws of the gears are among the optional parts.
-    simply : bool
-        Exclude the optional parts except friction and delay.
+    effects : bool
+        Whether parts other than friction and delay are optional. If not, only the first models are
+        fitted, without a search.
     first : sequence of Model, optional
         Models that an earlier search could not tell apart, which are fitted first. The start values are
         those of the first one.
@@ -116,7 +117,7 @@ def choose_model(
     if phasors.is_superposed:  # presliding of sines is computed for angles that return
         excluded.add("motor_presliding")
     parts = ("friction",) * (not friction) + ("delay",) * (not delay)
-    parts += tuple(name for name in EFFECTS if not (simply or name in excluded))
+    parts += tuple(name for name in EFFECTS if effects and name not in excluded)
     optional = () if exactly else parts
     rows = 2 * int(np.count_nonzero(phasors.harmonics[..., : phasors.n]))
     search = Search(
@@ -135,7 +136,17 @@ def choose_model(
             return _choice(search, first[0])
     if search.may_have_friction and not isinstance(start, Parameters):
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
-    return _searched(search)
+    return _searched(search) if effects or exactly else _simple(search)
+
+
+def _simple(search: Search) -> Choice:
+    """The best of the first models, from the first start values that allow a fit."""
+    fit_first(search)
+    for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
+        if search.fits.least_misfit < np.inf:
+            break
+        search.fit(search.base, start)
+    return _choice(search, search.fits.least(list(search.fits.tried)))
 
 
 def _searched(search: Search) -> Choice:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from jointid.arrays import Floats
+from jointid.estimation.candidates import EXPLAINED
 from jointid.estimation.elasticity import ElasticityFit, undetermined
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
@@ -16,9 +17,10 @@ from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import axes_exchanged, inertias_contradict, judged
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
+from jointid.verdict.rules_outlier import AT_LIMIT, CUT_OFF, UNSIGNED, has_one_sign, is_clipped
 from jointid.verdict.rules_records import counted_twice
 from jointid.verdict.wrong_data import wrong_data
-from jointid.wording import percent
+from jointid.wording import counted, percent
 
 _RESTS, _LOOSELY = 0.35, 0.01
 """A joint is reported from this share of the time at rest and this relative standard error of K."""
@@ -58,12 +60,12 @@ def motion_findings(
         pairs = zip(records, inertias, strict=True)
         theirs = [inertia for record, inertia in pairs if isinstance(record, SineRecord)]
         found += of_records(Evidence(evidence.sines, theirs, phasors, linear, {}))
-    rests = np.mean([share_at_rest(record) for record in motions], axis=0)
+    rests = _rests(motions)
     causes: list[Finding] = []
     if may_be_wrong(evidence):
-        if matrices and rests.max() < _RESTS:  # friction that holds a motor is like another inertia
-            causes += wrong_data(*_responses(evidence, matrices))
-        causes += [] if causes else axes_exchanged(evidence)
+        causes += wrong_motions(records, inertias, matrices) or axes_exchanged(evidence)
+    elif fit.misfit > EXPLAINED:
+        causes += damaged_torques(motions)
     own = None if causes or np.any(fit.K <= 0) else judged(evidence)
     causes += [] if own is None else inertias_contradict(evidence, own)
     found += [*causes, *effects_found(evidence), *torque_lags(evidence)]
@@ -74,12 +76,48 @@ def motion_findings(
     return ranked(found, fit)
 
 
+def wrong_motions(
+    records: Sequence[SineRecord | MotionRecord],
+    inertias: Sequence[Inertia],
+    matrices: Mapping[str, TransferMatrix],
+) -> tuple[Finding, ...]:
+    """Find torques that are clipped or lack their sign, and wrong signs, units, gear ratios and columns.
+
+    The latter by transfer matrices, as ``wrong_data`` does. Friction that holds a motor is like another
+    inertia: none of them is found where a motor rests.
+    """
+    motions = [record for record in records if isinstance(record, MotionRecord)]
+    damaged = tuple(damaged_torques(motions))
+    if damaged or not matrices or _rests(motions).max() >= _RESTS:
+        return damaged
+    return tuple(wrong_data(*_responses(records, inertias, matrices)))
+
+
+def damaged_torques(motions: Sequence[MotionRecord]) -> Iterator[Finding]:
+    """Torques of moving joints that are clipped, or lack their sign in all motions."""
+    moving = [(r, np.flatnonzero(share_at_rest(r) < _RESTS)) for r in motions]
+    torques = [(r.label, [r.tau_Nm[r.start :, j] for j in joints]) for r, joints in moving]
+    unsigned = [name for name, each in torques if each and all(has_one_sign(tau) for tau in each)]
+    clipped = [name for name, each in torques if any(is_clipped(tau) for tau in each)]
+    damages: list[tuple[list[str], tuple[str, str], str]] = [(clipped, CUT_OFF, AT_LIMIT)]
+    if len(unsigned) == len(motions):
+        damages.insert(0, (unsigned, UNSIGNED, "no torque changes its sign"))
+    for names, (title, remedy), why in damages:
+        if names:
+            where = f"In {len(names)} of {counted(len(motions), 'motion')}"
+            yield problem(title, f"{where}, {why}: {some(names)}.", remedy, 3.0, "edit columns")
+            return
+
+
 def _responses(
-    evidence: Evidence, matrices: Mapping[str, TransferMatrix]
+    records: Sequence[SineRecord | MotionRecord],
+    inertias: Sequence[Inertia],
+    matrices: Mapping[str, TransferMatrix],
 ) -> tuple[Phasors, list[Inertia]]:
     """Transfer matrices as motions under a torque of 1 N·m at each motor in turn, and their inertias."""
-    n, parts, inertias = evidence.fit.n, [], []
-    longest = max(float(np.ptp(record.time_s)) for record in evidence.records)
+    n, parts, of_rows = inertias[0].n, [], []
+    longest = max(float(np.ptp(record.time_s)) for record in records)
+    poses = [record.pose or "" for record in records]
     for pose, matrix in matrices.items():
         rows, square = n * matrix.omega.size, matrix.omega[:, None, None] ** 2
         covariance = np.zeros((rows, 2 * n, 2 * n), complex)
@@ -94,8 +132,13 @@ def _responses(
             duration_s=np.full(rows, longest),
         )
         parts.append(motions)
-        inertias += [evidence.of_pose(pose)[1]] * rows
-    return Phasors.joined(parts), inertias
+        of_rows += [inertias[poses.index(pose)]] * rows
+    return Phasors.joined(parts), of_rows
+
+
+def _rests(motions: Sequence[MotionRecord]) -> Floats:
+    """Mean share of the time in which each motor hardly moves, shape (n,)."""
+    return np.asarray(np.mean([share_at_rest(record) for record in motions], axis=0))
 
 
 def _joints_at_rest(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:

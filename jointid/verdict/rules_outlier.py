@@ -57,11 +57,11 @@ _FOREIGN = (
     "Check that angles and torques of each record come from the same run and clock, and check the "
     "columns of the torques and the signs of torques and gear ratios.",
 )
-_CUT_OFF = (
+CUT_OFF = (
     "A logged torque is clipped",
     "Log the torque with a larger range, or use smaller motions.",
 )
-_UNSIGNED = (
+UNSIGNED = (
     "A logged torque has no sign",
     "Log the torque with its sign: its size alone does not give K and D.",
 )
@@ -70,6 +70,7 @@ _OPPOSITE = 0.02
 _CUT, _FAR_MORE = 0.1, 4.0
 """Share of the samples at the largest torque from which its log is clipped there, and their number over
 that at any smaller one: 2.4 for a sine in coarse steps."""
+AT_LIMIT = f"more than {percent(_CUT)} of the samples are at the largest torque"
 _RESONANCE = 1.5
 """Ratio of frequencies beyond which no resonance, which needs hardly any torque, explains its lack."""
 
@@ -202,31 +203,31 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
         whole = torque.var(axis=0)
         lost = (at_multiples[i] < _LOST * whole) & (rotors[i] > _EXPECTED * whole)
         found[0, i] = np.any(suspicious[i] & lost)
-        found[1, i] = poor and any(_is_clipped(torque[:, j]) for j in np.flatnonzero(moves[i]))
-        found[2, i] = poor and any(_has_one_sign(torque[:, j]) for j in np.flatnonzero(twice[i]))
+        found[1, i] = poor and any(is_clipped(torque[:, j]) for j in np.flatnonzero(moves[i]))
+        found[2, i] = poor and any(has_one_sign(torque[:, j]) for j in np.flatnonzero(twice[i]))
     found[0, list(off_frequency(evidence))] = False
     lacking = phasors.omega[found[0]]
     if found[0].mean() > _MANY and (poor or lacking.max() > _RESONANCE * lacking.min()):
         yield _foreign(evidence, found[0], "the torque lacks the frequency at which the motor moves")
     elif found[2].mean() > _MANY:
         why = "the torque keeps its sign and has twice the frequency of the motion"
-        yield _foreign(evidence, found[2], why, _UNSIGNED)
+        yield _foreign(evidence, found[2], why, UNSIGNED)
     elif found[1].any():
         yield _foreign(
             evidence,
             found[1],
-            f"more than {percent(_CUT)} of the samples are at the largest torque",
-            _CUT_OFF,
+            AT_LIMIT,
+            CUT_OFF,
         )
 
 
-def _is_clipped(torque: Floats) -> bool:
+def is_clipped(torque: Floats) -> bool:
     """Whether many samples have the largest size, and far more than any smaller one."""
     counts = np.unique(np.abs(torque), return_counts=True)[1]
     return bool(counts.size > 1 and counts[-1] > max(_CUT * torque.size, _FAR_MORE * counts[:-1].max()))
 
 
-def _has_one_sign(torque: Floats) -> bool:
+def has_one_sign(torque: Floats) -> bool:
     """Whether a torque reaches zero and keeps its sign."""
     largest = float(np.abs(torque).max())
     opposite = min(float(torque.max()), -float(torque.min()))
