@@ -639,6 +639,7 @@ def test_wrong_motion_data_end_soon(monkeypatch: pytest.MonkeyPatch) -> None:
             "The positions seem to be velocities",
         ),
     ],
+    ids=["size", "clipped", "velocity"],
 )
 def test_damaged_signals_of_motions_are_named(
     change: Callable[[MotionRecord], MotionRecord], title: str
