@@ -159,11 +159,18 @@ def fit_complete(search: Search) -> None:
     fits, sliding = search.fits, replace(search.base, reversal=0.0)
     if search.has_motions or not (search.is_distorted and search.may_have_friction):
         return
-    rows = search.few_rows(_FEWEST)
-    if search.is_lost and rows.size < len(search.phasors.omega):  # wrong data would take long
+    rows, nearest_so_far = search.few_rows(_FEWEST), fits.least_misfit
+    if rows.size < len(search.phasors.omega):  # wrong data, or other parts, would take long
         few = search.of_rows(rows)
         fit_complete(few)
-        if few.is_lost:
+        if few.fits.least_misfit > min(LOST, max(nearest_so_far, DOUBTFUL)):
+            return
+        best = few.fits.least(list(few.fits.tried))
+        near = few.fits.estimate(best)
+        for start in (*([near.named] if near else []), *_regressed(search, best)):
+            search.fit(best, start, compares=False)
+        if not search.is_lost:
+            search.pruned(best)
             return
     models = []
     for first, second in _COMPLETE:
@@ -171,15 +178,19 @@ def fit_complete(search: Search) -> None:
         models += [both, both.with_part("motor_presliding")]
     models = [model for model in models if set(model.effects).issubset(fits.optional)]
     for model in models:
-        starts = [start for law, start, _ in search.regressed_laws if law in model.effects]
-        for start in (*starts[:1], *[search.start] * (model not in fits.tried)):
+        for start in (*_regressed(search, model), *[search.start] * (model not in fits.tried)):
             if fits.misfit(model) > DOUBTFUL:
                 search.fit(model, start, compares=False)
     if models:
         nearest = min(models, key=fits.misfit)
         for each in (nearest, *fit_slopes(search, nearest)):
-            if not search.is_lost:
+            if fits.misfit(each) < LOST:
                 search.pruned(each)
+
+
+def _regressed(search: Search, model: Model) -> list[Parameters]:
+    """The start values of the best regression with a law of the model, if there is one."""
+    return [start for law, start, _ in search.regressed_laws if law in model.effects][:1]
 
 
 def _linear_misfit(search: Search) -> float:
