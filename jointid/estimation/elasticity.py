@@ -229,7 +229,7 @@ def likelihood_fit(
         of_motions = share**2 if motion.any() and not estimate.rests_in_noise else none
         by_K = _UNSEEN_K * of_sines + _TURNING_K * of_motions
         by_D = _UNSEEN_D * of_sines + _TURNING_D * of_motions
-        floor = np.concatenate([by_K * fit.K, by_D * fit.D])
+        floor = np.concatenate([by_K * np.abs(fit.K), by_D * np.abs(fit.D)])
         fit = replace(
             fit,
             covariance=fit.covariance + np.diag(floor**2),
