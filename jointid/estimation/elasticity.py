@@ -88,7 +88,7 @@ class ElasticityFit:
     fundamental: tuple[float, float] = (1.0, 0.0)
     """Misfit of the fundamentals and their degrees of freedom; 0 of them for linear estimators."""
     unseen_error: Floats | float = 0.0
-    """Part of ``standard_error`` that does not come from noise: truncated friction harmonics, (2n,)."""
+    """Part of ``standard_error`` that comes from truncated friction harmonics, (2n,)."""
     prior_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from the prior of inertias and torque scales, (2n,)."""
     choice_error: Floats | float = 0.0
@@ -175,7 +175,7 @@ class ElasticityFit:
         Raises
         ------
         JointIdError
-            When K or D is unphysical, so that the data or the inertias are wrong.
+            When K or D is unphysical: the data or the inertias are wrong.
         """
         D_error = self.errors.D
         for j in range(self.n):
