@@ -186,7 +186,7 @@ class ElasticityFit:
                 )
             if self.D[j] < -AGREEING * D_error[j]:
                 raise JointIdError(
-                    f"D{j + 1} is {self.D[j]:.4g} N·m·s/rad; a damper needs D > 0. "
+                    f"D{j + 1} is {self.D[j]:.4g} N·m·s/rad; a damper needs D ≥ 0. "
                     "The torque probably leads or lags: check torque_hold and torque_delay_s."
                 )
         return Elasticity(K=self.K, D=np.maximum(self.D, 0.0))
