@@ -121,7 +121,8 @@ def _symmetric(name: str, what: str, values: ArrayLike | None, n: int, unit: str
         i, j = np.unravel_index(np.argmax(np.abs(matrix - matrix.T)), matrix.shape)
         raise JointIdError(
             f"{name} must be symmetric: {symbol}_{i + 1}{j + 1} = {matrix[i, j]:g} {unit} but "
-            f"{symbol}_{j + 1}{i + 1} = {matrix[j, i]:g} {unit}. A coupling is one number."
+            f"{symbol}_{j + 1}{i + 1} = {matrix[j, i]:g} {unit}. "
+            "Both elements state the same coupling: give one value."
         )
     return frozen((matrix + matrix.T) / 2)
 

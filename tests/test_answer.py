@@ -185,6 +185,15 @@ def test_the_parts_of_the_error_add_up_to_the_standard_error(study: Study) -> No
         assert total == pytest.approx(np.square(found.standard_error))
 
 
+def test_no_part_of_the_error_is_negative_beside_a_negative_damping() -> None:
+    known = load_study(Path(__file__).parents[1] / "sample_data" / "single_joint")
+    wrong = [replace(record, theta_rad=-record.theta_rad) for record in known.sine_records]
+    found = analyse(replace(known, records=wrong, inertia_std=np.inf)).fit
+    assert found.D[0] < 0
+    assert "coulomb" in found.parameters.layout
+    assert all(np.all(error >= 0) for error in error_parts(found).values())
+
+
 def test_the_largest_part_of_the_error_comes_first_in_the_table(study: Study) -> None:
     found = analyse(replace(study, torque_std=0.02)).fit
     size = np.abs(found.estimate)

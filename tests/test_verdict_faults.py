@@ -203,10 +203,10 @@ def test_records_can_be_left_out_and_corrected() -> None:
         (1e3, 1, "M and M2 seem to be in g·m², or the position of all joints seems to", "0.001", []),
         (1, 0.5**0.5, "The torque of all joints seems to be an rms value", "0.707", []),
         (1e6, 1, "The position of all joints seems to be in µrad, or time is probably", "10⁶", []),
-        ([1 / 100, 1 / 90], 1, "the unit of the torque, looks wrong for all joints", "100, 90", []),
+        ([1 / 100, 1 / 90], 1, "the unit of the torque, looks wrong for all joints", "100 and 90", []),
         (1, [1, 90], "A gear ratio, or the unit of the torque, looks wrong for joint 2", "90", []),
-        (1, [1 / 8.12, 1 / 2.09], "torque, looks wrong for all", "8.12, 2.09 N·m", []),
-        (1, [1, 3.3], "looks wrong for joint 2", "Wrong M and M2 look alike: check them", []),
+        (1, [1 / 8.12, 1 / 2.09], "torque, looks wrong for all", "8.12 and 2.09 N·m", []),
+        (1, [1, 3.3], "looks wrong for joint 2", "Wrong M and M2 have the same effect", []),
         ([1 / DEGREES, 1], [1, 8.12], "1 seems to be in degrees; the scale of joint 2", "8.12", []),
     ],
 )  # fmt: skip
@@ -290,7 +290,7 @@ def test_arm_inertia_on_the_arm_side_is_named() -> None:
     found = fault(measured(), Inertia(SERIAL.M, SERIAL.M2 * gears))
     assert found is not None
     assert found.title == "M2 seems to be given at the joint side"
-    assert "gear ratios of about 100, 90, M2 would fit" in found.detail
+    assert "gear ratios of about 100 and 90, M2 would fit" in found.detail
 
 
 @pytest.mark.parametrize("band", [slice(None), slice(3, None), slice(2), slice(4, 5)])
@@ -348,7 +348,9 @@ def test_angles_of_the_arm_and_torques_of_the_gear_are_recognised(n: int, noise:
     assert gear.title == "The torques seem to be measured behind the gears, not at the motors"
     for finding in (found, gear):
         told = finding.detail.split("K of about ")[1].split(" N·m/rad")[0]
-        assert [float(K) for K in told.split(", ")] == pytest.approx(ROBOTS[n][1].K, rel=0.05)
+        assert [float(K) for K in told.replace(" and ", ", ").split(", ")] == pytest.approx(
+            ROBOTS[n][1].K, rel=0.05
+        )
 
 
 def of_the_arm(found: Finding | None) -> bool:
@@ -479,19 +481,20 @@ def one_off(phasors: Phasors, inertia: Inertia = SERIAL, **fit: Any) -> tuple[in
     ("angle", "torque", "title", "cause", "remedy"),
     [
         (
-            1 / DEGREES, 1, "The angle in record 4 seems to be in degrees", "The angle is 57.3 times",
+            1 / DEGREES, 1, "The position in record 4 seems to be in degrees",
+            "The position is 57.3 times",
             "Multiply theta_m1_rad, theta_m2_rad by π/180 in this record.",
         ),
         (
-            [1 / DEGREES, 1], 1, "The angle of joint 1 in record 4 seems to be in degrees",
-            "The angle of joint 1 is 57.3 times", "Multiply theta_m1_rad by π/180 in this record.",
+            [1 / DEGREES, 1], 1, "The position of joint 1 in record 4 seems to be in degrees",
+            "The position of joint 1 is 57.3 times", "Multiply theta_m1_rad by π/180 in this record.",
         ),
         (
             -1, 1, "The torque in record 4 looks reversed in sign", "The torque is −1 times",
             "Reverse the sign of tau_m1_Nm, tau_m2_Nm in this record.",
         ),
         (
-            [1, -1], 1, "The angle of joint 2 in record 4 looks reversed in sign", "joint 2 is −1",
+            [1, -1], 1, "The position of joint 2 in record 4 looks reversed in sign", "joint 2 is −1",
             "Reverse the sign of theta_m2_rad in this record.",
         ),
         (
@@ -503,7 +506,7 @@ def one_off(phasors: Phasors, inertia: Inertia = SERIAL, **fit: Any) -> tuple[in
             "Divide tau_m1_Nm, tau_m2_Nm by 1000 in this record.",
         ),
         (
-            1e3, 1, "The angle in record 4 seems to be in mrad", "The angle is 1000 times",
+            1e3, 1, "The position in record 4 seems to be in mrad", "The position is 1000 times",
             "Divide theta_m1_rad, theta_m2_rad by 1000 in this record.",
         ),
         (
@@ -515,11 +518,11 @@ def one_off(phasors: Phasors, inertia: Inertia = SERIAL, **fit: Any) -> tuple[in
             "Check the gear ratio, the unit and the sign of tau_m1_Nm in record 4, or leave",
         ),
         (
-            [1, 33.0], 1, "The angle of joint 2 in record 4 differs in scale", "joint 2 is 33 times",
+            [1, 33.0], 1, "The position of joint 2 in record 4 differs in scale", "joint 2 is 33 times",
             "Check the gear ratio, the unit and the sign of theta_m2_rad in record 4, or leave",
         ),
         (
-            [1, 2.0], [3, 4], "record 4 contradicts all other records", "No factor on its angles or",
+            [1, 2.0], [3, 4], "record 4 contradicts all other records", "No factor on its positions or",
             "Check the columns, the pose and the load of record 4, or leave it out: untick its run",
         ),
     ],
@@ -543,7 +546,7 @@ def test_the_fault_of_one_record_is_named(
     if known:
         torque = angle if title.startswith("The torque in record 4 looks rev") else torque
         right = np.ones(4)
-        right[:2] = angle if "angle" in title else 1
+        right[:2] = angle if "position" in title else 1
         right[2:] = torque
         assert finding.changes[0].values == pytest.approx(right)
 

@@ -183,7 +183,7 @@ def _write_runs(tables: Sequence[Any], mapping: Any, path: Path, together: Seque
         mapped, segments, notes = found_runs(tables, mapping, None, report)
     write_file(path, runs_to_json(mapped, segments).encode())
     count = run_counts([segment for part in segments for segment in part])
-    print(f"{path}: {count}. Correct them, then convert with --runs {path}.")
+    print(f"{path}: {count}. Correct the file, then convert with --runs {path}.")
     for line in (*together, *notes):
         typer.echo(line, err=True)
 

@@ -108,6 +108,8 @@ UNIT = typer.Option(
     "only if the study states gear_ratio.",
     show_default=next(iter(STIFFNESS_UNITS)),
 )
-TORQUE_STD = typer.Option(help="The same for the torque constants; 0 (exact) where it is not stated.")
+TORQUE_STD = typer.Option(
+    help="The same for the torque constants. Default: that of the study or inertia file, else exact."
+)
 NOMINAL_K = numbers_option("Nominal stiffness, used by the controller now, N·m/rad.", "--nominal-K")
 NOMINAL_D = numbers_option("Nominal damping, N·m·s/rad.", "--nominal-D")

@@ -34,7 +34,7 @@ def simulate(
     from_hz: Annotated[float, typer.Option(help="Lowest frequency, Hz.")] = 3.0,
     to_hz: Annotated[float, typer.Option(help="Highest frequency, Hz.")] = 30.0,
     count: Annotated[
-        int | None, typer.Option(min=1, max=500, help="Number of sine frequencies, default: 18.")
+        int | None, typer.Option(min=1, max=500, help="Number of sine frequencies; default: 18.")
     ] = None,
     periods: Annotated[
         float | None, typer.Option(help="Length of each sine record, periods; default: 12.5.")
@@ -49,7 +49,7 @@ def simulate(
         float | None, typer.Option(help="Length of each motion record, s; default: 20.")
     ] = None,
     records: Annotated[
-        int | None, typer.Option(min=1, max=100, help="Number of motion records, default: 2.")
+        int | None, typer.Option(min=1, max=100, help="Number of motion records; default: 2.")
     ] = None,
     coulomb: Annotated[str, options.numbers_option("Coulomb friction of the motors, N·m.")] = "0",
     viscous: Annotated[str, options.numbers_option("Viscous friction of the motors, N·m·s/rad.")] = "0",

@@ -206,7 +206,7 @@ def _factors(values: tuple[float, ...]) -> str:
             verb, size = ("multiply", 1 / value) if abs(value) < 1 else ("divide", value)
             by = "" if abs(value) == 1 else f" by {significant(abs(size), 4)}"
             how = f"{verb} {{}}{by}" if value > 0 else "reverse {}" + (by and f" and {verb}{by}")
-            what = f"the {'angle' if k < n else 'torque'} of joint {k % n + 1}"
+            what = f"the {'position' if k < n else 'torque'} of joint {k % n + 1}"
             parts.setdefault(how, []).append(what)
     return "; ".join(how.format(enumerated(what)) for how, what in parts.items())
 
@@ -215,7 +215,7 @@ def _exchange(values: tuple[float, ...]) -> str:
     """Instruction for a new order of the channels."""
     order, n = np.array(values, int), len(values) // 2
     moved = np.flatnonzero(order != np.arange(2 * n))
-    signals = [name for name, k in (("angles", 0), ("torques", 1)) if np.any(moved // n == k)]
+    signals = [name for name, k in (("positions", 0), ("torques", 1)) if np.any(moved // n == k)]
     joints = enumerated([f"{k + 1}" for k in np.unique(moved % n)])
     return f"exchange the {enumerated(signals)} of joints {joints}"
 

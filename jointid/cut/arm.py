@@ -55,7 +55,8 @@ class PlanarArm:
     rotor_inertia_kgm2: Floats
     """Rotor inertias J_m on the motor side, kg·m²."""
     drive: Drive = "parallelogram"
-    """Place of motor 2, and meaning of q2; see the module docstring."""
+    """Place of motor 2: on the base ("parallelogram"), where q2 is the absolute angle of link 2, or on
+    link 1 ("serial"), where q2 is its angle relative to link 1."""
 
     def __post_init__(self) -> None:
         if self.drive not in _LINKS:

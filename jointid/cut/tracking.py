@@ -81,7 +81,7 @@ def track(
     dt: float = 2.5e-4,
     progress: Callable[[float], None] | None = None,
 ) -> TrackingRun:
-    """Simulate a cut with an arm whose servo assumes certain joint elasticities.
+    """Simulate a cut with an arm whose servo assumes given joint elasticities.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ class ElasticityFit:
     fundamental: tuple[float, float] = (1.0, 0.0)
     """Misfit of the fundamentals and their degrees of freedom; 0 of them for linear estimators."""
     unseen_error: Floats | float = 0.0
-    """Part of ``standard_error`` that does not come from noise: truncated friction harmonics, (2n,)."""
+    """Part of ``standard_error`` that comes from truncated friction harmonics, (2n,)."""
     prior_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from the prior of inertias and torque scales, (2n,)."""
     choice_error: Floats | float = 0.0
@@ -175,7 +175,7 @@ class ElasticityFit:
         Raises
         ------
         JointIdError
-            When K or D is unphysical, so that the data or the inertias are wrong.
+            When K or D is unphysical: the data or the inertias are wrong.
         """
         D_error = self.errors.D
         for j in range(self.n):
@@ -186,7 +186,7 @@ class ElasticityFit:
                 )
             if self.D[j] < -AGREEING * D_error[j]:
                 raise JointIdError(
-                    f"D{j + 1} is {self.D[j]:.4g} N·m·s/rad; a damper needs D > 0. "
+                    f"D{j + 1} is {self.D[j]:.4g} N·m·s/rad; a damper needs D ≥ 0. "
                     "The torque probably leads or lags: check torque_hold and torque_delay_s."
                 )
         return Elasticity(K=self.K, D=np.maximum(self.D, 0.0))
@@ -229,7 +229,7 @@ def likelihood_fit(
         of_motions = share**2 if motion.any() and not estimate.rests_in_noise else none
         by_K = _UNSEEN_K * of_sines + _TURNING_K * of_motions
         by_D = _UNSEEN_D * of_sines + _TURNING_D * of_motions
-        floor = np.concatenate([by_K * fit.K, by_D * fit.D])
+        floor = np.concatenate([by_K * np.abs(fit.K), by_D * np.abs(fit.D)])
         fit = replace(
             fit,
             covariance=fit.covariance + np.diag(floor**2),

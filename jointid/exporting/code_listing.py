@@ -37,7 +37,7 @@ ENDINGS = {".st": "Structured Text", ".c": "C", ".m": "MATLAB", ".py": "Python"}
 _SECANT = (
     "K is the tangent stiffness at zero torque, outside any backlash. The secant stiffness (without "
     "backlash) holds at the secant torque in N·m, the largest torque in the records: use it as linear K "
-    "for work up to this torque"
+    "for applications up to this torque"
 )
 _DIGITS = 7
 _WIDTH = 80

@@ -211,8 +211,8 @@ def _write_zip(study: Study, file: BinaryIO, record_format: str) -> None:
             total += len(data)
             if total > MAX_TOTAL_BYTES:
                 raise JointIdError(
-                    f"The study needs more than the {mebibytes(MAX_TOTAL_BYTES)} that load_study takes: "
-                    'split it, or choose record_format="parquet".'
+                    f"The study needs more than the {mebibytes(MAX_TOTAL_BYTES)} that load_study "
+                    'accepts: split it, or choose record_format="parquet".'
                 )
             member = zipfile.ZipInfo(name)  # with a fixed date: equal studies give equal bytes
             member.create_system, member.external_attr = 3, 0o644 << 16

@@ -192,9 +192,9 @@ def _settings(analysis: Analysis) -> Iterator[Block]:
     names = elasticity_labels(fit.n)
     header, *rows = [(name, *cells) for name, cells in analysis.estimates.items()]
     caption = (
-        f"Estimators, {analysis.unit.side}. All except auto keep the given inertias and ignore "
-        "friction and delay: the paper's least squares (13)–(14), its explicit solution (15), and "
-        "weighted least squares."
+        f"Estimators, {analysis.unit.side}. The linear ones keep the given inertias and ignore friction "
+        "and delay: the paper's least squares (13)–(14), its explicit solution (15), and weighted least "
+        "squares."
     )
     yield Table(header, tuple(rows), caption)
     rows = [

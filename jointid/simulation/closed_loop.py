@@ -70,7 +70,7 @@ def simulate_records(
     Returns
     -------
     tuple of SineRecord
-        R records for each frequency, frequency by frequency, as "3.00 Hz, record 1".
+        R records for each frequency, in the order of the frequencies; labels are "3.00 Hz, record 1".
 
     Raises
     ------

@@ -44,9 +44,9 @@ def finding_of(
     if hypothesis.kind in _WHOLE:
         title, detail, remedy, action = _WHOLE[hypothesis.kind]
         fields = {
-            "gears": ", ".join(number(value) for value in hypothesis.gear),
+            "gears": enumerated([number(value) for value in hypothesis.gear]),
             "unit": VELOCITY_UNITS.get(float(1 / hypothesis.scale[0]), ""),
-            "K": f"{', '.join(number(k) for k in K)} N·m/rad",
+            "K": f"{enumerated([number(k) for k in K])} N·m/rad",
             "q": listed(f"theta_m{j + 1}_rad" for j in range(K.size)),
             "tau": listed(f"tau_m{j + 1}_Nm" for j in range(K.size)),
         }
@@ -134,7 +134,7 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
     ),
     "arm angle": (
         "The positions seem to be measured at the arm, not at the motors",
-        "Read as angles behind the gears, they give K of about {K}.",
+        "Read as positions behind the gears, they give K of about {K}.",
         "Choose the columns of the motors' encoders as positions ({q} in a study's tables). An encoder "
         "behind the gear does not show the motion of the motor, whatever the gear ratio.",
         "edit mapping",
@@ -258,7 +258,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
         if side:
             causes += f" The coupling between the joints points to {_SEEN[side]}"
     if ratios.max() < _MOST_OF_INERTIAS and np.all(factor > 0):
-        causes += " Wrong M and M2 look alike: check them as well."
+        causes += " Wrong M and M2 have the same effect: check them as well."
     if np.any(factor[wrong] < 0):
         causes += " The sign is reversed as well, as with a gear that reverses the direction."
     if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < ALIKE:
@@ -277,12 +277,12 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
 
 def _unknown_remedy(factor: Floats, joints: Iterable[int]) -> str:
     indices = [int(j) for j in joints]
-    each = ", ".join(f"{number(1 / abs(float(factor[j])))} for joint {j + 1}" for j in indices)
+    each = enumerated([f"{number(1 / abs(float(factor[j])))} for joint {j + 1}" for j in indices])
     near = dict.fromkeys(c.why for j in indices if (c := known_cause(float(factor[j]), NEAR)))
     return (
         "On import, check the side of the gear, the gear ratio and the unit of position and torque: a "
         "torque in % needs the rated torque, one in amperes the torque constant. "
-        f"The data fit with the torque multiplied by {each} ({_columns('torque', indices)} in a "
+        f"The data would fit with the torque multiplied by {each} ({_columns('torque', indices)} in a "
         "study's tables)." + (f" Similar factors: {'; '.join(near)}." if near else "")
     )
 
@@ -310,4 +310,4 @@ def _columns(signal: str, joints: Iterable[int]) -> str:
 
 
 def _values(values: Floats) -> str:
-    return ", ".join(number(float(value), 3) for value in values)
+    return enumerated([number(float(value), 3) for value in values])

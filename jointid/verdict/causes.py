@@ -41,7 +41,7 @@ class Cause(NamedTuple):
 
 
 def _unit(factor: float, signal: str, title: str, why: str, unit: str, by: str) -> Cause:
-    remedy = f"Set the unit of the {signal} of {{}} to {unit} on import, or {by.format('it')}"
+    remedy = f"Set the unit of the {signal} of {{}} to {unit} on import, or {by.format('its values')}"
     return Cause(factor, signal, title, why, remedy, by)
 
 

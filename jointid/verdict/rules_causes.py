@@ -70,7 +70,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
         return  # the cause is unknown
     else:
         title, cause = "Noise biases least squares", ""
-        remedy = "No action needed: the chosen estimator weights angles and torques by their noise."
+        remedy = "No action needed: the chosen estimator weights positions and torques by their noise."
     others = [
         f"{names[k]} {percent(share[k])} too {'high' if other[k] > p[k] else 'low'}"
         for k in np.flatnonzero(clear)

@@ -202,8 +202,8 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
         )
     if fit.friction is not None:
         return (
-            "The fit already includes friction. Check the inertias, the torque constants, the play of "
-            "the gears and external disturbances."
+            "The fit already includes friction. Check the inertias, the torque constants, backlash and "
+            "external disturbances."
         )
     odd = distortion(evidence)
     if odd > 1e-3:
@@ -306,11 +306,12 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
     enough = share < _FINE and covered > len(missed)  # the other resonances give K and D
     if missed and high > low and not enough:
         make = warning if share > 0.05 else note
+        at = some([f"{number(m)} Hz" for m in sorted(missed)])
+        has = "a resonance" if len(missed) == 1 else "resonances"
         yield make(
             "The frequencies miss a resonance",
-            f"The records span {number(low)} to {number(high)} Hz; the fitted model has a resonance "
-            f"at {some([number(m) for m in sorted(missed)])} Hz, with no record near it. The "
-            f"largest relative standard error is {percent(share)}.",
-            f"Add records at about {some([number(m) for m in sorted(missed)])} Hz.",
+            f"The records span {number(low)} to {number(high)} Hz; the fitted model has {has} at {at}, "
+            f"with no record nearby. The largest relative standard error is {percent(share)}.",
+            f"Add records at about {at}.",
             share,
         )

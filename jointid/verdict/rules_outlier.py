@@ -54,7 +54,7 @@ _SURE = 5.0
 """Standard errors of a power."""
 _FOREIGN = (
     "The torques do not belong to the motions",
-    "Check that angles and torques of each record come from the same run and clock, and check the "
+    "Check that positions and torques of each record come from the same run and clock, and check the "
     "columns of the torques and the signs of torques and gear ratios.",
 )
 CUT_OFF = (
@@ -156,12 +156,12 @@ def _outlier_text(label: str, scale: Floats) -> tuple[str, str, str, bool]:
     if not wrong.size:
         return (
             f"{label} contradicts all other records",
-            "No factor on its angles or torques corrects it.",
+            "No factor on its positions or torques corrects it.",
             f"Check the columns, the pose and the load of {label}, or leave it out: {_LEAVE_OUT}.",
             False,
         )
     fault = int(wrong[0] // n), float(scale[wrong[0]])
-    signal = "torque" if fault[0] else "angle"
+    signal = "torque" if fault[0] else "position"
     names = ", ".join(f"tau_m{j + 1}_Nm" if fault[0] else f"theta_m{j + 1}_rad" for j in wrong % n)
     joints = "" if wrong.size == n else f" of joint {wrong[0] % n + 1}"
     where = f"The {signal}{joints} in {label}"

@@ -234,7 +234,9 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
         counts = np.abs(phasors.q[stepped, j]) / steps
         if (shares > 0.5).mean() > 0.5:
             what = "dominates the noise"
-            why = f"Rounding causes {percent(min(1.0, float(np.median(shares))))} of the angle's noise."
+            why = (
+                f"Rounding causes {percent(min(1.0, float(np.median(shares))))} of the position's noise."
+            )
         elif counts.min() < 10:
             what = "is coarse for the smallest motion"
             why = "Rounding to so few steps repeats with the motion and does not average out."

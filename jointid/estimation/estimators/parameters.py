@@ -54,7 +54,7 @@ EFFECTS = {
     "position_filter": Effect("a position filter", {"position_filter": ("position filter", "s")}),
     "torque_filter": Effect("a torque filter", {"torque_filter": ("torque filter", "s")}),
     "load": Effect(
-        "load-dependent friction", {"load": ("load friction coefficient", "")}, positive=True
+        "load-dependent friction", {"load": ("load-dependent friction coefficient", "")}, positive=True
     ),
     "motor_presliding": Effect(
         "presliding friction",

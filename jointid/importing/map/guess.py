@@ -201,7 +201,7 @@ def _side(role: str, pair: Pair) -> _Said:
     position = (
         (_ODRIVE.search(column.name), MOTOR, False, "ODrive states the position of the motor."),
         (WORDS["joint"] & words, JOINT, False, assumed),
-        (degrees, JOINT, False, "Controllers show joint angles in degrees."),
+        (degrees, JOINT, False, "Assumed from the unit: degrees indicate joint angles. Confirm."),
         (is_effort, JOINT, False, of_effort),
         (unit == "counts", MOTOR, False, "Counts usually come from the motor's encoder."),
     )

@@ -214,9 +214,7 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
         page.show(f"H {i} {j} {pose} {view}", draw, what)
         caption = "Measured points with ± one standard error."
         if i != j:
-            caption = (
-                f"{name} and H{j + 1}{i + 1} are equal, because the coupling inertia is one number."
-            )
+            caption = f"{name} and H{j + 1}{i + 1} are equal, because M2 is symmetric."
     st.caption(caption + freed_note(analysis))
 
 

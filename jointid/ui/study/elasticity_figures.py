@@ -116,7 +116,7 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
     if analysis.state != NOT_USABLE:
         _show_gear_terms(analysis, joints)
         if advice := second_amplitude(analysis.fit):
-            show_info(f"{advice} The own plan of the page Plan has this record.")
+            show_info(f"{advice} The tab Your own plan of the page Plan has this record.")
     download(
         "Torsion curves (.csv)",
         lambda: torsion_table(analysis),

@@ -63,7 +63,11 @@ _ROBOT = {
     ),
     "coulomb": ("Coulomb friction (N·m)", "0.02, 0.01", "Constant, opposite to the motion."),
     "viscous": ("Viscous friction (N·m·s/rad)", "0, 0", "Proportional to the velocity."),
-    "load": ("Load friction coefficient", "0", "Share of the torque through the gear, under 1."),
+    "load": (
+        "Load-dependent friction coefficient",
+        "0",
+        "Share of the torque through the gear, under 1.",
+    ),
 }
 """Label, default and explanation of each text."""
 _EXPERIMENTS: dict[str, tuple[Any, ...]] = {
@@ -171,7 +175,7 @@ def ask() -> Simulation | None:
         "friction": MotorFriction(
             coulomb=coulomb,
             viscous=numbers_in("Viscous friction", text["viscous"], count=joints),
-            load=numbers_in("Load friction coefficient", text["load"], count=joints),
+            load=numbers_in("Load-dependent friction coefficient", text["load"], count=joints),
         ),
         "measurement": Measurement(
             encoder_counts=int(number["counts"]) or None,
