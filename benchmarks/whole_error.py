@@ -42,6 +42,7 @@ from jointid import (
     Analysis,
     Inertia,
     JointIdError,
+    SineRecord,
     Study,
     analyse,
     extract_phasors,
@@ -270,6 +271,21 @@ SPEED_COLUMNS = {
 }  # fmt: skip
 
 
+FAULTS: dict[str, Callable[[SineRecord], SineRecord]] = {
+    "torque 2 reversed": lambda r: replace(r, tau_Nm=r.tau_Nm * [1, -1]),
+    "torques exchanged": lambda r: replace(r, tau_Nm=r.tau_Nm[:, ::-1]),
+    "torques without sign": lambda r: replace(r, tau_Nm=np.abs(r.tau_Nm)),
+    "torques clipped": lambda r: replace(
+        r, tau_Nm=np.clip(r.tau_Nm, *(0.35 * np.ptp(r.tau_Nm, 0) * SIGNS))
+    ),
+    "positions in degrees": lambda r: replace(r, theta_rad=np.degrees(r.theta_rad)),
+    "velocities as positions": lambda r: replace(
+        r, theta_rad=np.gradient(r.theta_rad, r.time_s, axis=0)
+    ),
+}
+SIGNS = np.array([[-1.0], [1.0]])
+
+
 def speed_studies() -> Iterator[tuple[str, str, Study]]:
     """Name, aim and study."""
     fast = {"sample_rate_hz": 4000.0, "periods": 12.5}
@@ -279,8 +295,11 @@ def speed_studies() -> Iterator[tuple[str, str, Study]]:
     inertia = Inertia(made.M, made.M2)
     yield "good data", "3 s", Study(records, inertia)
     yield "M2 30 % too large", "3 s", Study(records, Inertia(made.M, 1.3 * made.M2))
-    degrees = [replace(record, theta_rad=np.degrees(record.theta_rad)) for record in records]
-    yield "angles in degrees", "3 s", Study(degrees, inertia)
+    made = Case(motions=fast, change=rubbing(0.1, viscous=0.04)).campaign(0, noise=0.01)
+    (records,) = simulate([(made.robot, made.experiment)])
+    for name, fault in FAULTS.items():
+        wrong = [fault(record) for record in records]
+        yield f"friction, {name}", "3 s", Study(wrong, inertia, inertia_std=0.05)
     harder = replace(THIRTEEN["6"], motions=fast)
     sticking = replace(STICKING["Coulomb"], motions=fast)
     six = {"joints": 6, "band": (0.3, 3.0, 14)}

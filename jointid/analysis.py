@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from types import MappingProxyType
 from typing import Any
 
@@ -17,7 +17,6 @@ from jointid.arm_side.identify import identify_arm_side
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.identify_elasticity import identify_each, require_method
 from jointid.estimation.identify_motion import identify_motion
@@ -32,7 +31,7 @@ from jointid.study import Study
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
 from jointid.uncertainty.answer_tables import largest_part
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
-from jointid.verdict.findings import Evidence, Finding, findings, is_wrong, may_be_wrong
+from jointid.verdict.findings import Evidence, Finding, findings, is_wrong
 from jointid.verdict.motion_findings import motion_findings, wrong_motions
 from jointid.verdict.rules_model import MODEL_LIMITS
 from jointid.wording import plain, significant
@@ -221,8 +220,10 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
             transfer_matrices=transfer_matrices,
             automatic=None if known is None else known.fit,
         )
-        if method not in fits:
-            fits[method] = _nonlinear_fit(evidence, study.sine_prior, method)
+        if method not in fits:  # no rich model explains wrong data, and the search would take long
+            fits |= identify_each(
+                phasors, study.sine_prior, [method], gives_up=partial(is_wrong, evidence)
+            )
         fits = {name: fits[name] for name in dict.fromkeys((method, *LINEAR))}
         freed, _ = _transfer_matrices(study, fits[method].phasors)
         found = findings(replace(evidence, fit=fits[method]))
@@ -239,18 +240,6 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         fits=MappingProxyType(fits),
         findings=found,
     )
-
-
-def _nonlinear_fit(evidence: Evidence, prior: InertiaPrior, method: str) -> ElasticityFit:
-    """The fit of an estimator that is not linear; ``evidence`` holds a linear one.
-
-    No rich model explains wrong data, and the search would take long.
-    """
-    if method == "auto" and is_wrong(evidence):
-        simple = identify_each(evidence.phasors, prior, [method], effects=False)[method]
-        if may_be_wrong(replace(evidence, fit=simple)):
-            return simple
-    return identify_each(evidence.phasors, prior, [method])[method]
 
 
 def analyse_arm_side(study: Study, robot: RobotModel | None = None) -> ArmSideFit:
@@ -285,20 +274,17 @@ def _fits_with_motion(
             f'The estimator "{method}" takes sine records only, and this study has records of other '
             'motions: choose "auto".'
         )
-    identify = partial(
-        identify_motion,
-        study.records,
-        study.inertias if study.poses else study.inertia,
-        inertia_std=study.inertia_std,
-        torque_std=study.torque_std,
-    )
-    fits = {}
+    inertia = study.inertias if study.poses else study.inertia
     try:
-        if wrong_motions(study.records, study.inertias, matrices):  # as in _nonlinear_fit
-            fits[method] = identify(effects=False)
-            of_fit = Evidence(study.records, study.inertias, fits[method].phasors, fits[method], {})
-        if not fits or not may_be_wrong(of_fit):
-            fits[method] = identify()
+        fits = {
+            method: identify_motion(
+                study.records,
+                inertia,
+                inertia_std=study.inertia_std,
+                torque_std=study.torque_std,
+                gives_up=cache(lambda: bool(wrong_motions(study.records, study.inertias, matrices))),
+            )
+        }
     except JointIdError as error:
         if all(record.arm_rad is None for record in study.motion_records):
             raise

@@ -1,6 +1,6 @@
 """Identification of stiffness and damping from phasors, equations (8)-(15), by several estimators."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -106,16 +106,16 @@ def identify_each(
     friction: bool = False,
     delay: bool = False,
     gear: str = "auto",
-    effects: bool = True,
+    gives_up: Callable[[], bool] = bool,
     start: Parameters | None = None,
     first: Model | None = None,
     most: float = np.inf,
 ) -> dict[str, ElasticityFit]:
     """Identify K and D by several estimators from the same equations.
 
-    Parameters, errors and each fit as in :func:`identify_elasticity`; ``effects`` is whether parts
-    other than friction and delay are optional; ``start`` holds the parameters of
-    a similar fit, from which the models start in place of a linear estimate, ``first`` its model, and
+    Parameters, errors and each fit as in :func:`identify_elasticity`; ``gives_up`` is asked where the
+    first models are far from the data, and ends the search if true; ``start`` holds the parameters of a
+    similar fit, from which the models start in place of a linear estimate, ``first`` its model, and
     ``most`` is the misfit above which a fit has no use.
     """
     names = list(dict.fromkeys(methods))
@@ -124,7 +124,7 @@ def identify_each(
     require_gear(gear)
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
-    data = _Data(phasors, prior, equations, friction, delay, gear, effects, start, first, most)
+    data = _Data(phasors, prior, equations, friction, delay, gear, gives_up, start, first, most)
     return {name: data.fit(name) for name in names}
 
 
@@ -138,7 +138,7 @@ class _Data:
     friction: bool
     delay: bool
     gear: str
-    effects: bool
+    gives_up: Callable[[], bool]
     start: Parameters | None
     first: Model | None
     most: float
@@ -163,7 +163,7 @@ class _Data:
                 delay=self.delay,
                 exactly=method != "auto",
                 gear=self.gear,
-                effects=self.effects,
+                gives_up=self.gives_up,
                 first=() if self.first is None else (self.first,),
                 most=self.most,
             )

@@ -20,7 +20,7 @@ from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.model_fits import evaluated, fit_model, stepped
-from jointid.estimation.model_selection import choose_model
+from jointid.estimation.model_selection import FAR, choose_model
 from jointid.estimation.motion_noise import (
     SAME,
     SAME_OF_MANY,
@@ -65,7 +65,7 @@ def identify_motion(
     gear: str = "auto",
     friction: bool = False,
     delay: bool = False,
-    effects: bool = True,
+    gives_up: Callable[[], bool] = bool,
 ) -> ElasticityFit:
     """Identify K and D of every joint from records of any motion around one pose each.
 
@@ -79,8 +79,8 @@ def identify_motion(
         As in :func:`identify_elasticity`.
     friction, delay : bool, default False
         Fit them in every model compared.
-    effects : bool, default True
-        Whether effects other than friction and delay are fitted where the data require them.
+    gives_up : callable, optional
+        Asked where the first models are far from the data; True, as for wrong data, ends the search.
 
     Returns
     -------
@@ -99,9 +99,9 @@ def identify_motion(
     require_torques(records)
     n = records[0].n
     given = InertiaPrior.of(inertia, len(records), n, inertia_std=inertia_std, torque_std=torque_std)
-    search = partial(choose_model, friction=friction, delay=delay, gear=gear, effects=effects)
+    search = partial(choose_model, friction=friction, delay=delay, gear=gear, gives_up=gives_up)
     with one_thread():
-        return _identified(records, given, search, seeks_resonances=effects)
+        return _identified(records, given, search, gives_up)
 
 
 def motion_misfits(records: list[MotionRecord | SineRecord], priors: list[InertiaPrior]) -> Floats:
@@ -139,8 +139,7 @@ def _identified(
     records: list[MotionRecord | SineRecord],
     given: InertiaPrior,
     search: Callable[..., Choice],
-    *,
-    seeks_resonances: bool,
+    gives_up: Callable[[], bool],
 ) -> ElasticityFit:
     phasors, source = _phasors(records, given.M[given.rotor])
     _require_motion(phasors)
@@ -151,7 +150,7 @@ def _identified(
         phasors, prior, rows = phasors.select(rows), prior.of_rows(rows), np.arange(rows.size)
     start: Floats | Parameters
     phasors, start, first = _with_first_noise(
-        phasors, prior, rows, motion_start(*whole), many=many, seeks_resonances=seeks_resonances
+        phasors, prior, rows, motion_start(*whole), many=many, gives_up=gives_up
     )
     few, own = phasors.select(rows), prior.of_rows(rows)
     choice = search(few, own, start, noise=noise_of_rows(few, own), first=first if many else ())
@@ -161,10 +160,12 @@ def _identified(
     )
     for _ in range(_SEARCHES):
         again = with_noise(phasors, prior, choice.model, choice.estimate)
-        if not left and not noise_differs(again, phasors, same):
+        found = choice.estimate
+        is_wrong = isinstance(found, LikelihoodEstimate) and found.misfit >= FAR and gives_up()
+        if not left and (is_wrong or not noise_differs(again, phasors, same)):
             break
         same, left = _TWICE, False
-        phasors, found = again, choice.estimate
+        phasors = again
         if isinstance(found, LikelihoodEstimate):
             search = partial(search, first=_equals(choice), is_lost=found.misfit >= LOST)
             start = found.named
@@ -199,7 +200,7 @@ def _with_first_noise(
     start: Parameters,
     *,
     many: bool,
-    seeks_resonances: bool,
+    gives_up: Callable[[], bool],
 ) -> tuple[Phasors, Floats | Parameters, tuple[Model, ...]]:
     """Phasors with the noise from a fit of some rows with simple friction, and its parameters and model.
 
@@ -222,7 +223,7 @@ def _with_first_noise(
                 break
             model, found = each, richer
     is_poor = found is None or found.misfit >= _POOR
-    if seeks_resonances and is_poor and "coulomb" in start.layout:
+    if is_poor and "coulomb" in start.layout and not gives_up():
         for other in at_resonances(few, own, friction=start):
             with contextlib.suppress(JointIdError):
                 richer = fit_model(few, own, other, noise, model)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -78,6 +78,8 @@ class Search:
     """Models of an earlier search, whose noise motions then have; that of the start values first."""
     most: float = np.inf
     """Misfit above which a model is not considered."""
+    gives_up: Callable[[], bool] = bool
+    """Whether the search ends where the first models are far from the data."""
     starts: dict[Model, int] = field(default_factory=dict)
     """Number of start values from which each model was fitted."""
     slow_fits: int = 0
@@ -231,7 +233,8 @@ class Search:
                 ):
                     if doubtful < estimate.misfit <= bound:
                         estimate = self._better(estimate, model, other, waveforms)
-            for law, other, _ in () if self.has_motions else self.regressed_laws:
+            has_law = model.is_slow and not self.has_motions
+            for law, other, _ in self.regressed_laws if has_law else ():
                 is_new = law in model.effects and (law, model) not in self.regressed
                 if is_new and (other is start or DOUBTFUL < estimate.misfit <= LOST):
                     self.regressed.add((law, model))

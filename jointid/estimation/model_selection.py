@@ -4,7 +4,7 @@ Models grow from the simplest. A score test estimates in one evaluation how much
 lower the cost; the best few are fitted, and parts that they make superfluous are dropped.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -57,6 +57,8 @@ _LEFT = 0.03
 gears with friction, 0.05 and more where the growth has missed a law."""
 _EXCHANGES = 3
 """Most parts that are exchanged one after the other."""
+FAR = 10.0
+"""Misfit of the first models from which the data may be wrong."""
 _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
 """Variance that a law of the gears or friction at the arms in motions adds, over that of the noise, and
 one of hysteresis: its waveform is computed in steps. They shifted K of a robot with a loop of 10 % by
@@ -79,7 +81,7 @@ def choose_model(
     delay: bool,
     exactly: bool = False,
     gear: str = "auto",
-    effects: bool = True,
+    gives_up: Callable[[], bool] = bool,
     first: Sequence[Model] = (),
     most: float = np.inf,
     is_lost: bool = False,
@@ -96,9 +98,8 @@ def choose_model(
         Exclude the optional parts; only the form of the friction reversals is chosen.
     gear : {"auto", "linear"}
         Whether nonlinear laws of the gears are among the optional parts.
-    effects : bool
-        Whether parts other than friction and delay are optional. If not, only the first models are
-        fitted, without a search.
+    gives_up : callable
+        Asked where the first models are far from the data; True, as for wrong data, ends the search.
     first : sequence of Model, optional
         Models that an earlier search could not tell apart, which are fitted first. The start values are
         those of the first one.
@@ -117,7 +118,7 @@ def choose_model(
     if phasors.is_superposed:  # presliding of sines is computed for angles that return
         excluded.add("motor_presliding")
     parts = ("friction",) * (not friction) + ("delay",) * (not delay)
-    parts += tuple(name for name in EFFECTS if effects and name not in excluded)
+    parts += tuple(name for name in EFFECTS if name not in excluded)
     optional = () if exactly else parts
     rows = 2 * int(np.count_nonzero(phasors.harmonics[..., : phasors.n]))
     search = Search(
@@ -129,24 +130,15 @@ def choose_model(
         Fits(optional, max(rows, 1)),
         first=tuple(first),
         most=most,
+        gives_up=gives_up,
     )
     if is_lost and first:
         search.fit(first[0], linear)
         if LOST <= search.fits.misfit(first[0]) < np.inf:
-            return _choice(search, first[0])
+            return _given_up(search) if gives_up() else _choice(search, first[0])
     if search.may_have_friction and not isinstance(start, Parameters):
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
-    return _searched(search) if effects or exactly else _simple(search)
-
-
-def _simple(search: Search) -> Choice:
-    """The best of the first models, from the first start values that allow a fit."""
-    fit_first(search)
-    for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
-        if search.fits.least_misfit < np.inf:
-            break
-        search.fit(search.base, start)
-    return _choice(search, search.fits.least(list(search.fits.tried)))
+    return _searched(search)
 
 
 def _searched(search: Search) -> Choice:
@@ -164,6 +156,8 @@ def _searched(search: Search) -> Choice:
         if model not in search.fits.tried:
             search.fit(model, search.start)
     fit_first(search)
+    if not search.fits.least_misfit < FAR and search.gives_up():
+        return _given_up(search)
     if search.is_lost and search.may_have_friction and search.is_distorted:
         climb_from_first(search)
     rows = search.few_rows()
@@ -192,6 +186,16 @@ def _searched(search: Search) -> Choice:
     if search.is_lost and search.has_motions and linear:  # under a wrong law the gears' motion diverges
         best = search.fits.least(linear)
     return _choice(search, best)
+
+
+def _given_up(search: Search) -> Choice:
+    """The best of the first models, from the first start values that allow a fit."""
+    for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
+        if search.fits.least_misfit < np.inf:
+            break
+        search.fit(search.base, start)
+    best, n = search.fits.least(list(search.fits.tried)), search.phasors.n
+    return Choice(best, search.fits.tried[best], search.fits.candidates(best), np.zeros((2 * n, 2 * n)))
 
 
 def _inertias_are_wrong(search: Search) -> bool:

@@ -125,14 +125,9 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
 
 
 def is_wrong(evidence: Evidence) -> bool:
-    """Whether signs, units or columns are wrong, or torques are clipped, by a linear fit.
-
-    Friction and laws of the gears may leave as much of the data, but no such cause explains it then.
-    """
-    wrong = any(foreign_torques(evidence)) or wrong_columns(
-        evidence, evidence.phasors, evidence.inertias
-    )
-    return bool(wrong)
+    """Whether signs, units or columns are wrong, or torques are damaged, by a linear fit."""
+    damaged = any(foreign_torques(evidence))
+    return damaged or bool(wrong_data(evidence.phasors, evidence.inertias))
 
 
 def _best_fit(evidence: Evidence) -> ElasticityFit:
