@@ -1196,6 +1196,10 @@ def test_effects_are_named_by_the_sign_of_the_clearest(monkeypatch: pytest.Monke
     (other,) = effects_of(monkeypatch, {"lag": lags}, {"delay": "a delay", "link": "a link"})
     assert other.title == "The torques lead by different times, or there is a delay or a link"
     assert rules_causes.CANNOT_TELL in other.detail
+    slopes = {"piecewise": "a gear with three slopes", "load": "load-dependent friction"}
+    for size, verb in ((3.0, "hardens"), (-3.0, "softens")):
+        (law,) = effects_of(monkeypatch, {"cubic": (effect("cubic", size, 1.0),)}, slopes)
+        assert law.title == f"A gear {verb} or has three slopes, or there is load-dependent friction"
     (zero,) = effects_of(monkeypatch, {"lag": (effect("lag", -1.0, 0.0), effect("lag", 1.0, 1.0))})
     assert zero.title == "The torques lag by different times"  # without an error nothing is clear
 
