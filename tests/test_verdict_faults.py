@@ -347,7 +347,7 @@ def test_angles_of_the_arm_and_torques_of_the_gear_are_recognised(n: int, noise:
     assert gear is not None
     assert gear.title == "The torques seem to be measured behind the gears, not at the motors"
     for finding in (found, gear):
-        told = finding.detail.split("K of about ")[1].split(" N·m/rad")[0]
+        told = finding.detail.split("K of about ")[1].split(" N·m/rad")[0].replace(" and ", ", ")
         assert [float(K) for K in told.split(", ")] == pytest.approx(ROBOTS[n][1].K, rel=0.05)
 
 

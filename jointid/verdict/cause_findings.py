@@ -46,7 +46,7 @@ def finding_of(
         fields = {
             "gears": ", ".join(number(value) for value in hypothesis.gear),
             "unit": VELOCITY_UNITS.get(float(1 / hypothesis.scale[0]), ""),
-            "K": f"{', '.join(number(k) for k in K)} N·m/rad",
+            "K": f"{enumerated([number(k) for k in K])} N·m/rad",
             "q": listed(f"theta_m{j + 1}_rad" for j in range(K.size)),
             "tau": listed(f"tau_m{j + 1}_Nm" for j in range(K.size)),
         }
