@@ -785,7 +785,8 @@ def test_shares_and_multiples_are_rounded() -> None:
     assert evidence.times_noise(999.0**2) == "1000 × noise"
     assert evidence.times_noise(1001.0**2) == "over 1000 × noise"
     assert evidence.some(["a", "b"]) == "a and b"
-    assert evidence.some(["a", "b", "c", "d"]) == "a, b, c and 1 more"
+    assert evidence.some(["a", "b", "c", "d"]) == "a, b, c and d"
+    assert evidence.some(["a", "b", "c", "d", "e"]) == "a, b, c and 2 more"
     assert evidence.some(["a and b", "c and d"]) == "a and b; c and d"
     assert evidence.some(["a,1", "b", "c", "d", "e"]) == "a,1; b; c and 2 more"
     assert evidence.relative(np.array([1.0, -1.0, 0.0]), np.array([2.0, 0.0, 0.0])).tolist() == [
@@ -974,7 +975,7 @@ def test_settling_records_are_named_with_later_starts(monkeypatch: pytest.Monkey
     (found,) = rules_records.still_settling(given)
     assert (found.level, found.weight, found.action) == ("warning", 10.5, "edit runs")
     assert found.detail == (
-        "4 records are affected: c, e, d and 1 more. In c the first quarter differs by 50 % from the "
+        "4 records are affected: c, e, d and b. In c the first quarter differs by 50 % from the "
         "second half. Steady: c, from 1.25 s on; e, from 2.00 s on. d does not become steady."
     )
     assert "at these times" in found.remedy

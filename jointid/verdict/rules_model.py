@@ -306,11 +306,12 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
     enough = share < _FINE and covered > len(missed)  # the other resonances give K and D
     if missed and high > low and not enough:
         make = warning if share > 0.05 else note
+        hertz = some([f"{number(m)} Hz" for m in sorted(missed)])
         yield make(
             "The frequencies miss a resonance",
             f"The records span {number(low)} to {number(high)} Hz; the fitted model has a resonance "
-            f"at {some([number(m) for m in sorted(missed)])} Hz, with no record near it. The "
-            f"largest relative standard error is {percent(share)}.",
-            f"Add records at about {some([number(m) for m in sorted(missed)])} Hz.",
+            f"at {hertz}, with no record near it. The largest relative standard error is "
+            f"{percent(share)}.",
+            f"Add records at about {hertz}.",
             share,
         )
