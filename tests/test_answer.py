@@ -19,6 +19,7 @@ from jointid.analysis import answer_state
 from jointid.answer import (
     StiffnessUnit,
     answer_sentence,
+    change_from,
     friction_note,
     further_quantities,
     model_name,
@@ -94,6 +95,13 @@ def test_without_a_nominal_stiffness() -> None:
 @pytest.mark.parametrize("K", [-3.0, 0.015, float("nan")])
 def test_undetermined_values_are_left_out_of_the_answer(K: float) -> None:
     assert "do not determine the stiffness of joint 2" in answer_sentence(fit([43.0, K]))
+
+
+def test_a_value_near_zero_is_not_said_to_agree() -> None:
+    assert change_from(43.0, 1.0, 42.0) == "agrees"
+    assert change_from(500.0, 249.0, 20.0) == "agrees"
+    assert change_from(500.0, 250.0, 20.0) == "–"
+    assert change_from(-0.2, 0.15, 0.1) == "–"
 
 
 def test_an_infinite_error_is_written_in_words() -> None:
