@@ -37,6 +37,8 @@ from jointid.verdict.rules_model import MODEL_LIMITS
 from jointid.wording import plain, significant
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
+BEHIND_THE_GEARS = " The sensors behind the gears give K: jointid arm-side STUDY --robot FILE."
+"""Ends the error of motors that alone give no K and D."""
 _HARDLY_SMALLER = 0.9
 """Share of the worst error that may remain after useful planned records."""
 STATES = (USABLE, WITH_CARE, NOT_USABLE)
@@ -288,10 +290,7 @@ def _fits_with_motion(
     except JointIdError as error:
         if all(record.arm_rad is None for record in study.motion_records):
             raise
-        raise JointIdError(
-            f"{error} These records also have sensors behind the gears, which give K of the joints with "
-            "the robot model: jointid arm-side STUDY --robot FILE."
-        ) from error
+        raise JointIdError(f"{error}{BEHIND_THE_GEARS}") from error
     with suppress(JointIdError):  # a sine or two beside the motions need not determine K and D
         fits |= identify_each(phasors, study.sine_prior, LINEAR) if phasors.omega.size else {}
     return fits

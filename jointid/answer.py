@@ -316,8 +316,11 @@ def _two_digits(value: float, error: float) -> str:
 
 
 def change_from(value: float, error: float, reference: float) -> str:
-    """Deviation from a nominal value in per cent, "agrees" within two standard errors."""
-    if reference <= 0 or not np.isfinite(error):
+    """Deviation from a nominal value in per cent, "agrees" within two standard errors.
+
+    A value that is itself within two standard errors of zero agrees with too much: "–".
+    """
+    if reference <= 0 or not AGREEING * error < abs(value):
         return "–"
     ratio = value / reference - 1
     if abs(ratio) <= AGREEING * error / reference:

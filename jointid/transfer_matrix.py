@@ -331,8 +331,8 @@ def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes
                 f"{names}: excite the joint more strongly, or record longer."
             )
         raise JointIdError(
-            f"{at} the torques of {names} (columns tau_m1_Nm ... tau_m{n}_Nm) are not independent: the "
-            "records are the same experiment. Measure one with different relative amplitudes or phases "
+            f"{at} the torques of {names} (columns tau_m1_Nm ... tau_m{n}_Nm) are not independent, "
+            "as in repeated experiments. Measure one with different relative amplitudes or phases "
             "of the joints, for instance with one joint reversed."
         )
     inverse = np.linalg.pinv(T)

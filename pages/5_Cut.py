@@ -3,7 +3,7 @@
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.analysis import NOT_USABLE
+from jointid.analysis import USABLE
 from jointid.cut.path_deflection import has_own_path
 from jointid.cut.robot import NOMINAL_NAMES, cut_robot, demonstration
 from jointid.ui.cut import cached_cuts, panels
@@ -32,7 +32,7 @@ try:
     outcome = cached_cuts.outcome(page, settings, analysis)
 except JointIdError as error:
     show_error(error)
-    if analysis.state == NOT_USABLE:
+    if analysis.state != USABLE:
         link_to(OVERVIEW, f"{OVERVIEW.name}: findings and remedies")
     st.stop()
 name = NOMINAL_NAMES[settings.assumption]

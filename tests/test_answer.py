@@ -14,11 +14,22 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from jointid import Analysis, Elasticity, Finding, Inertia, Study, analyse, load_study
+from jointid import (
+    Analysis,
+    Elasticity,
+    Finding,
+    Inertia,
+    Study,
+    analyse,
+    extract_phasors,
+    identify_elasticity,
+    load_study,
+)
 from jointid.analysis import answer_state
 from jointid.answer import (
     StiffnessUnit,
     answer_sentence,
+    change_from,
     friction_note,
     further_quantities,
     model_name,
@@ -94,6 +105,13 @@ def test_without_a_nominal_stiffness() -> None:
 @pytest.mark.parametrize("K", [-3.0, 0.015, float("nan")])
 def test_undetermined_values_are_left_out_of_the_answer(K: float) -> None:
     assert "do not determine the stiffness of joint 2" in answer_sentence(fit([43.0, K]))
+
+
+def test_a_value_near_zero_is_not_said_to_agree() -> None:
+    assert change_from(43.0, 1.0, 42.0) == "agrees"
+    assert change_from(500.0, 249.0, 20.0) == "agrees"
+    assert change_from(500.0, 250.0, 20.0) == "–"
+    assert change_from(-0.2, 0.15, 0.1) == "–"
 
 
 def test_an_infinite_error_is_written_in_words() -> None:
@@ -188,7 +206,7 @@ def test_the_parts_of_the_error_add_up_to_the_standard_error(study: Study) -> No
 def test_no_part_of_the_error_is_negative_beside_a_negative_damping() -> None:
     known = load_study(Path(__file__).parents[1] / "sample_data" / "single_joint")
     wrong = [replace(record, theta_rad=-record.theta_rad) for record in known.sine_records]
-    found = analyse(replace(known, records=wrong, inertia_std=np.inf)).fit
+    found = identify_elasticity(extract_phasors(wrong), known.inertia, inertia_std=np.inf)
     assert found.D[0] < 0
     assert "coulomb" in found.parameters.layout
     assert all(np.all(error >= 0) for error in error_parts(found).values())

@@ -278,6 +278,24 @@ class TestSimulating:
         assert metric(at, "K1")[0] == pytest.approx(30, rel=0.02)
         assert metric(at, "K2")[0] == pytest.approx(12, rel=0.02)
 
+    def test_sines_of_two_amplitudes_show_a_hardening_gear(self, form: AppTest) -> None:
+        form.text_input(key="sim_amplitudes").set_value("100, 30")
+        form.text_input(key="sim_cubic").set_value("9000, 0")
+        at = shown(form.button[0].click().run())
+        assert not at.error
+        text = " ".join(m.value.replace("\N{NO-BREAK SPACE}", " ") for m in [*at.markdown, *at.caption])
+        assert "16 records" in text
+        assert "amplitudes 100, 30 %" in text
+        assert metric(at, "K1")[0] == pytest.approx(43, rel=0.02)
+        at = shown(at.switch_page("pages/4_Elasticity.py").run().run())
+        assert "K over amplitude" in [tab.label for tab in at.tabs]
+
+    def test_another_motion_has_one_amplitude(self, form: AppTest) -> None:
+        at = shown(form.selectbox(key="sim_pattern").set_value("Sweeps").run())
+        at.text_input(key="sim_amplitudes").set_value("100, 30")
+        at = shown(at.button[0].click().run())
+        assert [e.value for e in at.error] == ["Amplitudes (%): 100, 30. Only sines may have several."]
+
     def test_another_motion_becomes_a_study_of_motions(self, form: AppTest) -> None:
         at = shown(form.selectbox(key="sim_pattern").set_value("Sweeps").run())
         at.number_input(key="sim_seconds").set_value(4.0)
@@ -330,6 +348,7 @@ class TestSimulating:
             ("M2", "0.001, 0.01; 0.01, 0.001", "positive definite"),
             ("coulomb", "1, 2, 3", "3 values for 2 joints"),
             ("gain", "1, 0", "Logged torque / true torque: 1, 0. Give positive"),
+            ("amplitudes", "100, 0", "Amplitudes (%): 100, 0. Give positive"),
             ("added", "0.001, 0; 0.001", "rows have 2, 1 values"),
             ("added", "0.001, 0.002; 0, 0.001", "added must be symmetric"),
         ):

@@ -344,6 +344,7 @@ def test_the_pages_show_stiffness_also_where_motor_data_give_none() -> None:
         assert len(at.get("plotly_chart")) == 1
         assert not at.error
         assert at.info[0].value.startswith("The motors alone give no K and D. ")
+        assert "jointid arm-side" not in at.info[0].value  # the page itself shows it
         assert not any(link.proto.label == "Elasticity" for link in at.main.get("page_link"))
     at = shown(at.selectbox(key="unit").set_value("N·m/arcmin at the joint").run())
     (table,) = (t.value for t in at.table if "Note" in t.value)

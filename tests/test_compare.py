@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from urllib.parse import parse_qs
 
 import numpy as np
 import pytest
@@ -71,6 +72,22 @@ def test_a_second_study_without_an_answer_is_named(app: AppTest, studies: dict[i
     at = at.selectbox(key="compare_study").set_value("mine.zip").run()
     assert [e.value.partition(": ")[0] for e in at.error] == ["Second study, mine.zip"]
     assert not any("can still be viewed" in m.value for m in at.markdown)
+
+
+def test_a_study_that_is_not_usable_has_a_link_to_its_findings(
+    app: AppTest, studies: dict[int, Study], first: Analysis
+) -> None:
+    records = [replace(r, tau_Nm=r.tau_Nm[:, ::-1]) for r in studies[2].records]
+    at = upload(app.run(), replace(studies[2], records=records), "swapped.zip")
+    digest = at.session_state["chosen"]
+    at.session_state["chosen"] = "paper"
+    at = at.switch_page("pages/11_Compare.py").run()
+    at = at.selectbox(key="compare_study").set_value("swapped.zip").run()
+    assert not at.exception, at.exception[0].stack_trace
+    assert [e.value.partition(": ")[0] for e in at.error] == ['"swapped.zip"']
+    (link,) = [each.proto for each in at.main.get("page_link") if "findings" in each.proto.label]
+    assert link.label == '"swapped.zip": findings and remedies'
+    assert parse_qs(link.query_string)["study"] == [digest]
 
 
 def test_the_headline_names_a_study_that_is_usable_with_care(app: AppTest, first: Analysis) -> None:

@@ -570,7 +570,7 @@ def active_phasors(K: list[float], D: list[float]) -> Phasors:
 def test_negative_stiffness_is_shown_but_not_usable(method: str) -> None:
     fit = identify_elasticity(active_phasors([43.0, -7.5], [0.1, 0.015]), SERIAL, method=method)
     assert np.allclose(fit.K, [43.0, -7.5], rtol=1e-9)
-    with pytest.raises(JointIdError, match=r"K2 is -7.5 N·m/rad.*sign and unit.*joint 2"):
+    with pytest.raises(JointIdError, match=r"K2 is −7.5 N·m/rad.*sign and unit.*joint 2"):
         _ = fit.elasticity
 
 
@@ -578,7 +578,7 @@ def test_negative_stiffness_is_shown_but_not_usable(method: str) -> None:
 def test_negative_damping_is_shown_but_not_usable(method: str) -> None:
     fit = identify_elasticity(active_phasors([43.0, 7.5], [-0.1, 0.015]), SERIAL, method=method)
     assert np.allclose(fit.D, [-0.1, 0.015], rtol=1e-8)
-    with pytest.raises(JointIdError, match=r"D1 is -0.1 N·m·s/rad.*torque_hold"):
+    with pytest.raises(JointIdError, match=r"D1 is −0.1 N·m·s/rad.*torque_hold"):
         _ = fit.elasticity
 
 

@@ -382,16 +382,17 @@ def test_a_text_from_a_file_is_shown_unchanged() -> None:
     assert figure.data[0].name == "&lt;a href='//x'&gt;y&lt;/a&gt;"
 
 
-def test_a_single_torsion_curve_is_named_by_its_frequency(analyses: dict[int, Analysis]) -> None:
+def test_torsion_curves_of_one_frequency_are_named_by_it(analyses: dict[int, Analysis]) -> None:
     """Neither "from" nor "to", which would be half a range."""
     fit = analyses[1].fit
     (curve,) = fit.torsion_curves
     fields = ("deflection_rad", "torque_Nm", "deflection_noise_rad", "torque_noise_Nm", "frequency_hz")
     alone = replace(curve, **{name: getattr(curve, name)[:1] for name in fields})
-    shown = [
-        t.name for t in torsion_curve(replace(fit, torsion_curves=(alone,)), 0).data if t.showlegend
-    ]
-    assert shown[0] == f"{curve.frequency_hz[0]:.3g} Hz"
+    alike = replace(curve, frequency_hz=np.full_like(curve.frequency_hz, curve.frequency_hz[0]))
+    for each in (alone, alike):
+        drawn = torsion_curve(replace(fit, torsion_curves=(each,)), 0).data
+        shown = [trace.name for trace in drawn if trace.showlegend is not False]
+        assert shown == [f"{curve.frequency_hz[0]:.3g} Hz", "fitted law"]
 
 
 def test_a_gear_is_drawn_at_the_joint_in_its_unit(analyses: dict[int, Analysis]) -> None:

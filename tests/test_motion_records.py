@@ -248,6 +248,16 @@ REAL = {
 }
 
 
+def test_a_band_of_too_few_lines_is_named_with_its_origin() -> None:
+    time, rng = 0.004 * np.arange(500), np.random.default_rng(0)
+    theta = np.sin(2 * np.pi * 0.6 * time)[:, None] + 1e-6 * rng.standard_normal((500, 1))
+    record = MotionRecord(time, theta, -theta + 1e-4 * rng.standard_normal((500, 1)))
+    chosen = "Hz, chosen from its spectrum, holds too few lines.*or set band_hz"
+    for band, said in ((None, chosen), ((0.5, 0.8), "0.8 Hz of the study holds too few.*widen band_hz")):
+        with pytest.raises(JointIdError, match=said):
+            motion_phasors([replace(record, band_hz=band)], np.array([[0.0025]]))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_log_of_any_motion_becomes_a_motion_record_with_its_band(kind: str) -> None:
     motion = Motion(kind, 3.0, 30.0, 12.0)

@@ -37,6 +37,7 @@ def analysis_of(
     fit = SimpleNamespace(
         n=identified.n,
         elasticity=identified,
+        estimate=value,
         covariance=np.diag((relative_error * value) ** 2),
         friction=friction,
         gears=(),
@@ -240,8 +241,16 @@ class TestAStudy:
         if not told:
             assert cut_robot(analysis).rule == "direct"
             return
-        with pytest.raises(JointIdError, match=r"K1, K2, D1, D2 are not known.*more than a third"):
+        with pytest.raises(JointIdError, match=r"K1, K2, D1 and D2 are not known.*more than a third"):
             study_outcome(analysis)
+
+    def test_a_negative_damping_is_stated_as_identified(self) -> None:
+        analysis = analysis_of(relative_error=2.0)
+        analysis.fit.elasticity = replace(PAPER, D=np.zeros(2))
+        analysis.fit.estimate[2] = -0.1
+        analysis.fit.covariance = np.diag([1e-6, 1e-6, 0.04, 0.04])
+        with pytest.raises(JointIdError, match=r"D1 and D2 are .*: D1 = −0\.1 ± 0\.2"):
+            cut_robot(analysis)
 
     def test_a_study_with_a_problem_gets_no_path_error_and_names_it(self) -> None:
         analysis = analysis_of()

@@ -175,7 +175,7 @@ def test_a_single_joint_below_the_noise_is_not_reported_as_a_repetition() -> Non
     noise = np.diag([1e-12, 1.0]).astype(complex)[None]
     with pytest.raises(JointIdError) as caught:
         estimate_transfer_matrix(noisy(base, noise, np.zeros((1, 2))))
-    assert "same experiment" not in str(caught.value)
+    assert "repeated experiments" not in str(caught.value)
 
 
 def test_good_frequencies_are_kept_and_bad_ones_listed() -> None:

@@ -27,7 +27,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.gears.gear import Gear
 from jointid.joints import Elasticity, Inertia
-from jointid.wording import with_error
+from jointid.wording import enumerated, with_error
 
 Rule = Literal["direct", "springs", "relative", "demonstration"]
 Assumption = Literal["study", "rigid", "soft", "stiff", "custom"]
@@ -172,9 +172,10 @@ def reason_unusable(analysis: Analysis) -> str:
         return ""
     names = [elasticity_labels(fit.n)[k] for k in wide]
     k = int(wide[0])
+    first = with_error(float(fit.estimate[k]), float(error[k]))
     return (
-        f"{', '.join(names)} {'is' if wide.size == 1 else 'are'} not known well enough for a path "
-        f"error: {names[0]} = {with_error(float(value[k]), float(error[k]))}, an error bar of more than "
+        f"{enumerated(names)} {'is' if wide.size == 1 else 'are'} not known well enough for a path "
+        f"error: {names[0]} = {first}, an error bar of more than "
         "a third of the value. Add records near the resonances, or follow the verdict."
     )
 

@@ -17,6 +17,7 @@ from jointid.gears.gear import Gear
 from jointid.gears.torsion_curve import TorsionCurve
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.extract import Phasors
+from jointid.wording import minus
 
 _UNSEEN_K, _UNSEEN_D = 5e-4, 1.5e-3
 """Relative error of K and D, per unit of Coulomb friction over torque, that is not in the noise:
@@ -181,12 +182,12 @@ class ElasticityFit:
         for j in range(self.n):
             if self.K[j] <= 0:
                 raise JointIdError(
-                    f"K{j + 1} is {self.K[j]:.4g} N·m/rad; a spring needs K > 0. Check the "
+                    f"K{j + 1} is {minus(f'{self.K[j]:.4g}')} N·m/rad; a spring needs K > 0. Check the "
                     f"sign and unit of the torque of joint {j + 1}, the gear ratios, and M and M2."
                 )
             if self.D[j] < -AGREEING * D_error[j]:
                 raise JointIdError(
-                    f"D{j + 1} is {self.D[j]:.4g} N·m·s/rad; a damper needs D ≥ 0. "
+                    f"D{j + 1} is {minus(f'{self.D[j]:.4g}')} N·m·s/rad; a damper needs D ≥ 0. "
                     "The torque probably leads or lags: check torque_hold and torque_delay_s."
                 )
         return Elasticity(K=self.K, D=np.maximum(self.D, 0.0))

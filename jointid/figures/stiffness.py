@@ -96,7 +96,9 @@ def torsion_curve(
     ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: height[r])
     span = max(float(np.ptp(height[ends])), 1e-9) if ends else 1.0
     widths = 2 * scale.torque * curve.noise_beside(gear)
-    named = {ends[0]: "from ", ends[-1]: "to "} if len(ends) > 1 else dict.fromkeys(ends, "")
+    named = dict.fromkeys(ends[:1], "")
+    if len({f"{size[r]:.3g}" for r in ends}) > 1:
+        named = {ends[0]: "from ", ends[-1]: "to "}
     for r in ends:
         share = (height[r] - height[ends[0]]) / span * (len(_SCALE) - 1)
         x, y, half = (np.append(v[r], v[r, 0]) for v in (wind_up, torque, widths))

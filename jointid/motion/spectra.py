@@ -55,9 +55,14 @@ def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
             for segment, samples in _segments(part, band, variance, limits, record)
         ]
         if not any(row.segments[0].record == index for row in found if row.segments[0]):
+            chosen, remedy = (
+                (", chosen from its spectrum,", "set")
+                if record.band_hz is None
+                else (" of the study", "widen")
+            )
             raise JointIdError(
-                f"{name}: its band of {band[0]:.4g} to {band[1]:.4g} Hz holds too few lines of its "
-                "spectrum. Record longer, or widen band_hz."
+                f"{name}: the band of {band[0]:.4g} to {band[1]:.4g} Hz{chosen} holds too few lines of "
+                f"the spectrum. Record longer, or {remedy} band_hz."
             )
     return Phasors.joined(found)
 

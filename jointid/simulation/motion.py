@@ -56,7 +56,7 @@ class Motion:
             raise JointIdError(f'kind = "{self.kind!s:.40}" is unknown: expected {", ".join(KINDS)}.')
         for name, unit in (("from_hz", "Hz"), ("to_hz", "Hz"), ("duration_s", "s")):
             checked_setting(self, name, unit, positive=True, single=True)
-        for name, unit in _LIMITS.items():
+        for name, unit in LIMITS.items():
             checked_setting(self, name, unit, positive=True)
         if self.from_hz >= self.to_hz:
             raise JointIdError(
@@ -71,7 +71,7 @@ class Motion:
 
     def limits(self, n: int) -> tuple[Floats, Floats, Floats]:
         """Largest position, velocity and acceleration of n joints, each (n,)."""
-        position, velocity, acceleration = (per_joint(k, getattr(self, k), n) for k in _LIMITS)
+        position, velocity, acceleration = (per_joint(k, getattr(self, k), n) for k in LIMITS)
         return position, velocity, acceleration
 
     def amplitude(self, omega: Floats, n: int) -> Floats:
@@ -80,7 +80,8 @@ class Motion:
         return np.minimum(np.minimum(position, velocity / omega), acceleration / omega**2)
 
 
-_LIMITS = {"position_rad": "rad", "velocity_rad_s": "rad/s", "acceleration_rad_s2": "rad/s²"}
+LIMITS = {"position_rad": "rad", "velocity_rad_s": "rad/s", "acceleration_rad_s2": "rad/s²"}
+"""Unit of each limit of a ``Motion``."""
 
 
 class SampledReference(NamedTuple):

@@ -8,6 +8,7 @@ from scipy.optimize import least_squares
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.wording import counted
 
 _BANDS = 20
 """Bands of frequencies into which the lines of motions are divided."""
@@ -47,7 +48,7 @@ def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
     frequencies, rank = np.unique(equations.omega, return_inverse=True)
     count = frequencies.size
     if count < 2 * folds:
-        raise JointIdError(f"{count} frequencies are too few: each part needs at least two.")
+        raise JointIdError(f"{counted(count, 'frequency')}: each part needs at least two.")
     band = rank * min(count, _BANDS) // count
     size = np.maximum(np.abs(fit.estimate), 1e-12)
 

@@ -152,8 +152,9 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def some(names: Sequence[str]) -> str:
-    """List three names, and the number of the others; semicolons separate names that are lists."""
-    shown, more = list(names[:3]), [f"{len(names) - 3} more"] * (len(names) > 3)
+    """List up to four names, else three and the number of the others; semicolons separate lists."""
+    count = 4 if len(names) == 4 else 3
+    shown, more = list(names[:count]), [f"{len(names) - count} more"] * (len(names) > count)
     if any("," in name or " and " in name for name in shown):
         shown = ["; ".join(shown)]
     return enumerated(shown + more)

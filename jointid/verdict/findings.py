@@ -112,6 +112,8 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
         scales = wrong_columns(judged, evidence.phasors, evidence.inertias)
         if not scales and _physical_misfit(judge) >= GOOD:
             scales = tuple(motors_take_power(evidence))
+    if scales:  # what notes advise on, such as amplitudes, is only known of the right data
+        found = [finding for finding in found if finding.level != "note"]
     found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]

@@ -74,11 +74,13 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
             found = tuple(q for q in found if law in fit.gears[q.joints[0] - 1].laws) or found
         values = ", ".join(_value(fit, q) for q in found)
         clearest = max(found, key=lambda q: abs(q.value) / (q.error if q.error > 0 else np.inf))
-        title, remedy = _REMEDIES[name]
-        title = re.sub(r"\{(.*)\|(.*)\}", r"\2" if clearest.value < 0 else r"\1", title)
+        title, remedy = _title(name, clearest), _REMEDIES[name][1]
         alike = alternatives(fit, name)
         twin = _TWINS.get(name, "") if clearest.value > 0 else ""  # named in the title
-        others = " or ".join(text for part, text in alike.items() if part != twin)
+        laws = alike.keys() & GEAR_LAWS if name in GEAR_LAWS else set()  # of the gear in the title
+        titles = (_title(law, clearest)[len("A gear ") :] for law in GEAR_LAWS if law in laws)
+        title = " or ".join([title, *titles])
+        others = " or ".join(text for part, text in alike.items() if part not in {twin, *laws})
         hold, changes = half_a_sample(evidence) if name in _TIMES else ("", [])
         if name in GEAR_LAWS and not tried:
             remedy, tried = f"{remedy} {_settled_by(evidence)}".strip(), True
@@ -91,6 +93,11 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
             "",
             *changes,
         )
+
+
+def _title(name: str, found: Quantity) -> str:
+    """Title of an effect by the sign of its value."""
+    return re.sub(r"\{(.*)\|(.*)\}", r"\2" if found.value < 0 else r"\1", _REMEDIES[name][0])
 
 
 def _value(fit: ElasticityFit, found: Quantity) -> str:

@@ -87,7 +87,7 @@ def _controller_peak(
         f"In the record {evidence.phasors.labels[records[worst]]} alone, acceleration over torque peaks "
         f"there at {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak there. "
         f"The elastic resonance is the peak of H{j + 1}{j + 1} at "
-        f"{some([number(frequency[t]) for t in elastic])} Hz.",
+        f"{some([f'{number(frequency[t])} Hz' for t in elastic])}.",
         "No action needed: K and D are fitted jointly. Do not read them off the response of a single "
         "record.",
         0.3,

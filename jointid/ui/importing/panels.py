@@ -95,8 +95,9 @@ def import_steps(progress: DeltaGenerator) -> None:
             searched = columns if drives.to_confirm else drives.mapping
             runs = _choose_runs(logs, log, drives.mapping, searched, progress)
             used = [] if runs is None else [s for part in runs.used.values() for s in part]
+            behind = runs is not None and any(each.arm_rad is not None for each in runs.logs.values())
             ready = bool(used) and runs is not None and not runs.has_problems
-            steps.tell(RUNS, ready, _runs_in_words(used))
+            steps.tell(RUNS, ready, _runs_in_words(used, behind))
             if ready:
                 st.button("Continue", type="primary", key=f"go_on {RUNS}", on_click=go_on)
     with steps.step(INERTIAS):
@@ -206,9 +207,12 @@ def _found(
     return found
 
 
-def _runs_in_words(used: Sequence[Segment]) -> str:
+def _runs_in_words(used: Sequence[Segment], behind: bool) -> str:
+    """``behind``: sensors are behind the gears; the analysis then chooses the motors' band itself."""
     if not used:
         return "mark a run, or choose other columns"
+    if behind:
+        return run_counts(used)
     hertz = [f for segment in used for f in segment.band_hz or (segment.frequency_hz,)]
     low, high = (plain(float(f"{f:.3g}")) for f in (min(hertz), max(hertz)))
     band = f"{low} Hz" if low == high else f"{low} to {high} Hz"

@@ -231,7 +231,7 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
         values = [getattr(row, attribute) for row in rows]
         columns[name] = np.array([math.nan if v is None else float(f"{v:{digits}}") for v in values])
     if any(row.found is not None and row.found.is_motion for row in rows):
-        columns["Band (Hz)"] = [_band(row.found) for row in rows]
+        columns["Coherent band (Hz)"] = [_band(row.found) for row in rows]
     columns["Periods"] = [_periods(row) for row in rows]
     hint = "Share of the signal's variance that the sine explains; largest of all joints."
     for name, share in (("Motion explained", "share"), ("Torque explained", "torque_share")):
@@ -245,7 +245,7 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
     st.data_editor(
         columns,
         column_config=settings,
-        disabled=["Band (Hz)", "Periods", "Motion explained", "Torque explained", "Lines (Hz)"],
+        disabled=["Coherent band (Hz)", "Periods", "Motion explained", "Torque explained", "Lines (Hz)"],
         num_rows="dynamic",
         hide_index=True,
         height=min(36 + 35 * (len(rows) + 1), 430),

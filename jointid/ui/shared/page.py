@@ -11,7 +11,7 @@ import pandas  # noqa: F401 - before any figure: plotly uses it half imported in
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
-from jointid.analysis import reanalysed
+from jointid.analysis import BEHIND_THE_GEARS, reanalysed
 from jointid.figures.style import colours
 from jointid.ui.shared.charts import choose_joint, introduce, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info
@@ -77,7 +77,8 @@ class Page:
                     link_to(ELASTICITY)
                 else:
                     sensors()
-                show_info(f"The motors alone give no K and D. {error.__cause__ or error}")
+                reason = str(error).removesuffix(BEHIND_THE_GEARS)
+                show_info(f"The motors alone give no K and D. {reason}")
             else:
                 show_error(error)
             _point_to_records()

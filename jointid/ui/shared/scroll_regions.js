@@ -1,5 +1,5 @@
 // Wide equations, tables and listings: reached by keyboard, or stacked on a phone.
-const MOST_STACKED = 24;  // lines; a longer table scrolls sideways, its first column in view
+const MOST_STACKED = 24;  // lines; a longer table is set in small print, and scrolls if still too wide
 const WIDE = "pre, .katex-display, [data-testid=stTable] div";
 let waiting;
 
@@ -13,10 +13,10 @@ function mark() {
   // On a phone, the rows of a table that would be cut off are stacked, headings before their cells.
   for (const table of document.querySelectorAll("[data-testid=stTable] table")) {
     const headings = [...table.querySelectorAll("th")].map((each) => each.textContent);
-    table.classList.remove("stacked");
+    table.classList.remove("stacked", "small");
     const cut = table.scrollWidth > table.parentElement.clientWidth + 1;
     const lines = headings.length * (table.rows.length - 1);
-    table.classList.toggle("stacked", innerWidth <= 640 && cut && lines <= MOST_STACKED);
+    if (innerWidth <= 640 && cut) table.classList.add(lines <= MOST_STACKED ? "stacked" : "small");
     table.querySelectorAll("td").forEach((cell) => { cell.dataset.heading = headings[cell.cellIndex]; });
   }
   // An upload area has a name and takes the focus: it is no mere decoration.

@@ -151,10 +151,15 @@ def _shown_address() -> dict[str, str | None]:
     return {name: st.query_params.get(name) for name in ("study", *SETTINGS)}
 
 
-def link_to(step: Step, label: str = "", place: DeltaGenerator | None = None, help_: str = "") -> None:
-    """Link to a page with this study; streamlit's own link drops it from the address."""
+def link_to(
+    step: Step, label: str = "", place: DeltaGenerator | None = None, help_: str = "", **other: str
+) -> None:
+    """Link to a page with this study; streamlit's own link drops it from the address.
+
+    ``other`` replaces parts of the address: ``study``, a key of ``names_by_address``, and settings.
+    """
     about: dict[str, Any] = {"label": label or step.name, "help": help_ or None}
-    (place or st).page_link(step.path, query_params=_address(), **about)
+    (place or st).page_link(step.path, query_params=_address() | other, **about)
 
 
 def go_to(step: Step) -> None:

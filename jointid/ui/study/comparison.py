@@ -13,9 +13,10 @@ from jointid.answer import AT_MOTOR
 from jointid.figures import compared_responses
 from jointid.ui.shared.entries import choose_from
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
+from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.settings import ESTIMATORS
-from jointid.ui.shared.workspace import label, names_by_address, open_study, sample_paths
+from jointid.ui.shared.workspace import label, link_to, names_by_address, open_study, sample_paths
 from jointid.uncertainty.comparison import Difference, compare
 from jointid.wording import enumerated, signed_percent, significant, unbroken
 
@@ -96,6 +97,9 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         st.header(unbroken(", but ".join(said)), anchor=False)
     for whose, each in unusable:
         show_error(f'"{whose.label}": {each.headline[0].lower()}{each.headline[1:]}')
+        address = next(address for address, name in names_by_address().items() if name == whose.key)
+        hint = f"{_quoted(whose)}: findings and remedies"
+        link_to(OVERVIEW, hint, study=address, estimator=whose.method)
     show_note(
         f'First: "{page.label}", estimator {page.method}, {first.state}. '
         f'Second: "{other.label}", estimator {other.method}, {second.state}.'

@@ -23,7 +23,7 @@ from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, table
 from jointid.ui.shared.messages import show_error, show_info, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
-from jointid.wording import plain, significant, with_error
+from jointid.wording import plain, significant, unbroken, with_error
 
 _ROUNDING_S = 1e-9
 """Below a nanosecond, uneven time steps are rounding of the times."""
@@ -227,8 +227,8 @@ def show_how_well_known(matrix: TransferMatrix, i: int, j: int) -> None:
             "noise is amplified about a hundredfold. The reciprocity error is the largest difference "
             "between $H_{ij}$ and $H_{ji}$, relative to the diagonal."
         )
-    for text in matrix.rejected:
-        show_info(text)
+    if matrix.rejected:
+        show_info(unbroken("\n".join(matrix.rejected)))
     columns = element_table(matrix, i, j)
     names = [*columns]
     table(columns, phone=[*names[:2], "Condition" if "Condition" in columns else names[2]])

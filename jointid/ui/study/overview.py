@@ -240,7 +240,7 @@ def _nominal(analysis: Analysis, found: Quantity) -> str:
     if analysis.nominal is None:
         return ""
     reference = float(analysis.nominal[found.place])
-    change = f" ({change_from(found.value, found.error, reference)})" if reference > 0 else ""
+    change = f" ({change_from(found.value, found.error, reference)})".replace(" (–)", "")
     return unbroken(plain(float(f"{reference:.5g}")) + change)
 
 

@@ -141,7 +141,7 @@ def show_suggestion(page: Page, settings: PlanSettings, found: Suggestion, analy
     gain = f": worst error {percent(before)} → {percent(after)}" * usable
     st.header(f"{counted(settings.count, 'additional record')}{gain}", anchor=False)
     if not usable:
-        st.caption("Predicted with K and D that are not usable: a guide to frequencies, not to errors.")
+        st.caption("Predicted with K and D that are not usable: correct the study before you measure.")
     columns = suggested_table(found)
     show_text_table({name: columns[name] for name in columns if usable or name != _WORST})
     advice = analysis.limit_of_records(found.worst), second_amplitude(analysis.fit)

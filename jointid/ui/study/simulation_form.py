@@ -1,6 +1,7 @@
 """The form of a simulated robot, and its study."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from jointid import (
     Study,
 )
 from jointid.simulation.campaign import simulate_campaign
-from jointid.simulation.motion import KINDS
+from jointid.simulation.motion import KINDS, LIMITS
 from jointid.ui.shared.entries import (
     ask_inertia_std,
     ask_torque_std,
@@ -43,6 +44,10 @@ _RECORDS = {
     "Point-to-point moves": "moves",
 }
 _COUNT_HELP = "Number of sines. Other motions: one record per joint, at least two."
+_AMPLITUDES_HELP = (
+    "At 100 %, up to 10 rad/s and 300 rad/s² of every motor. 100, 30: all sines with both amplitudes, "
+    "which shows nonlinear gears. Other motions have one amplitude."
+)
 _M2_HELP = (
     "On the diagonal each joint's own inertia, off it the coupling inertia: torque on one joint per "
     "acceleration of another. Motor side: divided by both gear ratios."
@@ -133,6 +138,7 @@ def ask() -> Simulation | None:
         except JointIdError as error:  # the other entries stay in view
             show_error(error, place)
             wrong_entries = True
+    sizes = enter_text(right, "sim_amplitudes", "Amplitudes (%)", "100", _AMPLITUDES_HELP)
     st.markdown("**Stated in the study**")
     left, right = st.columns(2)
     wrong = enter_number(left, "sim_wrong", "Error of the inertias (%)", 0.0, (0.0, 90.0), _WRONG_HELP)
@@ -157,13 +163,18 @@ def ask() -> Simulation | None:
     K, D = numbers_in("Stiffness K", text["K"]), numbers_in("Damping D", text["D"])
     coulomb = numbers_in("Coulomb friction", text["coulomb"], count=joints)
     frequencies = np.geomspace(first, last, int(number["count"])).round(4).tolist()
+    amplitudes = [size / 100 for size in _positive("Amplitudes (%)", sizes)]
     if kind in KINDS:
+        if len(amplitudes) > 1:
+            raise JointIdError(f"Amplitudes (%): {sizes.strip()[:60]}. Only sines may have several.")
         records = max(joints, 2)
         motion = Motion(kind, float(first), float(last), seconds, odd=kind == "multisine")
-        experiment: dict[str, Any] = {"experiment": motion, "records": records}
+        largest = {name: amplitudes[0] * getattr(motion, name) for name in LIMITS}
+        experiment: dict[str, Any] = {"experiment": replace(motion, **largest), "records": records}
     else:
-        records = len(frequencies) * joints
-        sines = Excitation(pattern=kind, duration_s=seconds)
+        weights = Excitation(pattern=kind).weights(joints)
+        sines = Excitation(np.vstack([size * weights for size in amplitudes]), duration_s=seconds)
+        records = len(frequencies) * joints * len(amplitudes)
         experiment = {"experiment": tuple(frequencies), "excitation": sines}
     values = [numbers_in(_LAWS[name][0], entry, count=joints) for name, entry in laws.items()]
     of_gears = zip(*values, strict=True)
@@ -194,12 +205,13 @@ def ask() -> Simulation | None:
         "origin": "simulated",
         "description": f"True values: K = {numbers_out(K)} N·m/rad, D = {numbers_out(D)} N·m·s/rad; "
         f"Coulomb friction {numbers_out(coulomb)} N·m; torque noise {plain(float(number['noise']))} "
-        f"N·m; seed {int(number['seed'])}.{_errors(campaign)}",
+        f"N·m; amplitudes {numbers_out(100 * size for size in amplitudes)} %; "
+        f"seed {int(number['seed'])}.{_errors(campaign)}",
     }
     return Simulation(campaign, study, records * (1 if payload is None else 2))
 
 
-def _positive(name: str, text: str, joints: int) -> tuple[float, ...]:
+def _positive(name: str, text: str, joints: int | None = None) -> tuple[float, ...]:
     values = numbers_in(name, text, count=joints)
     if not all(value > 0 for value in values):
         raise JointIdError(f"{name}: {text.strip()[:60]}. Give positive numbers.")
