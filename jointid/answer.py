@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -240,53 +240,58 @@ def answer_sentence(
     ``nominal`` holds K and D in the controller at present; ``torque_stated`` is whether the uncertainty
     of the torque scale is part of the errors. If not, the sentence says so.
     """
-    unknown = np.flatnonzero(undetermined(fit))
-    if unknown.size:
-        which = enumerated([f"joint {j + 1}" for j in unknown])
+    unknown = undetermined(fit)
+    missing = [f"the stiffness of joint {j + 1}" for j in np.flatnonzero(unknown)]
+    if unknown.all():
+        which = enumerated([f"joint {j + 1}" for j in range(fit.n)])
         return f"These records do not determine the stiffness of {which}: see the findings."
     condition = "" if torque_stated else ", if the torque scale is exact"
-    unknown_D = [f"D{j + 1}" for j in np.flatnonzero(np.isinf(fit.errors.D))]
-    tail = f" These records do not determine {enumerated(unknown_D)}." if unknown_D else ""
-    return f"{_stiffnesses(fit, nominal, unit)}{condition}.{tail}"
+    missing += [f"D{j + 1}" for j in np.flatnonzero(np.isinf(fit.errors.D))]
+    tail = f" These records do not determine {enumerated(missing)}." if missing else ""
+    return f"{_stiffnesses(fit, nominal, unit, np.flatnonzero(~unknown).tolist())}{condition}.{tail}"
 
 
-def _stiffnesses(fit: ElasticityFit, nominal: Elasticity | None, unit: StiffnessUnit) -> str:
-    joints = [f"joint {j + 1}" for j in range(fit.n)]
+def _stiffnesses(
+    fit: ElasticityFit, nominal: Elasticity | None, unit: StiffnessUnit, known: list[int]
+) -> str:
+    numbers, is_all = [str(j + 1) for j in known], len(known) == fit.n
     if nominal is None:
-        found = [quantity.shown for quantity in elasticity_quantities(fit, unit)[: fit.n]]
-        if fit.n > _FEW:
+        every = elasticity_quantities(fit, unit)
+        found = [every[j].shown for j in known]
+        if len(known) > _FEW:
             values = enumerated([value for value, _ in found])
-            return f"The stiffnesses of joints 1 to {fit.n} are {values} {found[0][1]}, {unit.side}"
-        first, *others = (" ".join(shown) for shown in found)
-        more = "".join(f", that of joint {j} is {value}" for j, value in enumerate(others, start=2))
-        return f"The stiffness of joint 1 is {first}{more}, {unit.side}"
-    differences = [_difference(fit, nominal, j) for j in range(fit.n)]
-    texts = [kind.format(size) for kind, size, _ in differences]
-    if fit.n > 1 and len(set(texts)) == 1:
+            which = f"1 to {fit.n}" if is_all else enumerated(numbers)
+            return f"The stiffnesses of joints {which} are {values} {found[0][1]}, {unit.side}"
+        first, *others = (
+            f"of joint {j} is {' '.join(shown)}" for j, shown in zip(numbers, found, strict=True)
+        )
+        return f"The stiffness {first}{''.join(f', that {other}' for other in others)}, {unit.side}"
+    differences = {j: _difference(fit, nominal, k) for j, k in zip(numbers, known, strict=True)}
+    texts = [kind.format(size) for kind, size, _ in differences.values()]
+    if is_all and fit.n > 1 and len(set(texts)) == 1:
         return f"Every joint {texts[0]}"
-    if fit.n > _FEW:
-        return _grouped(differences)
+    if len(known) > _FEW:
+        return _grouped(differences, is_all=is_all)
     texts[1:] = [re.sub(" (than|as) nominal$", "", text) for text in texts[1:]]
-    return capitalised(
-        enumerated([f"{joint} {text}" for joint, text in zip(joints, texts, strict=True)])
-    )
+    each = zip(numbers, texts, strict=True)
+    return capitalised(enumerated([f"joint {j} {text}" for j, text in each]))
 
 
 _FEW = 2
 """Joints that the answer states one by one; of more, it groups those with the same difference."""
 
 
-def _grouped(differences: Sequence[tuple[str, str, float]]) -> str:
+def _grouped(differences: Mapping[str, tuple[str, str, float]], *, is_all: bool) -> str:
     """Joints with the same kind of difference together, with the range of its size."""
     groups: dict[str, dict[str, float]] = {}
-    for j, (kind, _, size) in enumerate(differences, start=1):
-        groups.setdefault(kind, {})[str(j)] = size
+    for j, (kind, _, size) in differences.items():
+        groups.setdefault(kind, {})[j] = size
     parts = []
     for kind, sizes in groups.items():
         ends = [significant(end(sizes.values()), 2) for end in (min, max)]
         difference = kind.format(" to ".join(dict.fromkeys(ends)))
         text = f"joint {enumerated(list(sizes))} {difference}"
-        if len(sizes) == len(differences):
+        if is_all and len(sizes) == len(differences):
             text = f"every joint {difference}"
         elif len(sizes) > 1:
             for one, many in (("joint ", "joints "), (" is ", " are "), (" has its ", " have their ")):

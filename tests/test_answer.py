@@ -104,7 +104,16 @@ def test_without_a_nominal_stiffness() -> None:
 
 @pytest.mark.parametrize("K", [-3.0, 0.015, float("nan")])
 def test_undetermined_values_are_left_out_of_the_answer(K: float) -> None:
-    assert "do not determine the stiffness of joint 2" in answer_sentence(fit([43.0, K]))
+    assert answer_sentence(fit([43.0, K])) == (
+        "The stiffness of joint 1 is 43.000 ± 0.010 N·m/rad, seen from the motor. These records do not "
+        "determine the stiffness of joint 2."
+    )
+    three = answer_sentence(fit([84.0, K, 7.5]), Elasticity([42.0, 5.0, 7.5], [0.1, 0.1, 0.1]))
+    assert three.startswith("Joint 1 is 2.0 times as stiff as nominal and joint 3 has its")
+    assert three.endswith("nominal stiffness. These records do not determine the stiffness of joint 2.")
+    assert answer_sentence(fit([K])).startswith(
+        "These records do not determine the stiffness of joint 1:"
+    )
 
 
 def test_a_value_near_zero_is_not_said_to_agree() -> None:
@@ -119,7 +128,8 @@ def test_an_infinite_error_is_written_in_words() -> None:
     unknown.standard_error[3] = math.inf
     assert answer_sentence(unknown).endswith("seen from the motor. These records do not determine D2.")
     unknown.standard_error[0] = math.inf
-    assert answer_sentence(unknown).startswith("These records do not determine the stiffness of joint 1")
+    assert answer_sentence(unknown).startswith("The stiffness of joint 2 is 7.500")
+    assert answer_sentence(unknown).endswith("determine the stiffness of joint 1 and D2.")
 
 
 def test_a_torque_scale_that_is_not_stated_is_a_condition() -> None:
