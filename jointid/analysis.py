@@ -205,10 +205,11 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         phasors = extract_phasors(sines) if sines else no_phasors(study.inertia.n)
         transfer_matrices, problem = _transfer_matrices(study, phasors)
     if study.motion_records:
-        by_pose = _motions_by_pose(study, transfer_matrices)
+        by_pose, problem = _motions_by_pose(study, transfer_matrices, problem)
         of_motions, problem = _motion_matrices(by_pose, problem)
         transfer_matrices |= of_motions
         fits = _fits_with_motion(study, phasors, method, transfer_matrices)
+        by_pose = {pose: by_pose[pose] for pose in of_motions}
         freed, problem = _motion_matrices(by_pose, problem, fits[method])
         found = motion_findings(study.records, study.inertias, phasors, fits, transfer_matrices)
     else:
@@ -296,13 +297,22 @@ def _fits_with_motion(
     return fits
 
 
-def _motions_by_pose(study: Study, matrices: dict[str, TransferMatrix]) -> dict[str, list[MotionRecord]]:
+def _motions_by_pose(
+    study: Study, matrices: dict[str, TransferMatrix], problem: str
+) -> tuple[dict[str, list[MotionRecord]], str]:
     """Motions, with their bands, of the poses that have no transfer matrix by sines."""
     found: dict[str, list[MotionRecord]] = {}
-    for record in study.motion_records:
-        if (pose := record.pose or "") not in matrices:
-            found.setdefault(pose, []).append(record)
-    return found
+    motions = [record for record in study.motion_records if (record.pose or "") not in matrices]
+    for pose in dict.fromkeys(record.pose or "" for record in motions):
+        try:
+            found[pose] = [
+                replace(record, band_hz=record.band_hz or coherent_band(record))
+                for record in motions
+                if (record.pose or "") == pose
+            ]
+        except JointIdError as error:  # K and D do not need H
+            problem = str(error)
+    return found, problem
 
 
 def _motion_matrices(
@@ -317,8 +327,7 @@ def _motion_matrices(
     matrices = {}
     for pose, records in by_pose.items():
         try:
-            banded = [replace(each, band_hz=each.band_hz or coherent_band(each)) for each in records]
-            matrices[pose] = motion_transfer_matrix(banded, **without)
+            matrices[pose] = motion_transfer_matrix(records, **without)
         except JointIdError as error:  # K and D do not need H
             problem = str(error)
     return matrices, problem

@@ -110,10 +110,8 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
         title = f"{some(unknown)} {'is' if len(unknown) == 1 else 'are'} poorly determined"
         make = warning
         if undetermined(fit).all():
-            make, title = (
-                problem,
-                f"These records do not determine {enumerated(names[: fit.n].tolist())}",
-            )
+            make = problem
+            title = f"These records do not determine {enumerated(names[: fit.n].tolist())}"
         yield make(
             title,
             f"One standard error of {names[worst]} is {size} of its value."
