@@ -16,6 +16,7 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import EFFECTS, FRICTION_EFFECTS, GEAR_LAWS
+from jointid.motion.per_turn import PerTurn
 
 EXPLAINED = 1.1
 """Misfit below which richer friction cannot improve the fit noticeably."""
@@ -33,6 +34,8 @@ _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
 _BEND = 4.0
 """Largest ratio of two slopes of a gear; catalogues have up to 2."""
+_MOST_RATIO_ERROR = 0.1
+"""Largest change of a gear ratio over a turn by a transmission error; usual gears have up to 0.02."""
 _DISSIPATIVE = 2.0
 """Standard errors by which Coulomb friction must be positive."""
 _CERTAIN = 200.0
@@ -50,12 +53,26 @@ class Model:
     """Whether friction has a part that varies nonlinearly with speed."""
     effects: tuple[str, ...] = ()
     """Keys of ``EFFECTS``, in its order."""
+    per_turn: tuple[PerTurn, ...] = ()
+    """Orders of the periodic effects, also of those that the model lacks."""
 
     @property
     def parts(self) -> tuple[str, ...]:
         """Parts of the model beside K and D: "friction", "delay", keys of ``EFFECTS``."""
         friction = ("friction",) if self.reversal is not None else ()
         return (*friction, *(("delay",) if self.delay else ()), *self.effects)
+
+    @property
+    def orders(self) -> list[int]:
+        """Orders of its periodic effects."""
+        return [k for each in self.per_turn if each.effect in self.effects for k in each.orders if k]
+
+    def ratio_error(self, estimate: LikelihoodEstimate) -> Floats:
+        """Largest change of each gear ratio by a transmission error, over the ratio, shape (n,)."""
+        p = estimate.named
+        amplitude = np.hypot(p["transmission"], p["transmission_quadrature"])
+        orders = [each.orders for each in self.per_turn if each.effect == "transmission"]
+        return np.asarray(amplitude * np.ravel(orders))
 
     @property
     def is_slow(self) -> bool:
@@ -85,7 +102,8 @@ class Model:
         """Description of the model."""
         friction = ["friction that varies with speed" if self.curve else "friction"]
         parts = ["elasticity"] + friction * (self.reversal is not None) + ["delay"] * self.delay
-        parts += [EFFECTS[name].name for name in self.effects]
+        orders = {each.effect: f" ({each.of_joints} per turn)" for each in self.per_turn}
+        parts += [EFFECTS[name].name + orders.get(name, "") for name in self.effects]
         return " + ".join(parts) + (
             f", reversals free below {100 * self.reversal:g} %" if self.reversal else ""
         )
@@ -186,9 +204,10 @@ class Fits:
         """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
 
         Schwarz's penalty ln(rows) for the parameters, Akaike's 2 for each degree of freedom of the free
-        friction. It is infinite if a part is not significant (``judged``), or if only a model with
-        other friction reversals explains the fundamentals, which give K and D: noise in many
-        harmonics hides the misfit of wrong reversals.
+        friction, and a prior probability of 1/k² of periodic effects with k periods per turn, as low
+        orders are the usual ones. It is infinite if a part is not significant (``judged``), or if only
+        a model with other friction reversals explains the fundamentals, which give K and D: noise in
+        many harmonics hides the misfit of wrong reversals.
         """
         fitted = {m: e for m in self.tried if (e := self.estimate(m))}
         misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
@@ -200,6 +219,7 @@ class Fits:
                 continue
             free = estimate.parameter_count - estimate.p.size
             penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free
+            penalty += 4 * float(np.log(model.orders).sum())
             criterion[model] = 2 * estimate.whole_cost(misfit) + penalty
         return criterion
 
@@ -264,6 +284,8 @@ class Fits:
             least = _SIGNIFICANT**2 + size.size
             least *= 1 + estimate.repeated  # such errors lower the cost of any part
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
+        if part == "transmission" and np.any(model.ratio_error(estimate) > _MOST_RATIO_ERROR):
+            return False
         if part == "piecewise":  # a first slope near zero, or a steep one, is backlash or hysteresis
             p = estimate.named
             stiffer = (p.K + p["piecewise"]) / np.maximum(p.K, np.finfo(float).tiny)

@@ -31,6 +31,9 @@ _RIDGE = 1e-12
 """Added relative variance, below that of any part."""
 _RICHER_LAW = {"cubic"}, {"piecewise"}
 """A law, and that of more parameters that imitates it."""
+_ORDERS, _ORDERS_IF_STICKING = 30.0, 150.0
+"""Cost beyond that of the best orders of periodic effects, over the misfit, below which others count;
+free friction made wrong ones better by up to 60."""
 _ALIKE = 1.2
 """Ratio of misfits up to which another width of the reversals explains motions as well."""
 _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
@@ -64,7 +67,7 @@ def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[s
 
     for model in fits.tried:
         estimate = fits.estimate(model)
-        if model == best or estimate is None:
+        if estimate is None or replace(model, per_turn=best.per_turn) == best:
             continue
         weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
         added = set(model.parts).difference(best.parts)
@@ -83,8 +86,22 @@ def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[s
             shifts.append((1.0, shift))
     equals = [(weight, shift) for weight, shift in shifts if weight > _OCCAM]
     total = 1 + sum(weight for weight, _ in equals)
-    squares = (weight / total * np.outer(shift, shift) for weight, shift in equals)
-    return sum(squares, np.zeros_like(found.elasticity_covariance))
+    squares = [weight / total * np.outer(shift, shift) for weight, shift in equals]
+    return sum(squares, np.diag(_squares_by_orders(fits, best, found)))
+
+
+def _squares_by_orders(fits: Fits, best: Model, found: LikelihoodEstimate) -> Floats:
+    """Largest squared change of K and D by other orders of periodic effects, shape (2n,)."""
+    if not best.orders:
+        return np.zeros(found.elasticity.size)
+    sticks = best.reversal is not None and best.reversal > 0
+    most = found.cost + (_ORDERS_IF_STICKING if sticks else _ORDERS) * max(1.0, found.misfit)
+    squares = [np.zeros(found.elasticity.size)]
+    for model in fits.tried:
+        estimate = fits.estimate(model)
+        if estimate and estimate.cost < most and replace(model, per_turn=best.per_turn) == best:
+            squares.append((estimate.elasticity - found.elasticity) ** 2)
+    return np.asarray(np.max(squares, axis=0))
 
 
 def _fundamentals_are_alike(narrow: LikelihoodEstimate, wide: LikelihoodEstimate) -> bool:

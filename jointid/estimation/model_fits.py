@@ -18,7 +18,13 @@ from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual, with_law_signals
 from jointid.estimation.start_values import without_inertias
 from jointid.motion.end_terms import motor_motion
-from jointid.motion.friction import FrictionWaveforms, friction_waveforms, with_load
+from jointid.motion.friction import (
+    FrictionWaveforms,
+    friction_waveforms,
+    gear_torque_of,
+    with_load,
+)
+from jointid.motion.per_turn import PerTurn, with_turns
 from jointid.phasors.extract import Phasors
 
 _SAME_FILTER = 0.02
@@ -48,20 +54,24 @@ def model_waveforms(
     )
 
 
-def loaded(
+def completed(
     waveforms: FrictionWaveforms | None,
     parts: Sequence[str],
+    per_turn: Sequence[PerTurn],
     phasors: Phasors,
     prior: InertiaPrior,
     p: Parameters,
 ) -> FrictionWaveforms | None:
-    """Friction waveforms with load-dependent friction, at the gear torque of some parameters.
+    """Friction waveforms with those of periodic effects and of load-dependent friction in a model.
 
-    Unchanged without this part.
+    They follow from the gear torque of some parameters.
     """
-    if waveforms is None or "load" not in parts:
+    effects = [each for each in per_turn if each.effect in parts]
+    if waveforms is None or not (effects or "load" in parts):
         return waveforms
-    return with_load(waveforms, phasors, prior.motors(phasors, p))
+    torque = gear_torque_of(waveforms, phasors, prior.motors(phasors, p))
+    waveforms = with_turns(waveforms, phasors, effects, torque)
+    return with_load(waveforms, phasors, torque) if "load" in parts else waveforms
 
 
 def fit_model(
@@ -87,7 +97,7 @@ def fit_model(
             phasors,
             prior,
             start,
-            friction=loaded(waveforms, model.effects, phasors, prior, start),
+            friction=completed(waveforms, model.effects, model.per_turn, phasors, prior, start),
             delay=model.delay,
             effects=model.effects,
             noise=noise,
@@ -101,7 +111,7 @@ def fit_model(
                 raise np.linalg.LinAlgError("not finite")
             # Load-dependent friction and, in motions, the arms' directions follow from the parameters.
             turned = "arm_coulomb" in model.effects and phasors.motion.any()
-            same = not ("load" in model.effects or turned)
+            same = not ({"load", "transmission"}.intersection(model.effects) or turned)
             if waveforms and "position_filter" in model.effects and not phasors.motion.any():
                 found = estimate.named["position_filter"]
                 if not np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):
@@ -148,7 +158,7 @@ def evaluated(
     Raises JointIdError when the deflection of gears in motions is not found again.
     """
     waveforms = model_waveforms(phasors, model, estimate.named)
-    waveforms = loaded(waveforms, model.effects, phasors, prior, estimate.named)
+    waveforms = completed(waveforms, model.effects, model.per_turn, phasors, prior, estimate.named)
     problem = make_problem(phasors, prior, estimate.layout, estimate.named, waveforms, noise)
     problem = with_law_signals(replace(problem, motion=motor_motion(phasors)), estimate.p)
     found = WhitenedResidual.of(problem, estimate.p, scale)
@@ -170,7 +180,7 @@ def stepped(
 ) -> tuple[Floats, float]:
     """Parameters and misfit of a model one step from the estimate of a similar one."""
     waveforms = waveforms or model_waveforms(phasors, model, estimate.named)
-    waveforms = loaded(waveforms, model.effects, phasors, prior, estimate.named)
+    waveforms = completed(waveforms, model.effects, model.per_turn, phasors, prior, estimate.named)
     layout = fitted_layout(prior, waveforms, model.delay, model.effects)
     problem = make_problem(phasors, prior, layout, estimate.named, waveforms, noise)
     p = problem.start(estimate.named)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -21,7 +21,7 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.estimators.score_tests import Score, scores
-from jointid.estimation.model_fits import filters_before_friction, fit_model, loaded, model_waveforms
+from jointid.estimation.model_fits import completed, filters_before_friction, fit_model, model_waveforms
 from jointid.estimation.start_values import (
     by_regression,
     other_laws,
@@ -30,6 +30,7 @@ from jointid.estimation.start_values import (
     without_inertias,
 )
 from jointid.motion.friction import FrictionWaveforms
+from jointid.motion.per_turn import PerTurn
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
 DOUBTFUL = 3.0
@@ -85,11 +86,22 @@ class Search:
     slow_fits: int = 0
     laws: list[list[str]] = field(default_factory=list)
     """Laws of the gears in these fits; of motions, other parts beside the same laws do not count."""
+    may_be_periodic: bool = False
+    """Whether effects of the motors' positions are sought."""
     regressed: set[tuple[str, Model]] = field(default_factory=set)
     """Models that were fitted from the regression of a law."""
     _waveforms: dict[tuple[float | None, ...], FrictionWaveforms | None] = field(default_factory=dict)
     _scores: dict[Model, tuple[LikelihoodEstimate, dict[str, Score]]] = field(default_factory=dict)
     """Scores with the estimate at which they were evaluated."""
+
+    def add_per_turn(self, effect: PerTurn) -> None:
+        """Make a periodic effect of the motors' positions one of the optional parts of all models."""
+        orders = *self.base.per_turn, effect
+        self.base = replace(self.base, per_turn=orders)
+        self.fits.optional += (effect.effect,)
+        self.fits.tried = {replace(m, per_turn=orders): e for m, e in self.fits.tried.items()}
+        self.starts = {replace(m, per_turn=orders): e for m, e in self.starts.items()}
+        self._scores.clear()
 
     def again(self, start: Parameters) -> Search:
         """The same search from another start."""
@@ -272,6 +284,13 @@ class Search:
             self._waveforms[key] = model_waveforms(self.phasors, model, p)
         return self._waveforms[key]
 
+    def completed_waveforms(
+        self, model: Model, p: Parameters, parts: Sequence[str]
+    ) -> FrictionWaveforms | None:
+        """The same with those that follow from the gear torque at these parameters."""
+        waveforms = self.waveforms(model, p)
+        return completed(waveforms, parts, model.per_turn, self.phasors, self.prior, p)
+
     @staticmethod
     def is_full(model: Model) -> bool:
         """Whether a model has all the effects that it may have; viscous friction counts as friction."""
@@ -288,8 +307,7 @@ class Search:
             return {}
         if model not in self._scores or self._scores[model][0] is not found:
             sliding = replace(model, reversal=0.0) if "friction" in absent else model
-            waveforms, parts = self.waveforms(sliding, found.named), (*model.parts, *absent)
-            waveforms = loaded(waveforms, parts, self.phasors, self.prior, found.named)
+            waveforms = self.completed_waveforms(sliding, found.named, (*model.parts, *absent))
             of_each = scores(self.phasors, self.prior, found, waveforms, self.noise, absent)
             self._scores[model] = found, of_each
         return self._scores[model][1]

@@ -19,6 +19,7 @@ from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import (
     EFFECTS,
     GEAR_LAWS,
+    PERIODIC_EFFECTS,
     ParameterLayout,
     Parameters,
 )
@@ -42,10 +43,11 @@ from jointid.estimation.model_climb import (
 from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_growth import NEARLY_ALL, exchanged, grown
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
-from jointid.estimation.passivity import least_misfit
+from jointid.estimation.periodic_effects import fit_periodic, with_best_orders
 from jointid.estimation.start_values import at_resonances, friction_start
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
+from jointid.phasors.passivity import least_misfit
 
 LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
@@ -110,7 +112,7 @@ def choose_model(
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
-    excluded = {"piecewise"}  # in place of a cubic law
+    excluded = {"piecewise", *PERIODIC_EFFECTS}  # in place of a cubic law, and where they are found
     if gear == "linear":
         excluded |= set(GEAR_LAWS)
     if friction:
@@ -131,6 +133,7 @@ def choose_model(
         first=tuple(first),
         most=most,
         gives_up=gives_up,
+        may_be_periodic=(friction or "friction" in optional) and not (exactly or phasors.is_superposed),
     )
     if is_lost and first:
         search.fit(first[0], linear)
@@ -156,6 +159,7 @@ def _searched(search: Search) -> Choice:
         if model not in search.fits.tried:
             search.fit(model, search.start)
     fit_first(search)
+    fit_periodic(search, min(search.fits.tried, key=search.fits.misfit))
     if not search.fits.least_misfit < FAR and search.gives_up():
         return _given_up(search)
     if search.is_lost and search.may_have_friction and search.is_distorted:
@@ -182,10 +186,12 @@ def _searched(search: Search) -> Choice:
     if search.is_lost and search.explains_little:
         return _choice(search, search.fits.least(list(search.fits.tried)))
     best = _best(search)
+    if fit_periodic(search, best):
+        best = _grown(search, search.pruned(search.fits.least(list(search.fits.tried))))
     linear = [each for each in search.fits.tried if not each.is_slow and search.fits.estimate(each)]
     if search.is_lost and search.has_motions and linear:  # under a wrong law the gears' motion diverges
         best = search.fits.least(linear)
-    return _choice(search, best)
+    return _choice(search, with_best_orders(search, best))
 
 
 def _given_up(search: Search) -> Choice:

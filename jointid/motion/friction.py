@@ -6,7 +6,7 @@ stick, and the friction torque is then not a function of the velocity. There the
 the resolution of the harmonics, so that no waveform is assumed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
@@ -18,7 +18,7 @@ from jointid.motion.free_friction import FreeFriction
 from jointid.motion.reversals import segment_friction
 from jointid.phasors.extract import Phasors
 from jointid.phasors.periods import phasors_of, samples_of, waves
-from jointid.phasors.segment import Motors
+from jointid.phasors.segment import Motors, bins_of
 
 _HATS_PER_HARMONIC = 3
 """Hat functions per period for each harmonic: finer than the harmonics resolve."""
@@ -26,8 +26,8 @@ _HATS_PER_HARMONIC = 3
 _WIDTHS = (0.02, 0.07, 0.25)
 """Decay velocities of the friction curve's parts, over the joint's largest velocity of all records."""
 
-_GRID = 1024
-"""Points per period; many times the highest harmonic."""
+GRID = 1024
+"""Points per period; many times the highest harmonic, also of effects per turn of the motors."""
 
 _NOISE_MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
@@ -63,8 +63,17 @@ class FrictionWaveforms:
     """Sign of θ̇ over every record, each (n, points)."""
     position_filter: Floats = field(default_factory=lambda: np.zeros(1))
     """Time constants of the position filters that are removed from the velocities, (n,), s."""
-    load: Complexes | None = None
-    """Phasors of sign θ̇ times the magnitude of the gear torque, shape (r, H, n); see ``with_load``."""
+    further: Mapping[str, Complexes] = field(default_factory=dict)
+    """Phasors of further torques per unit of their parameters, each (r, H, n): of "load", sign θ̇ times
+    the magnitude of the gear torque (``with_load``), and of torque ripple (``per_turn``)."""
+    deflection: Mapping[str, Complexes] = field(default_factory=dict)
+    """Phasors of deflections of the gears without torque, likewise: of transmission error."""
+
+    @property
+    def by_parameter(self) -> dict[str, Complexes]:
+        """Torque at the motors per unit of each parameter, (r, H, n); "curve 0" is its first part."""
+        curve = {f"curve {c}": self.curve[..., c] for c in range(self.curve.shape[3])}
+        return {"coulomb": self.coulomb, **curve, **self.further}
 
     @cached_property
     def spread(self) -> Floats:
@@ -105,9 +114,9 @@ def friction_waveforms(
     H, n = phasors.harmonics.shape[1], phasors.n
     rate = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
     angle = phasors.harmonics[..., :n]
-    variance, seen = _seen(phasors)
+    variance, seen = seen_angles(phasors)
     swing = (rate[..., None] * angle * seen).swapaxes(1, 2)
-    velocity = samples_of(swing, _GRID) + phasors.drift[:, :, None]
+    velocity = samples_of(swing, GRID) + phasors.drift[:, :, None]
     # What the other harmonics hold beyond their noise adds to that of those seen.
     squares = np.stack([variance * seen, (np.abs(angle) ** 2 - variance) * ~seen])
     power = 0.5 * np.einsum("rh,krhj->krj", np.abs(rate) ** 2, squares)
@@ -137,13 +146,20 @@ def friction_waveforms(
     return FrictionWaveforms(coulomb, fading, unknown, none_bounded, stationary, list(signs))
 
 
-def with_load(
-    friction: FrictionWaveforms, phasors: Phasors, motors: Sequence[Motors]
-) -> FrictionWaveforms:
-    """Waveforms with that of friction which is a share of the torque through the gear.
+@dataclass(frozen=True, eq=False)
+class GearTorque:
+    """Torque through the gears as the balance at the motors leaves it, N·m."""
 
-    That torque is what the balance at the motors leaves.
-    """
+    sines: Floats
+    """Over a period of every sine, shape (rows, n, points)."""
+    segments: Mapping[int, Floats]
+    """Over the segments of motions by their row, each (n, N)."""
+
+
+def gear_torque_of(
+    friction: FrictionWaveforms, phasors: Phasors, motors: Sequence[Motors]
+) -> GearTorque:
+    """Torque through the gears by parameters of the motors of every row."""
     if friction.position_filter.any():
         phasors = _unfiltered(phasors, friction.position_filter)
     n, H = phasors.n, phasors.harmonics.shape[1]
@@ -153,11 +169,14 @@ def with_load(
     M, coulomb, viscous, _, lag, scale = (each[:, None] for each in every)
     left = scale * torque * np.exp(-s * lag) - s * (s * M + viscous) * angle
     left -= coulomb * friction.coulomb
-    found = np.zeros_like(friction.coulomb)
+    of_sines: Floats = np.zeros((0, n, GRID))
     sines = np.flatnonzero(~phasors.motion)
     if sines.size:
         direction = np.stack([friction.direction[row] for row in sines.tolist()])
-        own, seen = Motors(*(each[sines] for each in every)), _seen(phasors)[1][sines].swapaxes(1, 2)
+        own, seen = (
+            Motors(*(each[sines] for each in every)),
+            seen_angles(phasors)[1][sines].swapaxes(1, 2),
+        )
         mean = own.torque_scale * phasors.mean_torque[sines] - own.viscous * phasors.drift[sines]
         mean -= own.coulomb * direction.mean(axis=2)
         total = mean[..., None] + samples_of(left[sines].swapaxes(1, 2), direction.shape[2])
@@ -166,17 +185,29 @@ def with_load(
             mean = torque.mean(axis=2, keepdims=True)
             return np.asarray(mean + samples_of(phasors_of(torque, H) * seen, torque.shape[2]))
 
-        gear = own.without_load_friction(total, direction, clear)
-        found[sines] = phasors_of(np.abs(gear) * direction, H).swapaxes(1, 2)
-    for row, segment in enumerate(phasors.segments):
-        if segment is not None:
-            turned, bins = friction.direction[row], segment.highest
-            gear = segment.gear_torque(motors[row], turned)
-            found[row, :bins] = phasors_of(np.abs(gear) * turned, bins).T
-    return replace(friction, load=found * np.any(phasors.harmonics != 0, axis=2)[..., None])
+        of_sines = own.without_load_friction(total, direction, clear)
+    rows = {row: each for row, each in enumerate(phasors.segments) if each is not None}
+    of_rows = {row: each.gear_torque(motors[row], friction.direction[row]) for row, each in rows.items()}
+    return GearTorque(of_sines, of_rows)
 
 
-def _seen(phasors: Phasors) -> tuple[Floats, np.ndarray]:
+def with_load(friction: FrictionWaveforms, phasors: Phasors, gear: GearTorque) -> FrictionWaveforms:
+    """Waveforms with that of friction which is a share of the torque through the gear."""
+    found, H = np.zeros_like(friction.coulomb), phasors.harmonics.shape[1]
+    sines = np.flatnonzero(~phasors.motion)
+    if sines.size:
+        direction = np.stack([friction.direction[row] for row in sines.tolist()])
+        found[sines] = phasors_of(np.abs(gear.sines) * direction, H).swapaxes(1, 2)
+    for row, torque in gear.segments.items():
+        every = bins_of(
+            np.abs(torque) * friction.direction[row], H
+        ).T  # those beyond its band are unused
+        found[row, : len(every)] = every
+    load = found * np.any(phasors.harmonics != 0, axis=2)[..., None]
+    return replace(friction, further={**friction.further, "load": load})
+
+
+def seen_angles(phasors: Phasors) -> tuple[Floats, np.ndarray]:
     """Variances of the angles' harmonics, and which are above their noise or fundamentals, (r, H, n)."""
     n = phasors.n
     variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
@@ -234,9 +265,9 @@ def _freed(
             sign = signs[record, joint]
             for begin, length, before in _reversals(velocity[record, joint], threshold[record, joint]):
                 steps = np.arange(length + 1)
-                sign[(begin + steps) % _GRID] = np.where(steps < length / 2, before, -before)
-                pieces = int(np.ceil(_HATS_PER_HARMONIC * carried[record] * length / _GRID))
-                late = waves(H, _GRID)[:, begin % _GRID].conj()
+                sign[(begin + steps) % GRID] = np.where(steps < length / 2, before, -before)
+                pieces = int(np.ceil(_HATS_PER_HARMONIC * carried[record] * length / GRID))
+                late = waves(H, GRID)[:, begin % GRID].conj()
                 columns.append(_hats(length, pieces, H) * late[:, None])
             own.append(np.concatenate(columns, axis=1))
         free.append(own)
@@ -250,7 +281,7 @@ def _reversals(velocity: Floats, threshold: float) -> list[tuple[int, int, float
     turns = np.flatnonzero(direction[1:] != direction[:-1]).tolist()
     found = [(int(slides[k]), int(slides[k + 1] - slides[k]), float(direction[k])) for k in turns]
     if slides.size and direction[-1] != direction[0]:
-        found.append((int(slides[-1]), int(slides[0] + _GRID - slides[-1]), float(direction[-1])))
+        found.append((int(slides[-1]), int(slides[0] + GRID - slides[-1]), float(direction[-1])))
     return found
 
 
@@ -259,4 +290,4 @@ def _hats(length: int, pieces: int, H: int) -> Complexes:
     """Phasors (H, pieces + 1) of hat functions over the first ``length`` samples."""
     steps = np.arange(length + 1)
     hats = 1 - np.abs(steps * pieces / length - np.arange(pieces + 1)[:, None])
-    return np.asarray(waves(H, _GRID)[:, steps % _GRID].conj() @ np.maximum(hats, 0).T * (2j / _GRID))
+    return np.asarray(waves(H, GRID)[:, steps % GRID].conj() @ np.maximum(hats, 0).T * (2j / GRID))

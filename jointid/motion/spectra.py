@@ -120,6 +120,7 @@ def _segments(
         segment = Segment(
             record=part.record,
             interval_s=part.interval_s,
+            uniform_angle=part.theta,
             uniform_velocity=velocity,
             torque=part.tau,
             held=part.held,

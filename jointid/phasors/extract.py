@@ -58,6 +58,8 @@ class Phasors:
     """Noise covariance of each harmonic, shape (r, H, 2n, 2n)."""
     drift: Floats = field(default_factory=lambda: np.zeros(0))
     """Constant velocity superposed on each motor's sine, shape (r, n), rad/s."""
+    mean_angle: Floats = field(default_factory=lambda: np.zeros(0))
+    """Angle around which each motor's sine oscillates, shape (r, n), rad."""
     mean_torque: Floats = field(default_factory=lambda: np.zeros(0))
     """Torque around which that of each motor's sine oscillates, such as gravity's, shape (r, n), N·m."""
     settling: Floats = field(default_factory=lambda: np.zeros(0))
@@ -75,7 +77,6 @@ class Phasors:
     harmonic_rounding: Floats = field(default_factory=lambda: np.zeros(0))
     """Part of the variances in ``harmonic_covariance`` from rounding that repeats with the motion, which
     differs by record, shape (r, H, 2n)."""
-
     hold_s: Floats = field(default_factory=lambda: np.zeros(0))
     """Time for which each torque sample is held, shape (r,), s; 0 where it is not."""
     torque_delay_s: Floats = field(default_factory=lambda: np.zeros(0))
@@ -88,7 +89,7 @@ class Phasors:
             "harmonics": self.z[:, None],
             "harmonic_covariance": self.covariance[:, None],
             "drift": np.zeros((rows.size, n)),
-            "mean_torque": np.zeros((rows.size, n)),
+            **dict.fromkeys(("mean_angle", "mean_torque"), np.zeros((rows.size, n))),
             "settling": unknown,
             "settling_noise": unknown,
             "frequency_found_hz": np.asarray(self.omega) / (2 * np.pi),
@@ -115,12 +116,12 @@ class Phasors:
     def joined(cls, parts: Sequence[Phasors]) -> Phasors:
         """Return the rows of several phasors, with as many harmonics as the largest has."""
         most = max(part.harmonics.shape[1] for part in parts)
-        arrays = {}
-        for name in (f.name for f in fields(cls) if f.name not in _PER_ROW):
+
+        def every(name: str) -> np.ndarray:
             each = [getattr(part, name) for part in parts]
-            if name.startswith("harmonic"):
-                each = [padded(array, most) for array in each]
-            arrays[name] = np.concatenate(each)
+            return np.concatenate([padded(a, most) for a in each] if "harmonic" in name else each)
+
+        arrays = {f.name: every(f.name) for f in fields(cls) if f.name not in _PER_ROW}
         labels = tuple(label for part in parts for label in part.labels)
         return cls(**arrays, labels=labels, segments=np.concatenate([p.segments for p in parts]))
 
@@ -183,8 +184,7 @@ class Phasors:
     def by_frequency(self) -> list[tuple[float, np.ndarray]]:
         """Angular frequencies in ascending order, each with the indices of its records."""
         self.require_records()
-        order = np.argsort(self.omega, kind="stable")
-        ordered = self.omega[order]
+        ordered = self.omega[order := np.argsort(self.omega, kind="stable")]
         gaps = np.flatnonzero(np.diff(ordered) > 1e-9 * ordered[:-1]) + 1
         return [(float(self.omega[group[0]]), group) for group in np.split(order, gaps)]
 
@@ -202,6 +202,7 @@ class Phasors:
             self,
             q=z[:, : self.n],
             tau=z[:, self.n :],
+            mean_angle=self.mean_angle * scale[..., : self.n],
             mean_torque=self.mean_torque * scale[..., self.n :],
             covariance=self.covariance * both,
             harmonics=self.harmonics * scale[..., None, :],
@@ -253,7 +254,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     angular: Floats = omega[:, None] * np.arange(1, count + 1)
     timing[:, :, n:] = _torque_timing(angular, hold_s[:, None], delay_s[:, None])[:, :, None]
     z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
-    covariance: Complexes = np.array([fit.covariance for fit in fits], dtype=np.complex128)
+    covariance = np.array([fit.covariance for fit in fits], dtype=np.complex128)
     covariance += _rounding(fits)
     # The sensors are the same in all records: a few records show whether they have steps.
     stepped = count > 3 or any(may_have_steps(r) for r in records[:: max(1, len(records) // 4)])
@@ -282,6 +283,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         harmonics=np.array([fit.harmonics for fit in fits]) * timing,
         harmonic_covariance=covariance,
         drift=np.array([fit.drift[:n] for fit in fits]),
+        mean_angle=np.array([fit.offset[:n] for fit in fits]),
         mean_torque=np.array([fit.offset[n:] for fit in fits]),
         settling=settling,
         settling_noise=settling_noise,
@@ -295,14 +297,12 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
 
 def no_phasors(n: int) -> Phasors:
     """Return the phasors of no record of n joints."""
-    none = np.zeros(0)
-    signals, covariance = np.zeros((0, n), complex), np.zeros((0, 2 * n, 2 * n), complex)
-    return Phasors(none, signals, signals, covariance, none, none)
+    none, signals = np.zeros(0), np.zeros((0, n), complex)
+    return Phasors(none, signals, signals, np.zeros((0, 2 * n, 2 * n), complex), none, none)
 
 
 def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
-    if isinstance(records, SineRecord):
-        return (records,)
+    records = (records,) if isinstance(records, SineRecord) else records
     if not isinstance(records, Iterable):
         raise JointIdError(f"records: expected a list of SineRecord, got {records!r:.80}.")
     records = tuple(records)

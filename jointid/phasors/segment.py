@@ -54,8 +54,10 @@ class Segment:
     record: int
     """Index of the motion record that it comes from."""
     interval_s: float
+    uniform_angle: Floats
+    """Logged angles in the uniformly sampled part of the record, rad, shape (n, samples)."""
     uniform_velocity: Floats
-    """Smoothed velocities in the uniformly sampled part of the record, rad/s, shape (n, samples)."""
+    """Smoothed velocities there, rad/s, shape (n, samples)."""
     torque: Floats
     """Torques of the motors there, N·m, shape (n, samples)."""
     held: bool

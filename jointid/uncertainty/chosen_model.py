@@ -14,7 +14,7 @@ from jointid.estimation.estimators.linear_fit import LINEAR, Estimate
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.parameters import EFFECTS, Parameters
 from jointid.estimation.estimators.problem import Problem, make_problem
-from jointid.estimation.model_fits import filters_before_friction, loaded
+from jointid.estimation.model_fits import completed, filters_before_friction
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms
 from jointid.phasors.extract import Phasors
@@ -113,7 +113,8 @@ def chosen_friction(
     waveforms = friction_waveforms(
         phasors, model.reversal or 0.0, curve=model.curve, position_filter=filters
     )
-    return loaded(waveforms, model.parts, phasors, prior or fit.prior, p) or waveforms
+    prior = prior or fit.prior
+    return completed(waveforms, model.parts, model.per_turn, phasors, prior, p) or waveforms
 
 
 def inertia_of_each(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Inertia]:

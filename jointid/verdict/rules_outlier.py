@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.passivity import taken_power
 from jointid.phasors.long_records import LongRecord
+from jointid.phasors.passivity import taken_power
 from jointid.verdict.causes import CAUSES, GOOD, Cause
 from jointid.verdict.evidence import (
     Change,

@@ -15,9 +15,9 @@ from scipy.optimize import minimize
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.joint_equations import LARGEST, LEAST
-from jointid.estimation.passivity import least_misfit
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
+from jointid.phasors.passivity import least_misfit
 from jointid.verdict.cause_findings import finding_of
 from jointid.verdict.causes import CAUSES, GOOD, LARGEST_GEAR_RATIO, SUBTLE, VELOCITY_UNITS
 from jointid.verdict.evidence import Finding

@@ -24,13 +24,13 @@ from jointid.estimation.estimators.linear_fit import Estimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import Problem, fitted_layout, make_problem
-from jointid.estimation.estimators.residual import with_law_noise
 from jointid.estimation.estimators.whitened_residual import (
     POOR,
     WhitenedResidual,
     repeated_covariance,
     widened_covariance,
     with_free_torque,
+    with_law_noise,
 )
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms

@@ -64,6 +64,20 @@ EFFECTS = {
         },
         positive=True,
     ),
+    "ripple": Effect(
+        "torque ripple",
+        {
+            "ripple": ("torque ripple", "N·m"),
+            "ripple_quadrature": ("torque ripple a quarter period on", "N·m"),
+        },
+    ),
+    "transmission": Effect(
+        "transmission error",
+        {
+            "transmission": ("transmission error", "rad"),
+            "transmission_quadrature": ("transmission error a quarter period on", "rad"),
+        },
+    ),
     "link": Effect("link flexibility", {"link": ("link flexibility", "kg·m²·s²")}, positive=True),
     "gravity": Effect("gravity stiffness", {"gravity": ("gravity stiffness", "N·m/rad")}),
     "cubic": Effect("a hardening gear", {"cubic": ("cubic stiffness", "N·m/rad³")}),
@@ -92,7 +106,9 @@ and ``link`` c adds −s⁴c (the first term of a mode above the band, c = J_lin
 η adds iηK, and the stiffness that comes with it, to the gear's. ``lag`` d multiplies a joint's torque
 by e^{-sd}, ``torque_filter`` T by 1/(1 + sT), or by 1 − sT where T is negative, and
 ``position_filter`` T its position by 1 + sT. ``load`` is a share of the torque through the gear that
-is friction of its motor. The others are laws in time (``joint_laws``)."""
+is friction of its motor. ``ripple`` is a torque of the motor and ``transmission`` a deflection of the
+gear, both periodic in the motor's position (``PerTurn``). The others are laws in time
+(``joint_laws``)."""
 
 ARM_EFFECTS = ("arm_viscous", "link", "gravity")
 """Effects on the arm's dynamic stiffness."""
@@ -100,7 +116,10 @@ ARM_EFFECTS = ("arm_viscous", "link", "gravity")
 FILTERS = ("position_filter", "torque_filter")
 """Effects that differ from a delay by the square of their time constants only."""
 
-FRICTION_EFFECTS = ("load", "motor_presliding")
+PERIODIC_EFFECTS = ("ripple", "transmission")
+"""Effects that repeat with the turns of a motor."""
+
+FRICTION_EFFECTS = ("load", "motor_presliding", *PERIODIC_EFFECTS)
 """Effects that go with Coulomb and viscous friction."""
 
 GEAR_LAWS = ("cubic", "piecewise", "backlash", "hysteresis")
@@ -290,6 +309,11 @@ class Parameters:
         """Values of a block, in its shape; KeyError when there is no such one."""
         values = self.vector[self.layout[name]]
         return values.reshape(next(b.shape for b in self.layout.blocks if b.name == name))
+
+    def without(self, *names: str) -> Parameters:
+        """The parameters without some blocks."""
+        layout = ParameterLayout(tuple(each for each in self.layout.blocks if each.name not in names))
+        return layout.named(layout.pack(**{each.name: self[each.name] for each in layout.blocks}))
 
     def effect(self, name: str) -> Floats | float:
         """Values of an effect, shape (n,); 0 where it is not fitted."""

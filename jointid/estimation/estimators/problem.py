@@ -83,9 +83,8 @@ class Problem:
     @property
     def used(self) -> np.ndarray:
         """Whether a joint's residual in a record carries information, shape (r, n)."""
-        return (
-            np.ones((len(self.s), self.n), bool) if self.friction is None else ~self.friction.stationary
-        )
+        every = np.ones((len(self.s), self.n), bool)
+        return every if self.friction is None else ~self.friction.stationary
 
     @property
     def rows(self) -> int:
@@ -111,8 +110,7 @@ class Problem:
 
     def by_group(self, values: Floats) -> Floats:
         """Sums over the groups, shape (G,), of values (r, H)."""
-        sums = np.bincount(self.group.ravel(), values.ravel(), self.main.size)
-        return np.asarray(sums, float)
+        return np.bincount(self.group.ravel(), values.ravel(), self.main.size).astype(float)
 
     def feasible(self, vector: Floats) -> bool:
         """Whether K, M and the torque scales are positive, and M2 and M2 − added positive definite."""
@@ -285,29 +283,34 @@ def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
     """Friction over that at the logged motion, shape (r, H, n).
 
     A motor turns back before its filtered position does: earlier by the delay of the filter at the
-    fundamental, which decides the sign of the velocity. A similar filter may already be removed from the
-    waveforms.
+    fundamental, which decides the sign of the velocity. The waveforms may lack a similar filter already.
     """
     if "position_filter" not in problem.layout:
         return 1.0
-    first = np.abs(problem.s[:, :1, None])
-    freed = 0.0 if problem.friction is None else problem.friction.position_filter
+    first, friction = np.abs(problem.s[:, :1, None]), problem.friction
+    freed = 0.0 if friction is None else friction.position_filter
     earlier = np.arctan(first * p["position_filter"]) - np.arctan(first * freed)
     return np.asarray(np.exp(problem.s[..., None] * earlier / first))
 
 
 def motor_friction(problem: Problem, p: Parameters) -> Complexes:
-    """Coulomb friction, its curve and presliding at the motors, shape (r, H, n), N·m."""
+    """Coulomb friction, its curve and presliding at the motors, and ripple, shape (r, H, n), N·m."""
     H = problem.s.shape[1]
     found = np.zeros((*problem.s.shape, problem.n), complex)
     if problem.friction is not None:
-        found += p["coulomb"] * problem.friction.coulomb[:, :H]
-        found += (problem.friction.curve[:, :H] * p["curve"]).sum(axis=3)
-        if "load" in problem.layout and problem.friction.load is not None:
-            found += p["load"] * problem.friction.load[:, :H]
+        for name, wave in problem.friction.by_parameter.items():
+            block, _, part = name.partition(" ")
+            if block in problem.layout:
+                found += (p[block][:, int(part)] if part else p[block]) * wave[:, :H]
     if "motor_presliding" in problem.layout and problem.laws is not None:
         found += p["motor_presliding"] * problem.laws.presliding(p["bristle"], H)
     return np.asarray(found * friction_advance(problem, p))
+
+
+def free_deflection(problem: Problem, p: Parameters) -> Complexes | float:
+    """Deflection of the gears without torque, by transmission error, shape (r, H, n), rad."""
+    waves = {} if problem.friction is None else problem.friction.deflection
+    return sum(p[name] * wave for name, wave in waves.items() if name in problem.layout)
 
 
 def arm_compliance(problem: Problem, p: Parameters) -> Complexes:

@@ -11,16 +11,17 @@ A⁻¹P). Both τ and q carry noise of covariance C; r has the covariance V = E 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.estimators.balance import balance, gear_torque, noise_of
-from jointid.estimation.estimators.parameters import ARM_EFFECTS, GEAR_LAWS, Parameters
+from jointid.estimation.estimators.balance import balance, gear_torque
+from jointid.estimation.estimators.parameters import ARM_EFFECTS, Parameters
 from jointid.estimation.estimators.problem import (
     Problem,
     arm_compliance,
+    free_deflection,
     friction_advance,
     loss_stiffness,
     motor_friction,
@@ -101,6 +102,7 @@ class Residual:
         torque = drive - own * q
         friction = motor_friction(problem, p)
         torque -= friction
+        q = q - free_deflection(problem, p)  # from here on that of the gear
         law, wound, turns = (np.zeros_like(q), np.zeros_like(q)), None, None
         if problem.laws is not None:
             if "arm_coulomb" in problem.layout:
@@ -179,7 +181,7 @@ class Residual:
         """
         problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
         s = problem.s[..., None]
-        q = self._before_filter(smooth)
+        q = self._before_filter(smooth) - free_deflection(problem, p)
         f = gear_torque(self.X, self.arm, q, self.law)
         J = np.zeros((*self.r.shape, layout.size), complex)
         by_gear = -self.X / self.gear[..., None, :] * (f / self.gear)[..., None, :]  # ∂r/∂κ_j
@@ -219,6 +221,8 @@ class Residual:
                 J[..., place[0]] += whole.sum(axis=-1)
             else:
                 J[..., place] += whole
+        for name, wave in self._deflections().items():
+            J[..., layout[name]] += self.X * wave[..., None, :]
         for name in slopes.keys() - own.keys():
             J[..., layout[name]] += self.X @ slopes[name]
         return J
@@ -238,11 +242,18 @@ class Residual:
             apart[name] = -self.arm * columns[..., None, :]
             if name in turned:
                 apart[name] += self.arm @ turned[name]
+        for name, wave in self._deflections().items():
+            apart[name] = -wave[..., None] * np.eye(problem.n)
         if "position_filter" in own:
             moved = problem.s[..., None] * smooth[..., : problem.n]
             apart["position_filter"] += moved[..., None] * np.eye(problem.n)
         arm = problem.prior.by_lower_element if "M2" in problem.layout else None
         return laws.slopes(self.wound, self.p, self.gear, stiffness, own, apart, arm)
+
+    def _deflections(self) -> _By:
+        """Deflection of the gears without torque per unit of its parameters, each (r, H, n)."""
+        waves = {} if self.problem.friction is None else self.problem.friction.deflection
+        return {name: wave for name, wave in waves.items() if name in self.problem.layout}
 
     def _clear(self, torque: Complexes) -> Complexes:
         """Harmonics of a torque, shape (r, H, n), that decide when the arm turns back."""
@@ -277,11 +288,8 @@ class Residual:
             columns["torque_filter"] = rate / s * lag / (1 + rate * np.abs(p["torque_filter"]))
         earlier = friction_advance(problem, p)
         if problem.friction is not None:
-            columns["coulomb"] = -problem.friction.coulomb * earlier
-            for c in range(problem.friction.curve.shape[3]):
-                columns[f"curve {c}"] = -problem.friction.curve[..., c] * earlier
-            if problem.friction.load is not None:
-                columns["load"] = -problem.friction.load * earlier
+            own = problem.friction.by_parameter
+            columns |= {name: -wave * earlier for name, wave in own.items()}
         if "motor_presliding" in layout and problem.laws is not None:
             shape = problem.laws.presliding(p["bristle"], s.shape[1])
             slope = problem.laws.presliding_slope(p["bristle"], shape)
@@ -322,25 +330,6 @@ class Residual:
             by_unknown += turned(self.arm @ (change @ moved[..., None]))
             found["M2"] += by_unknown * problem.prior.by_lower
         return found
-
-
-def with_law_noise(problem: Problem, vector: Floats) -> Problem:
-    """The problem with the noise of nonlinear gears, which follows from that of the torques.
-
-    It stays fixed in a fit: without its derivative a step would lower the cost by raising the noise.
-    """
-    if problem.motion is not None or not any(name in problem.layout for name in GEAR_LAWS):
-        return problem
-    at = Residual.at(replace(problem, law_noise=None), vector)
-    wound = None if at.wound is None else at.wound.of_sines
-    if wound is None or problem.laws is None or not np.isfinite(wound.delta).all():
-        return problem
-    by = balance(motor_stiffness(problem, at.p), at.lag * at.p.torque_scale)
-    E = problem.laws.by_signals(by, at.arm, at.gear)
-    (variance,) = noise_of([E], problem.noise.covariance)
-    own, rest = wound.noise(variance.swapaxes(1, 2))
-    by_deflection, rest = -own.swapaxes(1, 2) / at.gear, rest.swapaxes(1, 2) / np.abs(at.gear) ** 2
-    return replace(problem, law_noise=(by_deflection, rest))
 
 
 def unknown_friction(problem: Problem, p: Parameters) -> Floats:

@@ -10,16 +10,26 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS
+from jointid.estimation.estimators.parameters import (
+    EFFECTS,
+    FILTERS,
+    GEAR_LAWS,
+    PERIODIC_EFFECTS,
+    Parameters,
+)
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual, with_law_signals
-from jointid.motion.friction import FrictionWaveforms
+from jointid.motion.friction import FrictionWaveforms, friction_waveforms, gear_torque_of
+from jointid.motion.per_turn import turn_waves
 from jointid.phasors.extract import Phasors
 
 _FILTER = 3e-3
 """Time constant of a filter where its score is evaluated beside a delay, as of ``Problem.start``."""
 _RIDGE = 1e-12
 """Added to the diagonal of the normalised normal matrix, so that rounding does not make it singular."""
+
+_RANK = 1e-6
+"""Relative singular value below which motions do not separate cosine and sine."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +122,57 @@ def scores(
             unit=units.get(name, np.ones(own.size)),
         )
     return found
+
+
+def scores_per_turn(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    near: Parameters,
+    friction: FrictionWaveforms | None,
+    noise: Noise,
+    delay: bool,
+    effects: Sequence[str],
+    orders: Sequence[int],
+) -> dict[str, tuple[Floats, Floats]]:
+    """Decrease of the cost by each periodic effect of each joint, and its phase, rad, both (k, n).
+
+    Of k orders, beside a delay and other effects; K, D and all parameters are fitted along to first
+    order from those given.
+    """
+    layout = fitted_layout(prior, friction, delay, effects)
+    problem = make_problem(phasors, prior, layout, near, friction, noise)
+    p = problem.start(near)
+    residual = WhitenedResidual.of(with_law_signals(problem, p), p, np.ones(problem.s.shape[1]))
+    n, size = prior.n, problem.layout.size
+    base, _ = np.linalg.qr(residual.columns().reshape(-1, size))
+    left = residual.rows.ravel()
+    left = left - base @ (base.T @ left)
+    found = {name: np.zeros((2, len(orders), n)) for name in PERIODIC_EFFECTS}
+    sliding = friction or friction_waveforms(phasors, None)
+    torque = gear_torque_of(sliding, phasors, prior.motors(phasors, near))
+    X, eye = residual.at.X, np.eye(n)
+    for place, k in enumerate(orders):
+        cosine, sine = turn_waves(phasors, np.full(n, k))
+        by_cosine, by_sine = k * turn_waves(phasors, np.full(n, k), torque)
+        waves = {
+            "ripple": [-cosine[..., None] * eye, -sine[..., None] * eye],
+            "transmission": [
+                X * cosine[..., None, :] - by_sine[..., None] * eye,
+                X * sine[..., None, :] + by_cosine[..., None] * eye,
+            ],
+        }
+        for name, each in waves.items():
+            columns = np.concatenate(each, axis=3)
+            rows = residual.projection.rows(columns).reshape(-1, 2 * n)
+            rows -= base @ (base.T @ rows)
+            for j in range(n):
+                own = rows[:, j::n]
+                b, a = np.linalg.lstsq(own, -left, rcond=_RANK)[0]  # of cosine and sine
+                found[name][:, place, j] = (
+                    (left**2).sum() - ((left + own @ [b, a]) ** 2).sum(),
+                    np.arctan2(b, a),
+                )
+    return {name: (each[0], each[1]) for name, each in found.items()}
 
 
 def _further_step(

@@ -13,10 +13,11 @@ from jointid.estimation.estimators.balance import balance, gear_torque, noise_of
 from jointid.estimation.estimators.parameters import GEAR_LAWS
 from jointid.estimation.estimators.problem import (
     Problem,
+    free_deflection,
     friction_advance,
     motor_stiffness,
 )
-from jointid.estimation.estimators.residual import Residual, unknown_friction, with_law_noise
+from jointid.estimation.estimators.residual import Residual, unknown_friction
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.motion.free_friction import FreeFriction, Projection
 from jointid.small_matrices import finite_part, inverse, whitener
@@ -158,6 +159,7 @@ class WhitenedResidual:
         """Torque through every gear, by the balance at its motor, over its deflection."""
         at, problem = self.at, self.at.problem
         torque, angle = at.without_ends()
+        angle = angle - free_deflection(problem, at.p)
         left, resolved = self.free_friction(), np.ones(torque.shape, bool)
         if problem.ends is not None:
             rows = problem.ends.records
@@ -258,6 +260,25 @@ def with_free_torque(problem: Problem, vector: Floats) -> Problem:
             break
         problem = replace(problem, free_torque=residual.free_friction())
     return problem
+
+
+def with_law_noise(problem: Problem, vector: Floats) -> Problem:
+    """The problem with the noise of nonlinear gears, which follows from that of the torques.
+
+    It stays fixed in a fit: without its derivative a step would lower the cost by raising the noise.
+    """
+    if problem.motion is not None or not any(name in problem.layout for name in GEAR_LAWS):
+        return problem
+    at = Residual.at(replace(problem, law_noise=None), vector)
+    wound = None if at.wound is None else at.wound.of_sines
+    if wound is None or problem.laws is None or not np.isfinite(wound.delta).all():
+        return problem
+    by = balance(motor_stiffness(problem, at.p), at.lag * at.p.torque_scale)
+    E = problem.laws.by_signals(by, at.arm, at.gear)
+    (variance,) = noise_of([E], problem.noise.covariance)
+    own, rest = wound.noise(variance.swapaxes(1, 2))
+    by_deflection, rest = -own.swapaxes(1, 2) / at.gear, rest.swapaxes(1, 2) / np.abs(at.gear) ** 2
+    return replace(problem, law_noise=(by_deflection, rest))
 
 
 def with_law_signals(problem: Problem, vector: Floats) -> Problem:

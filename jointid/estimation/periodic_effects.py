@@ -1,0 +1,184 @@
+"""Effects that repeat with the turns of a motor: their periods, found in what a model leaves."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtri
+
+from jointid.arrays import Floats
+from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, Model
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.parameters import PERIODIC_EFFECTS, Parameters
+from jointid.estimation.estimators.score_tests import scores_per_turn
+from jointid.estimation.model_search import DOUBTFUL, Search
+from jointid.motion.per_turn import PerTurn
+
+HIGHEST_ORDER = 48
+"""Most periods per turn of a motor of the effects that are sought: above those of usual motors."""
+_SHARE = 0.5
+"""Share of the misfit beyond noise that an effect must explain to be tried."""
+_LEADING = 2.0
+"""Score, over the highest of the other parts, from which it is tried."""
+_LIKE_GRAVITY = 0.5
+"""Score, over that of gravity, from which it is tried."""
+_ROUNDS = 3
+"""Fits from which the orders are sought again: far from the data, they may be others."""
+_UNDECIDED = 0.5
+"""Score of an order, over that of the best one, from which it is fitted, too."""
+_ALIKE = 5.5
+"""Cost beyond that of the best order, over the misfit, up to which further orders are fitted: a
+likelihood ratio of 1 : 250."""
+
+
+_MOST_STEPS = 4
+"""Steps from the best order up to which further ones are fitted."""
+
+
+def fit_periodic(search: Search, nearest: Model) -> bool:
+    """Fit torque ripple and transmission error where they clearly explain what a model leaves.
+
+    Returns whether one was fitted.
+    """
+    fits, fitted = search.fits, False
+    for _ in PERIODIC_EFFECTS * search.may_be_periodic:
+        found = fits.estimate(nearest)
+        if found is None or not search.may_be_richer(found):
+            break
+        effect = _clearest(search, nearest, found)
+        if effect is None:
+            break
+        search.add_per_turn(effect)
+        model = replace(nearest, reversal=nearest.reversal or 0.0, per_turn=search.base.per_turn)
+        _fit_orders(search, model, effect, found.named)
+        if effect.effect == "ripple" and "gravity" in fits.optional:
+            search.fit(replace(nearest, per_turn=model.per_turn).with_part("gravity"), found.named)
+        nearest, fitted = min(fits.tried, key=fits.misfit), True
+    return fitted
+
+
+def _clearest(search: Search, model: Model, found: LikelihoodEstimate) -> PerTurn | None:
+    """The absent effect that lowers the cost of a model most; None if others may explain as much.
+
+    Where the motors turn little, the effects are like springs: they imitate gravity, which is fitted
+    for comparison, and slow friction.
+    """
+    gains = {name: score.gain for name, score in search.scores(model).items()}
+    like_ripple = _LIKE_GRAVITY * gains.pop("gravity", 0.0)
+    usual = _LEADING * max(gains.values(), default=0.0)
+    most, best = max(_SHARE * max(found.cost - found.expected_cost, 0.0), usual, like_ripple), None
+    for name, (gain, phase) in _scores(search, model, found.named).items():
+        if name not in (*model.effects, *search.fits.optional):
+            order, joints = gain.argmax(axis=0), np.arange(gain.shape[1])
+            highest = gain[order, joints]
+            clear = 2 * highest / max(1.0, found.misfit) > chdtri(2, CHANCE / gain.size)
+            if clear.any() and (highest * clear).sum() > most:
+                if name == "transmission":  # the other gears have one, too
+                    clear = highest > 0
+                most, best = (highest * clear).sum(), _effect(name, (order + 1) * clear, phase)
+    return best
+
+
+def with_best_orders(search: Search, best: Model) -> Model:
+    """The model with the orders of its periodic effects sought beside its other parts."""
+    for effect in best.per_turn:
+        found = search.fits.estimate(best)
+        others = {model for model in search.fits.tried if replace(model, per_turn=best.per_turn) == best}
+        if found is not None and effect.effect in best.effects and len(others) == 1:
+            _fit_orders(search, best.without(effect.effect), effect, _without(found, effect))
+            alike = [m for m in search.fits.tried if replace(m, per_turn=best.per_turn) == best]
+            best = search.fits.least(alike)
+    return best
+
+
+def _fit_orders(search: Search, model: Model, effect: PerTurn, near: Parameters) -> None:
+    """Fit a model with an effect, of the orders that explain the data best or as well.
+
+    Where the motors turn little, the scores of neighbouring orders are alike, and the fits decide: a
+    transmission error then acts as a change of the gear ratio, which depends on the order.
+    """
+    found = None
+    for _ in range(_ROUNDS):
+        found, before = _fitted(search, model, effect, near), effect.orders
+        if found is None:
+            return
+        near = _without(found, effect)
+        if found.misfit > DOUBTFUL and model.reversal == 0 and not search.has_motions:
+            free = replace(model, reversal=0.03)  # what sticking leaves hides the order
+            freed = _fitted(search, free, effect, near)
+            if freed and NEEDED * freed.misfit < found.misfit:
+                model, found, near = free, freed, _without(freed, effect)
+        gain, phase = _scores(search, model, near)[effect.effect]
+        moved = np.array(effect.orders) > 0
+        effect = _effect(effect.effect, (gain.argmax(axis=0) + 1) * moved, phase)
+        if effect.orders == before:
+            break
+    if found and (effect.effect == "transmission" or found.misfit > EXPLAINED):
+        for j in 2 * np.flatnonzero(moved).tolist():
+            best = gain[:, j].max()
+            neighbours = gain[[max(effect.orders[j] - 2, 0), min(effect.orders[j], len(gain) - 1)], j]
+            if np.any((neighbours > _UNDECIDED * best) & (neighbours < best)):
+                effect, found = _descended(search, model, effect, found, j)
+
+
+def _descended(
+    search: Search, model: Model, effect: PerTurn, found: LikelihoodEstimate, j: int
+) -> tuple[PerTurn, LikelihoodEstimate]:
+    """The effect with the order of joint j that fits best, and its estimate; by steps."""
+    for step in (-1, 1):
+        order = effect.orders[j] + step
+        while 1 <= order <= HIGHEST_ORDER and abs(order - effect.orders[j]) <= _MOST_STEPS:
+            orders, near = np.array(effect.orders), _without(found, effect)
+            orders[j] = order
+            phase = _scores(search, model, near, (order,))[effect.effect][1]
+            phases = tuple(
+                float(phase[0, i]) if i == j else each for i, each in enumerate(effect.phases)
+            )
+            other = PerTurn(effect.effect, tuple(orders.tolist()), phases)
+            fitted = _fitted(search, model, other, near)
+            if fitted is None or fitted.cost > found.cost + _ALIKE * max(1.0, found.misfit):
+                break
+            if fitted.cost < found.cost:
+                effect, found = other, fitted
+            order += step
+    return effect, found
+
+
+def _fitted(
+    search: Search, model: Model, effect: PerTurn, near: Parameters
+) -> LikelihoodEstimate | None:
+    """Estimate of the model with an effect, from parameters without it; one of each order suffices."""
+    wider = _with(model, effect)
+    orders = [(each.effect, each.orders) for each in wider.per_turn]
+    for tried, found in search.fits.tried.items():
+        same = [(each.effect, each.orders) for each in tried.per_turn] == orders
+        if same and replace(tried, per_turn=wider.per_turn) == wider:
+            return found if isinstance(found, LikelihoodEstimate) else None
+    search.fit(wider, near)
+    return search.fits.estimate(wider)
+
+
+def _without(found: LikelihoodEstimate, effect: PerTurn) -> Parameters:
+    return found.named.without(effect.effect, f"{effect.effect}_quadrature")
+
+
+def _effect(name: str, orders: np.ndarray, phase: Floats) -> PerTurn:
+    """The effect of some orders, (n,), with the phases (k, n) at each order from 1."""
+    at_order = phase[np.maximum(orders, 1) - 1, np.arange(orders.size)]
+    return PerTurn(name, tuple(orders.tolist()), tuple(at_order.tolist()))
+
+
+def _with(model: Model, effect: PerTurn) -> Model:
+    """The model with an effect of its orders."""
+    others = tuple(each for each in model.per_turn if each.effect != effect.effect)
+    return replace(model.with_part(effect.effect), per_turn=(*others, effect))
+
+
+def _scores(
+    search: Search, model: Model, near: Parameters, orders: Sequence[int] = range(1, HIGHEST_ORDER + 1)
+) -> dict[str, tuple[Floats, Floats]]:
+    """Scores of orders beside a model, see ``scores_per_turn``."""
+    waveforms = search.completed_waveforms(model, near, model.parts)
+    return scores_per_turn(
+        search.phasors, search.prior, near, waveforms, search.noise, model.delay, model.effects, orders
+    )
