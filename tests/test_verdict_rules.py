@@ -180,12 +180,16 @@ def test_an_encoder_is_coarse_below_ten_steps_or_where_it_makes_half_of_the_nois
 
 
 def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
-    def change(settling: float, noise: float, z: float = 1.0, rounding: float = 0.0) -> float:
+    def change(
+        settling: float, noise: float, z: float = 1.0, rounding: float = 0.0, periods: float = 201.0
+    ) -> float:
         phasors = case(
             settling=np.array([[settling, 0.0]]),
             settling_noise=np.array([[noise, 1.0]]),
             harmonic_rounding=np.array([[[rounding**2, 0.0], [0.0, 0.0]]]),
             z=np.array([[z, 1.0]]),
+            omega=np.array([2 * np.pi]),
+            duration_s=np.array([periods]),
             degrees_of_freedom=np.array([200.0]),
             by_frequency=lambda: [(1.0, np.array([0]))],
         )
@@ -198,6 +202,9 @@ def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
     assert change(0.02, 0.0) == 0.02
     assert change(0.02, 0.0, rounding=2.7e-3) == 0.02  # of both parts, √2 of it each
     assert change(0.02, 0.0, rounding=2.9e-3) == 0
+    # The scatter of two periods is uncertain, however many samples estimate the noise elsewhere.
+    assert change(0.4, 0.01, periods=4.3) == 0
+    assert change(0.5, 0.01, periods=4.3) == 0.5
 
 
 @pytest.mark.parametrize(("hz", "digits"), [(0.09, 0), (0.1, 0), (0.11, 1), (1.0, 1), (1.1, 2), (30, 3)])
