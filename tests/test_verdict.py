@@ -772,6 +772,16 @@ def test_record_of_another_robot_is_named_without_a_factor() -> None:
     assert "No factor" in found[0].detail
 
 
+@pytest.mark.parametrize("row", [6, long(0)])
+def test_inaccurate_inertias_do_not_hide_the_exchanged_torques_of_one_record(row: int) -> None:
+    records = sound()
+    records[row] = remade(records[row], tau_Nm=records[row].tau_Nm[:, ::-1], label="odd.csv")
+    analysis = analysed(records, Inertia(0.97 * SERIAL.M, 1.03 * SERIAL.M2))
+    assert "odd.csv contradicts all other records" in titles(analysis)
+    assert f"of the other {len(records) - 1} records is 1.1" in analysis.findings[0].detail
+    assert len(unsound(analysis)) == 1, titles(analysis)
+
+
 @pytest.mark.parametrize(
     ("records", "factor"),
     [(sound, 0.97), (six, 0.8)]

@@ -9,7 +9,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
+from jointid.estimation.identify_elasticity import identify_each
 from jointid.estimation.passivity import taken_power
+from jointid.joints import Inertia
 from jointid.phasors.long_records import LongRecord
 from jointid.verdict.causes import CAUSES, GOOD, Cause
 from jointid.verdict.evidence import (
@@ -88,6 +91,44 @@ def one_record_off(evidence: Evidence) -> tuple[int, Finding] | None:
     if sound or count - 1 < max(_FEWEST, n + 1):
         return None
     scorer = Scorer.of(phasors, evidence.inertias)
+    for row in _suspects(evidence, scorer):
+        inertias = _inertias_without(evidence, row)
+        if inertias and (found := _record_off(evidence, Scorer.of(phasors, inertias))):
+            return found
+    return _record_off(evidence, scorer)
+
+
+def _suspects(evidence: Evidence, scorer: Scorer) -> list[int]:
+    """Rows without which the given inertias leave least, and of which the fit leaves most."""
+    fit, count = evidence.fit, evidence.phasors.omega.size
+    if fit.prior is None or not fit.prior.inertia_std:
+        return []
+    left = scorer.scores([scorer.as_logged()], 1 - np.eye(count)).misfit
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = np.nan_to_num(np.abs(fit.residual / fit.residual_noise) ** 2).sum(axis=1)
+    return list(dict.fromkeys((int(np.argmin(left)), int(np.argmax(squares)))))
+
+
+def _inertias_without(evidence: Evidence, row: int) -> list[Inertia] | None:
+    """Inertias of all records, fitted without one; None if the others do not fit either.
+
+    The residual of inaccurate inertias hides that of a wrong record.
+    """
+    others = np.delete(np.arange(evidence.phasors.omega.size), row)
+    phasors, prior = evidence.phasors.select(others), evidence.fit.prior.of_rows(others)
+    try:
+        fit = identify_each(phasors, prior, ["auto"], gives_up=lambda: True)["auto"]
+    except JointIdError:
+        return None
+    fitted = dict(zip(others.tolist(), fit.inertias, strict=True))
+    alike = [[k for k in fitted if evidence.inertias[k] is given] for given in evidence.inertias]
+    return [fitted[same[0]] for same in alike] if fit.misfit < GOOD and all(alike) else None
+
+
+def _record_off(evidence: Evidence, scorer: Scorer) -> tuple[int, Finding] | None:
+    """Record that contradicts all others with these inertias."""
+    phasors = evidence.phasors
+    count, n = phasors.omega.size, phasors.n
     as_logged = [scorer.as_logged()]
     whole = scorer.scores(as_logged)
     if whole.cost[0] < GOOD:
