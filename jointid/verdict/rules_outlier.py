@@ -70,6 +70,8 @@ UNSIGNED = (
 )
 _OPPOSITE = 0.02
 """Largest torque of one sign over that of the other from which a torque has both."""
+_FOLDED = 0.03
+"""Second harmonic over the first from which a torque of one sign may have lost the other."""
 _CUT, _FAR_MORE = 0.1, 4.0
 """Share of the samples at the largest torque from which its log is clipped there, and their number over
 that at any smaller one: 2.4 for a sine in coarse steps."""
@@ -235,7 +237,7 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
     rotors = 0.5 * np.abs(np.array([each.M for each in evidence.inertias]) * squared * phasors.q) ** 2
     orders = np.abs(phasors.harmonics[..., n:])
     at_multiples = 0.5 * (orders**2).sum(axis=1)
-    twice = moves & (orders[:, 1:2].sum(axis=1) > orders[:, 0])
+    folded = moves & (orders[:, 1:2].sum(axis=1) > _FOLDED * orders[:, 0])
     poor, found = evidence.fit.misfit >= GOOD, np.zeros((3, len(noise)), bool)
     for i, record in enumerate(evidence.sines):
         if isinstance(record, LongRecord) or not (poor or suspicious[i].any()):
@@ -245,13 +247,13 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
         lost = (at_multiples[i] < _LOST * whole) & (rotors[i] > _EXPECTED * whole)
         found[0, i] = np.any(suspicious[i] & lost)
         found[1, i] = poor and any(is_clipped(torque[:, j]) for j in np.flatnonzero(moves[i]))
-        found[2, i] = poor and any(has_one_sign(torque[:, j]) for j in np.flatnonzero(twice[i]))
+        found[2, i] = poor and any(has_one_sign(torque[:, j]) for j in np.flatnonzero(folded[i]))
     found[0, list(off_frequency(evidence))] = False
     lacking = phasors.omega[found[0]]
     if found[0].mean() > _MANY and (poor or lacking.max() > _RESONANCE * lacking.min()):
         yield _foreign(evidence, found[0], "the torque lacks the frequency at which the motor moves")
     elif found[2].mean() > _MANY:
-        why = "the torque keeps its sign and has twice the frequency of the motion"
+        why = "the torque reaches zero but keeps its sign, with a part at twice the motion's frequency"
         yield _foreign(evidence, found[2], why, UNSIGNED)
     elif found[1].any():
         yield _foreign(
