@@ -772,6 +772,16 @@ def test_record_of_another_robot_is_named_without_a_factor() -> None:
     assert "No factor" in found[0].detail
 
 
+@pytest.mark.parametrize("row", [0, long(6)])
+def test_inaccurate_inertias_do_not_hide_the_exchanged_torques_of_one_record(row: int) -> None:
+    records = sound()
+    records[row] = remade(records[row], tau_Nm=records[row].tau_Nm[:, ::-1], label="odd.csv")
+    analysis = analysed(records, Inertia(0.97 * SERIAL.M, 1.03 * SERIAL.M2))
+    assert "odd.csv contradicts all other records" in titles(analysis)
+    assert f"of the other {len(records) - 1} records is 1.1" in analysis.findings[0].detail
+    assert len(unsound(analysis)) == 1, titles(analysis)
+
+
 @pytest.mark.parametrize(
     ("records", "factor"),
     [(sound, 0.97), (six, 0.8)]
@@ -1023,8 +1033,9 @@ def with_torques(change: str) -> list[SineRecord]:
         torques = [
             np.clip(torque, *(0.6 * np.ptp(torque) * np.array([-0.5, 0.5]))) for torque in torques
         ]
-    if change == "no sign":
-        torques = [np.abs(torque) for torque in torques]
+    if change.startswith("no sign"):
+        load = 0.8 if change.endswith("under load") else 0.0
+        torques = [np.abs(torque + load * torque.max(axis=0)) for torque in torques]
     lengths = [record.samples for record in records]
     return [
         remade(record, tau_Nm=np.resize(torque, (length, 2)))
@@ -1038,7 +1049,8 @@ def with_torques(change: str) -> list[SineRecord]:
         ("other frequencies", "do not belong to the motions", "lacks the frequency"),
         ("another clock", "do not belong to the motions", "would absorb power"),
         ("clipped", "is clipped", "of the samples are at the largest torque"),
-        ("no sign", "has no sign", "keeps its sign and has twice the frequency"),
+        ("no sign", "has no sign", "reaches zero but keeps its sign, with a part at twice"),
+        ("no sign under load", "has no sign", "reaches zero but keeps its sign, with a part at twice"),
     ],
 )
 def test_torques_of_other_motions_are_named_without_a_long_search(

@@ -470,7 +470,7 @@ def test_factors_are_those_of_gears_or_units(
 
 
 def one_off(phasors: Phasors, inertia: Inertia = SERIAL, **fit: Any) -> tuple[int, Finding] | None:
-    usual = {"K": np.ones(phasors.n), "misfit": 1e4}
+    usual = {"K": np.ones(phasors.n), "misfit": 1e4, "prior": None}
     evidence: Any = SimpleNamespace(
         phasors=phasors, inertias=[inertia] * phasors.omega.size, fit=SimpleNamespace(**usual | fit)
     )

@@ -247,14 +247,14 @@ def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def distortion(evidence: Evidence) -> float:
-    """Largest significant odd distortion of a torque."""
+def distortion(evidence: Evidence, kind: str = "odd") -> float:
+    """Largest significant "odd" or "even" distortion of a torque."""
     try:
         content = harmonic_content(evidence.phasors)
     except JointIdError:
         return 0.0
     n = evidence.fit.n
-    return float(np.where(content.significance > 4, content.odd, 0.0)[:, n:].max())
+    return float(np.where(content.significance > 4, getattr(content, kind), 0.0)[:, n:].max())
 
 
 def has_unmodelled_friction(evidence: Evidence) -> bool:

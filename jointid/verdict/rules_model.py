@@ -37,6 +37,10 @@ _ROUNDING = 0.3
 to 2¹⁴ counts it was 0.8 to 1.7 times that of white noise."""
 _MUCH, _CONTRADICTED = 0.02, 20.0
 """Residual over the torque, and this times the misfit, from which an answer is not usable."""
+_EVEN = 0.02
+"""Even distortion of a torque from which a gear is loaded on one side: 0.004 by noise and friction."""
+_COMPARABLE = 0.4
+"""Constant velocity over that of a sine from which the joint reverses slowly, as long as it does."""
 _NEGLIGIBLE_K, _NEGLIGIBLE_D = 1e-4, 1e-3
 """Relative changes of K and D that are negligible in any application."""
 _ODD = 5.0
@@ -153,14 +157,15 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         left += f". The noise part of the error bars is widened by a factor of {widened}"
     odd_record, changes = _odd_record(evidence)
     hold, hold_changes = half_a_sample(evidence)
-    make = problem if contradicts(fit) and fit.method not in LINEAR else warning
+    loaded = max(fit.misfit, misfit) > _CONTRADICTED and _is_loaded(evidence)
+    make = problem if (contradicts(fit) or loaded) and fit.method not in LINEAR else warning
     parts = fitted_parts(fit) if make is problem else []
     if parts:
         left += f". Fitting {enumerated(parts)} does not reduce the residual to the noise"
     finding = make(
         "The model does not explain the data" if make is problem else MODEL_LIMITS,
         f"{left}.{odd_record}",
-        hold or _usual_cause(evidence, odd_record),
+        hold or (_ONE_SIDED if loaded else _usual_cause(evidence, odd_record)),
         float(relative(fit.standard_error, fit.estimate).max()),
         "edit mapping" if hold else "edit runs" if changes else "",
         *hold_changes,
@@ -184,6 +189,18 @@ def _share_of_angles(fit: ElasticityFit) -> float:
     return float((variance[..., : fit.n].sum(axis=2) / variance.sum(axis=2)).mean())
 
 
+def _is_loaded(evidence: Evidence) -> bool:
+    """Whether sines have even harmonics, but no constant velocity, beside which friction makes them."""
+    return distortion(evidence, "even") > _EVEN and not evidence.fit.phasors.is_superposed
+
+
+_ONE_SIDED = (
+    "The torques have even harmonics, as with backlash or a nonlinear gear under a constant load, such "
+    "as gravity. The laws of the gears leave out such a load: measure in a pose in which gravity does "
+    "not load the joints."
+)
+
+
 def _usual_cause(evidence: Evidence, odd_record: str) -> str:
     """Remedy for a residual above the noise."""
     fit = evidence.fit
@@ -198,6 +215,15 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
             "State how well they are known, for instance std = 0.05 under [torque] in study.toml: the "
             "payload then determines the torque scale. Check its inertia too."
         )
+    if fit.friction is not None and fit.phasors.is_superposed:
+        speed = fit.phasors.omega[:, None] * np.abs(fit.phasors.q)
+        constant = np.abs(fit.phasors.drift)
+        if np.any((constant > _COMPARABLE * speed) & (constant < speed)):
+            return (
+                "Joints reverse slowly where the constant velocity is about as large as that of the "
+                "sine, and the friction there is uncertain. Choose a clearly larger constant velocity, "
+                "so that no joint reverses, or none."
+            )
     if fit.friction is not None:
         return (
             "The fit already includes friction. Check the inertias, the torque constants, backlash and "

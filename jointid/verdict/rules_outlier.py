@@ -9,6 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
+from jointid.estimation.identify_elasticity import identify_each
+from jointid.joints import Inertia
 from jointid.phasors.long_records import LongRecord
 from jointid.phasors.passivity import taken_power
 from jointid.verdict.causes import CAUSES, GOOD, Cause
@@ -67,6 +70,8 @@ UNSIGNED = (
 )
 _OPPOSITE = 0.02
 """Largest torque of one sign over that of the other from which a torque has both."""
+_FOLDED = 0.03
+"""Second harmonic over the first from which a torque of one sign may have lost the other."""
 _CUT, _FAR_MORE = 0.1, 4.0
 """Share of the samples at the largest torque from which its log is clipped there, and their number over
 that at any smaller one: 2.4 for a sine in coarse steps."""
@@ -88,6 +93,44 @@ def one_record_off(evidence: Evidence) -> tuple[int, Finding] | None:
     if sound or count - 1 < max(_FEWEST, n + 1):
         return None
     scorer = Scorer.of(phasors, evidence.inertias)
+    for row in _suspects(evidence, scorer):
+        inertias = _inertias_without(evidence, row)
+        if inertias and (found := _record_off(evidence, Scorer.of(phasors, inertias))):
+            return found
+    return _record_off(evidence, scorer)
+
+
+def _suspects(evidence: Evidence, scorer: Scorer) -> list[int]:
+    """Rows without which the given inertias leave least, and of which the fit leaves most."""
+    fit, count = evidence.fit, evidence.phasors.omega.size
+    if fit.prior is None or not fit.prior.inertia_std:
+        return []
+    left = scorer.scores([scorer.as_logged()], 1 - np.eye(count)).misfit
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = np.nan_to_num(np.abs(fit.residual / fit.residual_noise) ** 2).sum(axis=1)
+    return list(dict.fromkeys((int(np.argmin(left)), int(np.argmax(squares)))))
+
+
+def _inertias_without(evidence: Evidence, row: int) -> list[Inertia] | None:
+    """Inertias of all records, fitted without one; None if the others do not fit either.
+
+    The residual of inaccurate inertias hides that of a wrong record.
+    """
+    others = np.delete(np.arange(evidence.phasors.omega.size), row)
+    phasors, prior = evidence.phasors.select(others), evidence.fit.prior.of_rows(others)
+    try:
+        fit = identify_each(phasors, prior, ["auto"], gives_up=lambda: True)["auto"]
+    except JointIdError:
+        return None
+    fitted = dict(zip(others.tolist(), fit.inertias, strict=True))
+    alike = [[k for k in fitted if evidence.inertias[k] is given] for given in evidence.inertias]
+    return [fitted[same[0]] for same in alike] if fit.misfit < GOOD and all(alike) else None
+
+
+def _record_off(evidence: Evidence, scorer: Scorer) -> tuple[int, Finding] | None:
+    """Record that contradicts all others with these inertias."""
+    phasors = evidence.phasors
+    count, n = phasors.omega.size, phasors.n
     as_logged = [scorer.as_logged()]
     whole = scorer.scores(as_logged)
     if whole.cost[0] < GOOD:
@@ -194,7 +237,7 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
     rotors = 0.5 * np.abs(np.array([each.M for each in evidence.inertias]) * squared * phasors.q) ** 2
     orders = np.abs(phasors.harmonics[..., n:])
     at_multiples = 0.5 * (orders**2).sum(axis=1)
-    twice = moves & (orders[:, 1:2].sum(axis=1) > orders[:, 0])
+    folded = moves & (orders[:, 1:2].sum(axis=1) > _FOLDED * orders[:, 0])
     poor, found = evidence.fit.misfit >= GOOD, np.zeros((3, len(noise)), bool)
     for i, record in enumerate(evidence.sines):
         if isinstance(record, LongRecord) or not (poor or suspicious[i].any()):
@@ -204,13 +247,13 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
         lost = (at_multiples[i] < _LOST * whole) & (rotors[i] > _EXPECTED * whole)
         found[0, i] = np.any(suspicious[i] & lost)
         found[1, i] = poor and any(is_clipped(torque[:, j]) for j in np.flatnonzero(moves[i]))
-        found[2, i] = poor and any(has_one_sign(torque[:, j]) for j in np.flatnonzero(twice[i]))
+        found[2, i] = poor and any(has_one_sign(torque[:, j]) for j in np.flatnonzero(folded[i]))
     found[0, list(off_frequency(evidence))] = False
     lacking = phasors.omega[found[0]]
     if found[0].mean() > _MANY and (poor or lacking.max() > _RESONANCE * lacking.min()):
         yield _foreign(evidence, found[0], "the torque lacks the frequency at which the motor moves")
     elif found[2].mean() > _MANY:
-        why = "the torque keeps its sign and has twice the frequency of the motion"
+        why = "the torque reaches zero but keeps its sign, with a part at twice the motion's frequency"
         yield _foreign(evidence, found[2], why, UNSIGNED)
     elif found[1].any():
         yield _foreign(

@@ -32,7 +32,9 @@ def unsettled(phasors: Phasors) -> Floats:
     with np.errstate(invalid="ignore", divide="ignore"):
         rounding = 2 * phasors.harmonic_rounding[:, 0] / np.abs(phasors.z) ** 2  # of both parts
         significance = phasors.settling / np.sqrt(phasors.settling_noise**2 + rounding)
-    blocks = phasors.degrees_of_freedom[:, None] + 1
+    periods = np.round(phasors.omega * phasors.duration_s / (2 * np.pi))
+    # A short record has a block per period, and its noise is not estimated from their scatter.
+    blocks = np.minimum(phasors.degrees_of_freedom + 1, np.maximum(periods, 1.0))[:, None]
     left = np.maximum(np.ceil(blocks / 2) - 1, 1)  # degrees of freedom of the second half's scatter
     chance = (1 + significance**2 / left) ** -left * significance.size
     clear = (significance > 5) & (chance < _CHANCE)
