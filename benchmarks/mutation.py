@@ -39,6 +39,7 @@ from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator
 from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import MutationSpec
+from hypothesis import Phase, settings
 
 ROOT = Path(__file__).parents[1]
 REASONS = tomllib.loads((Path(__file__).parent / "survivors.toml").read_text("utf-8"))
@@ -46,6 +47,8 @@ REASONS = tomllib.loads((Path(__file__).parent / "survivors.toml").read_text("ut
 SEED = int(os.environ.get("MUTATION_SEED", "1"))
 LONGEST = 4.0
 """CPU time of a mutant over that of the tests, above which it counts as found: it never ends."""
+TIMEOUT_S = 60
+"""Of a test, far above its CPU time."""
 LONGEST_TEST_S = 0.4
 """CPU time, with all libraries loaded. Longer tests are left out: they would take most of the time."""
 OPERATORS = (
@@ -172,7 +175,12 @@ class Tests:
             "no:cacheprovider",
             "-W",
             "ignore:Module already imported",
+            "-o",
+            f"timeout={TIMEOUT_S}",
         ]
+        # A failure is enough: no search for the simplest one.
+        settings.register_profile("mutants", phases=[Phase.explicit, Phase.generate], database=None)
+        settings.load_profile("mutants")
         files = sorted({test.partition("::")[0] for test in self._chosen}) or self._files
         code = pytest.main([*options, *files], [self])
         failed = self._failed if code == 1 else "" if code in (0, 5) else "an import"
@@ -285,11 +293,12 @@ def main(arguments: list[str]) -> None:
                 reasons += 1
             else:
                 print(text, flush=True)
-    share = 1 - alive / len(drawn)
-    error = (share * (1 - share) / len(drawn)) ** 0.5
+    counted = len(drawn) - reasons
+    share = (len(drawn) - alive) / max(counted, 1)
+    error = (share * (1 - share) / max(counted, 1)) ** 0.5
     print(
-        f"{len(drawn) - alive} of {len(drawn)} mutants found: {share:.0%} ± {error:.0%}, drawn of "
-        f"{len(every)}; {reasons} survivors with a reason, {alive - reasons} without"
+        f"{len(drawn) - alive} of {counted} mutants found: {share:.0%} ± {error:.0%}; {len(drawn)} drawn "
+        f"of {len(every)}, of which {reasons} survive for a reason and do not count"
     )
 
 
