@@ -168,6 +168,11 @@ def test_impossible_gears_are_refused() -> None:
     for wrong in ({"backlash_rad": -1.0}, {"hysteresis_Nm": 1.0}, {"K2": 3.0}, {"cubic": np.nan}):
         with pytest.raises(JointIdError):
             Gear(**wrong)
+    slopes = {"K": 2.0, "K2": 3.0, "K3": 4.0, "T1_Nm": 0.5, "T2_Nm": 0.5}
+    assert Gear(**slopes).kind == "piecewise"
+    for name, value in (("K3", 0.0), ("T1_Nm", 0.0), ("T1_Nm", 0.6)):
+        with pytest.raises(JointIdError, match="K2 needs K3"):
+            Gear(**{**slopes, name: value})
     with pytest.raises(JointIdError, match="one Gear for each"):
         simulate_records(INERTIA, Elasticity(PAPER.K, PAPER.D), [5.0], gears=[Gear()])
     with pytest.raises(JointIdError, match="state it once"):
