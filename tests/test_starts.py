@@ -1,0 +1,122 @@
+"""Start values of the estimators on phasors of robots with known parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants import BAND_HZ, ROBOTS, campaign, exact_phasors, plant_phasors
+
+from jointid import Elasticity
+from jointid.estimation.candidates import Model
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.estimation.start_values import (
+    _least_squares,
+    at_resonances,
+    by_motion,
+    friction_start,
+    with_delay,
+    without_inertias,
+)
+from jointid.motion.friction import friction_waveforms
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_torque_over_deflection_starts_at_the_stiffness(n: int) -> None:
+    """K is exact without damping, and damping turns the torque by a right angle."""
+    inertia, elasticity = ROBOTS[n]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, n))
+    start = by_motion(phasors, InertiaPrior.of(inertia, *phasors.q.shape))
+    np.testing.assert_allclose(start.K, elasticity.K, rtol=1e-6)
+    np.testing.assert_allclose(start.D, 0.1 * start.K / phasors.omega.max(), rtol=1e-9)
+    torque = phasors.tau + phasors.omega[:, None] ** 2 * inertia.M * phasors.q
+    delta = torque / (elasticity.K + 1j * phasors.omega[:, None] * elasticity.D)
+    for name, values in (("hysteresis", torque), ("presliding", delta)):
+        np.testing.assert_allclose(start[name], 0.1 * np.abs(values).max(axis=0), rtol=1e-6)
+
+
+def test_other_starts_resonate_at_frequencies_of_the_records() -> None:
+    inertia, elasticity = ROBOTS[2]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 2))
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    for start, hertz in zip(at_resonances(phasors, prior), BAND_HZ[[3, 6, 0]], strict=True):
+        omega = 2 * np.pi * hertz
+        np.testing.assert_allclose(start.K, np.diag(inertia.M2) * omega**2)
+        np.testing.assert_allclose(start.D, 0.05 * start.K / omega)
+        assert "coulomb" not in start.layout
+    layout = ParameterLayout.of(2, friction=True)
+    rubbing = layout.named(layout.pack(K=[1, 1], D=[1, 1], coulomb=[0.3, 0.2], viscous=[0.1, 0.4]))
+    for start in at_resonances(phasors, prior, friction=rubbing):
+        assert [*start["coulomb"], *start["viscous"]] == [0.3, 0.2, 0.1, 0.4]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_inertias_follow_from_the_records_where_they_are_physical(n: int) -> None:
+    inertia, elasticity = ROBOTS[n]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, n))
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    start = without_inertias(phasors, prior)
+    assert start is not None
+    np.testing.assert_allclose(start.K, elasticity.K, rtol=1e-6)
+    np.testing.assert_allclose(start["M"].ravel(), inertia.M, rtol=1e-6)
+    np.testing.assert_allclose(prior.symmetric(start["M2"])[0], inertia.M2, rtol=1e-6)
+    least, most = 0.005 * start.K / phasors.omega.max(), start.K / phasors.omega.min()
+    np.testing.assert_allclose(start.D, np.clip(elasticity.D, least, most), rtol=1e-6)
+    assert without_inertias(replace(phasors, tau=-phasors.tau), prior) is None
+    equations = (4 * n + 2) // 2  # of as many real numbers as unknowns and more
+    few = phasors.select(np.arange(phasors.omega.size) < equations - 1)
+    assert without_inertias(few, prior) is None
+
+
+def test_undetermined_equations_have_no_solution() -> None:
+    rng = np.random.default_rng(1)
+    A = (rng.standard_normal((9, 3)) + 1j * rng.standard_normal((9, 3))) * [1, 1e-6, 1e6]
+    x = np.array([2.0, -1e6, 1e-6])
+    found = _least_squares(A, A @ x)
+    assert found is not None
+    np.testing.assert_allclose(found, x, rtol=1e-6)
+    assert _least_squares(A * [1, 1, 0], A @ x) is None
+    assert _least_squares(np.column_stack([A, A[:, 0] + A[:, 1]]), A @ x) is None
+
+
+def test_heavy_friction_is_found_with_k_and_d() -> None:
+    """Two thirds of the smallest torque brake the motors: without friction K starts far off."""
+    inertia, elasticity = ROBOTS[2]
+    elasticity = Elasticity(elasticity.K, 0.02 * elasticity.K / 30)
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 2))
+    braked = np.array([0.5, 0.4])
+    motion = phasors.q[:, :2]
+    friction = friction_waveforms(phasors, None).coulomb[:, 0] * braked
+    friction = friction + 1j * phasors.omega[:, None] * motion * [2e-3, 1e-3]
+    rubbed = exact_phasors(phasors.frequency_found_hz, phasors.q, phasors.tau + friction)
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    layout = ParameterLayout.of(2)
+    far = layout.named(layout.pack(K=0.1 * elasticity.K, D=elasticity.D))
+    start = friction_start(rubbed, prior, far)
+    assert start is not None
+    np.testing.assert_allclose(start.K, elasticity.K, rtol=0.05)
+    np.testing.assert_allclose(start["coulomb"], braked, rtol=0.05)
+    right = layout.named(layout.pack(K=elasticity.K, D=elasticity.D))
+    assert friction_start(phasors, prior, right) is None
+
+
+def test_the_mean_of_the_lags_starts_as_a_delay() -> None:
+    layout = ParameterLayout.of(2, effects=["lag"])
+    p = layout.named(layout.pack(K=[40, 7], D=[0.1, 0.2], lag=[1e-3, 3e-3]))
+    delayed = with_delay(p)
+    assert delayed["delay"] == pytest.approx(2e-3)
+    np.testing.assert_array_equal(delayed.vector[:-1], p.vector)
+    assert with_delay(delayed) is delayed
+    plain = ParameterLayout.of(2)
+    none = plain.named(plain.pack(K=[40, 7], D=[0.1, 0.2]))
+    assert with_delay(none) is none
+
+
+def test_models_are_named_by_their_parts() -> None:
+    assert Model(None, delay=False).name == "elasticity"
+    assert Model(0.0, delay=True).name == "elasticity + friction + delay"
+    assert Model(0.03, delay=False).name == "elasticity + friction, reversals free below 3 %"
+    curved = Model(0.1, delay=False, curve=True).name
+    assert curved == "elasticity + friction that varies with speed, reversals free below 10 %"
