@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,8 @@ from jointid import Elasticity
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.estimation.estimators.problem import Problem
+from jointid.estimation.model_growth import _is_passed_over
 from jointid.estimation.start_values import (
     _least_squares,
     at_resonances,
@@ -120,3 +124,84 @@ def test_models_are_named_by_their_parts() -> None:
     assert Model(0.03, delay=False).name == "elasticity + friction, reversals free below 3 %"
     curved = Model(0.1, delay=False, curve=True).name
     assert curved == "elasticity + friction that varies with speed, reversals free below 10 %"
+
+
+def test_numbers_of_a_friction_curve_are_named_by_joint() -> None:
+    (block,) = (
+        b for b in ParameterLayout.of(2, friction=True, curve_parts=2).blocks if b.name == "curve"
+    )
+    names = [f"friction curve {c} of joint {j}" for j in (1, 2) for c in (1, 2)]
+    assert list(block.labels) == names
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("presliding", 1.01e-4, True),
+        ("presliding", 0.99e-4, False),
+        ("presliding", 1.99, True),
+        ("presliding", 2.01, False),
+        ("hysteresis", 3.99, True),
+        ("hysteresis", 4.01, False),
+        ("backlash", 3.99, True),
+        ("backlash", -4.01, False),
+        ("piecewise", -1.79, True),  # the least slope is a tenth of the first
+        ("piecewise", -1.81, False),
+        ("second_bend", -1.29, True),
+        ("second_bend", -1.31, False),
+        ("knee", 0.0, False),
+        ("K", 0.0, False),
+        ("K", 8.99, True),
+        ("K", 9.0, False),
+    ],
+)
+def test_laws_of_a_fit_stay_near_the_sizes_of_the_linear_gear(
+    name: str, value: float, allowed: bool
+) -> None:
+    """In units at which a law is as large as the linear gear, of 2 N·m/rad; another joint is usual."""
+    usual = {"K": 2.0, "D": 0.1, "hysteresis": 1.0, "presliding": 1.0, "backlash": 1.0}
+    usual |= {"piecewise": -0.5, "knee": 1.0, "second_bend": 0.5, "second_knee": 1.0}
+    layout = ParameterLayout.of(2, effects=["piecewise", "backlash", "hysteresis"])
+    p = layout.named(layout.pack(**{each: [size, size] for each, size in usual.items()}))
+    one = np.ones(2)
+    units = dict.fromkeys(("presliding", "hysteresis", "backlash", "knee", "second_knee"), one)
+    problem: Any = SimpleNamespace(
+        layout=layout, stiffest=9.0, laws=SimpleNamespace(units=lambda _: units)
+    )
+    assert Problem.feasible(problem, p.vector)
+    values = {each: [size, size] for each, size in usual.items()} | {name: [usual[name], value]}
+    assert Problem.feasible(problem, layout.pack(**values)) == allowed
+
+
+LINEAR, SOFT = Model(None, delay=False), Model(None, delay=False, effects=("cubic",))
+RUBBING, LAGGING = Model(0.0, delay=False), LINEAR.with_part("lag")
+
+
+@pytest.mark.parametrize(
+    ("wider", "leading", "misfits", "motions", "explained", "passed"),
+    [
+        (SOFT, LINEAR, (1.0, 9.0), False, True, False),  # no other extension leads
+        (SOFT, LAGGING, (1.05, 9.0), False, False, True),  # a lag explains the data: no law
+        (SOFT, LAGGING, (1.15, 9.0), False, False, False),
+        (SOFT, LAGGING, (1.05, 1.09), False, False, False),
+        (SOFT, LAGGING, (1.15, 9.0), False, True, True),
+        (SOFT, LAGGING, (1.39, 2.0), True, False, True),  # of motions a clear climb is enough
+        (SOFT, LAGGING, (1.41, 2.0), True, False, False),
+        (RUBBING, LINEAR.with_part("delay"), (1.05, 9.0), False, False, False),
+        (LINEAR.with_part("delay"), LAGGING, (1.05, 9.0), True, True, False),
+        (LINEAR.with_part("delay"), RUBBING, (2.0, 9.0), True, False, True),  # richer friction first
+    ],
+)
+def test_fits_that_others_make_superfluous_are_passed_over(
+    wider: Model,
+    leading: Model,
+    misfits: tuple[float, float],
+    motions: bool,
+    explained: bool,
+    passed: bool,
+) -> None:
+    fits = SimpleNamespace(
+        misfit=lambda model: misfits[model == LINEAR], is_explained=lambda _: explained
+    )
+    search: Any = SimpleNamespace(fits=fits, has_motions=motions)
+    assert _is_passed_over(search, wider, LINEAR, leading) == passed
