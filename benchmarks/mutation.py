@@ -125,11 +125,15 @@ class Tests:
             raise SystemExit(f"{failed} fails without a mutation.")
 
     def that_use(self, path: Path, line: int) -> set[str]:
-        """Tests that call the function of the line; outside of any, those of modules with its names."""
+        """Tests that call the function of the line; outside of any, those of modules with its names.
+
+        The latter with tests that call nothing: they may read the source.
+        """
         function, names = changed_part(path, line)
         users = [m for m in self._modules if any(name in Path(m).read_text("utf-8") for name in names)]
         called = [function, *(f for f in self._calls if f.rpartition(":")[0] in users)]
-        return {test for f in called for test in self._calls[f] if "::" in test}
+        found = {test for f in called for test in self._calls[f] if "::" in test}
+        return found if function else found | set(self._seconds).difference(*self._calls.values())
 
     def first_failure(self, chosen: set[str] | None = None) -> str:
         """The first of the chosen tests that fails, or "" if all pass."""

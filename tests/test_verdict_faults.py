@@ -177,7 +177,9 @@ def test_records_can_be_left_out_and_corrected() -> None:
     without = scorer.scores([scorer.as_logged()], 1 - np.eye(phasors.omega.size)).misfit
     assert int(np.argmin(without)) == 3
     assert without[3] < 2 < 100 < np.delete(without, 3).min()
-    right = scorer.corrected(3, np.array([2.0, 1, 1, 1])).scores([scorer.as_logged()])
+    corrected = scorer.corrected(3, np.array([2.0, 1, 1, 1]))
+    np.testing.assert_allclose(corrected.z, measured().z, rtol=1e-12)
+    right = corrected.scores([scorer.as_logged()])
     whole = Scorer.of(measured(), [SERIAL] * 14).scores([scorer.as_logged()])
     assert right.misfit[0] == pytest.approx(whole.misfit[0], rel=1e-9)
     alone = scorer.scores([scorer.as_logged()], np.eye(14)[:1])

@@ -174,6 +174,9 @@ def test_an_encoder_is_coarse_below_ten_steps_or_where_it_makes_half_of_the_nois
     found = list(rules_records.coarse_encoder(given))
     assert levels(found) == level
     assert all(text in finding.title for finding in found)
+    assert all(
+        f"an amplitude of {evidence.number(amplitude, 2)} steps" in finding.detail for finding in found
+    )
 
 
 # --- settling
@@ -833,6 +836,8 @@ def test_known_factors_and_orders_can_be_corrected() -> None:
         changes = cause_findings._changes(fault)
         assert [change.kind for change in changes] == kinds
         assert all(change.values == (1.0, 1.0, 1.0, factor) for change in changes)
+    degrees = Hypothesis.of("angle", np.array([DEGREES, 1 / DEGREES]), one)
+    assert [change.kind for change in cause_findings._changes(degrees)] == ["scale"]
     (order,) = cause_findings._changes(replace(fault, order=np.array([1, 0, 2, 3])))
     assert (order.kind, order.values) == ("order", (1.0, 0.0, 2.0, 3.0))
 
@@ -882,6 +887,9 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
         ([4, 4.06], "a sample rate of 2.01 times the given one", "The sign"),
         ([4, 4.1], "left out", "sample rate"),
         ([-4, -4.06], "The sign is reversed as well", "sample rate"),
+        ([1, 9.9], "Wrong M and M2 have the same effect", "The sign"),
+        ([1, 1 / 9.9], "Wrong M and M2 have the same effect", "The sign"),
+        ([1, 10.1], "left out: 10.1", "Wrong M and M2"),
         ([1, 2e3], "left out: 44.7 in both; or a torque", "position or torque, or"),
         ([1, 2e6], "The cause may be a torque in units of 5.00×10⁻⁷ N·m", "gear ratio"),
     ],
@@ -999,7 +1007,7 @@ def test_settling_records_are_named_with_later_starts(monkeypatch: pytest.Monkey
 )
 def test_sines_with_the_same_phasors_are_duplicates(difference: float, noise: float, told: bool) -> None:
     """Without noise, as in a simulation, equal records are no copies."""
-    z = np.array([[1.0 + 1j, 2.0], [1.0 + 1j, 2.0], [3.0, 4.0]])
+    z = np.array([[1.0 + 1j, 2.0, 0.0], [1.0 + 1j, 2.0, 0.0], [3.0, 4.0, 0.0]])  # a joint rests
     z[1] *= 1 + difference
     phasors = case(
         z=z,
@@ -1148,6 +1156,19 @@ def test_a_peak_that_h_lacks_is_that_of_the_controller() -> None:
         assert not nothing
     assert peaks_of_controllers(1.5, deviation=0.199)
     assert peaks_of_controllers(1.5, own=[6.9])
+    assert peaks_of_controllers(1.5, own=[5.0])  # two lines from the peak
+
+
+def test_the_share_of_the_angles_in_the_noise_of_the_residual() -> None:
+    """Residual of 5q + 2τ − 3q, with τ of three times the variance: 4 of 4 + 12."""
+    equations = case(
+        omega=np.array([1.0, 2.0]),
+        of_a=np.array([[[1.0, 0.0]]] * 2),
+        of_b=np.array([[[5.0, 2.0]]] * 2),
+        noise=case(covariance=np.tile(np.diag([1.0, 3.0]), (2, 1, 1, 1))),
+    )
+    fit: Any = case(n=1, K=np.array([3.0]), D=np.zeros(1), equations=equations)
+    assert rules_model._share_of_angles(fit) == pytest.approx(0.25)
     assert peaks_of_controllers(1.5, count=8)
 
 

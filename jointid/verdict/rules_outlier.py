@@ -103,7 +103,7 @@ def one_record_off(evidence: Evidence) -> tuple[int, Finding] | None:
     if cost.min() > max(3 * left, GOOD):
         if left >= GOOD:
             return None  # the others do not fit either
-        scale = np.ones(2 * n)
+        scale = np.ones_like(scale)
     before = "the fit has no positive stiffness"
     if np.isfinite(whole.cost[0]):
         before = f"the residual is {times_noise(float(whole.cost[0]))}"
