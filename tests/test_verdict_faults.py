@@ -26,7 +26,7 @@ from jointid import Elasticity, Inertia, Phasors
 from jointid.verdict import rules_outlier, wrong_data
 from jointid.verdict.causes import DEGREES
 from jointid.verdict.evidence import Finding
-from jointid.verdict.scorer import Hypothesis, Scorer
+from jointid.verdict.scorer import Hypothesis, Scorer, simplest
 
 FREEDOM = 40.0
 
@@ -93,6 +93,17 @@ def test_the_score_of_right_data_is_one(n: int, freedom: int) -> None:
     # The mean of a product of inverse variances of 3 degrees of freedom scatters more.
     assert np.median(misfits) == pytest.approx(1, abs=0.1 if freedom == 40 else 0.25)
     assert np.abs(np.mean(off, axis=0)).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("cost", "chosen"),
+    [([9, 2.0, 0.1], 1), ([9, 2.1, 0.1], 2), ([9, 6.0, 3.0], 1), ([9, 6.1, 3.0], 2), ([5, 5], 0)],
+)
+def test_the_simplest_hypothesis_that_explains_about_as_much_is_taken(
+    cost: list[float], chosen: int
+) -> None:
+    """Up to twice the least residual, or twice the noise."""
+    assert simplest(np.array(cost)) == chosen
 
 
 def test_each_hypothesis_corrects_its_own_fault() -> None:

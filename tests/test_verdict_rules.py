@@ -831,7 +831,10 @@ def test_every_sign_and_pair_of_channels_is_a_hypothesis() -> None:
 
 def test_known_factors_and_orders_can_be_corrected() -> None:
     one = np.ones(2)
-    for factor, kinds in ((1e3, ["scale"]), (1e-3, ["scale"]), (-1.0, ["scale"]), (7.0, []), (1.0, [])):
+    for factor, kinds in (
+        *((each, ["scale"]) for each in (1e3, 1e-3, -1.0, 1e3 * (1 + 0.9e-9))),
+        *((each, []) for each in (7.0, 1.0, 1e3 * (1 + 1.1e-9))),
+    ):
         fault = Hypothesis.of("torque", one, np.array([1.0, factor]))
         changes = cause_findings._changes(fault)
         assert [change.kind for change in changes] == kinds
@@ -939,7 +942,13 @@ def test_inertias_that_are_far_off_at_low_frequency_are_named(
         assert found[0].weight == pytest.approx(100.3)
     alone[0] = alone[1]  # as many unknowns as equations
     assert len(list(rules_inertia._far_off(evidence_of))) == len(found)
-    alone[0] = case(expected_cost=1.0, cost=99.0)  # the pose is right by itself: the others differ
+    by_pose = {"low": alone[1], "right": case(expected_cost=1.0, cost=99.0)}  # right by itself
+    evidence_of.poses = ("right", "low", "right")
+    evidence_of.of_pose = lambda pose: (np.array([0, 1]), case(M=inertia.M, M2=inertia.M2, pose=pose))
+    monkeypatch.setattr(rules_inertia, "refit", lambda _, inertia, __: by_pose[inertia.pose])
+    assert [each.title for each in rules_inertia._far_off(evidence_of)] == [each.title for each in found]
+    monkeypatch.setattr(rules_inertia, "refit", lambda *_: alone[0])
+    alone[0] = by_pose["right"]
     assert not list(rules_inertia._far_off(evidence_of))
     alone[0], fit.misfit = alone[1], 99.0
     assert not list(rules_inertia._far_off(evidence_of))
@@ -1401,6 +1410,7 @@ def test_axes_are_exchanged_or_reversed_where_a_fit_says_so(monkeypatch: pytest.
         ([1.9, 1.0], 0.1, False),  # start values lie within 50 %
         ([2.1, 1.0], 0.21, False),  # the fitted inertias are not known
         ([4.1, 4.1], 0.1, False),  # exchanging them does not help
+        ([2.1, 1.57], 0.1, False),  # nor does it by more than half
     ],
 )
 def test_start_values_are_exchanged_where_the_fit_is_near_the_others(
