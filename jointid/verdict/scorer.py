@@ -60,7 +60,7 @@ class Hypothesis:
 
 
 def simplest(cost: Floats) -> int:
-    """Index of the first cost, of the simplest hypothesis, up to twice the least one or that of noise."""
+    """Index of the first cost, that of the simplest hypothesis, near the least one or that of noise."""
     return int(np.argmax(cost <= 2 * max(cost.min(), 1.0)))
 
 
