@@ -179,7 +179,7 @@ def test_given_and_fitted_inertias_stand_side_by_side() -> None:
     assert less.disagreement == pytest.approx(-3.0)
     assert less.cells[4] == "−3.0 σ"
     assert replace(row, fitted=2.19).cells[4] == "within 1 σ"
-    assert replace(row, fitted=2.21).cells[4] == "+1.1 σ"
+    assert replace(row, fitted=2.22).cells[4] == "+1.1 σ"
     for unknown in (
         {"given_std": 0.0},
         {"given_std": np.inf},

@@ -304,6 +304,22 @@ def test_a_misfit_matters_with_its_share_of_the_torque(
     assert "problem" not in levels(rules_model.model_limits(given))
 
 
+@pytest.mark.parametrize(
+    ("hold", "records", "action"),
+    [("State the hold.", (3,), "edit mapping"), ("", (3,), "edit runs"), ("", (), "")],
+)
+def test_a_misfit_is_corrected_where_its_cause_is(
+    monkeypatch: pytest.MonkeyPatch, hold: str, records: tuple[int, ...], action: str
+) -> None:
+    odd = [evidence.Change("leave out", records)] if records else []
+    monkeypatch.setattr(rules_model, "half_a_sample", lambda _: (hold, []))
+    monkeypatch.setattr(rules_model, "_odd_record", lambda _: ("", odd))
+    monkeypatch.setattr(rules_model, "_usual_cause", lambda *_: "Measure again.")
+    (found,) = rules_model.model_limits(case(fit=limited(9.0, 0.01), has_motions=False))
+    assert (found.action, found.remedy) == (action, hold or "Measure again.")
+    assert [*found.changes] == odd
+
+
 @pytest.mark.parametrize(("share", "freedom"), [(0.0, 12.0), (1.0, 1 / (1 / 12 + 0.5 * 0.3**2))])
 def test_noise_that_is_measured_beyond_the_band_is_less_certain(
     monkeypatch: pytest.MonkeyPatch, share: float, freedom: float
