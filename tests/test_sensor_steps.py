@@ -39,6 +39,7 @@ def test_signals_without_steps_give_zero() -> None:
     assert quantum(rng.standard_normal(1000)) == 0
     assert quantum(np.sin(0.1 * np.arange(1000))) == 0
     assert quantum(np.zeros(100)) == 0
+    assert quantum(np.ones(1)) == 0
 
 
 @pytest.mark.parametrize("dither", [0.0, 0.1, 0.5])

@@ -21,6 +21,7 @@ from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
     friction_start,
+    other_laws,
     with_delay,
     without_inertias,
 )
@@ -104,6 +105,59 @@ def test_heavy_friction_is_found_with_k_and_d() -> None:
     np.testing.assert_allclose(start["coulomb"], braked, rtol=0.05)
     right = layout.named(layout.pack(K=elasticity.K, D=elasticity.D))
     assert friction_start(phasors, prior, right) is None
+
+
+@pytest.mark.parametrize("is_near", [True, False])
+def test_slopes_start_with_bends_at_shares_of_the_largest_deflection(is_near: bool) -> None:
+    """That of the cubic law where it is near the data, else that of the linear gear."""
+    inertia, elasticity = ROBOTS[1]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 1))
+    peak = np.abs(phasors.tau + phasors.omega[:, None] ** 2 * inertia.M * phasors.q).max()
+    cubic, slopes = (ParameterLayout.of(1, effects=[law]) for law in ("cubic", "piecewise"))
+    start = cubic.named(cubic.pack(K=[30.0], D=[0.1], cubic=[2e4]))
+    p = slopes.named(slopes.pack(K=[40.0], D=[0.1], knee=[1.0], second_knee=[1.0]))
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    found = other_laws(phasors, prior, start, p, is_near=is_near)
+    largest = found[0]["knee"][0] / 0.5
+    torque = 30 * largest + 2e4 * largest**3 * is_near
+    assert torque == pytest.approx(peak, rel=0.01)
+    knees = [(each["knee"][0], each["second_knee"][0]) for each in found]
+    np.testing.assert_allclose(knees, largest * np.array([[0.5, 0.3], [0.2, 0.3]]))
+    assert all((each.K[0], each["cubic"][0]) == (30.0, 2e4) for each in found)
+
+
+@pytest.mark.parametrize(
+    ("hysteresis", "presliding", "found"),
+    [
+        (0.05, 0.31, (0.03, 0.03)),  # as wide as the deflection: a spring beside K
+        (0.05, 0.29, None),
+        (0.05, 1.9e-3, (0.05, 0.03)),  # without width: friction
+        (0.05, 2.1e-3, None),
+        (1.9e-3, 0.1, (0.03, 0.03)),  # flat: its width has no effect
+        (2.1e-3, 0.1, None),
+    ],
+)
+def test_a_loop_that_acts_like_something_else_starts_again_as_a_small_one(
+    hysteresis: float, presliding: float, found: tuple[float, float] | None
+) -> None:
+    """Level over the largest torque, and width over the largest deflection."""
+    inertia, elasticity = ROBOTS[1]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 1))
+    peak = np.abs(phasors.tau + phasors.omega[:, None] ** 2 * inertia.M * phasors.q).max()
+    layout = ParameterLayout.of(1, effects=["hysteresis"])
+    together = 40.0 + hysteresis / presliding * 40.0  # of the spring and the loop
+    wide = presliding > 0.2
+    scale = peak / (together if wide else 40.0)
+    level = hysteresis * peak * (40.0 / together if wide else 1.0)
+    p = layout.named(layout.pack(K=[40.0], D=[0.1], hysteresis=[level], presliding=[presliding * scale]))
+    starts = other_laws(phasors, InertiaPrior.of(inertia, *phasors.q.shape), p, p, is_near=True)
+    assert len(starts) == (found is not None)
+    if found is not None:
+        (start,) = starts
+        K = 40.0 + level / (presliding * scale) if wide else 40.0
+        assert start.K[0] == pytest.approx(K)
+        assert start["hysteresis"][0] == pytest.approx(found[0] * peak)
+        assert start["presliding"][0] == pytest.approx(found[1] * peak / K)
 
 
 def test_the_mean_of_the_lags_starts_as_a_delay() -> None:
