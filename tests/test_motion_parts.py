@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants import exact_phasors
 
 from jointid import JointIdError, MotionRecord
 from jointid.motion.band import proposed_band
+from jointid.motion.complement import Waveforms
 from jointid.motion.end_terms import EndTerms, row_groups
-from jointid.motion.friction import _GRID, _hats, _reversals
+from jointid.motion.friction import _GRID, _WIDTHS, _hats, _reversals, friction_waveforms
 from jointid.motion.reversals import _stretches, _transforms
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
 from jointid.motion.spectral_lines import SpectralLines, _continued, _gain
@@ -170,6 +172,58 @@ def test_hats_of_a_reversal_add_to_one() -> None:
     first = np.zeros(_GRID)
     first[:5] = [1, 0.8, 0.6, 0.4, 0.2]
     np.testing.assert_allclose(hats[:, 0], phasors_of(first, 9), atol=1e-12)
+
+
+def test_dependent_waveforms_of_free_size_count_once() -> None:
+    rng = np.random.default_rng(7)
+    one, two = complex_noise(rng, 5, 1), complex_noise(rng, 5, 1)
+    free = [np.hstack([one, 1e-6 * two, one + two, 2 * two]), np.zeros((5, 0))]
+    known = np.ones((5, 2), bool)
+    known[0, 1] = False  # no equation
+    basis = Waveforms(free, [np.zeros((5, 0))] * 2, known).basis
+    assert basis.freed.tolist() == [2, 0]
+    assert np.bincount(basis.joint).tolist() == [8, 8]
+    rows = np.hstack([basis.torques.real, basis.torques.imag])
+    np.testing.assert_allclose(rows[:8] @ rows[:8].T, np.eye(8), atol=1e-12)
+    np.testing.assert_allclose(rows[8:] @ rows[8:].T, np.eye(8), atol=1e-12)
+    for wave in (one, two):
+        np.testing.assert_allclose(rows[:8] @ np.concatenate([wave.real, wave.imag]), 0, atol=1e-9)
+    assert not rows[8:, [0, 5]].any()
+
+
+@pytest.mark.parametrize("window", [None, 0.1])
+def test_friction_of_a_sine_is_a_square_wave_of_its_velocity(window: float | None) -> None:
+    """4/π of the fundamental, a quarter of a period ahead; none of a joint at rest or in noise."""
+    q = np.array([[0.3 * np.exp(0.4j), 0.0], [0.3 * np.exp(2j), 1e-3]])
+    noise = np.zeros((2, 4, 4), complex)
+    noise[1, 1, 1] = 1e-5
+    phasors = exact_phasors(np.array([2.0, 3.0]), q, np.ones((2, 2)), noise)
+    found = friction_waveforms(phasors, window)
+    assert found.stationary.tolist() == [[False, True], [False, True]]
+    turn = np.exp(1j * np.array([0.4, 2.0])) * 1j
+    np.testing.assert_allclose(found.coulomb[:, 0, 0], 4 / np.pi * turn, rtol=2 * np.pi / _GRID)
+    assert not found.coulomb[..., 1].any()
+    assert not found.spread.any()
+    for record, direction in enumerate(found.direction):
+        time = np.arange(_GRID) / _GRID
+        velocity = np.imag(turn[record] * np.exp(2j * np.pi * time))
+        clear = np.abs(velocity) > 1e-6
+        np.testing.assert_array_equal(direction[0][clear], np.sign(velocity)[clear])
+        assert not direction[1].any()
+    if window is None:
+        assert found.free.shapes == 0
+    else:  # around both reversals, together of as many waveforms as the fundamental resolves
+        assert found.free.shapes > 0
+
+
+def test_a_curve_of_friction_fades_with_the_speed() -> None:
+    """Mean of exp(−|sin|/w) over the period in phase with the velocity, for widths over the largest."""
+    phasors = exact_phasors(np.array([2.0]), np.array([[0.3 + 0j]]), np.ones((1, 1)))
+    found = friction_waveforms(phasors, None, curve=True)
+    phase = np.linspace(0, np.pi, 20_001)
+    for width, curve in zip(_WIDTHS, found.curve[0, 0, 0], strict=True):
+        expected = 4 / np.pi * np.trapezoid(np.exp(-np.sin(phase) / width) * np.sin(phase), phase) / 2
+        assert curve == pytest.approx(1j * expected, abs=4 / _GRID)
 
 
 # --- lines of a narrow band
