@@ -207,7 +207,7 @@ def test_friction_of_a_sine_is_a_square_wave_of_its_velocity(window: float | Non
     for record, direction in enumerate(found.direction):
         time = np.arange(_GRID) / _GRID
         velocity = np.imag(turn[record] * np.exp(2j * np.pi * time))
-        clear = np.abs(velocity) > 1e-6
+        clear = np.abs(velocity) > 4 * np.pi / _GRID
         np.testing.assert_array_equal(direction[0][clear], np.sign(velocity)[clear])
         assert not direction[1].any()
     if window is None:
@@ -223,7 +223,7 @@ def test_a_curve_of_friction_fades_with_the_speed() -> None:
     phase = np.linspace(0, np.pi, 20_001)
     for width, curve in zip(_WIDTHS, found.curve[0, 0, 0], strict=True):
         expected = 4 / np.pi * np.trapezoid(np.exp(-np.sin(phase) / width) * np.sin(phase), phase) / 2
-        assert curve == pytest.approx(1j * expected, abs=4 / _GRID)
+        assert curve == pytest.approx(1j * expected, abs=5 / _GRID)
 
 
 # --- lines of a narrow band
