@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants import BAND_HZ, ROBOTS, campaign, exact_phasors, plant_phasors
 from scipy.stats import chi2
 
-from jointid import JointIdError, Motion, MotionRecord
+from jointid import JointIdError, Motion, MotionRecord, identify_elasticity
+from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.gears.gear import Gear
 from jointid.gears.torsion_curve import TorsionCurve
 from jointid.simulation.experiment import Measurement, MotorFriction
 from jointid.uncertainty import motion_plan
 from jointid.uncertainty.motion_plan import MotionLimits, largest_motion
-from jointid.uncertainty.poses import PoseFits
+from jointid.uncertainty.poses import PoseFits, fits_by_pose
 from jointid.uncertainty.prior_rows import PriorRow
 from jointid.uncertainty.resampling import Bootstrap
 
@@ -166,6 +168,29 @@ def test_poses_agree_within_the_errors_that_they_do_not_share() -> None:
     assert three.significance[0] == pytest.approx(1.0)
     assert three.probability == pytest.approx(chi2.sf(2.0, 4))
     assert (poses([3.0]).probability, poses([3.0]).significance.tolist()) == (1.0, [0, 0])
+
+
+def test_every_record_has_one_pose() -> None:
+    inertia, elasticity = ROBOTS[1]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 1))
+    fit = identify_elasticity(phasors, inertia, method="weighted")
+    r = phasors.omega.size
+    for count in (r - 1, r + 1):
+        with pytest.raises(JointIdError, match=f"{count} poses for {r} records"):
+            fits_by_pose(phasors, inertia, ["low"] * count, fit)
+    alone = fits_by_pose(phasors, inertia, ["low"] * r, fit)
+    np.testing.assert_allclose(alone.estimates[0], fit.estimate, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("channel", "name"), [(0, "theta_m1_rad"), (1, "tau_m1_Nm")])
+def test_signals_whose_products_overflow_are_refused(channel: int, name: str) -> None:
+    inertia, elasticity = ROBOTS[1]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 1))
+    spring_equations(phasors, inertia)
+    signals = [phasors.q.copy(), phasors.tau.copy()]
+    signals[channel][3] = 2e30
+    with pytest.raises(JointIdError, match=rf"record 4: {name} has an amplitude of 2e\+30"):
+        spring_equations(exact_phasors(BAND_HZ, *signals), inertia)
 
 
 # --- given and fitted inertias, draws
