@@ -438,6 +438,11 @@ def test_slopes_count_by_their_sum_and_without_what_no_record_shows() -> None:
     assert (sure.kind, unseen.kind) == ("piecewise", "piecewise")
     assert (sure.K2, sure.K3) == (56.0, 55.0)
     assert (unseen.K2, unseen.K3, unseen.T2_Nm) == (59.0, 59.0, unseen.T1_Nm)
+    for errors, kind in ((3.4, "linear"), (3.6, "piecewise")):
+        alone = np.zeros_like(covariance)
+        alone[first, first] = (6.0 / errors) ** 2
+        alone[last, last] = 100.0
+        assert fitted_gears(p, alone, curves)[0].kind == kind
 
 
 def test_a_noisy_harmonic_does_not_fold_a_torsion_curve() -> None:
