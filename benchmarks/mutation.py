@@ -5,13 +5,15 @@
 
 Draws so many mutants of the modules (cosmic-ray: an operator, comparison, number or condition changed),
 and prints the share that the tests find and every mutant that survives without a reason in
-``benchmarks/survivors.toml``. Each mutant is tested in a fork that has loaded all libraries; the tests
-that have found mutants before come first, quick ones before long ones. ``MUTATION_SEED=2`` draws others.
+``benchmarks/survivors.toml``. Each mutant is tested in a fork that has loaded all libraries, by the
+tests that call the changed function; those that found most mutants in a second come first.
+``MUTATION_SEED=2`` draws others.
 Needs ``'.[benchmarks]'``.
 """
 
 from __future__ import annotations
 
+import ast
 import difflib
 import importlib
 import importlib.util
@@ -24,10 +26,11 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import pytest
@@ -36,15 +39,18 @@ from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator
 from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import MutationSpec
+from hypothesis import Phase, settings
 
 ROOT = Path(__file__).parents[1]
 REASONS = tomllib.loads((Path(__file__).parent / "survivors.toml").read_text("utf-8"))
-"""Reasons of accepted survivors: by module, then by the changed line."""
+"""Reasons of accepted survivors: by module, then by the changed line, or by part of any line."""
 SEED = int(os.environ.get("MUTATION_SEED", "1"))
 LONGEST = 4.0
 """CPU time of a mutant over that of the tests, above which it counts as found: it never ends."""
+TIMEOUT_S = 60
+"""Of a test, far above its CPU time."""
 LONGEST_TEST_S = 0.4
-"""Longer tests are left out: they would take most of the time."""
+"""CPU time, with all libraries loaded. Longer tests are left out: they would take most of the time."""
 OPERATORS = (
     "AddNot",
     "NumberReplacer",
@@ -76,23 +82,64 @@ def mutants(modules: list[Path], folder: Path) -> list[MutationSpec]:
     ]
 
 
+def changed_part(path: Path, line: int) -> tuple[str, set[str]]:
+    """Innermost function with this line, by module and first line; outside of any, the names set."""
+    inner, names = 0, set[str]()
+    tree = ast.parse(path.read_text("utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            first = min(part.lineno for part in [node, *node.decorator_list])
+            if first <= line <= (node.end_lineno or 0):
+                inner = max(inner, first)
+    for node in tree.body:
+        if node.lineno <= line <= (node.end_lineno or 0):
+            names |= {
+                n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+            }
+            names |= {node.name} if isinstance(node, ast.ClassDef) else set()
+    return (f"{path}:{inner}", set()) if inner else ("", names)
+
+
 class Tests:
     """Tests of a copy of the project, which forks of this process run."""
 
-    def __init__(self, tree: Path, files: list[str]) -> None:
-        self._tree, self._files = tree, files
+    def __init__(self, tree: Path, files: list[str], modules: list[Path]) -> None:
+        self._tree, self._files, self._modules = tree, files, {str(m) for m in modules}
         self._seconds: dict[str, float] = {}
         self._found: Counter[str] = Counter()
+        self._chosen: set[str] = set()
+        self._tracing, self._now = True, [""]
+        self._calls: defaultdict[str, set[str]] = defaultdict(set)
+        """Tests and fixtures that call each function."""
         self._limit_s = resource.RLIM_INFINITY
+        self._must_pass()  # loads the libraries
+        self._tracing, self._seconds = False, {}
         begin = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
-        failed = self.first_failure()
-        if failed:
-            raise SystemExit(f"{failed} fails without a mutation.")
+        self._must_pass()
         spent = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) - begin
         self._limit_s = int(LONGEST * spent) + 60
 
-    def first_failure(self) -> str:
-        """The first test that fails, or "" if all pass."""
+    def _must_pass(self) -> None:
+        failed = self.first_failure()
+        if failed:
+            raise SystemExit(f"{failed} fails without a mutation.")
+
+    def that_use(self, path: Path, line: int) -> set[str]:
+        """Tests that call the function of the line; outside of any, those of modules with its names.
+
+        The latter with tests that call nothing: they may read the source.
+        """
+        function, names = changed_part(path, line)
+        users = [m for m in self._modules if any(name in Path(m).read_text("utf-8") for name in names)]
+        called = [function, *(f for f in self._calls if f.rpartition(":")[0] in users)]
+        found = {test for f in called for test in self._calls[f] if "::" in test}
+        return found if function else found | set(self._seconds).difference(*self._calls.values())
+
+    def first_failure(self, chosen: set[str] | None = None) -> str:
+        """The first of the chosen tests that fails, or "" if all pass."""
+        if chosen is not None and not chosen:
+            return ""
+        self._chosen = chosen or set()
         answer = self._tree.parent / "answer.json"
         answer.unlink(missing_ok=True)
         child = os.fork()
@@ -110,6 +157,8 @@ class Tests:
         for name in told["libraries"]:
             with suppress(Exception):
                 importlib.import_module(name)
+        for function, tests in told["calls"].items():
+            self._calls[function].update(tests)
         self._found[told["failed"]] += 1
         return str(told["failed"])
 
@@ -130,29 +179,70 @@ class Tests:
             "no:cacheprovider",
             "-W",
             "ignore:Module already imported",
+            "-o",
+            f"timeout={TIMEOUT_S}",
         ]
-        code = pytest.main([*options, *self._files], [self])
-        failed = self._failed if code == 1 else "" if code == 0 else "an import"
+        # A failure is enough: no search for the simplest one.
+        settings.register_profile("mutants", phases=[Phase.explicit, Phase.generate], database=None)
+        settings.load_profile("mutants")
+        files = sorted({test.partition("::")[0] for test in self._chosen}) or self._files
+        code = pytest.main([*options, *files], [self])
+        failed = self._failed if code == 1 else "" if code in (0, 5) else "an import"
         libraries = [
             name
             for name, module in [*sys.modules.items()]
             if "site-packages" in (getattr(module, "__file__", None) or "")
         ]
-        told = {"failed": failed, "seconds": self._seconds, "libraries": libraries}
+        calls = {function: sorted(tests - {""}) for function, tests in self._calls.items()}
+        told = {"failed": failed, "seconds": self._seconds, "libraries": libraries, "calls": calls}
         answer.write_text(json.dumps(told))
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """Tests that have found mutants first, quick ones before long ones."""
+        """Tests that find most mutants in a second first."""
+        if self._chosen:
+            items[:] = [i for i in items if i.nodeid in self._chosen]
         items[:] = [i for i in items if self._seconds.get(i.nodeid, 0.0) < LONGEST_TEST_S]
-        items.sort(key=lambda i: (-self._found[i.nodeid], self._seconds.get(i.nodeid, 0.0)))
+        items.sort(key=lambda i: self._seconds.get(i.nodeid, 0.0) / (self._found[i.nodeid] + 0.1))
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
-        """Note the CPU time of a test."""
+        """Note the CPU time of a test, and what it calls."""
         begin = time.process_time()
-        yield
+        with self._noting(item.nodeid):
+            yield
         self._seconds[item.nodeid] = time.process_time() - begin
+        if self._tracing:  # a fixture may have been made for an earlier test
+            fixtures = {f"fixture {name}" for name in getattr(item, "fixturenames", ())}
+            for tests in self._calls.values():
+                if tests & fixtures:
+                    tests.add(item.nodeid)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[Any]) -> Iterator[Any]:
+        """Note what a fixture calls."""
+        with self._noting(f"fixture {fixturedef.argname}"):
+            return (yield)
+
+    @contextmanager
+    def _noting(self, name: str) -> Iterator[None]:
+        """Note that the test or fixture calls the functions that are called meanwhile."""
+
+        def called(frame: FrameType, event: str, _: object) -> None:
+            if frame.f_code.co_filename in self._modules:
+                place = f"{frame.f_code.co_filename}:{frame.f_code.co_firstlineno}"
+                self._calls[place].update(self._now)
+
+        if not self._tracing:
+            yield
+            return
+        self._now.append(name)
+        sys.settrace(called)
+        try:
+            yield
+        finally:
+            self._now.pop()
+            sys.settrace(called if self._now[1:] else None)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Note a failure."""
@@ -165,13 +255,14 @@ def survivors(drawn: list[MutationSpec], tests: Tests, tree: Path) -> Iterator[t
     for number, mutant in enumerate(drawn, 1):
         path = Path(mutant.module_path)
         before = path.read_text("utf-8")
+        chosen = tests.that_use(path, mutant.start_pos[0])
         operator = get_operator(mutant.operator_name)(**dict(mutant.operator_args))
         after = mutate_code(before, operator, mutant.occurrence) or before
         compiled = Path(importlib.util.cache_from_source(str(path)))
         try:
             path.write_text(after, "utf-8")
             compiled.unlink(missing_ok=True)  # it may have the same size and second
-            failed = tests.first_failure()
+            failed = tests.first_failure(chosen)
         finally:
             path.write_text(before, "utf-8")
             compiled.unlink(missing_ok=True)
@@ -200,17 +291,19 @@ def main(arguments: list[str]) -> None:
         every = mutants(modules, Path(folder))
         drawn = random.Random(SEED).sample(every, min(int(arguments[0]), len(every)))
         alive, reasons = 0, 0
-        for name, changed, text in survivors(drawn, Tests(tree, files), tree):
+        for name, changed, text in survivors(drawn, Tests(tree, files, modules), tree):
             alive += 1
-            if changed in REASONS.get(name, {}):
+            anywhere = any(part in changed for part in REASONS["*"])
+            if anywhere or changed in REASONS.get(name, {}):
                 reasons += 1
             else:
                 print(text, flush=True)
-    share = 1 - alive / len(drawn)
-    error = (share * (1 - share) / len(drawn)) ** 0.5
+    counted = len(drawn) - reasons
+    share = (len(drawn) - alive) / max(counted, 1)
+    error = (share * (1 - share) / max(counted, 1)) ** 0.5
     print(
-        f"{len(drawn) - alive} of {len(drawn)} mutants found: {share:.0%} ± {error:.0%}, drawn of "
-        f"{len(every)}; {reasons} survivors with a reason, {alive - reasons} without"
+        f"{len(drawn) - alive} of {counted} mutants found: {share:.0%} ± {error:.0%}; {len(drawn)} "
+        f"drawn of {len(every)}, of which {reasons} survive for a reason and do not count"
     )
 
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from jointid.gears.dahl import DahlSteps, dahl
+from jointid.gears.laws import GearLaws
+from jointid.gears.torque_spread import periodic_dahl, spread
 
 
 @pytest.mark.parametrize("presliding", [0.03, 0.1])
@@ -44,3 +46,43 @@ def test_the_derivatives_are_those_of_the_states() -> None:
     assert DahlSteps.of(delta, z + move, sharpness, starts).z[:, 2:28] == pytest.approx(
         (steps.z + steps.by_z * move[:, :-1])[:, 2:28], abs=1e-12
     )
+
+
+def test_a_period_of_dahl_continues_itself() -> None:
+    """After some periods from any state, z is the periodic solution."""
+    turn = 2 * np.pi * np.arange(250) / 250
+    delta = np.stack([np.sin(turn) + 0.3 * np.sin(3 * turn + 1), 0.5 * np.cos(turn)])
+    sharpness = np.array([[0.8], [40.0]])
+    z, found = np.array([0.9, -0.9]), np.zeros((2, 250))
+    for _ in range(9):
+        for k in range(250):  # from each sample to the next one
+            found[:, k] = z
+            move = delta[:, (k + 1) % 250] - delta[:, k]
+            sign = np.sign(move)
+            z = sign + (z - sign) * np.exp(-np.abs(move) * sharpness[:, 0])
+    np.testing.assert_allclose(periodic_dahl(delta, sharpness), found, atol=1e-6)
+
+
+@pytest.mark.parametrize("loops", [False, True])
+def test_the_spread_of_a_torque_is_its_derivative(loops: bool) -> None:
+    """Mean, sines and cosines of the torque by those of the deflection, against small changes."""
+    m, H, points = 2, 5, 4096
+    level, presliding = np.full((1, 1), 0.8 * loops), np.full((1, 1), 0.3)
+    none = np.zeros((1, 1))
+    pair = (none, none)
+    laws = GearLaws.made(none + 2.0, none + 0.7, none, level, presliding, pair, pair)
+    turn = 2 * np.pi * np.arange(points) / points
+    sines, cosines = (wave(np.outer([1, 2], turn)) for wave in (np.sin, np.cos))
+    waves = np.concatenate([np.ones((1, points)), sines, cosines])
+    size = np.array([0.1, 1.0, 0.2, 0.1, -0.3])
+
+    def torque(size: np.ndarray) -> np.ndarray:
+        delta = size @ waves
+        z = periodic_dahl(delta[None], laws.sharpness)[0] if loops else 0 * delta
+        bins = np.fft.rfft(0.7 * delta**3 + laws.level[0, 0] * z) / points
+        return np.array([bins[0].real, *(-2 * bins[1 : H + 1].imag), *(2 * bins[1 : H + 1].real)])
+
+    delta = (size @ waves)[None, None]
+    found = spread(laws, laws.smooth_slope(delta), delta, m, H, np.ones((1, 1), bool))[0]
+    by_change = [(torque(size + step) - torque(size - step)) / 2e-4 for step in 1e-4 * np.eye(5)]
+    np.testing.assert_allclose(found, by_change, atol=0.01 if loops else 1e-6)

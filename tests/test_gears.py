@@ -168,6 +168,11 @@ def test_impossible_gears_are_refused() -> None:
     for wrong in ({"backlash_rad": -1.0}, {"hysteresis_Nm": 1.0}, {"K2": 3.0}, {"cubic": np.nan}):
         with pytest.raises(JointIdError):
             Gear(**wrong)
+    slopes = {"K": 2.0, "K2": 3.0, "K3": 4.0, "T1_Nm": 0.5, "T2_Nm": 0.5}
+    assert Gear(**slopes).kind == "piecewise"
+    for name, value in (("K3", 0.0), ("T1_Nm", 0.0), ("T1_Nm", 0.6)):
+        with pytest.raises(JointIdError, match="K2 needs K3"):
+            Gear(**{**slopes, name: value})
     with pytest.raises(JointIdError, match="one Gear for each"):
         simulate_records(INERTIA, Elasticity(PAPER.K, PAPER.D), [5.0], gears=[Gear()])
     with pytest.raises(JointIdError, match="state it once"):
@@ -433,6 +438,11 @@ def test_slopes_count_by_their_sum_and_without_what_no_record_shows() -> None:
     assert (sure.kind, unseen.kind) == ("piecewise", "piecewise")
     assert (sure.K2, sure.K3) == (56.0, 55.0)
     assert (unseen.K2, unseen.K3, unseen.T2_Nm) == (59.0, 59.0, unseen.T1_Nm)
+    for errors, kind in ((3.4, "linear"), (3.6, "piecewise")):
+        alone = np.zeros_like(covariance)
+        alone[first, first] = (6.0 / errors) ** 2
+        alone[last, last] = 100.0
+        assert fitted_gears(p, alone, curves)[0].kind == kind
 
 
 def test_a_noisy_harmonic_does_not_fold_a_torsion_curve() -> None:

@@ -72,6 +72,9 @@ FLOORS = [
 ]
 """Modules and rooms of the package from the ground up; every one has its floor."""
 
+MUTABLE = {"Fits", "Search", "OpenFleet"}
+"""Dataclasses that collect results."""
+
 LINES = 350
 """Most lines of a module."""
 
@@ -228,6 +231,26 @@ def test_modules_are_short() -> None:
     lines = {f.relative_to(ROOT).as_posix(): f.read_text("utf-8").count("\n") for f in FILES}
     longer = {file: count for file, count in lines.items() if count > LINES}
     assert not longer
+
+
+def test_dataclasses_are_frozen_and_compare_no_arrays() -> None:
+    """A value that changes, or an equality that fails with arrays, is found far from its cause."""
+    for file in FILES:
+        for node in statements(tree(file)):
+            made = [ast.unparse(d) for d in getattr(node, "decorator_list", ())]
+            if not isinstance(node, ast.ClassDef) or not any(d.startswith("dataclass") for d in made):
+                continue
+            held = {
+                name.id
+                for line in node.body
+                if isinstance(line, ast.AnnAssign)
+                for name in ast.walk(line.annotation)
+                if isinstance(name, ast.Name)
+            }
+            place = f"{file}: {node.name}"
+            assert any("frozen=True" in d for d in made) != (node.name in MUTABLE), place
+            if node.name not in MUTABLE and held & {"Floats", "Complexes"}:
+                assert any("eq=False" in d for d in made), place
 
 
 def test_library_modules_do_not_import_from_the_package_root() -> None:

@@ -53,6 +53,11 @@ def noisy(frequency: float, samples: int, seed: int, jitter: float = 0.0) -> Sin
     return SineRecord(frequency, time, q + 0.3, tau)
 
 
+def test_a_single_part_is_the_record() -> None:
+    (fit,) = fit_sines([noisy(7.3, 4000, 1)])
+    assert joined([fit], [4000]) is fit
+
+
 @pytest.mark.usefixtures("short_parts")
 @pytest.mark.parametrize("jitter", [0.0, 2e-4])
 def test_parts_give_the_phasors_of_the_whole(tmp_path: Path, jitter: float) -> None:

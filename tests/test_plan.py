@@ -361,7 +361,7 @@ def test_suggestion_reserves_torque_for_friction() -> None:
     left = np.array([1.0, 0.5]) - 4 / np.pi * fit.friction.coulomb
     assert np.all(np.abs(suggestion.records.torque_Nm) <= left + 1e-9)
     assert np.all(np.abs(suggestion.records.angle_rad) > 0)
-    with pytest.raises(JointIdError, match="exceed its friction"):
+    with pytest.raises(JointIdError, match="joint 1 does not exceed its friction"):
         suggest_records(phasors, PARALLELOGRAM, fit, torque_limit_Nm=[0.1, 0.5])
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +13,14 @@ from hypothesis import strategies as st
 from jointid import Elasticity, Inertia, SineRecord, extract_phasors
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.joints import motor_response
-from jointid.phasors.sensor_steps import quantum
+from jointid.phasors.sensor_steps import (
+    _runs,
+    _undithered,
+    may_have_steps,
+    quantum,
+    sharing,
+    unresolved_variance,
+)
 
 
 @given(
@@ -29,6 +39,7 @@ def test_signals_without_steps_give_zero() -> None:
     assert quantum(rng.standard_normal(1000)) == 0
     assert quantum(np.sin(0.1 * np.arange(1000))) == 0
     assert quantum(np.zeros(100)) == 0
+    assert quantum(np.ones(1)) == 0
 
 
 @pytest.mark.parametrize("dither", [0.0, 0.1, 0.5])
@@ -175,3 +186,73 @@ def test_motions_of_about_a_step_have_the_error_that_rounding_leaves(
     squares = np.array(off) / claimed
     assert 0.4 < np.sqrt(np.mean(squares)) < 1.15
     assert np.sqrt(squares.max()) < 4
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.02, 0.08])
+def test_dither_leaves_the_share_of_rounding_that_repeats(noise: float) -> None:
+    """By Widrow: of noise of the variance σ², in steps squared, the share u = exp(-4π²σ²)."""
+    share = np.exp(-4 * np.pi**2 * noise)
+    assert _undithered(noise + (1 - share) / 12) == pytest.approx(share, rel=1e-4)
+    assert _undithered(0.0) == pytest.approx(1.0)
+
+
+def test_rounding_counts_once_for_each_step_that_a_signal_crosses() -> None:
+    """A staircase of steps of three samples: its ramps cancel, its two ends are as if at rest."""
+    length, share = _runs(np.repeat(np.arange(10.0), 3), 1e9, 2)
+    assert length == 3
+    np.testing.assert_allclose(share, (8 * 1 + 2 * 9) / 30, rtol=1e-9)
+    length, share = _runs(np.zeros(30), 1e9, 2)  # at rest: one error for all samples
+    assert length == 30
+    np.testing.assert_allclose(share, 30, rtol=1e-9)
+    length, share = _runs(np.repeat(np.arange(15.0), 2), 1e9, 1)  # too short for a ramp of its own
+    assert (length, share[0]) == (2, pytest.approx(2.0))
+
+
+@pytest.mark.parametrize(("turn", "counts"), [(14, 1 / 3), (15, 1)])
+def test_a_turn_within_a_step_counts_a_third(turn: int, counts: float) -> None:
+    """A parabola stays in the step where it turns up to 4.83 times as long as in its neighbours."""
+    up = np.repeat(np.arange(6.0), 3)
+    signal = np.concatenate([up, np.full(turn, 6.0), up[::-1]])
+    _, share = _runs(signal, 1e9, 1)
+    assert share[0] == pytest.approx((10 * 1 + 2 * 9 + counts * turn**2) / signal.size, rel=1e-9)
+
+
+def test_errors_of_a_rest_average_at_harmonics_of_which_it_holds_periods() -> None:
+    """Rests of a fifth of a period; the inner eight of ten are turns, which count a third."""
+    square = np.repeat([0.0, 1.0] * 5, 10)
+    _, share = _runs(square, 50.0, 5)
+    counted = (2 + 8 / 3) / 10 * 10
+    np.testing.assert_allclose(share, counted * np.sinc(np.arange(1, 6) / 5) ** 2, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("size", "mean", "alike"),
+    [(3.14, 0.0, True), (3.16, 0.0, False), (3.0, 2.14, True), (3.0, 1.86, True), (3.0, 0.16, False)],
+)
+def test_sines_of_one_size_and_place_on_the_steps_are_rounded_alike(
+    size: float, mean: float, alike: bool
+) -> None:
+    time = np.arange(400) / 100
+    wave = np.rint(20 * np.sin(2 * np.pi * time)) * 0.1
+    records = [SineRecord(1.0, time, wave, np.sin(time))] * 3
+    fits: Any = [
+        SimpleNamespace(harmonics=0.1 * np.array([[s, s]]), offset=0.1 * np.array([m, m]))
+        for s, m in ((3.0, 0.0), (size, mean), (0.49, 0.0))
+    ]
+    found = sharing(records, fits)
+    assert found[:, 0].tolist() == ([2, 2, 1] if alike else [1, 1, 1])
+    assert found[:, 1].tolist() == [1, 1, 1]  # no steps
+
+
+def test_an_angle_at_rest_is_unknown_within_a_disc_of_half_a_step() -> None:
+    time = np.arange(400) / 100
+    steps = [np.rint(20 * np.sin(2 * np.pi * time)) * step for step in (0.1, 0.0, 0.2)]
+    smooth = np.sin(2 * np.pi * time)
+    records = [
+        SineRecord(1.0, time, np.c_[own, smooth, 0 * own], np.ones((400, 3)) * time[:, None])
+        for own in steps
+    ]
+    assert [may_have_steps(record) for record in records] == [True] * 3
+    assert not may_have_steps(SineRecord(1.0, time, smooth + time, time))
+    variance = unresolved_variance(records)  # a joint that rests in all records shows no step
+    np.testing.assert_allclose(variance, [[0, 0, 0], [0.1**2 / 8, 0, 0], [0, 0, 0]], atol=1e-12)

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from jointid.motion.complement import Complement, Waveforms
 from jointid.motion.free_friction import FreeFriction, real_rows
 from jointid.small_matrices import (
+    decaying,
     determined_covariance,
+    finite_part,
     inverse,
     lifted,
     positive_inverse,
@@ -144,3 +146,38 @@ def test_a_prior_determines_what_much_better_data_leave_open() -> None:
     covariance = determined_covariance(J.T @ J + prior, prior)
     np.testing.assert_allclose(covariance, np.ones((2, 2)), rtol=1e-2)
     assert np.isinf(np.diag(determined_covariance(J.T @ J, 0 * prior))).all()
+
+
+def test_a_combination_is_undetermined_from_ten_digits_on() -> None:
+    """J = [a + b, ε (a − b)]: the difference of the two parameters has the variance 1 / ε²."""
+    for eps, finite in ((0.8e-5, True), (0.6e-5, False)):  # 2 ε² is the smallest eigenvalue
+        J = np.array([[1.0, 1.0, 0.0], [eps, -eps, 0.0], [0.0, 0.0, 2.0]])
+        covariance = determined_covariance(J.T @ J)
+        assert np.isfinite(covariance[0, 0]) == np.isfinite(covariance[1, 1]) == finite
+        assert covariance[2, 2] == pytest.approx(0.25)
+        known = finite_part(covariance)
+        assert np.all(np.isfinite(known))
+        assert known[2, 2] == pytest.approx(0.25)
+        assert known[0, 0] == pytest.approx(0.25 / eps**2 if finite else 0.0, rel=1e-5)
+
+
+def test_a_small_share_of_an_undetermined_combination_is_determined() -> None:
+    """The third parameter takes part in it by 1e-4, which is less than a per mille."""
+    for share, finite in ((1e-4, True), (2e-3, False)):
+        unseen = np.array([1.0, -1.0, share * np.sqrt(2)])
+        unseen /= np.linalg.norm(unseen)
+        covariance = determined_covariance(np.eye(3) - np.outer(unseen, unseen))
+        assert np.isinf(covariance[0, 0])
+        assert np.isinf(covariance[1, 1])
+        assert np.isfinite(covariance[2, 2]) == finite
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+def test_a_decay_is_the_recursion(kind: type) -> None:
+    rng = np.random.default_rng(1)
+    drive = rng.standard_normal((2, 6)).astype(kind) * (1 + 0.5j if kind is complex else 1)
+    for decay in (rng.uniform(-0.9, 0.9, (2, 6)), np.array([[0.5], [-0.8]])):
+        expected, z = np.zeros_like(drive), np.zeros(2, kind)
+        for k, kept in enumerate(np.broadcast_to(decay, drive.shape).T):
+            z = expected[:, k] = kept * z + drive[:, k]
+        np.testing.assert_allclose(decaying(decay, drive), expected, rtol=1e-12)

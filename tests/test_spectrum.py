@@ -52,3 +52,6 @@ def test_a_few_samples_have_no_spectrum() -> None:
         amplitude_spectrum(np.arange(5.0), np.arange(5.0))
     with pytest.raises(JointIdError, match="over 0 s"):
         amplitude_spectrum(np.zeros(20), np.arange(20.0))
+    with pytest.raises(JointIdError, match="over -7 s"):
+        amplitude_spectrum(np.arange(8.0)[::-1], np.arange(8.0))
+    assert amplitude_spectrum(np.arange(8.0), np.arange(8.0))[0].tolist() == [0.125, 0.25, 0.375, 0.5]

@@ -23,10 +23,10 @@ from plants import (
 )
 
 from jointid import Elasticity, Inertia, Phasors
-from jointid.verdict import rules_outlier, wrong_data
+from jointid.verdict import rules_inertia, rules_outlier, wrong_data
 from jointid.verdict.causes import DEGREES
 from jointid.verdict.evidence import Finding
-from jointid.verdict.scorer import Hypothesis, Scorer
+from jointid.verdict.scorer import VELOCITY, Hypothesis, Scorer, simplest
 
 FREEDOM = 40.0
 
@@ -93,6 +93,17 @@ def test_the_score_of_right_data_is_one(n: int, freedom: int) -> None:
     # The mean of a product of inverse variances of 3 degrees of freedom scatters more.
     assert np.median(misfits) == pytest.approx(1, abs=0.1 if freedom == 40 else 0.25)
     assert np.abs(np.mean(off, axis=0)).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("cost", "chosen"),
+    [([9, 2.0, 0.1], 1), ([9, 2.1, 0.1], 2), ([9, 6.0, 3.0], 1), ([9, 6.1, 3.0], 2), ([5, 5], 0)],
+)
+def test_the_simplest_hypothesis_that_explains_about_as_much_is_taken(
+    cost: list[float], chosen: int
+) -> None:
+    """Up to twice the least residual, or twice the noise."""
+    assert simplest(np.array(cost)) == chosen
 
 
 def test_each_hypothesis_corrects_its_own_fault() -> None:
@@ -177,7 +188,9 @@ def test_records_can_be_left_out_and_corrected() -> None:
     without = scorer.scores([scorer.as_logged()], 1 - np.eye(phasors.omega.size)).misfit
     assert int(np.argmin(without)) == 3
     assert without[3] < 2 < 100 < np.delete(without, 3).min()
-    right = scorer.corrected(3, np.array([2.0, 1, 1, 1])).scores([scorer.as_logged()])
+    corrected = scorer.corrected(3, np.array([2.0, 1, 1, 1]))
+    np.testing.assert_allclose(corrected.z, measured().z, rtol=1e-12)
+    right = corrected.scores([scorer.as_logged()])
     whole = Scorer.of(measured(), [SERIAL] * 14).scores([scorer.as_logged()])
     assert right.misfit[0] == pytest.approx(whole.misfit[0], rel=1e-9)
     alone = scorer.scores([scorer.as_logged()], np.eye(14)[:1])
@@ -433,6 +446,28 @@ def test_a_hypothesis_without_a_factor_has_nothing_to_refine() -> None:
     assert wrong_data._refined(as_logged, scorer) is as_logged
     known = Hypothesis.of("torque", np.ones(2), np.array([1.0, 0.97]))
     assert wrong_data._refined(known, scorer).scale == pytest.approx([1, 1, 1, 1], rel=0.01)
+
+
+def test_velocities_in_place_of_positions_take_no_power() -> None:
+    """A reversed torque does."""
+    phasors = measured()
+    moved = replace(phasors, q=1j * phasors.omega[:, None] * phasors.q)
+    as_velocity = Hypothesis.of(VELOCITY, np.ones(2), np.ones(2))
+    assert wrong_data._supplies_power(moved, as_velocity)
+    assert not wrong_data._supplies_power(moved, replace(as_velocity, scale=np.array([1.0, 1, -1, 1])))
+    assert wrong_data._supplies_power(phasors, replace(as_velocity, kind="angle"))
+
+
+def test_the_share_of_the_torques_that_an_inertia_leaves() -> None:
+    """At the lowest frequency alone."""
+    omega = np.array([2.0, 2.0, 5.0])
+    inertia = np.array([[3.0, 1.0], [1.0, 2.0]])
+    q = np.array([[1.0, 0.5j], [0.2, -1.0], [1.0, 1.0]])
+    tau = -(omega[:, None] ** 2) * q @ inertia
+    tau[2] *= 9
+    lowest: Any = SimpleNamespace(omega=omega, q=q, tau=tau, by_frequency=lambda: [(2.0, np.arange(2))])
+    assert rules_inertia._unexplained(lowest, inertia) == pytest.approx(0, abs=1e-12)
+    assert rules_inertia._unexplained(lowest, 1.1 * inertia) == pytest.approx(0.1)
 
 
 def test_gears_are_on_one_side_or_both() -> None:

@@ -174,6 +174,9 @@ def test_an_encoder_is_coarse_below_ten_steps_or_where_it_makes_half_of_the_nois
     found = list(rules_records.coarse_encoder(given))
     assert levels(found) == level
     assert all(text in finding.title for finding in found)
+    assert all(
+        f"an amplitude of {evidence.number(amplitude, 2)} steps" in finding.detail for finding in found
+    )
 
 
 # --- settling
@@ -328,6 +331,22 @@ def test_a_gear_under_a_constant_load_is_a_problem(
     (found,) = rules_model.model_limits(case(fit=fit, has_motions=False))
     assert found.level == level
     assert ("gravity does not load" in found.remedy) == (level == "problem")
+
+
+@pytest.mark.parametrize(
+    ("hold", "records", "action"),
+    [("State the hold.", (3,), "edit mapping"), ("", (3,), "edit runs"), ("", (), "")],
+)
+def test_a_misfit_is_corrected_where_its_cause_is(
+    monkeypatch: pytest.MonkeyPatch, hold: str, records: tuple[int, ...], action: str
+) -> None:
+    odd = [evidence.Change("leave out", records)] if records else []
+    monkeypatch.setattr(rules_model, "half_a_sample", lambda _: (hold, []))
+    monkeypatch.setattr(rules_model, "_odd_record", lambda _: ("", odd))
+    monkeypatch.setattr(rules_model, "_usual_cause", lambda *_: "Measure again.")
+    (found,) = rules_model.model_limits(case(fit=limited(9.0, 0.01), has_motions=False))
+    assert (found.action, found.remedy) == (action, hold or "Measure again.")
+    assert [*found.changes] == odd
 
 
 @pytest.mark.parametrize(("share", "freedom"), [(0.0, 12.0), (1.0, 1 / (1 / 12 + 0.5 * 0.3**2))])
@@ -866,11 +885,16 @@ def test_every_sign_and_pair_of_channels_is_a_hypothesis() -> None:
 
 def test_known_factors_and_orders_can_be_corrected() -> None:
     one = np.ones(2)
-    for factor, kinds in ((1e3, ["scale"]), (1e-3, ["scale"]), (-1.0, ["scale"]), (7.0, []), (1.0, [])):
+    for factor, kinds in (
+        *((each, ["scale"]) for each in (1e3, 1e-3, -1.0, 1e3 * (1 + 0.9e-9))),
+        *((each, []) for each in (7.0, 1.0, 1e3 * (1 + 1.1e-9))),
+    ):
         fault = Hypothesis.of("torque", one, np.array([1.0, factor]))
         changes = cause_findings._changes(fault)
         assert [change.kind for change in changes] == kinds
         assert all(change.values == (1.0, 1.0, 1.0, factor) for change in changes)
+    degrees = Hypothesis.of("angle", np.array([DEGREES, 1 / DEGREES]), one)
+    assert [change.kind for change in cause_findings._changes(degrees)] == ["scale"]
     (order,) = cause_findings._changes(replace(fault, order=np.array([1, 0, 2, 3])))
     assert (order.kind, order.values) == ("order", (1.0, 0.0, 2.0, 3.0))
 
@@ -920,6 +944,9 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
         ([4, 4.06], "a sample rate of 2.01 times the given one", "The sign"),
         ([4, 4.1], "left out", "sample rate"),
         ([-4, -4.06], "The sign is reversed as well", "sample rate"),
+        ([1, 9.9], "Wrong M and M2 have the same effect", "The sign"),
+        ([1, 1 / 9.9], "Wrong M and M2 have the same effect", "The sign"),
+        ([1, 10.1], "left out: 10.1", "Wrong M and M2"),
         ([1, 2e3], "left out: 44.7 in both; or a torque", "position or torque, or"),
         ([1, 2e6], "The cause may be a torque in units of 5.00×10⁻⁷ N·m", "gear ratio"),
     ],
@@ -969,7 +996,13 @@ def test_inertias_that_are_far_off_at_low_frequency_are_named(
         assert found[0].weight == pytest.approx(100.3)
     alone[0] = alone[1]  # as many unknowns as equations
     assert len(list(rules_inertia._far_off(evidence_of))) == len(found)
-    alone[0] = case(expected_cost=1.0, cost=99.0)  # the pose is right by itself: the others differ
+    by_pose = {"low": alone[1], "right": case(expected_cost=1.0, cost=99.0)}  # right by itself
+    evidence_of.poses = ("right", "low", "right")
+    evidence_of.of_pose = lambda pose: (np.array([0, 1]), case(M=inertia.M, M2=inertia.M2, pose=pose))
+    monkeypatch.setattr(rules_inertia, "refit", lambda _, inertia, __: by_pose[inertia.pose])
+    assert [each.title for each in rules_inertia._far_off(evidence_of)] == [each.title for each in found]
+    monkeypatch.setattr(rules_inertia, "refit", lambda *_: alone[0])
+    alone[0] = by_pose["right"]
     assert not list(rules_inertia._far_off(evidence_of))
     alone[0], fit.misfit = alone[1], 99.0
     assert not list(rules_inertia._far_off(evidence_of))
@@ -1037,7 +1070,7 @@ def test_settling_records_are_named_with_later_starts(monkeypatch: pytest.Monkey
 )
 def test_sines_with_the_same_phasors_are_duplicates(difference: float, noise: float, told: bool) -> None:
     """Without noise, as in a simulation, equal records are no copies."""
-    z = np.array([[1.0 + 1j, 2.0], [1.0 + 1j, 2.0], [3.0, 4.0]])
+    z = np.array([[1.0 + 1j, 2.0, 0.0], [1.0 + 1j, 2.0, 0.0], [3.0, 4.0, 0.0]])  # a joint rests
     z[1] *= 1 + difference
     phasors = case(
         z=z,
@@ -1186,6 +1219,19 @@ def test_a_peak_that_h_lacks_is_that_of_the_controller() -> None:
         assert not nothing
     assert peaks_of_controllers(1.5, deviation=0.199)
     assert peaks_of_controllers(1.5, own=[6.9])
+    assert peaks_of_controllers(1.5, own=[5.0])  # two lines from the peak
+
+
+def test_the_share_of_the_angles_in_the_noise_of_the_residual() -> None:
+    """Residual of 5q + 2τ − 3q, with τ of three times the variance: 4 of 4 + 12."""
+    equations = case(
+        omega=np.array([1.0, 2.0]),
+        of_a=np.array([[[1.0, 0.0]]] * 2),
+        of_b=np.array([[[5.0, 2.0]]] * 2),
+        noise=case(covariance=np.tile(np.diag([1.0, 3.0]), (2, 1, 1, 1))),
+    )
+    fit: Any = case(n=1, K=np.array([3.0]), D=np.zeros(1), equations=equations)
+    assert rules_model._share_of_angles(fit) == pytest.approx(0.25)
     assert peaks_of_controllers(1.5, count=8)
 
 
@@ -1418,6 +1464,7 @@ def test_axes_are_exchanged_or_reversed_where_a_fit_says_so(monkeypatch: pytest.
         ([1.9, 1.0], 0.1, False),  # start values lie within 50 %
         ([2.1, 1.0], 0.21, False),  # the fitted inertias are not known
         ([4.1, 4.1], 0.1, False),  # exchanging them does not help
+        ([2.1, 1.57], 0.1, False),  # nor does it by more than half
     ],
 )
 def test_start_values_are_exchanged_where_the_fit_is_near_the_others(

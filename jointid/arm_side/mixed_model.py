@@ -12,7 +12,7 @@ from scipy.special import log_ndtr
 from jointid.arrays import Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """Coefficients with covariance, and −2 log of the evidence for the terms used."""
 

@@ -26,7 +26,7 @@ _WIDER = 4.0
 """Band of the motion that gives the torque, in bands of the record; the torque is filtered after it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Ripple:
     """Fourier basis over the range of a joint for a transmission error of unknown shape."""
 

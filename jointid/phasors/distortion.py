@@ -21,6 +21,8 @@ _HIGHEST = 6
 """Sample rate over the highest line considered."""
 _FEWEST = 2
 """Periods in a record."""
+_SHORTEST = 16
+"""Samples in a period."""
 
 
 class Distortion(NamedTuple):
@@ -73,10 +75,8 @@ def _period(motion: Floats) -> int:
     likeness = np.fft.irfft((spectrum / spectrum.sum(axis=0)).sum(axis=1))[:samples]
     # Fewer products overlap at longer lags.
     likeness = likeness / likeness[0] * samples / (samples - np.arange(samples))
-    latest = samples // _FEWEST + 1
-    lag = int(np.argmax(likeness[16:latest])) + 16 if latest > 17 else 0
-    first = np.flatnonzero(likeness[16:latest] > 0.98 * likeness[lag]) + 16 if lag else np.zeros(0, int)
-    if not first.size or likeness[lag] < _ALIKE:
+    possible = likeness[_SHORTEST : samples // _FEWEST + 1]
+    if not possible.size or possible.max() < _ALIKE:
         raise JointIdError("The record does not repeat: it is not a multisine of several periods.")
-    near = likeness[first[0] : first[0] + 3]
-    return int(first[0] + np.argmax(near))
+    first = _SHORTEST + int(np.argmax(possible > 0.98 * possible.max()))
+    return first + int(np.argmax(likeness[first : first + 3]))

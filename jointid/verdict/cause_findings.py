@@ -167,7 +167,6 @@ def _changes(hypothesis: Hypothesis) -> list[Change]:
     """The corrections of a hypothesis, where all of its factors are known ones."""
     size = hypothesis.scale.size
     known = np.array([1.0, *(cause.factor for cause in CAUSES)])
-    known = np.concatenate([known, 1 / known])
     exact = np.isclose(np.abs(hypothesis.scale)[:, None], known, rtol=1e-9).any(axis=1).all()
     found = []
     if np.any(hypothesis.order != np.arange(size)):

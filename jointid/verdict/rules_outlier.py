@@ -25,7 +25,7 @@ from jointid.verdict.evidence import (
     times_noise,
 )
 from jointid.verdict.rules_records import off_frequency
-from jointid.verdict.scorer import Scorer
+from jointid.verdict.scorer import Scorer, simplest
 from jointid.verdict.steady_state import joint_share
 from jointid.wording import capitalised, counted, percent
 
@@ -142,11 +142,11 @@ def _record_off(evidence: Evidence, scorer: Scorer) -> tuple[int, Finding] | Non
         return None
     scales = _corrections(scorer, first, without.K[first] + 1j * scorer.omega[first] * without.D[first])
     cost = np.array([scorer.corrected(first, scale).scores(as_logged).cost[0] for scale in scales])
-    scale = scales[int(np.argmax(cost <= 2 * max(cost.min(), 1.0)))]
+    scale = scales[simplest(cost)]
     if cost.min() > max(3 * left, GOOD):
         if left >= GOOD:
             return None  # the others do not fit either
-        scale = np.ones(2 * n)
+        scale = np.ones_like(scale)
     before = "the fit has no positive stiffness"
     if np.isfinite(whole.cost[0]):
         before = f"the residual is {times_noise(float(whole.cost[0]))}"

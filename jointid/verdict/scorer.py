@@ -59,6 +59,11 @@ class Hypothesis:
         return Inertia(given.M[place], *(arm[np.ix_(place, place)] for arm in arms))
 
 
+def simplest(cost: Floats) -> int:
+    """Index of the first cost, that of the simplest hypothesis, near the least one or that of noise."""
+    return int(np.argmax(cost <= 2 * max(cost.min(), 1.0)))
+
+
 @dataclass(frozen=True, eq=False)
 class Scores:
     """Fits of B hypotheses."""

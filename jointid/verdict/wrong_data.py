@@ -21,7 +21,7 @@ from jointid.phasors.passivity import least_misfit
 from jointid.verdict.cause_findings import finding_of
 from jointid.verdict.causes import CAUSES, GOOD, LARGEST_GEAR_RATIO, SUBTLE, VELOCITY_UNITS
 from jointid.verdict.evidence import Finding
-from jointid.verdict.scorer import VELOCITY, Hypothesis, Scorer
+from jointid.verdict.scorer import VELOCITY, Hypothesis, Scorer, simplest
 
 _SNAP = 1.35  # a factor this close to a known one is taken for it
 _RIGHT = 1.8  # a factor within this is that of inertias that are somewhat off
@@ -82,7 +82,7 @@ def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, 
         if not tried:
             return ()
         cost = scorer.scores(tried).cost
-    chosen = tried[int(np.argmax(cost <= 2 * max(cost.min(), 1.0)))]
+    chosen = tried[simplest(cost)]
     after = scorer.scores([chosen])
     left, duration_s = float(after.cost[0]), float(phasors.duration_s.max())
     side = partial(_side, chosen, left, scorer)

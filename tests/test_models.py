@@ -1,0 +1,245 @@
+"""Comparison of models at its thresholds, with handwritten estimates."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import chdtri
+
+from jointid.errors import JointIdError
+from jointid.estimation import candidates
+from jointid.estimation.candidates import Fits, Model, dissipates, fundamental_chance
+from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.estimation.model_average import _fundamentals_are_alike, spread, spread_of_modes
+
+PLAIN = Model(None, delay=False)
+RUBBING, FREE = Model(0.0, delay=False), Model(0.03, delay=False)
+ROWS = 1000
+LN = np.log(ROWS)
+
+
+@pytest.fixture(autouse=True)
+def handwritten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(candidates, "LikelihoodEstimate", SimpleNamespace)
+
+
+def estimate(
+    model: Model = PLAIN,
+    cost: float = 100.0,
+    misfit: float = 1.0,
+    chance: float = 0.5,
+    free: int = 0,
+    errors: dict[str, float] | None = None,
+    **values: float,
+) -> Any:
+    """Estimate of one joint of K = 20 ± 0.1 N·m/rad; other parameters are as given, with errors of 1."""
+    layout = ParameterLayout.of(
+        1, friction=model.reversal is not None, delay=model.delay, effects=model.effects
+    )
+    given = {"K": 20.0, "D": 0.1, **values}
+    blocks = {block.name: block for block in layout.blocks}
+    p = layout.pack(**{name: np.full(blocks[name].shape, given.get(name, 0.0)) for name in blocks})
+    std = np.ones(p.size)
+    for name, error in {"K": 0.1, "D": 0.01, **(errors or {})}.items():
+        std[layout[name]] = error
+    found = SimpleNamespace(
+        p=p, layout=layout, named=layout.named(p), covariance=np.diag(std**2), cost=cost, misfit=misfit,
+        fundamental=(chdtri(10, chance) / 10, 10), parameter_count=p.size + free, repeated=0.0,
+        expected_cost=99.0, elasticity=p[:2], elasticity_covariance=np.diag(std[:2] ** 2),
+    )  # fmt: skip
+    found.whole_cost = lambda misfit: found.cost / misfit
+    return found
+
+
+def significant(model: Model, part: str, simpler: Any = None, **values: Any) -> bool:
+    found = estimate(model, **values)
+    fits = Fits((part,), ROWS, {model: found})
+    if simpler is not None:
+        fits.tried[model.without(part)] = simpler
+    return fits.part_is_significant(model, found, part)
+
+
+def test_the_chance_is_that_of_a_larger_misfit() -> None:
+    assert fundamental_chance(estimate(chance=0.2)) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    ("coulomb", "viscous", "found"), [(2.01, 0, True), (1.99, 4.99, False), (-9, 5.01, True)]
+)
+def test_friction_takes_energy(coulomb: float, viscous: float, found: bool) -> None:
+    assert dissipates(estimate(RUBBING, coulomb=coulomb, viscous=viscous)) == found
+
+
+def test_a_criterion_is_the_cost_with_a_penalty_for_parameters() -> None:
+    tried = {PLAIN: estimate(misfit=4.0), RUBBING: estimate(RUBBING, misfit=2.0, cost=60.0, free=3)}
+    fits = Fits((), ROWS, {**tried, FREE: JointIdError("no fit")})
+    found = fits.criterion()  # costs over the least misfit
+    assert found == {
+        PLAIN: pytest.approx(100 + 2 * LN), RUBBING: pytest.approx(60 + 4 * LN + 6), FREE: np.inf,
+    }  # fmt: skip
+    assert fits.least_misfit == 2.0
+    assert fits.misfit(FREE) == np.inf
+    assert fits.least([PLAIN, RUBBING, FREE]) == RUBBING
+    ordered = fits.candidates(RUBBING)
+    assert [each.model for each in ordered] == [RUBBING, PLAIN, FREE]
+    assert [each.chosen for each in ordered] == [True, False, False]
+    assert [each.parameters for each in ordered] == [7, 2, 0]
+    assert [each.problem for each in ordered] == ["", "", "no fit"]
+    tried[RUBBING].misfit = 0.5  # below noise, it is 1
+    assert fits.criterion()[PLAIN] == pytest.approx(200 + 2 * LN)
+    assert Fits((), ROWS).least_misfit == np.inf
+
+
+@pytest.mark.parametrize(
+    ("sharp", "free", "kept"),
+    [(1.1e-3, 0.9, True), (0.9e-3, 0.051, False), (0.9e-3, 0.049, True)],
+)
+def test_reversals_that_do_not_explain_the_fundamentals_are_out(
+    sharp: float, free: float, kept: bool
+) -> None:
+    """If others of the same parts do; a better criterion counts for nothing."""
+    fits = Fits(
+        (), ROWS, {RUBBING: estimate(RUBBING, cost=1, chance=sharp), FREE: estimate(FREE, chance=free)}
+    )
+    assert np.isfinite(fits.criterion()[RUBBING]) == kept
+
+
+@pytest.mark.parametrize(
+    ("misfit", "chance", "found"), [(1.1, 0.051, True), (1.11, 0.5, False), (1, 0.049, False)]
+)
+def test_noise_explains_a_model_at_all_harmonics_and_at_the_fundamentals(
+    misfit: float, chance: float, found: bool
+) -> None:
+    fits = Fits((), ROWS, {PLAIN: estimate(misfit=misfit, chance=chance)})
+    assert fits.is_explained(PLAIN) == found
+    assert not fits.is_explained(RUBBING)
+
+
+@pytest.mark.parametrize(("cost", "behind"), [(50.1, True), (49.9, False)])
+def test_a_model_with_less_cannot_win_what_its_parameters_do_not_save(cost: float, behind: bool) -> None:
+    """A lag of a joint saves ln(rows) and no cost; friction is another matter."""
+    wide = PLAIN.with_part("lag")
+    tried = {PLAIN: estimate(cost=50.0), wide: estimate(wide, cost=cost)}
+    fits = Fits((), ROWS, tried)
+    assert fits.is_behind(PLAIN, wide) == behind
+    assert not fits.is_behind(RUBBING, wide)
+    assert not fits.is_behind(PLAIN, FREE)
+    tried[RUBBING] = estimate(RUBBING, cost=900.0)
+    assert not fits.is_behind(PLAIN, RUBBING)
+
+
+def test_a_part_of_fourteen_errors_is_certain() -> None:
+    """Their square is 200; the errors grow with the misfit."""
+    delayed = PLAIN.with_part("delay")
+    for delay, misfit, certain in (
+        (14.2, 0.5, True), (14.1, 1.0, False), (14.2, 1.1, False), (-29, 4.0, True),
+    ):  # fmt: skip
+        fits = Fits((), ROWS, {delayed: estimate(delayed, delay=delay, misfit=misfit)})
+        assert fits.is_certain(delayed, "delay") == certain
+    fits = Fits((), ROWS, {delayed: estimate(delayed, delay=9.0, errors={"delay": 0.0})})
+    assert not fits.is_certain(delayed, "delay")
+    assert not fits.is_certain(PLAIN, "delay")
+
+
+@pytest.mark.parametrize(
+    ("delay", "misfit", "found"),
+    [(5.01, 1.0, True), (-5.01, 0.5, True), (4.99, 1.0, False), (9.9, 4.0, False), (10.1, 4.0, True)],
+)
+def test_a_delay_counts_from_five_errors_on(delay: float, misfit: float, found: bool) -> None:
+    assert significant(PLAIN.with_part("delay"), "delay", delay=delay, misfit=misfit) == found
+
+
+@pytest.mark.parametrize(
+    ("without", "found"),
+    [((2.0, 3.9), False), ((2.24, 3.9), False), ((2.26, 3.9), True), ((6.1, 1), True)],
+)
+def test_beyond_noise_a_part_must_explain_a_fifth(without: tuple[float, float], found: bool) -> None:
+    """With it 2 times the noise remains; without it three times as much makes it needed."""
+    misfit, errors = without
+    delayed = PLAIN.with_part("delay")
+    wide = {"delay": 1.45 * errors + 1.5, "misfit": 2.0}  # 5 √2 errors are significant
+    if errors == 3.9:
+        assert significant(delayed, "delay", estimate(misfit=misfit), delay=7.2, misfit=2.0) == found
+    else:
+        assert significant(delayed, "delay", estimate(misfit=misfit), **wide) == found
+
+
+@pytest.mark.parametrize(
+    ("less", "size", "repeated", "found"),
+    [(13.05, 1, 0.0, True), (12.95, 1, 0.0, False), (13.05, -1, 0.0, False), (19.45, 1, 0.5, False),
+     (19.55, 1, 0.5, True), (50, -5.1, 0.0, False)],
+)  # fmt: skip
+def test_an_effect_counts_by_the_cost_that_it_saves(
+    less: float, size: float, repeated: float, found: bool
+) -> None:
+    """Twice that exceeds 5² + 1, more where rounding repeats; its standard error says nothing."""
+    model = PLAIN.with_part("arm_viscous")
+    rubbed = estimate(model, arm_viscous=size)
+    rubbed.repeated = repeated
+    fits = Fits(("arm_viscous",), ROWS, {model: rubbed, PLAIN: estimate(cost=100 + less)})
+    assert fits.part_is_significant(model, rubbed, "arm_viscous") == found
+
+
+@pytest.mark.parametrize(
+    ("change", "found"), [(59.9, True), (60.1, False), (-14.9, True), (-15.1, False)]
+)
+def test_slopes_of_a_gear_differ_by_a_factor_of_four_at_most(change: float, found: bool) -> None:
+    model = PLAIN.with_part("piecewise")
+    assert significant(model, "piecewise", estimate(cost=900.0), piecewise=change) == found
+
+
+@pytest.mark.parametrize(
+    ("error", "misfit", "found"), [(3.9, 1, True), (4.1, 1, False), (4.1, 3.1, True)]
+)
+def test_a_law_leaves_the_spring_determined(error: float, misfit: float, found: bool) -> None:
+    """K of 20 with five errors below that, unless the law is needed anyway."""
+    model = PLAIN.with_part("cubic")
+    plain = estimate(cost=900.0, misfit=99.0)
+    assert significant(model, "cubic", plain, cubic=90.0, misfit=misfit, errors={"K": error}) == found
+
+
+def test_the_error_of_a_spring_is_that_beside_the_torque_scale() -> None:
+    found = estimate()
+    assert candidates._of_springs(found) == pytest.approx([0.01])
+    found.layout = {"torque_scale": slice(2, 3)}
+    found.covariance = np.array([[4.0, 0, 1.5], [0, 1, 0], [1.5, 0, 1.0]])
+    assert candidates._of_springs(found) == pytest.approx([4 - 1.5**2])
+    found.covariance[2, 2] = np.inf
+    assert np.isnan(candidates._of_springs(found)).all()
+
+
+# --- averages
+
+
+@pytest.mark.parametrize(("behind", "weight"), [(2.0, np.exp(-1)), (5.9, np.exp(-2.95)), (6.1, 0.0)])
+def test_models_about_as_good_as_the_best_count_by_their_weight(behind: float, weight: float) -> None:
+    """Down to a twentieth of its weight."""
+    best, other = estimate(), estimate(Model(None, delay=True), K=23.0, D=0.3)
+    other.cost = best.cost + (behind - LN) / 2  # one parameter more
+    tried = {PLAIN: best, Model(None, delay=True): other, RUBBING: JointIdError("")}
+    found = spread(Fits((), ROWS, tried), PLAIN, best, {})
+    shift = np.array([3.0, 0.2])
+    np.testing.assert_allclose(found, weight / (1 + weight) * np.outer(shift, shift), atol=1e-12)
+
+
+@pytest.mark.parametrize(("lower", "alike"), [(1.9, True), (2.1, False)])
+def test_fundamentals_that_do_not_ask_for_a_part_are_alike(lower: float, alike: bool) -> None:
+    narrow, wide = estimate(), estimate(PLAIN.with_part("lag"))
+    narrow.fundamental, wide.fundamental = (1.0, 10), (1 - lower / 10, 10)
+    assert _fundamentals_are_alike(narrow, wide) == alike
+
+
+@pytest.mark.parametrize(("c", "missing"), [(0.002, 0.2), (0.02, 1.0)])
+def test_a_link_mode_lacks_its_further_terms(c: float, missing: float) -> None:
+    """The share ω²c/J of them at the highest frequency, at most all; K and D follow c linearly."""
+    found = estimate(PLAIN.with_part("link"), link=c)
+    found.phasors = SimpleNamespace(omega=np.array([3.0, 10.0]))
+    found.covariance = np.array([[4.0, 0, 1.5], [0, 1, -0.5], [1.5, -0.5, 2.0]])
+    prior: Any = SimpleNamespace(link_inertia=np.ones(1), link_std=lambda *_: np.full(1, 0.5))
+    shift = np.array([1.5, -0.5]) / 2.0 * c * missing
+    np.testing.assert_allclose(spread_of_modes(found, prior), np.outer(shift, shift))
+    found.covariance[0, 2] = np.inf
+    assert not spread_of_modes(found, prior).any()

@@ -1,0 +1,89 @@
+"""Noise of the phasors by a common model of the sensors, from drawn variances."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import digamma
+
+from jointid.estimation.estimators.noise import (
+    Noise,
+    _further_variance,
+    _prior_degrees_of_freedom,
+    _sensor_variances,
+    floored,
+)
+
+
+def test_variances_of_sensors_follow_from_those_of_residuals() -> None:
+    """Exactly where they fit; one sensor is exact, and a record without motion says nothing."""
+    rng = np.random.default_rng(1)
+    gains = rng.uniform(0.1, 2, (9, 2, 2, 4)) * [1e6, 1e5, 1, 1]
+    true = np.array([[3e-9, 1e-8, 4e-3, 0.0], [1e-9, 0.0, 1e-3, 2e-2]])
+    variances = np.einsum("rhjc,hc->rhj", gains, true)
+    np.testing.assert_allclose(_sensor_variances(gains, variances), true, rtol=1e-6, atol=1e-12)
+    gains[4], variances[4] = 1e9, 0.0
+    np.testing.assert_allclose(_sensor_variances(gains, variances), true, rtol=1e-6, atol=1e-12)
+
+
+def test_variances_of_sensors_are_unbiased_and_not_negative() -> None:
+    """Of exponential powers; weights by the powers themselves would halve them."""
+    rng = np.random.default_rng(2)
+    gains = rng.uniform(0.1, 2, (3000, 1, 1, 2))
+    variances = gains @ [1.0, 3.0] * rng.exponential(size=(3000, 1, 1))
+    assert _sensor_variances(gains, variances)[0] == pytest.approx([1.0, 3.0], rel=0.15)
+    odd = np.array([[[[1.0, 2.0]]], [[[1.0, 1.0]]]])  # solved by −1 and 2
+    assert _sensor_variances(odd, np.array([[[3.0]], [[1.0]]])).min() == 0.0
+
+
+def test_a_further_variance_is_found_beside_known_ones() -> None:
+    rng = np.random.default_rng(3)
+    own, others = rng.uniform(0.5, 2, 4000), rng.uniform(0, 3, 4000)
+    power = (others + 2.0 * own) * rng.exponential(size=4000)
+    assert _further_variance(power, own, others) == pytest.approx(2.0, rel=0.1)
+    # Known noise that explains more than all leaves a millionth.
+    low = 1e-6 * np.median(power / own)
+    assert _further_variance(power, own, others + 1e3) == pytest.approx(low)
+    assert _further_variance(*np.zeros((3, 0))) == 0.0
+
+
+@pytest.mark.parametrize("true", [1.5, 6.0])
+def test_the_scatter_around_a_model_gives_its_degrees_of_freedom(true: float) -> None:
+    """Variances of 20 degrees of freedom each; true ones inverse gamma with centred logarithms."""
+    rng = np.random.default_rng(4)
+    modelled = rng.uniform(1, 5, (3000, 2))
+    scattered = modelled * np.exp(digamma(true)) / rng.gamma(true, size=modelled.shape)
+    own = scattered * rng.gamma(20, size=modelled.shape) / 20
+    prior, factor = _prior_degrees_of_freedom(own, modelled, np.full(3000, 20.0))
+    assert prior == pytest.approx(true, rel=0.1)
+    # The mean of the inverse of the true variances is that of the model times the factor.
+    assert factor == pytest.approx(1 / np.mean(modelled / scattered), rel=0.1)
+
+
+def test_variances_as_modelled_have_all_weight_on_the_model_and_others_none() -> None:
+    rng = np.random.default_rng(5)
+    modelled = np.ones((400, 1))
+    freedom = np.full(400, 20.0)
+    alike = rng.gamma(20, size=(400, 1)) / 20
+    prior, factor = _prior_degrees_of_freedom(alike, modelled, freedom)
+    assert prior > 100
+    assert factor == pytest.approx(1.0, abs=0.02)
+    wild = np.exp(9 * rng.standard_normal((400, 1)))
+    assert _prior_degrees_of_freedom(wild, modelled, freedom) == (0.0, 1.0)
+    few = np.ones((4, 1))
+    few[2:] = 0  # without noise
+    assert _prior_degrees_of_freedom(few, few, freedom[:4]) == (0.0, 1.0)
+
+
+def test_no_sensor_is_better_than_nine_digits() -> None:
+    """A signal that is zero throughout has the floor of the largest of its kind."""
+    z = np.array([[[1.0 + 0j, 0.0, 5.0, 2.0]], [[-3.0, 0.0, 1.0, 4.0j]]])
+    found = floored(np.zeros((2, 1, 4, 4), complex), z)
+    np.testing.assert_allclose(np.sqrt(found[1, 0].real), 1e-9 * np.diag([3.0, 3.0, 5.0, 4.0]))
+
+
+def test_weights_from_estimated_covariances_cost_variance() -> None:
+    """2 × 2 Wishart matrices of 9 degrees of freedom: 9/7 and 81/48."""
+    noise = Noise(np.eye(4, dtype=complex)[None, None], np.array([9.0]))
+    assert noise.inverse_bias == pytest.approx([9 / 7])
+    assert noise.weight_penalty == pytest.approx([81 / 48])

@@ -1,0 +1,261 @@
+"""Start values of the estimators on phasors of robots with known parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from plants import BAND_HZ, ROBOTS, campaign, exact_phasors, plant_phasors
+
+from jointid import Elasticity
+from jointid.estimation.candidates import Model
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.estimation.estimators.problem import Problem
+from jointid.estimation.model_growth import _is_passed_over
+from jointid.estimation.start_values import (
+    _least_squares,
+    at_resonances,
+    by_motion,
+    friction_start,
+    other_laws,
+    with_delay,
+    without_inertias,
+)
+from jointid.motion.friction import friction_waveforms
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_torque_over_deflection_starts_at_the_stiffness(n: int) -> None:
+    """K is exact without damping, and damping turns the torque by a right angle."""
+    inertia, elasticity = ROBOTS[n]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, n))
+    start = by_motion(phasors, InertiaPrior.of(inertia, *phasors.q.shape))
+    np.testing.assert_allclose(start.K, elasticity.K, rtol=1e-6)
+    np.testing.assert_allclose(start.D, 0.1 * start.K / phasors.omega.max(), rtol=1e-9)
+    torque = phasors.tau + phasors.omega[:, None] ** 2 * inertia.M * phasors.q
+    delta = torque / (elasticity.K + 1j * phasors.omega[:, None] * elasticity.D)
+    for name, values in (("hysteresis", torque), ("presliding", delta)):
+        np.testing.assert_allclose(start[name], 0.1 * np.abs(values).max(axis=0), rtol=1e-6)
+
+
+def test_other_starts_resonate_at_frequencies_of_the_records() -> None:
+    inertia, elasticity = ROBOTS[2]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 2))
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    for start, hertz in zip(at_resonances(phasors, prior), BAND_HZ[[3, 6, 0]], strict=True):
+        omega = 2 * np.pi * hertz
+        np.testing.assert_allclose(start.K, np.diag(inertia.M2) * omega**2)
+        np.testing.assert_allclose(start.D, 0.05 * start.K / omega)
+        assert "coulomb" not in start.layout
+    layout = ParameterLayout.of(2, friction=True)
+    rubbing = layout.named(layout.pack(K=[1, 1], D=[1, 1], coulomb=[0.3, 0.2], viscous=[0.1, 0.4]))
+    for start in at_resonances(phasors, prior, friction=rubbing):
+        assert [*start["coulomb"], *start["viscous"]] == [0.3, 0.2, 0.1, 0.4]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_inertias_follow_from_the_records_where_they_are_physical(n: int) -> None:
+    inertia, elasticity = ROBOTS[n]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, n))
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    start = without_inertias(phasors, prior)
+    assert start is not None
+    np.testing.assert_allclose(start.K, elasticity.K, rtol=1e-6)
+    np.testing.assert_allclose(start["M"].ravel(), inertia.M, rtol=1e-6)
+    np.testing.assert_allclose(prior.symmetric(start["M2"])[0], inertia.M2, rtol=1e-6)
+    least, most = 0.005 * start.K / phasors.omega.max(), start.K / phasors.omega.min()
+    np.testing.assert_allclose(start.D, np.clip(elasticity.D, least, most), rtol=1e-6)
+    assert without_inertias(replace(phasors, tau=-phasors.tau), prior) is None
+    equations = (4 * n + 2) // 2  # of as many real numbers as unknowns and more
+    few = phasors.select(np.arange(phasors.omega.size) < equations - 1)
+    assert without_inertias(few, prior) is None
+
+
+def test_undetermined_equations_have_no_solution() -> None:
+    rng = np.random.default_rng(1)
+    A = (rng.standard_normal((9, 3)) + 1j * rng.standard_normal((9, 3))) * [1, 1e-6, 1e6]
+    x = np.array([2.0, -1e6, 1e-6])
+    found = _least_squares(A, A @ x)
+    assert found is not None
+    np.testing.assert_allclose(found, x, rtol=1e-6)
+    assert _least_squares(A * [1, 1, 0], A @ x) is None
+    assert _least_squares(np.column_stack([A, A[:, 0] + A[:, 1]]), A @ x) is None
+
+
+def test_heavy_friction_is_found_with_k_and_d() -> None:
+    """Two thirds of the smallest torque brake the motors: without friction K starts far off."""
+    inertia, elasticity = ROBOTS[2]
+    elasticity = Elasticity(elasticity.K, 0.02 * elasticity.K / 30)
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 2))
+    braked = np.array([0.5, 0.4])
+    motion = phasors.q[:, :2]
+    friction = friction_waveforms(phasors, None).coulomb[:, 0] * braked
+    friction = friction + 1j * phasors.omega[:, None] * motion * [2e-3, 1e-3]
+    rubbed = exact_phasors(phasors.frequency_found_hz, phasors.q, phasors.tau + friction)
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    layout = ParameterLayout.of(2)
+    far = layout.named(layout.pack(K=0.1 * elasticity.K, D=elasticity.D))
+    start = friction_start(rubbed, prior, far)
+    assert start is not None
+    np.testing.assert_allclose(start.K, elasticity.K, rtol=0.05)
+    np.testing.assert_allclose(start["coulomb"], braked, rtol=0.05)
+    right = layout.named(layout.pack(K=elasticity.K, D=elasticity.D))
+    assert friction_start(phasors, prior, right) is None
+
+
+@pytest.mark.parametrize("is_near", [True, False])
+def test_slopes_start_with_bends_at_shares_of_the_largest_deflection(is_near: bool) -> None:
+    """That of the cubic law where it is near the data, else that of the linear gear."""
+    inertia, elasticity = ROBOTS[1]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 1))
+    peak = np.abs(phasors.tau + phasors.omega[:, None] ** 2 * inertia.M * phasors.q).max()
+    cubic, slopes = (ParameterLayout.of(1, effects=[law]) for law in ("cubic", "piecewise"))
+    start = cubic.named(cubic.pack(K=[30.0], D=[0.1], cubic=[2e4]))
+    p = slopes.named(slopes.pack(K=[40.0], D=[0.1], knee=[1.0], second_knee=[1.0]))
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    found = other_laws(phasors, prior, start, p, is_near=is_near)
+    largest = found[0]["knee"][0] / 0.5
+    torque = 30 * largest + 2e4 * largest**3 * is_near
+    assert torque == pytest.approx(peak, rel=0.01)
+    knees = [(each["knee"][0], each["second_knee"][0]) for each in found]
+    np.testing.assert_allclose(knees, largest * np.array([[0.5, 0.3], [0.2, 0.3]]))
+    assert all((each.K[0], each["cubic"][0]) == (30.0, 2e4) for each in found)
+
+
+@pytest.mark.parametrize(
+    ("hysteresis", "presliding", "found"),
+    [
+        (0.05, 0.31, (0.03, 0.03)),  # as wide as the deflection: a spring beside K
+        (0.05, 0.29, None),
+        (0.05, 1.9e-3, (0.05, 0.03)),  # without width: friction
+        (0.05, 2.1e-3, None),
+        (1.9e-3, 0.1, (0.03, 0.03)),  # flat: its width has no effect
+        (2.1e-3, 0.1, None),
+    ],
+)
+def test_a_loop_that_acts_like_something_else_starts_again_as_a_small_one(
+    hysteresis: float, presliding: float, found: tuple[float, float] | None
+) -> None:
+    """Level over the largest torque, and width over the largest deflection."""
+    inertia, elasticity = ROBOTS[1]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 1))
+    peak = np.abs(phasors.tau + phasors.omega[:, None] ** 2 * inertia.M * phasors.q).max()
+    layout = ParameterLayout.of(1, effects=["hysteresis"])
+    together = 40.0 + hysteresis / presliding * 40.0  # of the spring and the loop
+    wide = presliding > 0.2
+    scale = peak / (together if wide else 40.0)
+    level = hysteresis * peak * (40.0 / together if wide else 1.0)
+    p = layout.named(layout.pack(K=[40.0], D=[0.1], hysteresis=[level], presliding=[presliding * scale]))
+    starts = other_laws(phasors, InertiaPrior.of(inertia, *phasors.q.shape), p, p, is_near=True)
+    assert len(starts) == (found is not None)
+    if found is not None:
+        (start,) = starts
+        K = 40.0 + level / (presliding * scale) if wide else 40.0
+        assert start.K[0] == pytest.approx(K)
+        assert start["hysteresis"][0] == pytest.approx(found[0] * peak)
+        assert start["presliding"][0] == pytest.approx(found[1] * peak / K)
+
+
+def test_the_mean_of_the_lags_starts_as_a_delay() -> None:
+    layout = ParameterLayout.of(2, effects=["lag"])
+    p = layout.named(layout.pack(K=[40, 7], D=[0.1, 0.2], lag=[1e-3, 3e-3]))
+    delayed = with_delay(p)
+    assert delayed["delay"] == pytest.approx(2e-3)
+    np.testing.assert_array_equal(delayed.vector[:-1], p.vector)
+    assert with_delay(delayed) is delayed
+    plain = ParameterLayout.of(2)
+    none = plain.named(plain.pack(K=[40, 7], D=[0.1, 0.2]))
+    assert with_delay(none) is none
+
+
+def test_models_are_named_by_their_parts() -> None:
+    assert Model(None, delay=False).name == "elasticity"
+    assert Model(0.0, delay=True).name == "elasticity + friction + delay"
+    assert Model(0.03, delay=False).name == "elasticity + friction, reversals free below 3 %"
+    curved = Model(0.1, delay=False, curve=True).name
+    assert curved == "elasticity + friction that varies with speed, reversals free below 10 %"
+
+
+def test_numbers_of_a_friction_curve_are_named_by_joint() -> None:
+    (block,) = (
+        b for b in ParameterLayout.of(2, friction=True, curve_parts=2).blocks if b.name == "curve"
+    )
+    names = [f"friction curve {c} of joint {j}" for j in (1, 2) for c in (1, 2)]
+    assert list(block.labels) == names
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("presliding", 1.01e-4, True),
+        ("presliding", 0.99e-4, False),
+        ("presliding", 1.99, True),
+        ("presliding", 2.01, False),
+        ("hysteresis", 3.99, True),
+        ("hysteresis", 4.01, False),
+        ("backlash", 3.99, True),
+        ("backlash", -4.01, False),
+        ("piecewise", -1.79, True),  # the least slope is a tenth of the first
+        ("piecewise", -1.81, False),
+        ("second_bend", -1.29, True),
+        ("second_bend", -1.31, False),
+        ("knee", 0.0, False),
+        ("K", 0.0, False),
+        ("K", 8.99, True),
+        ("K", 9.0, False),
+    ],
+)
+def test_laws_of_a_fit_stay_near_the_sizes_of_the_linear_gear(
+    name: str, value: float, allowed: bool
+) -> None:
+    """In units at which a law is as large as the linear gear, of 2 N·m/rad; another joint is usual."""
+    usual = {"K": 2.0, "D": 0.1, "hysteresis": 1.0, "presliding": 1.0, "backlash": 1.0}
+    usual |= {"piecewise": -0.5, "knee": 1.0, "second_bend": 0.5, "second_knee": 1.0}
+    layout = ParameterLayout.of(2, effects=["piecewise", "backlash", "hysteresis"])
+    p = layout.named(layout.pack(**{each: [size, size] for each, size in usual.items()}))
+    one = np.ones(2)
+    units = dict.fromkeys(("presliding", "hysteresis", "backlash", "knee", "second_knee"), one)
+    problem: Any = SimpleNamespace(
+        layout=layout, stiffest=9.0, laws=SimpleNamespace(units=lambda _: units)
+    )
+    assert Problem.feasible(problem, p.vector)
+    values = {each: [size, size] for each, size in usual.items()} | {name: [usual[name], value]}
+    assert Problem.feasible(problem, layout.pack(**values)) == allowed
+
+
+LINEAR, SOFT = Model(None, delay=False), Model(None, delay=False, effects=("cubic",))
+RUBBING, LAGGING = Model(0.0, delay=False), LINEAR.with_part("lag")
+
+
+@pytest.mark.parametrize(
+    ("wider", "leading", "misfits", "motions", "explained", "passed"),
+    [
+        (SOFT, LINEAR, (1.0, 9.0), False, True, False),  # no other extension leads
+        (SOFT, LAGGING, (1.05, 9.0), False, False, True),  # a lag explains the data: no law
+        (SOFT, LAGGING, (1.15, 9.0), False, False, False),
+        (SOFT, LAGGING, (1.05, 1.09), False, False, False),
+        (SOFT, LAGGING, (1.15, 9.0), False, True, True),
+        (SOFT, LAGGING, (1.39, 2.0), True, False, True),  # of motions a clear climb is enough
+        (SOFT, LAGGING, (1.41, 2.0), True, False, False),
+        (RUBBING, LINEAR.with_part("delay"), (1.05, 9.0), False, False, False),
+        (LINEAR.with_part("delay"), LAGGING, (1.05, 9.0), True, True, False),
+        (LINEAR.with_part("delay"), RUBBING, (2.0, 9.0), True, False, True),  # richer friction first
+    ],
+)
+def test_fits_that_others_make_superfluous_are_passed_over(
+    wider: Model,
+    leading: Model,
+    misfits: tuple[float, float],
+    motions: bool,
+    explained: bool,
+    passed: bool,
+) -> None:
+    fits = SimpleNamespace(
+        misfit=lambda model: misfits[model == LINEAR], is_explained=lambda _: explained
+    )
+    search: Any = SimpleNamespace(fits=fits, has_motions=motions)
+    assert _is_passed_over(search, wider, LINEAR, leading) == passed
