@@ -13,7 +13,7 @@ from jointid import JointIdError, MotionRecord
 from jointid.motion.band import proposed_band
 from jointid.motion.complement import Waveforms
 from jointid.motion.end_terms import EndTerms, row_groups
-from jointid.motion.friction import _GRID, _WIDTHS, _hats, _reversals, friction_waveforms
+from jointid.motion.friction import _WIDTHS, GRID, _hats, _reversals, friction_waveforms
 from jointid.motion.reversals import _stretches, _transforms
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
 from jointid.motion.spectral_lines import SpectralLines, _continued, _gain
@@ -155,21 +155,21 @@ def test_transforms_of_polynomials_are_their_integrals(steps: int) -> None:
 
 
 def test_reversals_of_a_period_include_that_over_its_end() -> None:
-    phase = 2 * np.pi * (np.arange(_GRID) + 0.5) / _GRID
-    assert _reversals(np.zeros(_GRID), 0.1) == []
-    assert _reversals(np.ones(_GRID), 0.1) == []
-    threshold = np.sin(10 * 2 * np.pi / _GRID)  # slower in ten samples before and after each zero
-    last = [_GRID // 2 - 11, _GRID - 11]
+    phase = 2 * np.pi * (np.arange(GRID) + 0.5) / GRID
+    assert _reversals(np.zeros(GRID), 0.1) == []
+    assert _reversals(np.ones(GRID), 0.1) == []
+    threshold = np.sin(10 * 2 * np.pi / GRID)  # slower in ten samples before and after each zero
+    last = [GRID // 2 - 11, GRID - 11]
     assert _reversals(np.sin(phase), threshold) == [(last[0], 21, 1.0), (last[1], 21, -1.0)]
 
 
 def test_hats_of_a_reversal_add_to_one() -> None:
-    inside = np.zeros(_GRID)
+    inside = np.zeros(GRID)
     inside[:21] = 1
     hats = _hats(20, 4, 9)
     assert hats.shape == (9, 5)
     np.testing.assert_allclose(hats.sum(axis=1), phasors_of(inside, 9), atol=1e-12)
-    first = np.zeros(_GRID)
+    first = np.zeros(GRID)
     first[:5] = [1, 0.8, 0.6, 0.4, 0.2]
     np.testing.assert_allclose(hats[:, 0], phasors_of(first, 9), atol=1e-12)
 
@@ -201,13 +201,13 @@ def test_friction_of_a_sine_is_a_square_wave_of_its_velocity(window: float | Non
     found = friction_waveforms(phasors, window)
     assert found.stationary.tolist() == [[False, True], [False, True]]
     turn = np.exp(1j * np.array([0.4, 2.0])) * 1j
-    np.testing.assert_allclose(found.coulomb[:, 0, 0], 4 / np.pi * turn, rtol=2 * np.pi / _GRID)
+    np.testing.assert_allclose(found.coulomb[:, 0, 0], 4 / np.pi * turn, rtol=2 * np.pi / GRID)
     assert not found.coulomb[..., 1].any()
     assert not found.spread.any()
     for record, direction in enumerate(found.direction):
-        time = np.arange(_GRID) / _GRID
+        time = np.arange(GRID) / GRID
         velocity = np.imag(turn[record] * np.exp(2j * np.pi * time))
-        clear = np.abs(velocity) > 4 * np.pi / _GRID
+        clear = np.abs(velocity) > 4 * np.pi / GRID
         np.testing.assert_array_equal(direction[0][clear], np.sign(velocity)[clear])
         assert not direction[1].any()
     if window is None:
@@ -223,7 +223,7 @@ def test_a_curve_of_friction_fades_with_the_speed() -> None:
     phase = np.linspace(0, np.pi, 20_001)
     for width, curve in zip(_WIDTHS, found.curve[0, 0, 0], strict=True):
         expected = 4 / np.pi * np.trapezoid(np.exp(-np.sin(phase) / width) * np.sin(phase), phase) / 2
-        assert curve == pytest.approx(1j * expected, abs=5 / _GRID)
+        assert curve == pytest.approx(1j * expected, abs=5 / GRID)
 
 
 # --- lines of a narrow band
