@@ -130,7 +130,7 @@ def _inertias_without(evidence: Evidence, row: int) -> list[Inertia] | None:
 def _record_off(evidence: Evidence, scorer: Scorer) -> tuple[int, Finding] | None:
     """Record that contradicts all others with these inertias."""
     phasors = evidence.phasors
-    count, n = phasors.omega.size, phasors.n
+    count = phasors.omega.size
     as_logged = [scorer.as_logged()]
     whole = scorer.scores(as_logged)
     if whole.cost[0] < GOOD:
