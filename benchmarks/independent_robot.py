@@ -83,6 +83,12 @@ class Robot:
     link_hz: Values = 100.0
     gravity: Values = 0.0
     """Stiffness that gravity adds to the arm, N·m/rad."""
+    ripple_Nm: Values = 0.0
+    """Torque ripple: this times sin(``per_turn`` · motor angle + ``phase``) acts against the motor."""
+    transmission_rad: Values = 0.0
+    """Transmission error: the gear is free of torque at a deflection of this times the same sine."""
+    per_turn: Values = 1.0
+    phase: Values = 0.0
     lag_s: Values = 0.0
     """The torque acts this much after its sample."""
     position_filter_hz: Values = 0.0
@@ -113,7 +119,7 @@ class Robot:
     def linear(self) -> bool:
         laws = (
             self.coulomb, self.stribeck, self.load, self.arm_coulomb, self.cubic, self.backlash_rad,
-            self.hysteresis_Nm, self.knee_rad,
+            self.hysteresis_Nm, self.knee_rad, self.ripple_Nm, self.transmission_rad,
         )  # fmt: skip
         return not any(np.any(law) for law in laws)
 
@@ -347,6 +353,11 @@ class _Nonlinear:
         self.bent = bool(np.isfinite(self.knees).any())
         laws = self.cubic, self.half_play, self.hysteresis, self.bent
         self.geared = any(np.any(law) for law in laws)
+        self.ripple, self.transmission = every("ripple_Nm"), every("transmission_rad")
+        self.per_turn, self.phase = every("per_turn"), every("phase")
+        self.turns = bool(self.ripple.any() or self.transmission.any())
+        if self.geared and self.transmission.any():
+            raise ValueError("A nonlinear gear with transmission error is not simulated.")
         self.direction = np.zeros(shape)
         """Of set-valued friction: the sign of the velocity, 0 where a motor sticks."""
         self.plain = rubs and not (self.smoothing or self.bristled or self.falls or self.loaded)
@@ -458,6 +469,13 @@ class _Nonlinear:
                 for knee, bend in zip(self.knees, self.bends, strict=True):
                     gear += bend * (wind_up - np.clip(wind_up, -knee, knee))
             on_motor, on_arm = -gear, gear
+        if self.turns:
+            turned = self.per_turn * x[:, at["theta"]] + self.phase
+            slope = self.per_turn * self.transmission * np.cos(turned)
+            less = self.K * self.transmission * np.sin(turned) + self.D * slope * velocity
+            ripple = less + slope * (self._gear(x) - less) - self.ripple * np.sin(turned)
+            on_motor = ripple if on_motor is None else on_motor + ripple
+            on_arm = -less if on_arm is None else on_arm - less
         if self.arm_rubs:
             rubbing = self.arm_coulomb * np.tanh(arm_velocity / self.arm_smoothing)
             on_arm = -rubbing if on_arm is None else on_arm - rubbing

@@ -237,6 +237,24 @@ THIRTEEN = {
 }  # fmt: skip
 """The cases of the physics notes in which a linear fit was wrong without any warning."""
 
+
+def _ripple(share: float, per_turn: int) -> Change:
+    """Torque ripple over the largest torque of the gear, beside a little friction."""
+
+    def change(_: Robot, loads: Loads) -> dict[str, Any]:
+        size = {"ripple_Nm": share * loads.torque, "per_turn": per_turn, "phase": [0.7, 2.1]}
+        return {**size, "coulomb": 0.1 * loads.least}
+
+    return change
+
+
+def _transmission(share: float) -> Change:
+    """Transmission error over the largest deflection, twice per turn."""
+    return lambda _, loads: {
+        "transmission_rad": share * loads.deflection, "per_turn": 2, "phase": [0.7, 2.1]
+    }  # fmt: skip
+
+
 OTHERS = {
     "structural damping, loss factor 0.02": Case(change=lambda *_: {"loss_factor": 0.02}),
     "gravity stiffness, 3 % of K": Case(change=lambda robot, _: {"gravity": 0.03 * robot.K}),
@@ -248,6 +266,9 @@ OTHERS = {
     "backlash of 3 % of the deflection": Case(
         change=lambda _, loads: {"backlash_rad": 0.03 * 2 * loads.deflection}
     ),
+    "torque ripple of 1 %, 6 per turn": Case(change=_ripple(0.01, 6)),
+    "torque ripple of 3 %, 24 per turn": Case(change=_ripple(0.03, 24)),
+    "transmission error of 5 % of the deflection": Case(change=_transmission(0.05)),
 }
 """More deviations, tried in the same way."""
 

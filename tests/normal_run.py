@@ -189,6 +189,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "path_errors::the_95th_percentile_grows_with_the_uncertainty_and_is_repeatable": (),
     "payload::a_known_payload_fixes_the_absolute_scale": ("0",),
     "payload::the_records_are_those_of_the_robot_not_of_the_study": (),
+    "periodic_effects::torque_ripple_is_found_and_leaves_k_and_d": ("6-0.01",),
     "plan::prediction_against_campaigns": (),
     "plan::suggested_records_reach_the_predicted_errors": (),
     "plan::uncertain_inertias_are_part_of_the_prediction": ("*-1", "inf-2"),

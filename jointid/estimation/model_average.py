@@ -31,9 +31,9 @@ _RIDGE = 1e-12
 """Added relative variance, below that of any part."""
 _RICHER_LAW = {"cubic"}, {"piecewise"}
 """A law, and that of more parameters that imitates it."""
-_ORDERS, _ORDERS_IF_STICKING = 30.0, 150.0
-"""Cost beyond that of the best orders of periodic effects, over the misfit, below which others count;
-free friction made wrong ones better by up to 60."""
+_ORDERS, _ORDERS_IF_STICKING = 60.0, 150.0
+"""Cost beyond that of the best orders of periodic effects, over the misfit, below which others count:
+noise made wrong ones better by up to 45, and free friction by up to 60."""
 _ALIKE = 1.2
 """Ratio of misfits up to which another width of the reversals explains motions as well."""
 _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}

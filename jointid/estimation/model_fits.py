@@ -69,9 +69,10 @@ def completed(
     effects = [each for each in per_turn if each.effect in parts]
     if waveforms is None or not (effects or "load" in parts):
         return waveforms
-    torque = gear_torque_of(waveforms, phasors, prior.motors(phasors, p))
+    loaded = "load" in parts
+    torque = gear_torque_of(waveforms, phasors, prior.motors(phasors, p), loaded=loaded)
     waveforms = with_turns(waveforms, phasors, effects, torque)
-    return with_load(waveforms, phasors, torque) if "load" in parts else waveforms
+    return with_load(waveforms, phasors, torque) if loaded else waveforms
 
 
 def fit_model(

@@ -157,9 +157,12 @@ class GearTorque:
 
 
 def gear_torque_of(
-    friction: FrictionWaveforms, phasors: Phasors, motors: Sequence[Motors]
+    friction: FrictionWaveforms, phasors: Phasors, motors: Sequence[Motors], *, loaded: bool
 ) -> GearTorque:
-    """Torque through the gears by parameters of the motors of every row."""
+    """Torque through the gears by parameters of the motors of every row.
+
+    ``loaded`` is whether a share of it may be friction, which is then subtracted.
+    """
     if friction.position_filter.any():
         phasors = _unfiltered(phasors, friction.position_filter)
     n, H = phasors.n, phasors.harmonics.shape[1]
@@ -173,10 +176,11 @@ def gear_torque_of(
     sines = np.flatnonzero(~phasors.motion)
     if sines.size:
         direction = np.stack([friction.direction[row] for row in sines.tolist()])
-        own, seen = (
-            Motors(*(each[sines] for each in every)),
-            seen_angles(phasors)[1][sines].swapaxes(1, 2),
-        )
+        own, seen = Motors(*(each[sines] for each in every)), seen_angles(phasors)[1]
+        if not loaded:  # no sign of a velocity is multiplied: clear torques count, too
+            noise = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., n:, n:]).real
+            seen = seen | (np.abs(torque) ** 2 > _SEEN * noise)
+        seen = seen[sines].swapaxes(1, 2)
         mean = own.torque_scale * phasors.mean_torque[sines] - own.viscous * phasors.drift[sines]
         mean -= own.coulomb * direction.mean(axis=2)
         total = mean[..., None] + samples_of(left[sines].swapaxes(1, 2), direction.shape[2])

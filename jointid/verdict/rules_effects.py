@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.evidence import Evidence, Finding, note
 from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample
 from jointid.verdict.rules_model import contradicts
-from jointid.wording import capitalised, enumerated, percent, significant
+from jointid.wording import capitalised, counted, enumerated, percent, significant
 
 _REMEDIES = {
     "arm_viscous": ("The arm has viscous friction", ""),
@@ -38,6 +39,13 @@ _REMEDIES = {
     ),
     "load": ("The motors have load-dependent friction", ""),
     "motor_presliding": ("The motors' friction has a presliding part", ""),
+    "ripple": ("The torque of the motors ripples with their position", ""),
+    "transmission": (
+        "The gears have a transmission error",
+        "Where the motors turn little, it acts as a change of the gear ratio, whose size depends on the "
+        "number of periods per turn. Records over a quarter of a turn or more determine it, and K, "
+        "better.",
+    ),
     "link": (
         "The links have resonances above the band",
         "K and D hold for the gears alone; a controller for higher frequencies needs the links as well.",
@@ -72,7 +80,9 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         law = "hardening" if name == "cubic" else name
         if name in GEAR_LAWS:
             found = tuple(q for q in found if law in fit.gears[q.joints[0] - 1].laws) or found
-        values = ", ".join(_value(fit, q) for q in found)
+        per_turn = _orders(fit, name)
+        found = tuple(q for q in found if per_turn.get(q.joints[0] - 1, 1))
+        values = ", ".join(_value(fit, q, per_turn) for q in found)
         clearest = max(found, key=lambda q: abs(q.value) / (q.error if q.error > 0 else np.inf))
         title, remedy = _title(name, clearest), _REMEDIES[name][1]
         alike = alternatives(fit, name)
@@ -100,10 +110,25 @@ def _title(name: str, found: Quantity) -> str:
     return re.sub(r"\{(.*)\|(.*)\}", r"\2" if found.value < 0 else r"\1", _REMEDIES[name][0])
 
 
-def _value(fit: ElasticityFit, found: Quantity) -> str:
-    """Value of an effect at its joint; of backlash also in arc minutes and over the deflection."""
+def _orders(fit: ElasticityFit, name: str) -> dict[int, int]:
+    """Periods per turn of a periodic effect by joint, from 0; empty for other effects."""
+    model = next((c.model for c in fit.candidates if c.chosen), None)
+    effects = {} if model is None else {each.effect: each.orders for each in model.per_turn}
+    return dict(enumerate(effects.get(name, ())))
+
+
+def _value(fit: ElasticityFit, found: Quantity, per_turn: dict[int, int]) -> str:
+    """Value of an effect at its joint; of backlash also in arc minutes and over the deflection.
+
+    Of periodic effects it is the amplitude.
+    """
     (j,) = found.joints
+    if per_turn:
+        quadrature = fit.parameters[f"{found.parameter}_quadrature"][j - 1]
+        found = replace(found, value=float(np.hypot(found.value, quadrature)))
     text, gear = " ".join(found.shown).rstrip() + f" (joint {j}", fit.gears[j - 1]
+    if per_turn:
+        text += f", {counted(per_turn[j - 1], 'period')} per turn of its motor"
     if found.parameter in GEAR_LAWS:
         text = text.replace(" (joint", " at the motor (joint")  # whatever the unit of the answer
     if found.parameter == "backlash":

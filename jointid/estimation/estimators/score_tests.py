@@ -149,7 +149,7 @@ def scores_per_turn(
     left = left - base @ (base.T @ left)
     found = {name: np.zeros((2, len(orders), n)) for name in PERIODIC_EFFECTS}
     sliding = friction or friction_waveforms(phasors, None)
-    torque = gear_torque_of(sliding, phasors, prior.motors(phasors, near))
+    torque = gear_torque_of(sliding, phasors, prior.motors(phasors, near), loaded=False)
     X, eye = residual.at.X, np.eye(n)
     for place, k in enumerate(orders):
         cosine, sine = turn_waves(phasors, np.full(n, k))

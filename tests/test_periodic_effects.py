@@ -1,0 +1,128 @@
+"""Torque ripple and transmission error: their waveforms, their derivatives and their identification."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_robot import paper_motions, simulate
+from benchmarks.real_robots import PAPER, Loads, band
+from jointid import Inertia, MotionRecord, SineRecord, Study, analyse, extract_phasors
+from jointid.analysis import Analysis
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.problem import fitted_layout, make_problem
+from jointid.estimation.estimators.residual import Residual
+from jointid.estimation.model_fits import completed
+from jointid.motion.friction import friction_waveforms
+from jointid.motion.per_turn import PerTurn, turn_waves
+from jointid.motion.spectra import motion_phasors
+
+TRUE = np.concatenate([PAPER.K, PAPER.D])
+PER_TURN = (PerTurn("ripple", (6, 0), (0.4, 0.0)), PerTurn("transmission", (2, 3), (0.0, 1.0)))
+
+
+def records_of(
+    seed: int, noise: float = 0.005, amplitude: float = 1.0, **effects: object
+) -> list[SineRecord]:
+    """Sines of the paper's robot with further effects."""
+    experiment = paper_motions(PAPER, band(PAPER, 0.3, 3, 10), seed=seed, noise=noise)
+    experiment = replace(experiment, amplitude_rad=amplitude * experiment.amplitude_rad)
+    (records,) = simulate([(replace(PAPER, **effects), experiment)])
+    return records
+
+
+def analysed(records: list[SineRecord]) -> Analysis:
+    return analyse(Study(records, Inertia(1.02 * PAPER.M, 0.98 * PAPER.M2), inertia_std=0.03))
+
+
+def amplitude(found: Analysis, name: str) -> np.ndarray:
+    p = found.fit.parameters
+    return np.hypot(p[name], p[f"{name}_quadrature"])
+
+
+def test_waves_are_those_of_the_position() -> None:
+    """Phasors of cos kθ and sin kθ by projection on a long record of whole periods."""
+    rate, hz = 2000.0, 4.0
+    t = np.arange(2000) / rate
+    theta = 0.3 + 0.8 * np.sin(2 * np.pi * hz * t)
+    record = SineRecord(
+        hz, t, theta[:, None], np.cos(6 * theta)[:, None] + 1e-6 * np.sin(9 * t)[:, None]
+    )
+    phasors = extract_phasors([record], harmonics=20)
+    cosine, sine = turn_waves(phasors, np.array([6]))
+    basis = np.exp(-2j * np.pi * hz * np.outer(np.arange(1, 21), t))
+    for found, wave in ((cosine, np.cos(6 * theta)), (sine, np.sin(6 * theta))):
+        np.testing.assert_allclose(found[0, :, 0], 2j / t.size * basis @ wave, atol=1e-6)
+    assert not turn_waves(phasors, np.array([0])).any()
+
+
+def test_derivatives_are_those_of_the_residual() -> None:
+    """Columns of both effects, of K and of M2 beside them, by central differences."""
+    phasors = extract_phasors(records_of(1)[::4], harmonics=12)
+    prior = InertiaPrior.of(Inertia(PAPER.M, PAPER.M2), *phasors.q.shape)
+    parts = ("friction", "ripple", "transmission")
+    names = {"coulomb": [0.01, 0.02], "ripple": [0.02, 0.0], "transmission": [1e-3, 2e-3]}
+    start = fitted_layout(prior, friction_waveforms(phasors, None), False, parts[1:])
+    p = start.named(start.pack(K=PAPER.K, D=PAPER.D, **names))
+    waves = completed(friction_waveforms(phasors, None), parts, PER_TURN, phasors, prior, p)
+    layout = fitted_layout(prior, waves, False, parts[1:])
+    problem = make_problem(
+        phasors, prior, layout, p, waves, Noise(phasors.harmonic_covariance, phasors.degrees_of_freedom)
+    )
+    vector = problem.start(p)
+    vector[layout["transmission_quadrature"]] = [5e-4, -1e-3]
+    J = Residual.at(problem, vector).jacobian(problem.z)
+    for name in ("ripple", "ripple_quadrature", "transmission", "transmission_quadrature", "K", "D"):
+        for k in range(layout[name].start, layout[name].stop):
+            step = np.zeros(vector.size)
+            step[k] = 1e-4 * max(abs(vector[k]), 1e-3)
+            ahead, behind = (Residual.at(problem, vector + sign * step).r for sign in (1, -1))
+            expected = (ahead - behind) / (2 * step[k])
+            np.testing.assert_allclose(J[..., k], expected, atol=2e-6 * np.abs(expected).max() + 1e-9)
+
+
+@pytest.mark.parametrize(("order", "share"), [(6, 0.01), (24, 0.02)])
+def test_torque_ripple_is_found_and_leaves_k_and_d(order: int, share: float) -> None:
+    """Such data were called not usable, or K was up to 10 stated errors off without a warning."""
+    experiment = paper_motions(PAPER, band(PAPER, 0.3, 3, 10), seed=2)
+    size = share * Loads.of(PAPER, experiment).torque
+    found = analysed(records_of(2, ripple_Nm=size, per_turn=order, phase=[0.7, 2.1]))
+    assert found.state == "usable"
+    np.testing.assert_allclose(amplitude(found, "ripple"), size, rtol=0.02)
+    assert np.abs((found.fit.estimate - TRUE) / found.fit.standard_error).max() < 4
+    assert np.abs(found.fit.estimate / TRUE - 1).max() < 3e-3
+    (told,) = (each for each in found.findings if "ripples" in each.title)
+    assert f"{order} periods per turn" in told.detail
+
+
+def test_transmission_error_is_found_where_the_motors_turn_far() -> None:
+    """Without it in the model, K was 7 % off; it decides the gear ratio where motors turn little."""
+    experiment = paper_motions(PAPER, band(PAPER, 0.3, 3, 10), seed=3)
+    size = 0.1 * Loads.of(PAPER, experiment).deflection
+    wavy = {"transmission_rad": size, "per_turn": 2, "phase": [0.7, 2.1]}
+    found = analysed(records_of(3, amplitude=3.0, **wavy))
+    assert found.state == "usable"
+    np.testing.assert_allclose(amplitude(found, "transmission"), size, rtol=0.02)
+    assert np.abs((found.fit.estimate - TRUE) / found.fit.standard_error).max() < 4
+    (told,) = (each for each in found.findings if "transmission error" in each.title)
+    assert "2 periods per turn" in told.detail
+
+
+def test_waves_of_a_motion_are_those_of_its_position() -> None:
+    rate = 500.0
+    t = np.arange(2000) / rate
+    theta = 1.0 + 0.6 * np.sin(2 * np.pi * 1.3 * t) + 0.3 * np.sin(2 * np.pi * 4.7 * t)
+    rng = np.random.default_rng(1)
+    tau = 0.01 * rng.standard_normal((t.size, 1)) + np.sin(2 * np.pi * 3.1 * t)[:, None]
+    record = MotionRecord(t, theta[:, None], tau, band_hz=(1.0, 20.0))
+    phasors = motion_phasors([record], np.array([[1e-3]]))
+    cosine, _ = turn_waves(phasors, np.array([4]))
+    (segment,) = phasors.segments
+    at = slice(segment.begin, segment.end)
+    spectrum = np.fft.rfft(np.cos(4 * theta[at])) * 2j / segment.samples
+    bins = np.arange(segment.lowest, segment.highest + 1)
+    np.testing.assert_allclose(cosine[0, bins - 1, 0], spectrum[bins], atol=1e-12)
+    assert not cosine[0, : segment.lowest - 1].any()
