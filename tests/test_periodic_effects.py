@@ -60,7 +60,7 @@ def test_waves_are_those_of_the_position() -> None:
 
 
 def test_derivatives_are_those_of_the_residual() -> None:
-    """Columns of both effects, of K and of M2 beside them, by central differences."""
+    """Columns of both effects, of K and D beside them, by central differences."""
     phasors = extract_phasors(records_of(1)[::4], harmonics=12)
     prior = InertiaPrior.of(Inertia(PAPER.M, PAPER.M2), *phasors.q.shape)
     parts = ("friction", "ripple", "transmission")

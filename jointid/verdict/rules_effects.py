@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.estimators.parameters import GEAR_LAWS, PARAMETERS
+from jointid.estimation.estimators.parameters import GEAR_LAWS, PARAMETERS, PERIODIC_EFFECTS
 from jointid.estimation.quantities import Quantity, quantities
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.evidence import Evidence, Finding, note
@@ -112,9 +112,10 @@ def _title(name: str, found: Quantity) -> str:
 
 def _orders(fit: ElasticityFit, name: str) -> dict[int, int]:
     """Periods per turn of a periodic effect by joint, from 0; empty for other effects."""
-    model = next((c.model for c in fit.candidates if c.chosen), None)
-    effects = {} if model is None else {each.effect: each.orders for each in model.per_turn}
-    return dict(enumerate(effects.get(name, ())))
+    if name not in PERIODIC_EFFECTS:
+        return {}
+    model = next(candidate.model for candidate in fit.candidates if candidate.chosen)
+    return dict(enumerate(next(each.orders for each in model.per_turn if each.effect == name)))
 
 
 def _value(fit: ElasticityFit, found: Quantity, per_turn: dict[int, int]) -> str:
