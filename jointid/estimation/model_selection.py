@@ -160,9 +160,10 @@ def _searched(search: Search) -> Choice:
         if model not in search.fits.tried:
             search.fit(model, search.start)
     fit_first(search)
-    fit_periodic(search, min(search.fits.tried, key=search.fits.misfit))
     if not search.fits.least_misfit < FAR and search.gives_up():
         return _given_up(search)
+    if not search.has_motions:
+        fit_periodic(search, min(search.fits.tried, key=search.fits.misfit))
     if search.is_lost and search.may_have_friction and search.is_distorted:
         climb_from_first(search)
     rows = search.few_rows()
