@@ -68,14 +68,14 @@ EFFECTS = {
         "torque ripple",
         {
             "ripple": ("torque ripple", "N·m"),
-            "ripple_quadrature": ("torque ripple a quarter period on", "N·m"),
+            "ripple_quadrature": ("torque ripple in quadrature", "N·m"),
         },
     ),
     "transmission": Effect(
         "transmission error",
         {
             "transmission": ("transmission error", "rad"),
-            "transmission_quadrature": ("transmission error a quarter period on", "rad"),
+            "transmission_quadrature": ("transmission error in quadrature", "rad"),
         },
     ),
     "link": Effect("link flexibility", {"link": ("link flexibility", "kg·m²·s²")}, positive=True),
