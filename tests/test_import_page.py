@@ -515,7 +515,7 @@ class TestCorrectedRuns:
 
     def test_a_motion_has_no_row_of_frequencies(self, log: MappedLog) -> None:
         layout = log_spans(log, [Segment(0.0, 2.0, np.nan, band_hz=(2.0, 9.0))]).layout
-        assert layout.yaxis.title.text == "Angle 1 (rad)"
+        assert layout.yaxis.title.text == "Position 1 (rad)"
         assert len(layout.shapes) == 1
 
 
