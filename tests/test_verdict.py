@@ -865,7 +865,7 @@ def exchanged(*order: int) -> list[SineRecord]:
 @pytest.mark.parametrize(
     ("records", "inertia", "title"),
     [
-        (sound, Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]), "inertias of joints 1 and 2 look swapped"),
+        (sound, Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]), "inertias of joints 1 and 2 look swap"),
         (lambda: exchanged(1, 0), SERIAL, "torques of joints 1 and 2 look swapped"),
         (sound, Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed"),
         (
