@@ -41,9 +41,7 @@ def show_quality(page: Page) -> None:
         show_text_table(motion_table(page.study.motion_records))
     if not page.study.sine_records:
         return
-    st.caption(
-        "Signal/noise and distortion: of position and torque of the joint with the largest motion."
-    )
+    st.caption("Signal/noise and distortion: position and torque of the joint with the largest motion.")
     try:
         columns = quality_table(page.study.sine_records, page.sine_phasors())
         table(columns, phone=[*columns][:3])

@@ -95,8 +95,8 @@ def show_motion_plan(
         st.header(_outcome(plans, analysis, suggested), anchor=False)
     show_text_table(plan_table(plans, analysis))
     st.caption(
-        "Relative standard errors. With present records: of both together, with common inertias. The "
-        "peaks of the motions are those of the simulated motors and include friction."
+        "Relative standard errors. With present records: both together, with common inertias. The peaks "
+        "are computed for the simulated motors and include friction."
     )
     for plan in plans:
         download(
