@@ -10,10 +10,13 @@ from jointid.ui.study.record_views import show_record
 page = open_page(
     "Records",
     "Each record is one experiment with the controllers on: sines of one frequency, or any other "
-    "motion. The method uses the motors' angles and torques only.",
+    "motion. The method uses the motors' positions and torques only.",
 )
 if page.study.sine_records:
-    st.write("A sine, an offset and a linear trend are fitted to each signal; the sine is its phasor.")
+    st.write(
+        "A sine, an offset and a linear trend are fitted to each signal. The phasor a + ib holds "
+        "amplitude and phase of the sine."
+    )
     st.latex(r"f(t) \approx a\,\sin\omega t + b\,\cos\omega t + c_0 + c_1 t \;\; (2)")
 
 records = page.study.records

@@ -42,7 +42,7 @@ joints = range(phasors.n)
 has_many = phasors.n > 2  # they would hide each other
 joint = choose_joint(joints, "phasor_joint") if has_many else 0
 drawn = joint if has_many else None
-signals = (("Motor angle (rad)", "angles", False), ("Motor torque (N·m)", "torques", True))
+signals = (("Motor position (rad)", "positions", False), ("Motor torque (N·m)", "torques", True))
 for place, (heading, what, torque) in zip(st.columns(2), signals, strict=True):
     with place:
         st.markdown(f"**{heading}**")

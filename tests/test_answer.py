@@ -54,6 +54,7 @@ from jointid.fleet.table import as_table
 from jointid.reporting.blocks import Paragraph
 from jointid.reporting.report import make_report, to_html
 from jointid.uncertainty.answer_tables import compared_models, error_parts, error_table
+from jointid.verdict.findings import ranked
 from jointid.wording import significant
 
 
@@ -230,6 +231,16 @@ def test_the_largest_part_of_the_error_comes_first_in_the_table(study: Study) ->
         covariance = np.diag(np.square(0.2 * size))
         changed = replace(found, covariance=covariance, choice_error=choice * size)
         assert [*error_table(changed)][:3] == ["", "total error", decides]
+
+
+@pytest.mark.parametrize(("share", "named"), [(0.029, False), (0.031, True)])
+def test_the_cause_of_a_wide_error_is_named(study: Study, share: float, named: bool) -> None:
+    fit = analyse(study).fit
+    error = share * np.abs(fit.estimate)
+    found = replace(fit, covariance=np.diag(np.square(error)), choice_error=0.9 * error)
+    (finding,) = ranked([], found)
+    assert finding.title == "The model explains the data"
+    assert ("its largest part comes from choice of model: add records" in finding.detail) == named
 
 
 def test_a_model_without_a_criterion_has_a_dash(study: Study) -> None:

@@ -187,10 +187,10 @@ def test_a_correction_is_applied_and_undone_on_the_page(
     at = upload(opened_app().run(), each(right, FAULTS["torques exchanged"]))
     assert "Not usable" in at.error[0].value
     folded = next(each for each in at.expander if each.label == "If this is not the cause")
-    assert "Exchange the columns of these torques on import" in folded.markdown[0].value
+    assert "Swap the columns of these torques on import" in folded.markdown[0].value
     assert "on import" not in at.error[0].value
     (fix,) = (b for b in at.button if b.label.startswith("Fix it"))
-    assert fix.label == "Fix it: Exchange the torques of joints 1 and 2"
+    assert fix.label == "Fix it: Swap the torques of joints 1 and 2"
     at = fix.click().run()
     table = next(t.value for t in at.table if "With the change" in t.value)
     assert list(table.iloc[0]) == ["State", "not usable", "usable"]
@@ -198,7 +198,7 @@ def test_a_correction_is_applied_and_undone_on_the_page(
     assert not at.exception
     assert not at.error
     assert at.selectbox(key="study").value == "mine.zip, corrected"
-    assert any("Exchange the torques" in caption.value for caption in at.caption)
+    assert any("Swap the torques" in caption.value for caption in at.caption)
     again = opened_app()
     for name in ("w", "study"):
         value = at.query_params[name]

@@ -150,7 +150,7 @@ def test_with_friction_compensated_and_raw_measurements_are_drawn(
         trace(model_over_measurement(found, 0), "measured, without friction").y, full.y
     )
     assert not any("without" in t.name for t in element_response(plain, 0, 0).data)
-    unusable = replace(found, findings=(problem("The torques look exchanged", "", "", 1.0),))
+    unusable = replace(found, findings=(problem("The torques look swapped", "", "", 1.0),))
     assert not any("without" in t.name for t in element_response(unusable, 0, 0).data)
 
 

@@ -295,7 +295,7 @@ class TestStudy:
         at.text_input(key="import date").set_value("2026-11-20")
         at.text_input(key="import nominal K").set_value("20.5, 3")
         at.text_input(key="import nominal D").set_value("0.1, 0.2")
-        assert "those of 2 joints" in send(at, "10", "30").error[0].value
+        assert "are for 2 joints" in send(at, "10", "30").error[0].value
         at.text_input(key="import nominal K").set_value("20.5")
         at.text_input(key="import nominal D").set_value("0.1")
         assert "enough seen" in send(at, "10", "30").error[0].value
@@ -515,7 +515,7 @@ class TestCorrectedRuns:
 
     def test_a_motion_has_no_row_of_frequencies(self, log: MappedLog) -> None:
         layout = log_spans(log, [Segment(0.0, 2.0, np.nan, band_hz=(2.0, 9.0))]).layout
-        assert layout.yaxis.title.text == "Angle 1 (rad)"
+        assert layout.yaxis.title.text == "Position 1 (rad)"
         assert len(layout.shapes) == 1
 
 

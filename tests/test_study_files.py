@@ -525,7 +525,7 @@ def test_study_toml_without_records_or_of_another_kind() -> None:
         ),
         (csv_text().replace("time_s", "t"), ["Time is missing in records/01.csv", "time_s"]),
         (csv_text().replace("time_s", "time_ms"), ["Convert time_ms", "divide by 1000"]),
-        (csv_text().replace("theta_m1_rad", "theta_m1_deg"), ["Motor angle of joint 1", "π/180"]),
+        (csv_text().replace("theta_m1_rad", "theta_m1_deg"), ["Motor position of joint 1", "π/180"]),
         (csv_text().replace("tau_m1_Nm", "tau_m1_NM"), ['Did you mean "tau_m1_NM"']),
         (csv_text().replace("tau_m2_Nm", "tau_m1_Nm"), ["01.csv", "2 columns tau_m1_Nm"]),
         (csv_text().replace("tau_m2_Nm", "tau_m2_Nm,tau_m3_Nm"), ["tau_m3_Nm", "2 joints"]),

@@ -865,13 +865,13 @@ def exchanged(*order: int) -> list[SineRecord]:
 @pytest.mark.parametrize(
     ("records", "inertia", "title"),
     [
-        (sound, Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]), "inertias of joints 1 and 2 look exch"),
-        (lambda: exchanged(1, 0), SERIAL, "torques of joints 1 and 2 look exchanged"),
+        (sound, Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]), "inertias of joints 1 and 2 look swap"),
+        (lambda: exchanged(1, 0), SERIAL, "torques of joints 1 and 2 look swapped"),
         (sound, Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed"),
         (
             sound,
             Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1] * [[1, -1], [-1, 1]]),
-            "look exchanged, and joint 1 or joint 2 looks reversed",
+            "look swapped, and joint 1 or joint 2 looks reversed",
         ),
         (lambda: scaled(torque=0.5**0.5), SERIAL, "seems to be an rms value in place of the peak"),
         (lambda: scaled(angle=1e6), SERIAL, "seems to be in µrad, or time is probably in seconds"),
@@ -897,7 +897,7 @@ def test_exchanged_start_values_of_unknown_inertias_are_named(wrong: float) -> N
     """Unknown inertias explain any data: K1 would be that of joint 2, without a word."""
     guess = Inertia(SERIAL.M * [wrong, 1 / wrong], SERIAL.M2)
     swapped = Inertia(guess.M[::-1], guess.M2[::-1, ::-1])
-    title = "inertias of joints 1 and 2 look exchanged"
+    title = "inertias of joints 1 and 2 look swapped"
     right, exchanged = (
         said(analyse(Study(sound(), each, inertia_std=np.inf)).findings, title)
         for each in (guess, swapped)
@@ -929,7 +929,7 @@ def of_rubbing_arm() -> Phasors:
         (Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed"),
         (
             Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]),
-            "The inertias of joints 1 and 2 look exchanged",
+            "The inertias of joints 1 and 2 look swapped",
         ),
         (Inertia(SERIAL.M, SERIAL.M2 * [[1.5, 1], [1, 0.8]]), None),
         (Inertia(SERIAL.M * [1.6, 0.7], SERIAL.M2), None),
@@ -1049,8 +1049,12 @@ def with_torques(change: str) -> list[SineRecord]:
         ("other frequencies", "do not belong to the motions", "lacks the frequency"),
         ("another clock", "do not belong to the motions", "would absorb power"),
         ("clipped", "is clipped", "of the samples are at the largest torque"),
-        ("no sign", "has no sign", "reaches zero but keeps its sign, with a part at twice"),
-        ("no sign under load", "has no sign", "reaches zero but keeps its sign, with a part at twice"),
+        ("no sign", "has no sign", "reaches zero but keeps its sign, with a component at twice"),
+        (
+            "no sign under load",
+            "has no sign",
+            "reaches zero but keeps its sign, with a component at twice",
+        ),
     ],
 )
 def test_torques_of_other_motions_are_named_without_a_long_search(

@@ -317,9 +317,9 @@ def test_right_scales_give_no_finding(band: slice, n: int) -> None:
 @pytest.mark.parametrize(
     ("order", "inertia", "title"),
     [
-        ([0, 1, 3, 2], SERIAL, "The torques of joints 1 and 2 look exchanged"),
-        ([1, 0, 2, 3], SERIAL, "The positions of joints 1 and 2 look exchanged"),
-        ([1, 0, 3, 2], SERIAL, "The inertias of joints 1 and 2 look exchanged"),
+        ([0, 1, 3, 2], SERIAL, "The torques of joints 1 and 2 look swapped"),
+        ([1, 0, 2, 3], SERIAL, "The positions of joints 1 and 2 look swapped"),
+        ([1, 0, 3, 2], SERIAL, "The inertias of joints 1 and 2 look swapped"),
         (
             [0, 1, 2, 3],
             Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]),
@@ -328,7 +328,7 @@ def test_right_scales_give_no_finding(band: slice, n: int) -> None:
         (
             [1, 0, 3, 2],
             Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]),
-            "The inertias of joints 1 and 2 look exchanged, and joint 1 or joint 2 looks reversed",
+            "The inertias of joints 1 and 2 look swapped, and joint 1 or joint 2 looks reversed",
         ),
     ],
 )

@@ -902,10 +902,10 @@ def test_known_factors_and_orders_can_be_corrected() -> None:
 @pytest.mark.parametrize(
     ("order", "scale", "title", "remedy"),
     [
-        ([0, 1, 2, 4, 3, 5], 1, "The torques of joints 1 and 2 look exchanged", "tau_m1_Nm, tau_m2_Nm"),
-        ([0, 1, 2, 3, 5, 4], 1, "The torques of joints 2 and 3 look exchanged", "tau_m2_Nm, tau_m3_Nm"),
-        ([1, 0, 2, 3, 4, 5], 1, "The positions of joints 1 and 2 look exchanged", "theta_m1_rad, "),
-        ([1, 0, 2, 4, 3, 5], 1, "The inertias of joints 1 and 2 look exchanged", "same order"),
+        ([0, 1, 2, 4, 3, 5], 1, "The torques of joints 1 and 2 look swapped", "tau_m1_Nm, tau_m2_Nm"),
+        ([0, 1, 2, 3, 5, 4], 1, "The torques of joints 2 and 3 look swapped", "tau_m2_Nm, tau_m3_Nm"),
+        ([1, 0, 2, 3, 4, 5], 1, "The positions of joints 1 and 2 look swapped", "theta_m1_rad, "),
+        ([1, 0, 2, 4, 3, 5], 1, "The inertias of joints 1 and 2 look swapped", "same order"),
         ([0, 1, 2, 3, 4, 5], -1, "Joint 3 looks reversed relative to the others", "coupling inertias"),
     ],
 )
@@ -1204,7 +1204,7 @@ def test_a_peak_that_h_lacks_is_that_of_the_controller() -> None:
     (found,) = peaks_of_controllers(1.5)
     assert found.title == "The peak of joint 2 at 3 Hz comes from the controller of joint 1"
     assert found.detail == (
-        "In the record r2 alone, acceleration over torque peaks there at 1.5 times H22, which has no "
+        "In the single record r2, acceleration over torque peaks there at 1.5 times H22, which has no "
         "peak there. The elastic resonance is the peak of H22 at 6 Hz."
     )
     assert (found.level, found.weight) == ("note", 0.3)
@@ -1274,19 +1274,19 @@ def test_effects_are_named_by_the_sign_of_the_clearest(monkeypatch: pytest.Monke
     for first, verb in ((3.0, "lag"), (-3.0, "lead")):
         lags = (effect("lag", first, 1.0), effect("lag", -2.0, 1.0, 2))
         (found,) = effects_of(monkeypatch, {"lag": lags, "K": lags})
-        assert found.title == f"The torques {verb} by different times"
+        assert found.title == f"The torques {verb} by different amounts"
         assert f"{first:g} s (joint 1), -2 s (joint 2). The fit includes it." in found.detail
         assert found.remedy == "Check the sampling and output times of each drive."
         assert (found.level, found.weight) == ("note", 0.01)
     (other,) = effects_of(monkeypatch, {"lag": lags}, {"delay": "a delay", "link": "a link"})
-    assert other.title == "The torques lead by different times, or there is a delay or a link"
+    assert other.title == "The torques lead by different amounts, or there is a delay or a link"
     assert rules_causes.CANNOT_TELL in other.detail
     slopes = {"piecewise": "a gear with three slopes", "load": "load-dependent friction"}
     for size, verb in ((3.0, "hardens"), (-3.0, "softens")):
         (law,) = effects_of(monkeypatch, {"cubic": (effect("cubic", size, 1.0),)}, slopes)
         assert law.title == f"A gear {verb} or has three slopes, or there is load-dependent friction"
     (zero,) = effects_of(monkeypatch, {"lag": (effect("lag", -1.0, 0.0), effect("lag", 1.0, 1.0))})
-    assert zero.title == "The torques lag by different times"  # without an error nothing is clear
+    assert zero.title == "The torques lag by different amounts"  # without an error nothing is clear
 
 
 def test_laws_of_gears_are_those_of_the_gears_that_have_them(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -1443,7 +1443,7 @@ def test_axes_are_exchanged_or_reversed_where_a_fit_says_so(monkeypatch: pytest.
         "corrected: 1.0 × noise and inertias up to 2 standard deviations from the given ones."
     )
     (swapped,) = axes(monkeypatch, [100.0, 69.0, 60, 90], 2.0, before=0.0, misfit=100.0)
-    assert swapped.title == "The inertias of joints 1 and 2 look exchanged"
+    assert swapped.title == "The inertias of joints 1 and 2 look swapped"
     assert swapped.detail == "Residual as given: 10 × noise; corrected: 1.0 × noise."
     for misfits, after, before, misfit, told in (
         ([100.0, 71.0, 90, 90], 2.0, 5.0, 100.0, False),
@@ -1477,11 +1477,11 @@ def test_start_values_are_exchanged_where_the_fit_is_near_the_others(
     own.parameters = type("P", (dict,), {"layout": {"M": 0}})(M=np.ones(2))
     own.errors = {"M": np.array([0.0, error])}
     found = list(rules_inertia._starts_exchanged(case(inertias=[given]), own))
-    assert [f.title for f in found] == ["The inertias of joints 1 and 2 look exchanged"] * told
+    assert [f.title for f in found] == ["The inertias of joints 1 and 2 look swapped"] * told
     for finding in found:
         assert finding.detail.startswith(
             "The fitted inertias differ from the start values by factors up to 2.1 as given, and up to "
-            "1.0 with these joints exchanged."
+            "1.0 with these joints swapped."
         )
     own.prior.inertia_std = 0.3
     assert not list(rules_inertia._starts_exchanged(case(inertias=[given]), own))

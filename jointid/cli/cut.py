@@ -90,8 +90,10 @@ def cut(
     robots = "with the paper's K and D on the example arm"
     if study is not None and robot.rule != "demonstration":
         robots = "with the identified K and D"
-    before = "no compensation" if choice == "rigid" else f"K in the servo: {NOMINAL_NAMES[choice]}"
-    print(f"Largest path error, simulated {robots}. Before: {before}.")
+    before = "assumes rigid joints"
+    if choice != "rigid":
+        before = f"assumes {'the nominal K and D' if choice == 'study' else NOMINAL_NAMES[choice]}"
+    print(f"Largest path error, simulated {robots}. Before: the servo {before}.")
     print(f"{document['meaning']}\n")
     columns = ["corner zone", "before", "after (95th percentile)"]
     cells = [

@@ -91,8 +91,8 @@ def export(
         str,
         typer.Option(
             metavar="NUMBERS",
-            help="Motor turns per joint turn, negative if reversed: 100,-90. Required for .xml, .urdf, "
-            ".sdf unless the study states gear_ratio.",
+            help="Motor turns per joint turn, negative if they turn in opposite directions: 100,-90. "
+            "Required for .xml, .urdf, .sdf unless the study states gear_ratio.",
         ),
     ] = "",
     overwrite: Annotated[bool, OVERWRITE] = False,

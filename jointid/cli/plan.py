@@ -32,7 +32,7 @@ VELOCITY_LIMIT = numbers_option("Largest motor velocities, rad/s.", show_default
 MOTION = typer.Option(
     help="Motion in place of sines: sweep, multisine, random (band-limited) or moves (point to point)."
 )
-POSITION_LIMIT = numbers_option("With --motion: largest motor angles, ± rad.", show_default=_STUDY)
+POSITION_LIMIT = numbers_option("With --motion: largest motor positions, ± rad.", show_default=_STUDY)
 FROM_HZ = typer.Option(help="With --motion: lowest frequency, Hz.")
 TO_HZ = typer.Option(help="With --motion: highest frequency, Hz.")
 
@@ -233,8 +233,8 @@ def setpoints(
 ) -> None:
     """Write the suggested records as set points for a robot.
 
-    Simulated robots run them first; if they exceed a limit, no file is written. NUMBERS are one for all
-    joints, or one per joint, separated by commas: 2.5,2.8.
+    Two simulated robots run the set points first; if a limit is exceeded, no file is written. NUMBERS
+    are one for all joints, or one per joint, separated by commas: 2.5,2.8.
     """
     from jointid.setpoints.files import set_points
     from jointid.setpoints.from_plan import planned_experiment

@@ -168,8 +168,9 @@ def start_app(
 ) -> None:
     """Start the app and print its address for the browser.
 
-    The server closes connections that send or receive less than 20 kB in 20 s (environment variable
-    JOINTID_PATIENCE_S), and sessions a minute after their tab has closed. Ctrl-C ends it.
+    The server drops stalled connections: those that transfer less than 20 kB of a request or response in
+    20 s (environment variable JOINTID_PATIENCE_S). It ends a session a minute after its tab is closed.
+    Ctrl-C stops the server.
     """
     script = (path or application_folder() / "app.py").resolve()
     if not script.is_file():

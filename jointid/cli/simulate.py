@@ -55,7 +55,7 @@ def simulate(
     viscous: Annotated[str, options.numbers_option("Viscous friction of the motors, N·m·s/rad.")] = "0",
     load_friction: Annotated[
         str,
-        options.numbers_option("Load-dependent friction of the motors over gear torque."),
+        options.numbers_option("Load-dependent friction coefficient: friction torque over gear torque."),
     ] = "0",
     gear: Annotated[
         list[str] | None,

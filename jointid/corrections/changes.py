@@ -217,7 +217,7 @@ def _exchange(values: tuple[float, ...]) -> str:
     moved = np.flatnonzero(order != np.arange(2 * n))
     signals = [name for name, k in (("positions", 0), ("torques", 1)) if np.any(moved // n == k)]
     joints = enumerated([f"{k + 1}" for k in np.unique(moved % n)])
-    return f"exchange the {enumerated(signals)} of joints {joints}"
+    return f"swap the {enumerated(signals)} of joints {joints}"
 
 
 def _list(values: Floats) -> str:

@@ -20,14 +20,14 @@ from jointid.errors import JointIdError
 from jointid.robot_models.model import RobotModel
 
 COLUMNS_MEANING = (
-    "Servo: the K that it assumes; rigid: no compensation, with its parts by inertia and by gravity."
+    "Servo: the K that it assumes; rigid: no compensation, with its parts from inertia and from gravity."
 )
 COLUMNS = {
     "assumed_m": "servo: nominal K",
     "identified_m": "servo: identified K (95th percentile)",
     "rigid_m": "servo: rigid",
-    "inertia_m": "by inertia",
-    "gravity_m": "by gravity",
+    "inertia_m": "from inertia",
+    "gravity_m": "from gravity",
     "sag_m": "sag at start",
 }
 """Columns of the table by their quantity, the answer first."""
@@ -165,8 +165,8 @@ def meaning(analysis: Analysis) -> str:
     return (
         "The paper's rectangle, horizontal, centred at the tool of this study's robot in its pose"
         + (f" “{pose}”" if pose else "")
-        + ". Deflection of the gears by gravity and inertia, without vibration and process forces. "
-        "The sag at the start of the path is taught with the path and does not count."
+        + ". Deflection of the gears from gravity and inertia, without vibration and process forces. "
+        "The sag at the start of the path is taught with the path and is not counted."
     )
 
 

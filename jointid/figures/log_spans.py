@@ -24,7 +24,7 @@ def log_spans(
     mapping: Mapping | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """Draw angle and torque of every joint over time, with the segments as coloured spans.
+    """Draw position and torque of every joint over time, with the segments as coloured spans.
 
     Used ones are blue and solid, others grey and dashed; the frequencies of sines are in the top row.
     Signals whose scale ``mapping`` assumes are drawn in the unit of their column.
@@ -53,8 +53,11 @@ def log_spans(
 
 
 def _rows(log: MappedLog, j: int, mapping: Mapping | None) -> list[tuple[str, Floats]]:
-    """Titles and values of angle and torque of one joint."""
-    rows = [(f"Angle {j + 1} (rad)", log.theta_rad[:, j]), (f"Torque {j + 1} (N·m)", log.tau_Nm[:, j])]
+    """Titles and values of position and torque of one joint."""
+    rows = [
+        (f"Position {j + 1} (rad)", log.theta_rad[:, j]),
+        (f"Torque {j + 1} (N·m)", log.tau_Nm[:, j]),
+    ]
     if mapping is None:
         return rows
     joint = mapping.joints[j]

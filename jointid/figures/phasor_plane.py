@@ -16,14 +16,14 @@ def phasor_plane(
     joint: int | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """Polar plot of the angles' or the torques' phasors of all records; the chosen record as arrows.
+    """Polar plot of the positions' or the torques' phasors of all records; the chosen record as arrows.
 
     With a ``joint``, the others are in the background, without arrows.
     """
     sketch = Sketch(dark)
     ink, shown = sketch.ink, range(phasors.n) if joint is None else [joint]
     values = phasors.tau if torque else phasors.q
-    quantity, unit = ("Torque", "N·m") if torque else ("Angle", "rad")
+    quantity, unit = ("Torque", "N·m") if torque else ("Position", "rad")
     part = slice(phasors.n, None) if torque else slice(phasors.n)
     errors = phasors.standard_deviation[:, part]
     size = np.abs(values)

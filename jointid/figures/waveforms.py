@@ -18,7 +18,7 @@ _MOST_POINTS = 2000
 _MOST_MARKS = 400
 """Samples shown as marks; more are shown as a line."""
 _LONGEST_TITLE = 22
-_QUANTITIES = (("Angle", "rad"), ("Torque", "N·m"))
+_QUANTITIES = (("Position", "rad"), ("Torque", "N·m"))
 
 
 def waveforms(
@@ -29,7 +29,7 @@ def waveforms(
     periods: float | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """Motor angle over motor torque of one joint, from 0, as logged, with the fitted sine.
+    """Motor position over motor torque of one joint, from 0, as logged, with the fitted sine.
 
     ``fitted``, shape (N, 2n), is ``SineFit.at`` at the record's times. ``periods`` shows that many
     periods, of another motion than a sine seconds, from the start of the used part.
@@ -82,7 +82,7 @@ def gear_deflection(
 
 
 def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure:
-    """Amplitude spectra of angle and torque of one joint.
+    """Amplitude spectra of position and torque of one joint.
 
     Of a sine, the excitation and its harmonics are marked; of another motion, its band. Raises
     JointIdError when the record is too short for a spectrum.
@@ -128,14 +128,14 @@ def coherences(record: JointRecord, joint: int, *, dark: bool = False) -> go.Fig
     """
     sketch, found = Sketch(dark), coherence(record)
     for row, (name, values) in enumerate(
-        (("coherence", found.coherence), ("angle / floor", np.sqrt(found.above_floor))), start=1
+        (("coherence", found.coherence), ("position / floor", np.sqrt(found.above_floor))), start=1
     ):
         style: Trace = {"showlegend": False, "yaxis": f"y{row}"}
         style["hovertemplate"] = f"%{{x:.4g}} Hz<br>{name} %{{y:.3g}}<extra></extra>"
         y = np.where(np.isfinite(values[:, joint]), values[:, joint], np.nan)
         sketch.line(found.frequency_hz, y, name, "measured", width=1.2, **style)
     _show_band(sketch, record)
-    axes = linear_axis("Coherence", range=[0, 1.02]), _decades("Angle / noise floor", sketch, "y2")
+    axes = linear_axis("Coherence", range=[0, 1.02]), _decades("Position / noise floor", sketch, "y2")
     return sketch.figure(frequency_axis(_shown_hz(record)), *axes, height=430)
 
 

@@ -126,7 +126,7 @@ def _find_columns(file: str, found: Sequence[str], joints: int, arm: bool = Fals
 
 def _meaning(column: str) -> str:
     kind, _, rest = column.partition("_m")
-    what = {"theta": "Motor angle", "tau": "Torque"}.get(kind)
+    what = {"theta": "Motor position", "tau": "Torque"}.get(kind)
     return f"{what} of joint {rest.partition('_')[0]}" if what else "Time"
 
 

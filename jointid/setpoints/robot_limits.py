@@ -14,7 +14,7 @@ from jointid.wording import counted
 
 LIMIT_KEYS = {
     "robot": 'robot = "cell 7, robot A"',
-    "gear_ratio": "gear_ratio = [100, 90]  # motor turns per joint turn, negative when reversed",
+    "gear_ratio": "gear_ratio = [100, 90]  # motor turns per joint turn, negative if opposite",
     "start_deg": "start_deg = [0, -90, 90, 0, 45, 0]  # start pose, all axes of the robot",
     "axes": "axes = [1, 2]  # axes of the robot that are the joints of the study",
     "joint_names": 'joint_names = ["joint_1", "joint_2"]  # for ROS 2, all axes of the robot',

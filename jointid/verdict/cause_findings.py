@@ -184,11 +184,11 @@ def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
     if moved.size:
         what = "torques" if moved[0] >= n else "inertias" if moved.size > 2 else "positions"
         joints = np.unique(moved % n).tolist()
-        found.append(f"the {what} of joints {enumerated([f'{j + 1}' for j in joints])} look exchanged")
+        found.append(f"the {what} of joints {enumerated([f'{j + 1}' for j in joints])} look swapped")
         remedy = "Check that M, M2 and the columns have the same order of joints."
         if what != "inertias":
             columns = _columns(what[:-1], joints)
-            remedy = f"Exchange the columns of these {what} on import ({columns} in a study's tables)."
+            remedy = f"Swap the columns of these {what} on import ({columns} in a study's tables)."
         remedies.append(remedy)
     for j in np.flatnonzero(hypothesis.scale[:n] < 0).tolist():
         which, others = ("1 or joint 2", "other") if n == 2 else (f"{j + 1}", "others")

@@ -12,6 +12,7 @@ from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_each
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
+from jointid.uncertainty.answer_tables import largest_part
 from jointid.uncertainty.prior_rows import disagreements
 from jointid.verdict.causes import GOOD
 from jointid.verdict.evidence import Evidence, Finding, good, relative, times_noise
@@ -56,6 +57,8 @@ from jointid.wording import enumerated, percent
 __all__ = ["Evidence", "Finding", "findings"]
 
 
+_WIDE = 0.03
+"""Relative standard error of K or D whose main cause is worth a sentence."""
 _FAR = 4.0
 """Difference of a fitted from a given inertia, in standard deviations, from which units may be wrong."""
 
@@ -188,7 +191,8 @@ def _all_well(fit: ElasticityFit) -> Finding:
     )
     beyond = fitted_parts(fit)
     parts = " with " + enumerated(beyond) if beyond else ""
+    cause = f" {largest_part(fit)}" if share.max() > _WIDE else ""
     return good(
         "The model explains the data",
-        f"Residual of the model{parts}: {times_noise(fit.misfit)}. One standard error: {errors}.",
+        f"Residual of the model{parts}: {times_noise(fit.misfit)}. One standard error: {errors}.{cause}",
     )

@@ -24,7 +24,7 @@ _REMEDIES = {
         "records; it rises with frequency.",
     ),
     "lag": (
-        "The torques {lag|lead} by different times",
+        "The torques {lag|lead} by different amounts",
         "Check the sampling and output times of each drive.",
     ),
     "position_filter": (

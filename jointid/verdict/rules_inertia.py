@@ -51,7 +51,7 @@ _FAR_OFF, _SURE = 0.2, 2.0
 its standard errors beyond that."""
 _LOWER, _FAR_LOWER, _NEARER = 0.7, 0.3, 0.5
 """Misfit of a linear fit, that of one with free friction, and difference from the given inertias in
-standard deviations, over those as logged, from which axes look exchanged or reversed."""
+standard deviations, over those as logged, from which axes look swapped or reversed."""
 _FAR, _SURELY = np.log(2.0), 0.2
 """Logarithm of fitted over given diagonals from which a start value is wrong (start values lie within
 50 %), and largest relative error of the fitted rotor inertias that show it."""
@@ -234,7 +234,7 @@ def _starts_exchanged(evidence: Evidence, own: ElasticityFit) -> Iterator[Findin
         yield axes_look_wrong(
             nearest,
             f"The fitted inertias differ from the start values by factors up to {most} as given, and "
-            f"up to {least} with these joints exchanged. K and D follow the order of the columns.",
+            f"up to {least} with these joints swapped. K and D follow the order of the columns.",
         )
 
 

@@ -253,7 +253,10 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
     if found[0].mean() > _MANY and (poor or lacking.max() > _RESONANCE * lacking.min()):
         yield _foreign(evidence, found[0], "the torque lacks the frequency at which the motor moves")
     elif found[2].mean() > _MANY:
-        why = "the torque reaches zero but keeps its sign, with a part at twice the motion's frequency"
+        why = (
+            "the torque reaches zero but keeps its sign, with a component at twice the frequency of "
+            "the motion"
+        )
         yield _foreign(evidence, found[2], why, UNSIGNED)
     elif found[1].any():
         yield _foreign(

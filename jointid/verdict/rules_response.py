@@ -84,9 +84,9 @@ def _controller_peak(
     return note(
         f"The peak of joint {j + 1} at {number(frequency[worst])} Hz comes from the controller "
         f"of {whose}",
-        f"In the record {evidence.phasors.labels[records[worst]]} alone, acceleration over torque peaks "
-        f"there at {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak there. "
-        f"The elastic resonance is the peak of H{j + 1}{j + 1} at "
+        f"In the single record {evidence.phasors.labels[records[worst]]}, acceleration over torque "
+        f"peaks there at {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak "
+        f"there. The elastic resonance is the peak of H{j + 1}{j + 1} at "
         f"{some([f'{number(frequency[t])} Hz' for t in elastic])}.",
         "No action needed: K and D are fitted jointly. Do not read them off the response of a single "
         "record.",

@@ -102,7 +102,7 @@ def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where
     values, directions = of.principal
     errors = of.standard_error(covariance)
     texts = [length_with_error(force * x, force * e) for x, e in zip(values, errors, strict=True)]
-    st.write(f"**{force:.0f} N move the tool by up to {texts[0]}** ({where}).")
+    st.write(f"**A force of {force:.0f} N moves the tool by up to {texts[0]}** ({where}).")
     show_text_table(
         {
             f"Direction ({', '.join('xyz'[: len(directions)])})": [

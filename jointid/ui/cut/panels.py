@@ -61,7 +61,7 @@ def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> N
     if largest.assumed_m is None:
         servo = "a rigid servo"
     answer = unbroken(
-        f"Tool deflection of this robot: {millimetres(largest.before_m)} with {servo}, "
+        f"Uncompensated deflection of the tool: {millimetres(largest.before_m)} with {servo}, "
         f"{millimetres(largest.identified_m)} with the identified K"
     )
     found = found[-1:] if summary else found

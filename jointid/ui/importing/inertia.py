@@ -91,7 +91,7 @@ def ask_nominal(joints: int) -> Elasticity | None:
     nominal = Elasticity(numbers_in("Nominal K", K), numbers_in("Nominal D", D))
     if nominal.n != joints:
         raise JointIdError(
-            f"Nominal K and D are those of {counted(nominal.n, 'joint')}, step 2 has {joints}: "
+            f"Nominal K and D are for {counted(nominal.n, 'joint')}, but step 2 has {joints}: "
             "give one of each per joint."
         )
     return nominal
@@ -228,8 +228,8 @@ def _by_links(ratios: Sequence[float]) -> KnownRobot | None:
         return None
     if len(ratios) != 2:
         raise JointIdError(
-            f"The arm of links has 2 joints, step 2 has {len(ratios)}: give the inertias as numbers or "
-            "as TOML."
+            f"The arm of links has 2 joints, but step 2 has {len(ratios)}: give the inertias as "
+            "numbers or as TOML."
         )
     of = {
         name: scale[unit] * np.array(numbers_in(label, texts[name]))

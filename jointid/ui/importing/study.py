@@ -49,7 +49,7 @@ def ask_robot(
     known = _answer(problems, lambda: ask_inertia(gear_ratios))
     if known is not None and known.inertia.n != joints:
         problems.append(
-            f"The inertias are those of {counted(known.inertia.n, 'joint')}, step 2 has {joints}: "
+            f"The inertias are for {counted(known.inertia.n, 'joint')}, but step 2 has {joints}: "
             "make them agree."
         )
     inertia_std, torque_std = _ask_deviations(problems, known)

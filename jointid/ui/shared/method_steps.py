@@ -17,7 +17,7 @@ class Step:
 
 
 OVERVIEW = Step("app.py", "Study", "The answer, its error bars and the verdict.")
-RECORDS = Step("pages/1_Records.py", "Records", "Logged angle and torque of each joint.")
+RECORDS = Step("pages/1_Records.py", "Records", "Logged position and torque of each joint.")
 SIMULATE = Step("pages/8_Simulate.py", "Simulate a robot", "Records of a robot with known K and D.")
 IMPORT = Step("pages/9_Import_a_log.py", "Import a log", "A log of any controller becomes a study.")
 PHASORS = Step("pages/2_Phasors.py", "Phasors", "Each sine becomes one complex number.")

@@ -29,7 +29,8 @@ _SIDE_BY_SIDE = 3
 _ABOUT_MOTIONS = (
     "What can be done with motions:\n"
     "- State the band in which the motor moves: `band_hz` of the record in study.toml.\n"
-    "- Record longer, faster sampled or wider motions, to above the resonance; several records help.\n"
+    "- Record longer, sample faster, or move in a wider band that includes the resonance; several "
+    "records help.\n"
     "- Try the motion on a simulated robot first:"
 )
 _ICON = Path(__file__).with_name("icon.svg")

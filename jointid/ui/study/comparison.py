@@ -33,7 +33,7 @@ def choose_other(page: Page) -> Page:
     """Ask for the second study and its estimator; end the page where it cannot be opened."""
     addresses = {name: address for address, name in names_by_address().items()}
     partner = _partner(page)
-    st.caption("The first study and its estimator are those of the sidebar.")
+    st.caption("The sidebar selects the first study and its estimator.")
     left, right, beside = st.columns([5, 5, 2], vertical_alignment="bottom")
     second = "compare_study", "Second study", list(addresses)
     key = choose_from(left, *second, label, first=partner)

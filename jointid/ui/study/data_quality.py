@@ -41,7 +41,7 @@ def show_quality(page: Page) -> None:
         show_text_table(motion_table(page.study.motion_records))
     if not page.study.sine_records:
         return
-    st.caption("Signal/noise and distortion: of angle and torque of the joint with the largest motion.")
+    st.caption("Signal/noise and distortion: position and torque of the joint with the largest motion.")
     try:
         columns = quality_table(page.study.sine_records, page.sine_phasors())
         table(columns, phone=[*columns][:3])
@@ -54,7 +54,7 @@ def show_quality(page: Page) -> None:
             "from friction or a nonlinear gear.\n"
             "- **Settling**: relative difference of the sine between the first quarter "
             "and the second half. Above 1 % the robot has not settled.\n"
-            "- **Found**, where it is not the stated frequency: that of the motor's angle.\n"
+            "- **Found**, where it is not the stated frequency: that of the motor's motion.\n"
             "- **Jitter**, where there is any: largest deviation of a sample time from a uniform grid."
         )
 
@@ -120,7 +120,7 @@ def motion_table(records: Sequence[MotionRecord]) -> Table:
 
 
 def phasor_table(phasors: Phasors, joint: int) -> Table:
-    """One row per record: amplitude and phase of one joint's angle and torque, with ± one error."""
+    """One row per record: amplitude and phase of one joint's position and torque, with ± one error."""
     n = phasors.n
     z, error = phasors.z, phasors.standard_deviation / np.sqrt(2)  # half of the variance lies along z
     columns: dict[str, list[str]] = {

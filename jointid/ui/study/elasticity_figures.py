@@ -271,7 +271,7 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
         return
     st.markdown("**Harmonics of the torques**")
     st.caption(
-        "Over the fundamental; –: within the noise. Without friction, a linear gear has none. "
+        "Relative to the fundamental; –: within the noise. A linear gear without friction causes none. "
         + HARMONICS
     )
     table({"Record": list(analysis.phasors.labels)} | harmonic_columns(content))

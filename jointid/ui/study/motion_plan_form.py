@@ -95,15 +95,15 @@ def show_motion_plan(
         st.header(_outcome(plans, analysis, suggested), anchor=False)
     show_text_table(plan_table(plans, analysis))
     st.caption(
-        "Relative standard errors. With present records: of both together, with common inertias. The "
-        "peaks of the motions are those of the simulated motors and include friction."
+        "Relative standard errors. With present records: both together, with common inertias. The peaks "
+        "are computed for the simulated motors and include friction."
     )
     for plan in plans:
         download(
             f"Save the {plan.motion.kind}s (.csv)",
             csv_of(plan_columns(plan)),
             f"planned_{plan.motion.kind}.csv",
-            hint="Angles and torques of the simulated motors over time, record by record.",
+            hint="Positions and torques of the simulated motors over time, record by record.",
         )
     st.subheader("Set points", anchor=False)
     names = {_KINDS[plan.motion.kind]: plan for plan in plans}
@@ -122,7 +122,7 @@ def _ask(page: Page, analysis: Analysis, sines: PlanSettings | None) -> MotionSe
         enter_number(place, f"motion_{key}", *entry)
         for place, (key, entry) in zip(st.columns(4), _NUMBERS.items(), strict=True)
     ]
-    labels = ["Largest angle, ± (rad)", "Largest velocity (rad/s)", "Largest torque (N·m)"]
+    labels = ["Largest position, ± (rad)", "Largest velocity (rad/s)", "Largest torque (N·m)"]
     values = (largest.position_rad, largest.velocity_rad_s, largest.torque_Nm)
     if sines is not None:
         del labels[1:]
@@ -139,7 +139,7 @@ def _ask(page: Page, analysis: Analysis, sines: PlanSettings | None) -> MotionSe
     if sines is not None:
         limits += [sines.velocity_rad_s, sines.torque_Nm]
     if min(min(each) for each in limits) <= 0:
-        raise JointIdError("The largest angles, velocities and torques must be positive numbers.")
+        raise JointIdError("The largest positions, velocities and torques must be positive numbers.")
     return MotionSettings(
         int(records), float(seconds), float(low), float(high), (limits[0], limits[1], limits[2])
     )
@@ -182,7 +182,7 @@ def plan_table(plans: tuple[PlannedMotion, ...], analysis: Analysis) -> Table:
 
 
 def plan_columns(plan: PlannedMotion) -> Table:
-    """Angles and torques over time of every record, for a file."""
+    """Positions and torques over time of every record, for a file."""
     columns: dict[str, list[float]] = {"time_s": plan.records[0].time_s.tolist()}
     for number, record in enumerate(plan.records, start=1):
         for j in range(record.n):

@@ -75,7 +75,7 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
         show_note(study.changes[-1])
         show_text_table(_compared(analysis, after))
         if change.kind in ("order", "scale"):
-            st.caption("The residuals in the finding are those of a quick check without friction.")
+            st.caption("The residuals in the finding come from a quick check without friction.")
         show_note(after.headline)
         helps = after.state != NOT_USABLE
         if not helps:

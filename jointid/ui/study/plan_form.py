@@ -32,7 +32,7 @@ from jointid.wording import counted, percent, significant, three_digits
 _LARGE_GAIN = (
     " Such a large gain is plausible: these records are at frequencies and phases where the motion "
     "depends most on K and D, usually close to a resonance, and the records so far determine the "
-    "inertias. The prediction is as good as the model."
+    "inertias. The prediction assumes that the model is right."
 )
 
 
@@ -157,7 +157,7 @@ def show_suggestion(page: Page, settings: PlanSettings, found: Suggestion, analy
         "Save these records (.csv)",
         lambda: csv_of(suggested_columns(found)),
         "next_records.csv",
-        hint="With the motor angles, for a controller that follows positions.",
+        hint="With the motor positions, for a controller that follows positions.",
     )
     if usable:
         what = "Worst relative error over the number of records added"
@@ -184,7 +184,7 @@ def suggested_table(found: Suggestion) -> Table:
 
 
 def suggested_columns(found: Suggestion) -> Table:
-    """The same as plain numbers with motor angles, for a file."""
+    """The same as plain numbers with motor positions, for a file."""
     records = found.records
     columns: dict[str, list[float]] = {"frequency_hz": records.frequency_hz.tolist()}
     for what, unit, values in zip(("torque", "angle"), ("Nm", "rad"), records.relative, strict=True):

@@ -24,11 +24,11 @@ def show_record(page: Page, number: int) -> None:
         page.show_per_joint(
             f"waveforms {number} {periods}",
             partial(waveforms, record, fitted=fitted, periods=periods),
-            "Angle and torque of joint {0} over time" + (" with the fitted sine" if is_sine else ""),
+            "Position and torque of joint {0} over time" + (" with the fitted sine" if is_sine else ""),
         )
 
     def show_spectra() -> None:
-        what = "Spectra of angle and torque of joint {0}"
+        what = "Spectra of position and torque of joint {0}"
         page.show_per_joint(f"spectra {number}", partial(spectra, record), what)
         if is_sine:
             st.caption(HARMONICS)
@@ -41,7 +41,7 @@ def show_record(page: Page, number: int) -> None:
         )
         st.caption(
             "Coherence: share of the motor's motion that is linear in the torques of all motors. In "
-            "closed loop the torque also follows encoder noise, so only frequencies where the angle "
+            "closed loop the torque also follows encoder noise, so only frequencies where the position "
             "exceeds its noise floor count."
         )
         show_distortion(record)

@@ -30,14 +30,22 @@ from jointid.uncertainty.planned_records import PlannedRecords
 from jointid.wording import enumerated, file_stem, significant
 
 _LIMITS = {
-    "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
+    "gear_ratio": (
+        "Gear ratios",
+        "100, 90",
+        "Motor turns per joint turn, negative if they turn in opposite directions.",
+    ),
     "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As displayed by the robot."),
     "lower_deg": ("Lowest positions (°)", "-150, -80", ""),
     "upper_deg": ("Highest positions (°)", "150, 60", ""),
     "velocity_deg_s": ("Velocities (°/s)", "100, 90", "Largest velocities of the joints."),
     "acceleration_deg_s2": ("Accelerations (°/s²)", "2000, 1500", "Largest accelerations."),
     "torque_Nm": ("Motor torques (N·m)", "10, 8", "Largest torques of the motors."),
-    "load_Nm": ("Motor torques at rest (N·m)", "0, 4", "Such as gravity at the start; empty: none."),
+    "load_Nm": (
+        "Motor torques at rest (N·m)",
+        "0, 4",
+        "Such as gravity in the start pose; empty: no load.",
+    ),
     "axes": ("Axes of the robot", "1, 2", "Axes that are joints of the study; empty: the first ones."),
     "joint_names": ("Names of all axes", "joint_1, joint_2", "For ROS 2; empty: joint_1, joint_2, …"),
 }

@@ -155,9 +155,7 @@ def ask() -> Simulation | None:
     if _RECORDS[pattern] == "moves":  # has no frequencies, and its fields cannot be corrected
         first, last = (_EXPERIMENTS[key][1] for key in ("first", "last"))
     if last < first:
-        raise JointIdError(
-            f"Last frequency {last:g} Hz is below the first, {first:g} Hz: exchange them."
-        )
+        raise JointIdError(f"Last frequency {last:g} Hz is below the first, {first:g} Hz: swap them.")
     rotors = numbers_in("Rotor inertias M", text["M"])
     joints, kind, seconds = len(rotors), _RECORDS[pattern], float(number["seconds"])
     K, D = numbers_in("Stiffness K", text["K"]), numbers_in("Damping D", text["D"])
