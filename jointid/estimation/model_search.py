@@ -96,11 +96,13 @@ class Search:
 
     def add_per_turn(self, effect: PerTurn) -> None:
         """Make a periodic effect of the motors' positions one of the optional parts of all models."""
-        orders = *self.base.per_turn, effect
-        self.base = replace(self.base, per_turn=orders)
-        self.fits.optional += (effect.effect,)
-        self.fits.tried = {replace(m, per_turn=orders): e for m, e in self.fits.tried.items()}
-        self.starts = {replace(m, per_turn=orders): e for m, e in self.starts.items()}
+
+        def of(model: Model) -> Model:
+            return replace(model, per_turn=(*model.per_turn, effect))
+
+        self.base, self.fits.optional = of(self.base), (*self.fits.optional, effect.effect)
+        self.fits.tried = {of(model): found for model, found in self.fits.tried.items()}
+        self.starts = {of(model): count for model, count in self.starts.items()}
         self._scores.clear()
 
     def again(self, start: Parameters) -> Search:

@@ -29,8 +29,6 @@ _UNDECIDED = 0.5
 _ALIKE = 5.5
 """Cost beyond that of the best order, over the misfit, up to which further orders are fitted: a
 likelihood ratio of 1 : 250."""
-
-
 _MOST_STEPS = 4
 """Steps from the best order up to which further ones are fitted."""
 
@@ -49,10 +47,10 @@ def fit_periodic(search: Search, nearest: Model) -> bool:
         if effect is None:
             break
         search.add_per_turn(effect)
-        model = replace(nearest, reversal=nearest.reversal or 0.0, per_turn=search.base.per_turn)
-        _fit_orders(search, model, effect, found.named)
+        nearest = replace(nearest, per_turn=(*nearest.per_turn, effect))
+        _fit_orders(search, replace(nearest, reversal=nearest.reversal or 0.0), effect, found.named)
         if effect.effect == "ripple" and "gravity" in fits.optional:
-            search.fit(replace(nearest, per_turn=model.per_turn).with_part("gravity"), found.named)
+            search.fit(nearest.with_part("gravity"), found.named)
         nearest, fitted = min(fits.tried, key=fits.misfit), True
     return fitted
 
@@ -124,7 +122,7 @@ def _fit_orders(search: Search, model: Model, effect: PerTurn, near: Parameters)
 def _descended(
     search: Search, model: Model, effect: PerTurn, found: LikelihoodEstimate, j: int
 ) -> tuple[PerTurn, LikelihoodEstimate]:
-    """The effect with the order of joint j that fits best, and its estimate; by steps."""
+    """The effect with the order of joint j that fits best, and its estimate."""
     for step in (-1, 1):
         order = effect.orders[j] + step
         while 1 <= order <= HIGHEST_ORDER and abs(order - effect.orders[j]) <= _MOST_STEPS:
