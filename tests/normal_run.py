@@ -162,7 +162,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "motion::an_initial_state_does_not_change_the_answer": (),
     "motion::bands_of_many_joints_have_the_misfit_of_noise": (),
     "motion::coulomb_friction_at_the_arm_is_found_in_random_motion": (),
-    "motion::damaged_signals_of_motions_are_named": ("one joint-*", "sample-size"),
+    "motion::damaged_signals_of_motions_are_named": ("one joint-[cv]*", "sample-size"),
     "motion::errors_hold_rounding_that_repeats": (),
     "motion::friction_is_chosen_automatically": (),
     "motion::friction_that_rises_slowly_after_a_reversal_is_found_in_random_motion": (),

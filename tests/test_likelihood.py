@@ -581,8 +581,10 @@ def test_an_optional_part_must_differ_from_zero_by_five_standard_errors(
     errors: float, significant: bool
 ) -> None:
     """A delay of that many standard errors, by its variance, without a fit that lacks it."""
-    sensors = Measurement(torque_noise_Nm=0.01)
-    records = simulate_records(PARALLELOGRAM, PAPER, [5.0, 12.0, 20.0], measurement=sensors, seed=1)
+    sensors, brief = Measurement(torque_noise_Nm=0.01), Excitation(duration_s=1.5)
+    records = simulate_records(
+        PARALLELOGRAM, PAPER, [5.0, 12.0, 20.0], measurement=sensors, excitation=brief, seed=1
+    )
     phasors = extract_phasors(records)
     start = weighted(spring_equations(phasors, PARALLELOGRAM)).p
     model = Model(None, delay=True)
