@@ -162,8 +162,8 @@ def test_the_findings_decide_the_state_of_the_answer(levels: list[str], state: s
 
 
 @pytest.fixture(scope="module")
-def study() -> Study:
-    return load_study(Path(__file__).parents[1] / "sample_data" / "paper.zip")
+def study(studies: dict[int, Study]) -> Study:
+    return studies[2]
 
 
 def with_findings(analysis: Analysis, *levels: str) -> Analysis:

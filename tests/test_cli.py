@@ -307,15 +307,19 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
     assert "presliding_rad" in refused(1, *again, "hysteresis=0.1")
 
 
-def test_motions_of_simulated_gears_have_their_laws(here: Path) -> None:
+@pytest.mark.parametrize("joints", [1, 2])
+def test_motions_of_simulated_gears_have_their_laws(here: Path, joints: int) -> None:
     made = ["simulate", "s.zip", "--motion", "sweep", "--duration-s", "4", "--records", "1"]
+    if joints == 1:
+        (here / "one.toml").write_text("M = [0.0025]\nM2 = [[0.004104]]\n", "utf-8")
+        made += ["--inertia", "one.toml", "--K", "43", "--D", "0.1"]
     ok(*made, "--gear", "1: cubic=9000")
     (record,) = load_study(here / "s.zip").records
     assert isinstance(record, MotionRecord)
     fit = analyse(load_study(here / "s.zip")).fit
-    assert [gear.kind for gear in fit.gears] == ["hardening", "linear"]
+    assert [gear.kind for gear in fit.gears] == ["hardening", "linear"][:joints]
     assert fit.gears[0].cubic == pytest.approx(9000, rel=0.03)
-    np.testing.assert_allclose(fit.K, [43, 7.5], rtol=0.005)
+    np.testing.assert_allclose(fit.K, [43, 7.5][:joints], rtol=0.005)
 
 
 def test_gears_of_all_joints_and_of_one() -> None:

@@ -396,7 +396,7 @@ def test_a_lag_is_chosen_where_it_is_significant(standard_errors: int, late: boo
     )
     tau = base.tau * np.exp(1j * base.omega[:, None] * standard_errors * known.delay_error)
     lagging = exact_phasors(base.omega / (2 * np.pi), base.q, tau)
-    for error in circular(np.random.default_rng(9), noise, 6):
+    for error in circular(np.random.default_rng(9), noise, tries(3, long=6)):
         fit = identify_elasticity(noisy(lagging, noise, error), SERIAL)
         chosen = next(each.name for each in fit.candidates if each.chosen)
         assert (chosen != "elasticity") == late

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from app_pages import opened_app, shown, upload
 from fleet_studies import Here, small_study
+from random_cases import tries
 from streamlit.testing.v1 import AppTest
 
 from jointid import JointIdError, Study, analyse
@@ -124,7 +125,7 @@ def test_chance_is_no_drift(dates: int) -> None:
     """The p-value of the slope is that of chance; the scatter of few values is itself uncertain."""
     rng = np.random.default_rng(3)
     p_values = []
-    for _ in range(1000):
+    for _ in range(tries(300, long=1000)):
         values = 40 + 0.1 * rng.standard_normal(dates)
         rows = [row(k, v, date=f"{2020 + k}-01-01") for k, v in enumerate(values)]
         p_values.append(robot_drift(rows, "K", 1, "A").p_value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -97,6 +98,10 @@ WORN = {
     ),
 }
 MOTIONS = {"noise": 0.003, "periods": 4.5, "max_step_s": tries(5e-4, long=MAX_STEP_S)}
+COARSE: dict[str, Any] = tries(
+    {"controller": Controller(sample_rate_hz=2000), "friction": MotorFriction(step_s=5e-4)}, long={}
+)
+"""Of simulated gears: fewer samples and longer steps than by default."""
 LATER = ("heavy rotors", "wide loops", "beside a stiff gear")
 """Those that only a long run fits."""
 
@@ -779,6 +784,7 @@ def test_three_slopes_as_in_a_catalogue_are_found(ratio: float, edge: float) -> 
         np.geomspace(3, 28, 6).tolist(),
         excitation=Excitation(periods=6.5),
         gears=gears,
+        **COARSE,
         measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.03, 0.015]),
         seed=2,
     )
@@ -1039,6 +1045,7 @@ def test_hardening_of_coupled_joints_is_found_far_below_the_resonance() -> None:
         np.geomspace(1.66, 4.98, 6).tolist(),
         excitation=Excitation(periods=6.5),
         gears=[Gear(9.33, 207.0), Gear(52.6, 9700.0)],
+        **COARSE,
         measurement=Measurement(position_noise_rad=2e-6, torque_noise_Nm=[0.002, 0.004]),
         seed=1,
     )

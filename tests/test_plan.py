@@ -12,6 +12,7 @@ from plants import BAND_HZ, PAPER, PARALLELOGRAM, ROBOTS, SERIAL, campaign, rubb
 
 from jointid import (
     ElasticityFit,
+    Excitation,
     Inertia,
     JointIdError,
     MotorFriction,
@@ -344,9 +345,12 @@ def test_suggestion_stays_within_the_limits(torque: float, velocity: float) -> N
 def test_suggestion_reserves_torque_for_viscous_friction() -> None:
     """That of planned sines is beside the acceleration: without it, up to 1.4 times the limit."""
     viscous = np.array([0.08])
-    friction = MotorFriction(coulomb=0.02, viscous=viscous)
+    friction = MotorFriction(coulomb=0.02, viscous=viscous, step_s=2.5e-4)
     inertia, springs = ROBOTS[1]
-    phasors = extract_phasors(simulate_records(inertia, springs, BAND_HZ[:3], friction=friction))
+    brief = Excitation(duration_s=2.0)
+    phasors = extract_phasors(
+        simulate_records(inertia, springs, BAND_HZ[:3], friction=friction, excitation=brief)
+    )
     fit = identify_elasticity(phasors, inertia, method="maximum-likelihood", friction=True)
     sines = suggest_records(phasors, inertia, fit, torque_limit_Nm=[1.0]).records
     rubbing = 2j * np.pi * sines.frequency_hz[:, None] * viscous * sines.angle_rad

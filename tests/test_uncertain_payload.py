@@ -9,6 +9,7 @@ from random_cases import tries
 
 from jointid import (
     Elasticity,
+    Excitation,
     Inertia,
     Measurement,
     RobotModel,
@@ -57,7 +58,8 @@ def test_stiffness_and_payload_come_back_from_two_poses() -> None:
     records, inertias = [], []
     for number, (M2, by, one) in enumerate(zip(POSES, BY_PAYLOAD, given(), strict=True)):
         true = Inertia(M, np.array(M2) + MISSED * np.array(by))
-        made = simulate_records(true, TRUE, np.geomspace(3, 30, 6), seed=number)
+        brief = Excitation(duration_s=tries(1.5, long=4.0))
+        made = simulate_records(true, TRUE, np.geomspace(3, 30, 6), excitation=brief, seed=number)
         records += made
         inertias += [one] * len(made)
     phasors = extract_phasors(records)
@@ -92,7 +94,7 @@ def test_a_wrong_payload_does_not_fit_as_another_gravity() -> None:
 
 
 def test_a_study_keeps_the_common_unknown(tmp_path: Path) -> None:
-    records = simulate_records(given()[0], TRUE, [3.0, 9.0])
+    records = simulate_records(given()[0], TRUE, [3.0, 9.0], excitation=Excitation(periods=3.0))
     study = Study(records, given()[0], name="Payload")
     save_study(study, tmp_path / "study")
     np.testing.assert_array_equal(load_study(tmp_path / "study").inertia.shared, BY_PAYLOAD[0])

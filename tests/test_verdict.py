@@ -394,6 +394,7 @@ def test_viscous_friction_alone_is_named_in_the_unit_of_its_coefficient() -> Non
         PAPER,
         np.geomspace(3, 30, 6).round(2),
         friction=MotorFriction(viscous=[0.02, 0.004]),
+        excitation=Excitation(duration_s=2.0),
         measurement=Measurement(torque_noise_Nm=0.005),
         seed=1,
     )
