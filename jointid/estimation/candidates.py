@@ -71,8 +71,8 @@ class Model:
         """Largest change of each gear ratio by a transmission error, over the ratio, shape (n,)."""
         p = estimate.named
         amplitude = np.hypot(p["transmission"], p["transmission_quadrature"])
-        orders = [each.orders for each in self.per_turn if each.effect == "transmission"]
-        return np.asarray(amplitude * np.ravel(orders))
+        orders = next(each.orders for each in self.per_turn if each.effect == "transmission")
+        return np.asarray(amplitude * orders)
 
     @property
     def is_slow(self) -> bool:

@@ -130,8 +130,8 @@ def freest(phasors: Phasors, base: Model, optional: Sequence[str]) -> Model:
     if "friction" not in optional or phasors.harmonics.shape[1] == 1:
         return base
     if "lag" in optional and phasors.n > 1 and not (base.delay or phasors.motion.any()):
-        return Model(0.03, delay=False, effects=("lag",))
-    return Model(0.03, base.delay or "delay" in optional)
+        return replace(base, reversal=0.03, effects=("lag",))
+    return replace(base, reversal=0.03, delay=base.delay or "delay" in optional)
 
 
 def fit_without_inertias(

@@ -113,7 +113,9 @@ def choose_model(
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
-    excluded = {"piecewise", *PERIODIC_EFFECTS}  # in place of a cubic law, and where they are found
+    per_turn = first[0].per_turn if first else ()
+    found = {each.effect for each in per_turn}
+    excluded = {"piecewise", *PERIODIC_EFFECTS} - found  # in place of a cubic law, and where found
     if gear == "linear":
         excluded |= set(GEAR_LAWS)
     if friction:
@@ -129,7 +131,7 @@ def choose_model(
         prior,
         linear,
         noise,
-        Model(0.0 if friction else None, delay),
+        Model(0.0 if friction else None, delay, per_turn=per_turn),
         Fits(optional, max(rows, 1)),
         first=tuple(first),
         most=most,
@@ -162,7 +164,7 @@ def _searched(search: Search) -> Choice:
     fit_first(search)
     if not search.fits.least_misfit < FAR and search.gives_up():
         return _given_up(search)
-    if not search.has_motions:
+    if not search.has_motions and not (search.is_lost and _inertias_are_wrong(search)):
         fit_periodic(search, min(search.fits.tried, key=search.fits.misfit))
     if search.is_lost and search.may_have_friction and search.is_distorted:
         climb_from_first(search)

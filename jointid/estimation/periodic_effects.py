@@ -18,6 +18,8 @@ HIGHEST_ORDER = 48
 """Most periods per turn of a motor of the effects that are sought: above those of usual motors."""
 _SHARE = 0.5
 """Share of the misfit beyond noise that an effect must explain to be tried."""
+_LEAST_MISFIT = 1.5
+"""Misfit from which a transmission error is sought: deviations of a simulated sampling left 1.2."""
 _LEADING = 2.0
 """Score, over the highest of the other parts, from which it is tried."""
 _LIKE_GRAVITY = 0.5
@@ -65,8 +67,11 @@ def _clearest(search: Search, model: Model, found: LikelihoodEstimate) -> PerTur
     like_ripple = _LIKE_GRAVITY * gains.pop("gravity", 0.0)
     usual = _LEADING * max(gains.values(), default=0.0)
     most, best = max(_SHARE * max(found.cost - found.expected_cost, 0.0), usual, like_ripple), None
+    # Waveforms of transmission errors in motions hold the noise of the torque. Small ones hide in K.
+    too_small = search.has_motions or found.misfit < _LEAST_MISFIT
+    known = *model.effects, *search.fits.optional, *["transmission"] * too_small
     for name, (gain, phase) in _scores(search, model, found.named).items():
-        if name not in (*model.effects, *search.fits.optional):
+        if name not in known:
             order, joints = gain.argmax(axis=0), np.arange(gain.shape[1])
             highest = gain[order, joints]
             clear = 2 * highest / max(1.0, found.misfit) > chdtri(2, CHANCE / gain.size)
