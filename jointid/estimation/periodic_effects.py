@@ -19,7 +19,7 @@ HIGHEST_ORDER = 48
 _SHARE = 0.5
 """Share of the misfit beyond noise that an effect must explain to be tried."""
 _LEAST_MISFIT = 1.5
-"""Misfit from which a transmission error is sought: deviations of a simulated sampling left 1.2."""
+"""Misfit from which the effects are sought: deviations of a simulated sampling left 1.2."""
 _LEADING = 2.0
 """Score, over the highest of the other parts, from which it is tried."""
 _LIKE_GRAVITY = 0.5
@@ -43,7 +43,7 @@ def fit_periodic(search: Search, nearest: Model) -> bool:
     fits, fitted = search.fits, False
     for _ in PERIODIC_EFFECTS * search.may_be_periodic:
         found = fits.estimate(nearest)
-        if found is None or not search.may_be_richer(found):
+        if found is None or found.misfit < _LEAST_MISFIT:
             break
         effect = _clearest(search, nearest, found)
         if effect is None:
@@ -67,9 +67,8 @@ def _clearest(search: Search, model: Model, found: LikelihoodEstimate) -> PerTur
     like_ripple = _LIKE_GRAVITY * gains.pop("gravity", 0.0)
     usual = _LEADING * max(gains.values(), default=0.0)
     most, best = max(_SHARE * max(found.cost - found.expected_cost, 0.0), usual, like_ripple), None
-    # Waveforms of transmission errors in motions hold the noise of the torque. Small ones hide in K.
-    too_small = search.has_motions or found.misfit < _LEAST_MISFIT
-    known = *model.effects, *search.fits.optional, *["transmission"] * too_small
+    # Waveforms of transmission errors in motions hold the noise of the torque.
+    known = *model.effects, *search.fits.optional, *["transmission"] * search.has_motions
     for name, (gain, phase) in _scores(search, model, found.named).items():
         if name not in known:
             order, joints = gain.argmax(axis=0), np.arange(gain.shape[1])
