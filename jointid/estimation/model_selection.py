@@ -164,7 +164,8 @@ def _searched(search: Search) -> Choice:
     fit_first(search)
     if not search.fits.least_misfit < FAR and search.gives_up():
         return _given_up(search)
-    if not search.has_motions and not (search.is_lost and _inertias_are_wrong(search)):
+    loosened = _loosened(search)
+    if not search.has_motions and not _inertias_are_wrong(search, loosened):
         fit_periodic(search, min(search.fits.tried, key=search.fits.misfit))
     if search.is_lost and search.may_have_friction and search.is_distorted:
         climb_from_first(search)
@@ -172,7 +173,7 @@ def _searched(search: Search) -> Choice:
     if search.is_lost and rows.size < phasors.omega.size:
         return _searched_in_few(search, rows)
     fit_regressed(search)
-    if search.is_lost and _inertias_are_wrong(search):
+    if search.is_lost and _inertias_are_wrong(search, loosened):
         return _choice(search, search.fits.least(list(search.fits.tried)))
     if search.is_lost and not (search.has_motions or search.is_distorted):
         climb_from_nearest(search, PROMISING)
@@ -208,17 +209,22 @@ def _given_up(search: Search) -> Choice:
     return Choice(best, search.fits.tried[best], search.fits.candidates(best), np.zeros((2 * n, 2 * n)))
 
 
-def _inertias_are_wrong(search: Search) -> bool:
-    """Whether the inertias, given as exact, keep the models from the data."""
-    if search.prior.inertia_std or search.has_motions:
-        return False
+def _loosened(search: Search) -> LikelihoodEstimate | None:
+    """Fit far from the data with free inertias in place of exact ones; None without such."""
+    if not search.is_lost or search.prior.inertia_std or search.has_motions:
+        return None
     prior = replace(search.prior, inertia_std=LOOSE)
     model = freest(search.phasors, search.base, search.fits.optional)
-    probed = fit_without_inertias(search.phasors, prior, search.start, search.noise, model)
-    if probed is None or not probed.misfit < min(LOST, _FAR_BETTER * search.fits.least_misfit):
+    return fit_without_inertias(search.phasors, prior, search.start, search.noise, model)
+
+
+def _inertias_are_wrong(search: Search, loosened: LikelihoodEstimate | None) -> bool:
+    """Whether the inertias, given as exact, keep the models from the data."""
+    if loosened is None or not loosened.misfit < min(LOST, _FAR_BETTER * search.fits.least_misfit):
         return False
-    search.fit(model, probed.named)  # heavy friction may have biased the others
-    return _FAR_BETTER * search.fits.least_misfit > probed.misfit
+    model = freest(search.phasors, search.base, search.fits.optional)
+    search.fit(model, loosened.named)  # heavy friction may have biased the others
+    return _FAR_BETTER * search.fits.least_misfit > loosened.misfit
 
 
 def _other_start(search: Search) -> Search:
