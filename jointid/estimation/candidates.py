@@ -39,7 +39,7 @@ _MOST_RATIO_ERROR = 0.1
 _DISSIPATIVE = 2.0
 """Standard errors by which Coulomb friction must be positive."""
 _CERTAIN = 200.0
-"""Squared parameter over its variance from which a model without it need not be fitted."""
+"""Wald statistic of a part from which a model without it need not be fitted."""
 
 
 @dataclass(frozen=True)
@@ -241,14 +241,17 @@ class Fits:
         return bool(found and found.misfit <= EXPLAINED and fundamental_chance(found) > _USUAL)
 
     def is_certain(self, model: Model, part: str, least: float = _CERTAIN) -> bool:
-        """Whether the cost without a part would be far higher, by its size in standard errors."""
+        """Whether the cost without a part would be far higher, by the Wald statistic."""
         estimate = self.estimate(model)
         if estimate is None:
             return False
-        place = estimate.layout.of_part(part)
-        variance = np.diag(estimate.covariance)[place] * max(1.0, estimate.misfit)
-        squared = estimate.p[place] ** 2
-        return bool(np.any((squared > least * variance) & (variance > 0)))
+        every = np.arange(estimate.layout.size)[estimate.layout.of_part(part)]
+        place = every[np.diag(estimate.covariance)[every] > 0]
+        covariance = estimate.covariance[np.ix_(place, place)]
+        sigma = np.sqrt(np.diag(covariance))
+        size = estimate.p[place] / sigma
+        inverse = np.linalg.pinv(covariance / sigma / sigma[:, None], hermitian=True)
+        return bool(size @ inverse @ size > least * max(1.0, estimate.misfit))
 
     def _is_significant(self, model: Model, estimate: LikelihoodEstimate) -> bool:
         """Whether every optional part is needed, or significant and physical."""

@@ -151,10 +151,10 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         instead = (part for part in clear if scored[part].gain > NEARLY_ALL * found.cost)
         wider += [bare.with_part(part) for part in instead if part not in LAWS]
     highest = scored[clear[0]].gain / found.cost if clear else 0.0
+    sharper: list[Model] = []
     if model.reversal is not None and may_be_richer:
         richer = _RICHER.get((model.reversal, model.curve), ())
         sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
-        wider = [*sharper, *wider]
     elif search.has_motions and _friction_varies_with_speed(search, model, found):
         wider = [replace(model, curve=True), *wider]
     if "piecewise" in model.effects and not search.has_motions:
@@ -172,7 +172,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         instead_of_cubic = [plain.with_part(law) for law in others]
         later = highest > NEARLY_ALL and not search.has_motions
         wider = [*wider, *instead_of_cubic] if later else [*instead_of_cubic, *wider]
-    return wider
+    return [*sharper, *wider]
 
 
 def _friction_varies_with_speed(search: Search, model: Model, found: LikelihoodEstimate) -> bool:

@@ -10,7 +10,8 @@ from jointid.arrays import Floats
 from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, Model
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import PERIODIC_EFFECTS, Parameters
-from jointid.estimation.estimators.score_tests import scores_per_turn
+from jointid.estimation.estimators.score_tests import PerTurnScores, scores_per_turn
+from jointid.estimation.model_climb import fit_hanging
 from jointid.estimation.model_search import DOUBTFUL, Search
 from jointid.motion.per_turn import PerTurn
 
@@ -20,10 +21,13 @@ _SHARE = 0.5
 """Share of the misfit beyond noise that an effect must explain to be tried."""
 _LEAST_MISFIT = 1.5
 """Misfit from which the effects are sought: deviations of a simulated sampling left 1.2."""
+_HARDLY = 0.7
+"""Ratio of misfits above which free reversals do not explain what sharp ones leave."""
 _LEADING = 2.0
 """Score, over the highest of the other parts, from which it is tried."""
-_LIKE_GRAVITY = 0.5
-"""Score, over that of gravity, from which it is tried."""
+_STRAIGHT = 0.9
+"""Score of a straight line in place of a wave, over that of the wave, from which it is not tried: 0.03
+to 0.6 with the effect; 1.4 and more with gears that harden or have hysteresis."""
 _ROUNDS = 3
 """Fits from which the orders are sought again: far from the data, they may be others."""
 _UNDECIDED = 0.5
@@ -42,6 +46,8 @@ def fit_periodic(search: Search, nearest: Model) -> bool:
     """
     fits, fitted = search.fits, False
     for _ in PERIODIC_EFFECTS * search.may_be_periodic:
+        if not search.has_motions:
+            nearest = _with_simple_parts(search, nearest)
         found = fits.estimate(nearest)
         if found is None or found.misfit < _LEAST_MISFIT:
             break
@@ -57,24 +63,43 @@ def fit_periodic(search: Search, nearest: Model) -> bool:
     return fitted
 
 
+def _with_simple_parts(search: Search, nearest: Model) -> Model:
+    """The model nearest to sines after fits of what looks like the effects: gravity and sticking."""
+    fits, found = search.fits, search.fits.estimate(nearest)
+    gravity = search.scores(nearest).get("gravity") if search.is_lost else None
+    if found and gravity and gravity.gain > _SHARE * found.cost:
+        fit_hanging(search)
+        if search.is_lost:
+            search.fit(nearest.with_part("gravity"), found.named)
+        nearest = min(fits.tried, key=fits.misfit)
+    found, free = fits.estimate(nearest), replace(nearest, reversal=0.03)
+    if found and found.misfit > _LEAST_MISFIT and nearest.reversal == 0 and free not in fits.tried:
+        search.fit(free, found.named)
+        if fits.misfit(free) > _HARDLY * found.misfit:
+            del fits.tried[free]  # further fits shall not start there
+    return min(nearest, free, key=fits.misfit)
+
+
 def _clearest(search: Search, model: Model, found: LikelihoodEstimate) -> PerTurn | None:
     """The absent effect that lowers the cost of a model most; None if others may explain as much.
 
     Where the motors turn little, the effects are like springs: they imitate gravity, which is fitted
-    for comparison, and slow friction.
+    for comparison, slow friction, and the laws of gears.
     """
-    gains = {name: score.gain for name, score in search.scores(model).items()}
-    like_ripple = _LIKE_GRAVITY * gains.pop("gravity", 0.0)
+    gains = {name: score.gain for name, score in search.scores(model).items() if name != "gravity"}
     usual = _LEADING * max(gains.values(), default=0.0)
-    most, best = max(_SHARE * max(found.cost - found.expected_cost, 0.0), usual, like_ripple), None
+    most, best = max(_SHARE * max(found.cost - found.expected_cost, 0.0), usual), None
     # Waveforms of transmission errors in motions hold the noise of the torque.
     known = *model.effects, *search.fits.optional, *["transmission"] * search.has_motions
-    for name, (gain, phase) in _scores(search, model, found.named).items():
+    if most > found.cost:
+        return None
+    for name, (gain, phase, straight) in _scores(search, model, found.named).items():
         if name not in known:
             order, joints = gain.argmax(axis=0), np.arange(gain.shape[1])
             highest = gain[order, joints]
             clear = 2 * highest / max(1.0, found.misfit) > chdtri(2, CHANCE / gain.size)
-            if clear.any() and (highest * clear).sum() > most:
+            like_wave = straight.sum() > _STRAIGHT * highest.sum()
+            if clear.any() and (highest * clear).sum() > most and not like_wave:
                 if name == "transmission":  # the other gears have one, too
                     clear = highest > 0
                 most, best = (highest * clear).sum(), _effect(name, (order + 1) * clear, phase)
@@ -110,7 +135,7 @@ def _fit_orders(search: Search, model: Model, effect: PerTurn, near: Parameters)
             freed = _fitted(search, free, effect, near)
             if freed and NEEDED * freed.misfit < found.misfit:
                 model, found, near = free, freed, _without(freed, effect)
-        gain, phase = _scores(search, model, near)[effect.effect]
+        gain, phase, _ = _scores(search, model, near)[effect.effect]
         moved = np.array(effect.orders) > 0
         effect = _effect(effect.effect, (gain.argmax(axis=0) + 1) * moved, phase)
         if effect.orders == before:
@@ -132,7 +157,7 @@ def _descended(
         while 1 <= order <= HIGHEST_ORDER and abs(order - effect.orders[j]) <= _MOST_STEPS:
             orders, near = np.array(effect.orders), _without(found, effect)
             orders[j] = order
-            phase = _scores(search, model, near, (order,))[effect.effect][1]
+            phase = _scores(search, model, near, (order,))[effect.effect].phase
             phases = tuple(
                 float(phase[0, i]) if i == j else each for i, each in enumerate(effect.phases)
             )
@@ -178,7 +203,7 @@ def _with(model: Model, effect: PerTurn) -> Model:
 
 def _scores(
     search: Search, model: Model, near: Parameters, orders: Sequence[int] = range(1, HIGHEST_ORDER + 1)
-) -> dict[str, tuple[Floats, Floats]]:
+) -> dict[str, PerTurnScores]:
     """Scores of orders beside a model, see ``scores_per_turn``."""
     waveforms = search.completed_waveforms(model, near, model.parts)
     return scores_per_turn(

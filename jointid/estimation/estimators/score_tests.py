@@ -1,11 +1,12 @@
 """Score tests: reduction of the cost by one more part, without its fit."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from jointid.arrays import Floats
+from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
@@ -22,6 +23,7 @@ from jointid.estimation.estimators.whitened_residual import WhitenedResidual, wi
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms, gear_torque_of
 from jointid.motion.per_turn import turn_waves
 from jointid.phasors.extract import Phasors
+from jointid.phasors.periods import samples_of
 
 _FILTER = 3e-3
 """Time constant of a filter where its score is evaluated beside a delay, as of ``Problem.start``."""
@@ -55,6 +57,17 @@ class Score:
     def penalised(self, rows: int) -> float:
         """Decrease of half the information criterion: of the cost, less the penalty."""
         return self.gain - 0.5 * self.count * float(np.log(rows))
+
+
+class PerTurnScores(NamedTuple):
+    """Decrease of the cost by an effect of each joint that repeats with the turns of its motor."""
+
+    gain: Floats
+    """By waves of k orders, shape (k, n)."""
+    phase: Floats
+    """Their phases, rad, (k, n)."""
+    straight: Floats
+    """Decrease by a straight line in place of a wave, (n,): alike where a motor turns little."""
 
 
 def scores(
@@ -133,11 +146,10 @@ def scores_per_turn(
     delay: bool,
     effects: Sequence[str],
     orders: Sequence[int],
-) -> dict[str, tuple[Floats, Floats]]:
-    """Decrease of the cost by each periodic effect of each joint, and its phase, rad, both (k, n).
+) -> dict[str, PerTurnScores]:
+    """Decrease of the cost by each periodic effect of each joint, beside a delay and other effects.
 
-    Of k orders, beside a delay and other effects; K, D and all parameters are fitted along to first
-    order from those given.
+    K, D and all parameters are fitted along to first order from those given.
     """
     layout = fitted_layout(prior, friction, delay, effects)
     problem = make_problem(phasors, prior, layout, near, friction, noise)
@@ -147,32 +159,40 @@ def scores_per_turn(
     base, _ = np.linalg.qr(residual.columns().reshape(-1, size))
     left = residual.rows.ravel()
     left = left - base @ (base.T @ left)
-    found = {name: np.zeros((2, len(orders), n)) for name in PERIODIC_EFFECTS}
+
+    def decrease(columns: Complexes) -> Floats:
+        """Decrease, and factors, for columns (r, H, n, c n) of c waves, shape (1 + c, n)."""
+        rows = residual.projection.rows(columns).reshape(left.size, -1)
+        rows -= base @ (base.T @ rows)
+        found = []
+        for j in range(n):
+            own = rows[:, j::n]
+            factors = np.linalg.lstsq(own, -left, rcond=_RANK)[0]
+            found.append([(left**2).sum() - ((left + own @ factors) ** 2).sum(), *factors])
+        return np.array(found).T
+
     sliding = friction or friction_waveforms(phasors, None)
     torque = gear_torque_of(sliding, phasors, prior.motors(phasors, near), loaded=False)
-    X, eye = residual.at.X, np.eye(n)
+    X, eye, q = residual.at.X, np.eye(n), phasors.harmonics[..., None, :n]
+    # That of the model: waves of the measured one hold, and would explain, the residual.
+    through = residual.at.torque - residual.at.r
+    modelled = samples_of(through[~phasors.motion].swapaxes(1, 2), torque.sines.shape[2])
+    torque = replace(torque, sines=modelled + torque.sines.mean(axis=2, keepdims=True))
+    straight = {"ripple": -q * eye, "transmission": X * q + through[..., None, :] * eye}
+    found = {name: np.zeros((3, len(orders), n)) for name in PERIODIC_EFFECTS}
     for place, k in enumerate(orders):
-        cosine, sine = turn_waves(phasors, np.full(n, k))
-        by_cosine, by_sine = k * turn_waves(phasors, np.full(n, k), torque)
+        cosine, sine = (wave[..., None, :] for wave in turn_waves(phasors, np.full(n, k)))
+        by_cosine, by_sine = (k * w[..., None, :] for w in turn_waves(phasors, np.full(n, k), torque))
         waves = {
-            "ripple": [-cosine[..., None] * eye, -sine[..., None] * eye],
-            "transmission": [
-                X * cosine[..., None, :] - by_sine[..., None] * eye,
-                X * sine[..., None, :] + by_cosine[..., None] * eye,
-            ],
+            "ripple": [-cosine * eye, -sine * eye],
+            "transmission": [X * cosine - by_sine * eye, X * sine + by_cosine * eye],
         }
         for name, each in waves.items():
-            columns = np.concatenate(each, axis=3)
-            rows = residual.projection.rows(columns).reshape(-1, 2 * n)
-            rows -= base @ (base.T @ rows)
-            for j in range(n):
-                own = rows[:, j::n]
-                b, a = np.linalg.lstsq(own, -left, rcond=_RANK)[0]  # of cosine and sine
-                found[name][:, place, j] = (
-                    (left**2).sum() - ((left + own @ [b, a]) ** 2).sum(),
-                    np.arctan2(b, a),
-                )
-    return {name: (each[0], each[1]) for name, each in found.items()}
+            found[name][:, place] = decrease(np.concatenate(each, axis=3))
+    return {
+        name: PerTurnScores(gain, np.arctan2(of_cosine, of_sine), decrease(straight[name])[0])
+        for name, (gain, of_cosine, of_sine) in found.items()
+    }
 
 
 def _further_step(
