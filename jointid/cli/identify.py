@@ -83,8 +83,8 @@ def arm_side(
         Path | None,
         typer.Option(
             parser=named,
-            help="Robot model: .urdf, .xml (MJCF) or .toml (Denavit–Hartenberg).",
-            show_default="the study's [robot_model]",
+            help="Robot model: .urdf, .xml (MJCF) or .toml (Denavit–Hartenberg); default: that of the "
+            "study, [robot_model].",
         ),
     ] = None,
     as_json: Annotated[bool, JSON] = False,

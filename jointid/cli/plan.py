@@ -24,15 +24,16 @@ if TYPE_CHECKING:
     from jointid.uncertainty.motion_plan import PlannedMotion
     from jointid.uncertainty.plan import Suggestion
 
-_STUDY = "the largest in the study"
 COUNT = typer.Option(min=1, max=50, help="Number of records.")
 DURATION = typer.Option(help="Length of each record, s.")
-TORQUE_LIMIT = numbers_option("Largest motor torques, N·m.", show_default=_STUDY)
-VELOCITY_LIMIT = numbers_option("Largest motor velocities, rad/s.", show_default=_STUDY)
+TORQUE_LIMIT = numbers_option("Largest motor torques, N·m; default: the largest in the study.")
+VELOCITY_LIMIT = numbers_option("Largest motor velocities, rad/s; default: the largest in the study.")
 MOTION = typer.Option(
     help="Motion in place of sines: sweep, multisine, random (band-limited) or moves (point to point)."
 )
-POSITION_LIMIT = numbers_option("With --motion: largest motor positions, ± rad.", show_default=_STUDY)
+POSITION_LIMIT = numbers_option(
+    "With --motion: largest motor positions, ± rad; default: the largest in the study."
+)
 FROM_HZ = typer.Option(help="With --motion: lowest frequency, Hz.")
 TO_HZ = typer.Option(help="With --motion: highest frequency, Hz.")
 
