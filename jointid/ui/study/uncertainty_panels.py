@@ -53,7 +53,7 @@ def show_fitted_model(fit: ElasticityFit) -> None:
     """The model, the effects fitted in addition to K and D, and the compared models."""
     st.write(f"Fitted model: {model_name(fit)}.")
     if further := further_quantities(fit):
-        names, shown = [capitalised(q.name) for q in further], [q.shown for q in further]
+        names, shown = [capitalised(q.meaning) for q in further], [q.shown for q in further]
         show_text_table(
             {"": names, "Fitted": [text for text, _ in shown], "Unit": [unit for _, unit in shown]}
         )
