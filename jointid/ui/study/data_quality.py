@@ -39,6 +39,11 @@ def show_quality(page: Page) -> None:
     st.header("Quality of every record", anchor=False)
     if page.study.motion_records:
         show_text_table(motion_table(page.study.motion_records))
+        order = " of each joint in turn" if page.study.inertia.n > 1 else ""
+        st.caption(
+            f"Position range, peak to peak, and torque RMS about its mean{order}. Band: frequencies that "
+            "the analysis uses."
+        )
     if not page.study.sine_records:
         return
     st.caption("Signal/noise and distortion: position and torque of the joint with the largest motion.")

@@ -58,7 +58,7 @@ The real part of b/a is K at every frequency, the imaginary part Ï‰D; bars are Â
 Deviations at only some frequencies indicate friction, a torque delay or wrong inertias.
 """
 _REMOVED = (
-    "The points are {removed}, as identified. Of a nonlinear gear they show the linear part only; "
+    "The points are {removed}, as identified. For a nonlinear gear, they show the linear part only; "
     "K over amplitude shows the whole gear."
 )
 
