@@ -41,8 +41,8 @@ def show_quality(page: Page) -> None:
         show_text_table(motion_table(page.study.motion_records))
         order = " of each joint in turn" if page.study.inertia.n > 1 else ""
         st.caption(
-            f"Position range, peak to peak, and torque RMS about its mean{order}. Band: frequencies that "
-            "the analysis uses."
+            f"Position range, peak to peak, and torque RMS about the mean{order}. Band: the frequencies "
+            "that the analysis uses."
         )
     if not page.study.sine_records:
         return
