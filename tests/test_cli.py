@@ -386,6 +386,13 @@ def test_plan_predicts_smaller_errors(study: Path) -> None:
     assert "record 1" in ok("plan", study, "--count", "1")
 
 
+def test_plan_predicts_no_errors_for_an_answer_that_is_not_usable(here: Path) -> None:
+    shown = ok("plan", "exercise_1", "--count", "1")
+    assert "K and D that are not usable" in shown
+    assert "record 1" in shown
+    assert "%" not in shown
+
+
 # --- report, export, convert
 
 
