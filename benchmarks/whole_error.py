@@ -273,7 +273,7 @@ SPEED_COLUMNS = {
 
 FAULTS: dict[str, Callable[[SineRecord], SineRecord]] = {
     "torque 2 reversed": lambda r: replace(r, tau_Nm=r.tau_Nm * [1, -1]),
-    "torques exchanged": lambda r: replace(r, tau_Nm=r.tau_Nm[:, ::-1]),
+    "torques swapped": lambda r: replace(r, tau_Nm=r.tau_Nm[:, ::-1]),
     "torques without sign": lambda r: replace(r, tau_Nm=np.abs(r.tau_Nm)),
     "torques clipped": lambda r: replace(
         r, tau_Nm=np.clip(r.tau_Nm, *(0.35 * np.ptp(r.tau_Nm, 0) * SIGNS))

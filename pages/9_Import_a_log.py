@@ -8,7 +8,8 @@ from jointid.ui.shared.page import start
 
 start(
     "Import a log",
-    "Logs of any controller become a study in five steps. A log may hold one run or many.",
+    "Logs of any controller become a study in five steps. A log needs the time, and position and torque "
+    "or current of every motor; it may hold one run or many.",
 )
 progress = st.container(key="progress").empty()
 with kept_import():

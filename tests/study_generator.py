@@ -434,7 +434,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
     yield "poses", lambda: _poses(analysis)
     yield "prediction", lambda: left_out_prediction(predict_torques(fit))
     yield "residuals", lambda: _residuals(analysis)
-    yield "harmonics", lambda: harmonic_columns(harmonic_content(phasors))
+    yield "harmonics", lambda: harmonic_columns(harmonic_content(phasors), range(phasors.n))
     yield "amplitudes", lambda: amplitude_dependence(fit)
     yield "plan", lambda: _plan(analysis)
     yield "cut robot", lambda: (reason_unusable(analysis), cut_robot(analysis))

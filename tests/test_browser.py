@@ -157,7 +157,7 @@ def test_nothing_is_wider_than_a_phone(address: str, open_in: Callable[..., Page
     with heard(page):
         page.evaluate(GO, "Elasticity?details=Estimators")
     finished(page, "Elasticity")
-    expect(page.get_by_role("cell", name="explicit")).to_be_visible()
+    expect(page.get_by_role("columnheader", name="explicit")).to_be_visible()
     expect(page.locator("table.stacked")).to_have_count(0)  # it would have 30 lines
     expect(page.locator("table.small")).to_have_count(1)
     page.get_by_test_id("stExpandSidebarButton").click()

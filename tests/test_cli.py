@@ -123,13 +123,16 @@ def test_a_file_or_folder_has_priority_over_a_sample_of_the_same_name(
     assert document["K"] == analyse(load_study(one_joint)).fit.K.tolist()
 
 
-@pytest.mark.parametrize("command", ["simulate", "export", "convert", "batch", "setpoints", "cut"])
+@pytest.mark.parametrize(
+    "command", ["simulate", "export", "convert", "batch", "setpoints", "cut", "identify"]
+)
 def test_help_names_the_values_of_options(here: Path, command: str) -> None:
     text = ok(command, "--help")
     assert not re.search(r"<[\w\[\] ]+>", text)
     assert ("--output FILE" in text) == (command in ("convert", "export", "setpoints", "batch"))
     assert "--out " not in text
     assert ("--output FILE …" in text) == (command == "export")
+    assert "[default: (" not in text
 
 
 def test_the_samples_are_listed(here: Path) -> None:
@@ -381,6 +384,13 @@ def test_plan_predicts_smaller_errors(study: Path) -> None:
     assert len(document["records"][0]["torque_Nm"]) == 2
     assert document["limit"] == ""
     assert "record 1" in ok("plan", study, "--count", "1")
+
+
+def test_plan_predicts_no_errors_for_an_answer_that_is_not_usable(here: Path) -> None:
+    shown = ok("plan", "exercise_1", "--count", "1")
+    assert "K and D that are not usable" in shown
+    assert "record 1" in shown
+    assert "%" not in shown
 
 
 # --- report, export, convert

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
+from pathlib import Path
 from urllib.parse import parse_qs
 
 import numpy as np
 import pytest
 from app_pages import upload
 from streamlit.testing.v1 import AppTest
+from typer.testing import CliRunner
 
-from jointid import Analysis, JointIdError, MotionRecord, Study, analyse
+from jointid import Analysis, Inertia, JointIdError, MotionRecord, Study, analyse, save_study
 from jointid.answer import StiffnessUnit
+from jointid.cli import app as program
 from jointid.uncertainty.comparison import compare
+
+run = CliRunner()
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +53,40 @@ def test_a_stiffer_gear_is_found_with_its_standard_errors(first: Analysis) -> No
 def test_other_joints_are_refused(studies: dict[int, Study], first: Analysis) -> None:
     with pytest.raises(JointIdError, match="first study has 2 joints, the second 1 joint"):
         compare(first.fit, analyse(studies[1]).fit)
+
+
+def test_the_command_states_which_robot_is_softer(
+    tmp_path: Path, studies: dict[int, Study], first: Analysis
+) -> None:
+    records = [replace(r, tau_Nm=0.9 * r.tau_Nm) for r in first.study.records]
+    M, M2 = 0.9 * first.study.inertia.M, 0.9 * first.study.inertia.M2
+    soft = replace(first.study, records=records, inertia=Inertia(M, M2), name="Soft")
+    for name, each in (("stiff", first.study), ("soft", soft)):
+        save_study(each, tmp_path / f"{name}.zip")
+    files = [str(tmp_path / "stiff.zip"), str(tmp_path / "soft.zip")]
+    shown = run.invoke(program, ["compare", *files])
+    assert shown.exit_code == 0, shown.stderr
+    assert f'"Soft" compared with "{first.study.name}": joint 1 is 10 % softer' in shown.stdout
+    assert re.search(r"K1 \(N·m/rad\).*−10 %\s+yes, ", shown.stdout)
+    found = json.loads(run.invoke(program, ["compare", *files, "--json"]).stdout)
+    assert [row["name"] for row in found["differences"]] == ["K1", "K2", "D1", "D2"]
+    K1 = found["differences"][0]
+    assert K1["relative"] == pytest.approx(-0.1, abs=1e-4)
+    error = np.hypot(K1["first_error"], K1["second_error"])
+    assert K1["sigmas"] == pytest.approx((K1["second"] - K1["first"]) / error)
+    same = run.invoke(program, ["compare", files[0], files[0]])
+    assert same.exit_code == 1
+    assert "the same study" in same.stderr
+
+
+def test_the_command_shows_no_difference_from_an_answer_that_is_not_usable() -> None:
+    shown = run.invoke(program, ["compare", "paper", "exercise_1"])
+    assert shown.exit_code == 0, shown.stderr
+    assert 'Second: "Exercise 1: a log with a fault", not usable\nNot usable: ' in shown.stdout
+    assert "σ" not in shown.stdout
+    found = json.loads(run.invoke(program, ["compare", "paper", "exercise_1", "--json"]).stdout)
+    assert found["second"]["state"] == "not usable"
+    assert all(row["relative"] is row["sigmas"] is None for row in found["differences"])
 
 
 def test_the_page_compares_two_studies(app: AppTest) -> None:

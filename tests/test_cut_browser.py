@@ -204,6 +204,22 @@ def test_the_keys_work_independently_of_the_focus(browse: Browse) -> None:
     browse(look)
 
 
+def test_the_largest_error_so_far_is_never_below_the_present_one(browse: Browse) -> None:
+    def look(page: Page) -> None:
+        playing(page)
+        page.get_by_role("button", name="Pause", exact=True).click()
+        for time_s in (0.01 + 0.0073 * step for step in range(40)):
+            scrub(page, time_s)
+            for name in ("nominal", "identified"):
+                present, largest = (
+                    float(page.locator(f".{name}-{what}").inner_text().strip("< m"))
+                    for what in ("error", "largest")
+                )
+                assert largest >= present
+
+    browse(look)
+
+
 def test_the_magnification_keeps_the_shape_of_the_path(browse: Browse) -> None:
     def look(page: Page) -> None:
         playing(page)

@@ -285,7 +285,7 @@ class TestPage:
         app.query_params["cut_details"] = "Assumptions"
         text = words(shown(app.switch_page(PAGE).run()))
         assert "**The paper states**" in text
-        assert "**Our assumption**" in text
+        assert "**Assumed here**" in text
         assert "**Both robots are simulated.**" in text
 
 

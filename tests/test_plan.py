@@ -15,6 +15,7 @@ from jointid import (
     Excitation,
     Inertia,
     JointIdError,
+    Measurement,
     MotorFriction,
     Phasors,
     SineRecord,
@@ -25,6 +26,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.figures.uncertainty import worst_error
+from jointid.gears.gear import Gear
 from jointid.ui.study.plan_form import suggested_table
 from jointid.uncertainty.plan import (
     PlannedRecords,
@@ -223,6 +225,22 @@ def test_friction_by_load_is_followed_to_other_poses_and_records() -> None:
     assert np.all(np.abs(found.fit.estimate - [K, D]) < 3 * found.fit.standard_error)
     plan = suggest_records(found.phasors, study.inertias, found.fit, count=2, duration_s=3.0)
     assert np.all(np.diff(plan.worst) < 0)
+
+
+def test_a_plan_beyond_a_hardening_gear_does_not_determine_the_torque_scale() -> None:
+    """Torques that the iteration had not found predicted errors of 0.002 % in place of 2 %/√2."""
+    records = simulate_records(
+        PARALLELOGRAM,
+        PAPER,
+        np.geomspace(3, 30, 8),
+        gears=[Gear(cubic=9000.0), Gear()],
+        measurement=Measurement(encoder_counts=65536, torque_noise_Nm=0.01),
+    )
+    study = Study(records, PARALLELOGRAM, inertia_std=0.05, torque_std=0.02)
+    found = analyse(study)
+    assert found.fit.gears[0].kind == "hardening"
+    plan = suggest_records(found.phasors, study.inertias, found.fit, count=1)
+    assert np.all(plan.relative_error[:, :2] > 0.9 * found.fit.standard_error[:2] / found.fit.K)
 
 
 def test_parameters_that_a_plan_does_not_determine_have_infinite_errors() -> None:

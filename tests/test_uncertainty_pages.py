@@ -266,7 +266,7 @@ class TestFigures:
 
     def test_harmonics_are_in_per_cent(self, found: Analysis) -> None:
         content = harmonic_content(found.phasors)
-        shown = harmonic_columns(content)
+        shown = harmonic_columns(content, range(2))
         assert list(shown) == ["Odd τ1 (%)", "Even τ1 (%)", "Odd τ2 (%)", "Even τ2 (%)"]
         clear = content.significance[:, 2] > 4
         assert [text != "–" for text in shown["Odd τ1 (%)"]] == clear.tolist()

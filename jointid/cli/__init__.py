@@ -1,4 +1,4 @@
-"""The command line: jointid identify, simulate, cut, report, export, plan, setpoints, convert, …
+"""The command line: jointid identify, compare, simulate, cut, report, export, plan, setpoints, …
 
 Exit codes: 0 done, 1 unusable input, 2 usage error, 130 interrupted. Messages and progress go to
 standard error, the result to standard output; with --json it is JSON only.
@@ -6,6 +6,7 @@ standard error, the result to standard output; with --json it is JSON only.
 
 try:
     from jointid.cli.batch import batch
+    from jointid.cli.compare import compare
     from jointid.cli.convert import convert
     from jointid.cli.cut import cut
     from jointid.cli.export import export, report
@@ -18,6 +19,18 @@ except KeyboardInterrupt:  # during the imports
 
 __all__ = ["app"]
 
-for _command in (identify, simulate, cut, report, export, plan, setpoints, convert, arm_side, batch):
+for _command in (
+    identify,
+    compare,
+    simulate,
+    cut,
+    report,
+    export,
+    plan,
+    setpoints,
+    convert,
+    arm_side,
+    batch,
+):
     app.command(cls=Command)(_command)
 app.command(name="app", cls=Command)(start_app)

@@ -63,7 +63,10 @@ def _print_tables(analysis: Analysis) -> None:
     known = [] if nominal is None else [plain(float(value)) for value in nominal]
     fitted = (*analysis.quantities, *further_quantities(fit))
     print(f"\nModel: {model_name(fit)}. K and D {analysis.unit.side}.")
-    rows = [[q.name, *q.shown, *known[q.place : q.place + 1]] for q in fitted]
+    rows = [
+        [q.name if q.parameter in ("K", "D") else q.meaning, *q.shown, *known[q.place : q.place + 1]]
+        for q in fitted
+    ]
     print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
     if analysis.state != NOT_USABLE:
         print("Gear laws, valid up to the largest torque in the records, motor side:")
@@ -71,8 +74,9 @@ def _print_tables(analysis: Analysis) -> None:
     print(f"\n{ERROR_BARS} Its parts:")
     columns = error_table(fit, analysis.unit)
     print_columns(columns, right=tuple(range(1, len(columns))))
-    print("Inertias and torque scales, σ = standard deviation of the less certain value:")
+    print("Inertias (J_m rotors, J_a arm, J_12 coupling) and torque scales:")
     print_columns(prior_table(analysis.priors), right=(1, 2, 4))
+    print("σ: standard deviation of the less certain value.")
     if analysis.study.torque_std is None:
         print(UNSTATED_TORQUE_SCALE)
 
@@ -83,8 +87,8 @@ def arm_side(
         Path | None,
         typer.Option(
             parser=named,
-            help="Robot model: .urdf, .xml (MJCF) or .toml (Denavit–Hartenberg).",
-            show_default="the study's [robot_model]",
+            help="Robot model: .urdf, .xml (MJCF) or .toml (Denavit–Hartenberg); default: that of the "
+            "study, [robot_model].",
         ),
     ] = None,
     as_json: Annotated[bool, JSON] = False,

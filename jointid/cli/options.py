@@ -45,6 +45,9 @@ def nominal(stiffness: str, damping: str) -> Elasticity | None:
     """Return the values of --nominal-K and --nominal-D; None without them."""
     if not (stiffness or damping):
         return None
+    if not (stiffness and damping):
+        given, missing = ("--nominal-K", "--nominal-D")[:: 1 if stiffness else -1]
+        raise typer.BadParameter(f"{missing} is missing: give it together with {given}, or neither.")
     return Elasticity(K=numbers(stiffness), D=numbers(damping))
 
 
@@ -105,8 +108,8 @@ INERTIA_STD = typer.Option(
 )
 UNIT = typer.Option(
     help=f"Unit of K, and side of the gear for K and D: {', '.join(STIFFNESS_UNITS)}. At the joint "
-    "only if the study states gear_ratio.",
-    show_default=next(iter(STIFFNESS_UNITS)),
+    f"only if the study states gear_ratio. Default: {next(iter(STIFFNESS_UNITS))}.",
+    show_default=False,
 )
 TORQUE_STD = typer.Option(
     help="The same for the torque constants. Default: that of the study or inertia file, else exact."

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from jointid.analysis import Analysis, analyse
+from jointid.analysis import NOT_USABLE, Analysis, analyse
 from jointid.arrays import per_joint
 from jointid.cli.files import load_named, read_toml, require_new_output
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers, numbers_option
@@ -24,15 +24,16 @@ if TYPE_CHECKING:
     from jointid.uncertainty.motion_plan import PlannedMotion
     from jointid.uncertainty.plan import Suggestion
 
-_STUDY = "the largest in the study"
 COUNT = typer.Option(min=1, max=50, help="Number of records.")
 DURATION = typer.Option(help="Length of each record, s.")
-TORQUE_LIMIT = numbers_option("Largest motor torques, N·m.", show_default=_STUDY)
-VELOCITY_LIMIT = numbers_option("Largest motor velocities, rad/s.", show_default=_STUDY)
+TORQUE_LIMIT = numbers_option("Largest motor torques, N·m; default: the largest in the study.")
+VELOCITY_LIMIT = numbers_option("Largest motor velocities, rad/s; default: the largest in the study.")
 MOTION = typer.Option(
     help="Motion in place of sines: sweep, multisine, random (band-limited) or moves (point to point)."
 )
-POSITION_LIMIT = numbers_option("With --motion: largest motor positions, ± rad.", show_default=_STUDY)
+POSITION_LIMIT = numbers_option(
+    "With --motion: largest motor positions, ± rad; default: the largest in the study."
+)
 FROM_HZ = typer.Option(help="With --motion: lowest frequency, Hz.")
 TO_HZ = typer.Option(help="With --motion: highest frequency, Hz.")
 
@@ -74,13 +75,20 @@ def plan(
         return
     from jointid.uncertainty.planned_records import phasor_text
 
-    names = document["parameters"]
-    rows = [["now", "", "", *map(percent, document["relative_error_today"])]]
+    usable = analysis.state != NOT_USABLE
+    names = document["parameters"] if usable else []
+    rows = [["now", "", "", *map(percent, document["relative_error_today"])]] if usable else []
     for k, record in enumerate(document["records"], start=1):
         torques = ", ".join(map(phasor_text, found.records.relative[0][k - 1].tolist()))
-        errors = map(percent, record["relative_error_after"])
+        errors = map(percent, record["relative_error_after"] if usable else [])
         rows.append([f"record {k}", f"{record['frequency_hz']:.3g}", torques, *errors])
-    print("Suggested records, and the relative standard errors after each\n")
+    if usable:
+        print("Suggested records, and the relative standard errors after each\n")
+    else:
+        print(
+            "Suggested records, predicted with K and D that are not usable: correct the study before "
+            "you measure\n"
+        )
     print_table(["", "Hz", "torques (N·m)", *names], rows, right=(1, *range(3, 3 + len(names))))
     for text in filter(None, advice.values()):
         print(f"\n{text}")

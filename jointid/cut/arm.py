@@ -80,7 +80,7 @@ class PlanarArm:
     def example(cls, drive: Drive = "parallelogram") -> Self:
         """Return an arm of the size of a common industrial robot, with two different gear ratios.
 
-        The paper states neither inertias nor geometry; these values are our own choice. At
+        The paper states neither inertias nor geometry; these values are assumed. At
         the cutting point (1.15, 0) m with a positive elbow, the paper's K and D give free resonances at
         17 Hz and 27 Hz.
         """

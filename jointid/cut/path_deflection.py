@@ -164,7 +164,7 @@ def meaning(analysis: Analysis) -> str:
     pose = next(iter(analysis.study.pose_angles_rad), "")
     return (
         "The paper's rectangle, horizontal, centred at the tool of this study's robot in its pose"
-        + (f" “{pose}”" if pose else "")
+        + (f' "{pose}"' if pose else "")
         + ". Deflection of the gears from gravity and inertia, without vibration and process forces. "
         "The sag at the start of the path is taught with the path and is not counted."
     )

@@ -184,7 +184,7 @@ def raw_columns(columns: Mapping[str, Floats], *, dark: bool = False) -> go.Figu
         style: Trace = {"yaxis": f"y{row}", "showlegend": False}
         sketch.line(x, y, plain_text(name), "measured", width=1.2, **style)
     axes = [linear_axis(_column_title(name), nticks=6) for name in shown]
-    across = linear_axis(plain_text(names[0]) if len(names) > 1 else "Row")
+    across = linear_axis(plain_text(names[0]) if len(names) > 1 else "Row", minexponent=6)
     # A title runs upwards along its panel: 7.5 px for each letter, and the gap between panels.
     panel = max(110, 20 + round(7.5 * min(_LONGEST_TITLE, max(map(len, shown)))))
     return sketch.figure(across, *axes, height=60 + panel * len(shown))

@@ -132,7 +132,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     caption += UNSTATED_TORQUE_SCALE if study.torque_std is None else ""
     yield Table.of(prior_table(analysis.priors), caption, "lrrlr")
     if further := further_quantities(fit):
-        rows = [(quantity.name, *quantity.shown) for quantity in further]
+        rows = [(capitalised(quantity.meaning), *quantity.shown) for quantity in further]
         caption = f"Fitted together with K and D. {friction_note(fit)}"
         yield Table(("", "identified", "unit"), tuple(rows), caption, "lrl")
 

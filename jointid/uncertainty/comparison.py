@@ -1,5 +1,6 @@
 """Two identifications side by side: before and after a gear change, cold and warm, two estimators."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +9,15 @@ from jointid.answer import AT_MOTOR, StiffnessUnit, elasticity_quantities
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.quantities import Quantity
-from jointid.wording import counted
+from jointid.wording import counted, enumerated, significant
+
+CLEAR_SIGMAS = 3.0
+"""Standard errors beyond which a difference is significant."""
+INDEPENDENT_ERRORS = (
+    f"Significant: beyond {CLEAR_SIGMAS:g} σ, the standard error of the difference if both errors are "
+    "independent. A common cause, such as a wrong torque constant of the same robot, changes both alike."
+)
+"""Explains ``significance``."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +30,19 @@ class Difference:
     """Second over first, less 1."""
     sigmas: float
     """Difference over its standard error; NaN where the two errors are not independent."""
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the difference is significant."""
+        return abs(self.sigmas) > CLEAR_SIGMAS
+
+    @property
+    def significance(self) -> str:
+        """Yes or no, with the size of the difference in standard errors."""
+        if not np.isfinite(self.sigmas):
+            return "–"
+        size = f"{abs(self.sigmas):.1f} σ" if abs(self.sigmas) < 100 else "over 100 σ"
+        return f"{'yes' if self.is_clear else 'no'}, {size}"
 
 
 def compare(
@@ -52,3 +74,31 @@ def compare(
         relative = change / one.value if one.value else np.nan
         found.append(Difference(one, other, relative, float(sigmas)))
     return tuple(found)
+
+
+def common_units(first: StiffnessUnit, second: StiffnessUnit) -> tuple[StiffnessUnit, StiffnessUnit]:
+    """Return both units if they have the same side and angle, else N·m/rad at the motor for both."""
+    same = (first.side, first.angle) == (second.side, second.angle)
+    return (first, second) if same else (AT_MOTOR, AT_MOTOR)
+
+
+def comparison_sentence(
+    rows: Sequence[Difference], first: str, second: str, *, exact_torque_scales: bool
+) -> str:
+    """State which joints of the second study are softer or stiffer than those of the first.
+
+    ``exact_torque_scales``: a study does not state the uncertainty of its torque constants.
+    """
+    clear = [row for row in rows[: len(rows) // 2] if row.is_clear]
+    if not clear:
+        return f"No stiffness of {second} differs significantly from {first}"
+    changes = enumerated([f"joint {row.first.name[1:]} is {_change(row)}" for row in clear])
+    condition = ", if the torque scales are exact" if exact_torque_scales else ""
+    return f"{second} compared with {first}: {changes} (significant){condition}"
+
+
+def _change(row: Difference) -> str:
+    ratio = 1 + row.relative
+    if ratio >= 1.5:
+        return f"{significant(ratio, 2)} times as stiff"
+    return f"{significant(100 * abs(row.relative), 2)} % {'stiffer' if ratio > 1 else 'softer'}"

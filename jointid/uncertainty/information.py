@@ -37,8 +37,15 @@ from jointid.uncertainty.chosen_model import (
 
 _EXACT = 1e12
 """Degrees of freedom of a given noise covariance."""
-_ITERATIONS = 5
-"""Iterations of the torque through a nonlinear gear, which the law changes little."""
+_ITERATIONS = 10
+"""Iterations of the torque through a nonlinear gear at most."""
+_SOLVED = 1e-4
+"""Last change of a torque, relative to it, after which its iteration is complete.
+
+An incomplete one appears as information on the torque scale, which no torque has.
+"""
+_DIVERGED = 100.0
+"""Torque over that of the linear gear, beyond which the iteration diverges."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +94,8 @@ class PlanningModel:
         """Information of each planned record, shape (r, P, P).
 
         ``omega`` and ``duration_s`` have shape (r,); the torques follow from the motor angles ``q``,
-        shape (r, n), by the model.
+        shape (r, n), by the model. A record whose torque the iteration does not find, such as one far
+        beyond the measured range of a hardening gear, has no information.
         """
         n, laws = q.shape[1], self.problem.laws
         distorted = self.problem.friction is not None or laws is not None
@@ -103,15 +111,29 @@ class PlanningModel:
         problem = replace(problem, friction=waveforms(), laws=planned_laws)
         scale = np.broadcast_to(self.problem.layout.named(self.p).torque_scale, n)
         has_load = "load" in self.problem.layout
+        solved = lost = np.zeros(omega.size, bool)
+        largest = np.full(omega.size, np.inf)
         for _ in range(_ITERATIONS if laws or has_load else 1):  # the torque leaves no residual
             left = Residual.at(problem, self.p)
-            signals[..., n:] -= left.r / (left.lag * scale)
+            change = left.r / (left.lag * scale)
+            signals[..., n:] -= change
+            size = np.abs(signals[..., n:]).max(axis=(1, 2))
+            lost = lost | ~(size < largest)
+            largest = np.minimum(largest, _DIVERGED * size)
+            solved = ~lost & (np.abs(change).max(axis=(1, 2)) <= _SOLVED * size)
+            signals[lost, :, n:] = 0.0
             if has_load:
                 problem = replace(problem, friction=waveforms())
+            if np.all(solved | lost):
+                break
+        if laws or has_load:
+            signals[~solved, :, n:] = 0.0
         residual = WhitenedResidual.of(problem, self.p, scales[: orders.size])
         columns = residual.columns(signals)
         with np.errstate(over="ignore", invalid="ignore"):
             found = np.asarray(2 * columns.swapaxes(1, 2) @ columns)
+        if laws or has_load:
+            found[~solved] = 0.0
         if not np.isfinite(found).all():
             raise JointIdError(
                 "The planned records have no finite information on K and D: check the units of torque, "

@@ -39,7 +39,7 @@ _REMEDIES = {
     ),
     "load": ("The motors have load-dependent friction", ""),
     "motor_presliding": ("The motors' friction has a presliding part", ""),
-    "ripple": ("The torque of the motors ripples with their position", ""),
+    "ripple": ("The motors have torque ripple", ""),
     "transmission": (
         "The gears have a transmission error",
         "Where the motors turn little, it acts as a change of the gear ratio, whose size depends on the "

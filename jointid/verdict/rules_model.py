@@ -196,7 +196,7 @@ def _is_loaded(evidence: Evidence) -> bool:
 
 _ONE_SIDED = (
     "The torques have even harmonics, as with backlash or a nonlinear gear under a constant load, such "
-    "as gravity. The laws of the gears leave out such a load: measure in a pose in which gravity does "
+    "as gravity. The gear laws do not include such a load: measure in a pose in which gravity does "
     "not load the joints."
 )
 

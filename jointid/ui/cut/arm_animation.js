@@ -254,9 +254,9 @@ class CutAnimation {
     this.find(".time").textContent = `${shown.toFixed(3)} s`;
     this.find(".nominal-error").textContent = millimetres(nominal);
     this.find(".identified-error").textContent = millimetres(identified);
-    for (const name of TOOLS) {
-      const largest = this[name].largest[Math.min(Math.round(place), this.frames - 1)];
-      this.find(`.${name}-largest`).textContent = millimetres(largest);
+    for (const [name, error] of [["nominal", nominal], ["identified", identified]]) {
+      const before = this[name].largest[Math.min(Math.floor(place), this.frames - 1)];
+      this.find(`.${name}-largest`).textContent = millimetres(Math.max(before, error));
     }
     const scrub = this.find(".scrub input");
     scrub.value = shown;

@@ -201,7 +201,7 @@ def show_assumptions() -> None:
         "three corner zones; K = 43, 7.5 N·m/rad and D = 0.10, 0.015 N·m·s/rad seen from the "
         "motors; a largest error of several millimetres with non-optimal parameters at the "
         "largest zone.\n\n"
-        "**Our assumption**, not printed in the paper: link lengths, masses, gear ratios "
+        "**Assumed here**, not stated in the paper: link lengths, masses, gear ratios "
         "and inertias of the arm (two links of 0.705 and 0.755 m, tool at 1.15 m from the base); "
         "the law by which the servo compensates the deflection, its feedback (10 Hz), rate, delay and "
         "encoders; the sizes of the zones (1, 5 and 10 mm) and how a corner is rounded; an "

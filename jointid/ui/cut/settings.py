@@ -129,7 +129,7 @@ def ask(robot: CutRobot, digest: str, unit: StiffnessUnit) -> CutSettings:
         key = "cut_nominal" if robot.nominal else "cut_servo"  # they differ in their choices
         names = {name: capitalised(NOMINAL_NAMES[name]) for name in choices}
         assumption = choose_segment(
-            "Servo before", choices, key, format_func=names.__getitem__, hint=_HINT
+            "Servo before identification", choices, key, format_func=names.__getitem__, hint=_HINT
         )
     with right:
         zone = st.slider(

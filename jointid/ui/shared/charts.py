@@ -46,6 +46,8 @@ T = TypeVar("T")
 _WIDE = 8
 """Columns of a table that is wider than the page."""
 _MOST_SEGMENTS = 8
+FEW_JOINTS = 3
+"""Joints up to which a page shows all of them; of more, it asks for one."""
 Table = Mapping[str, Sequence[Any]]
 """Columns by their heading."""
 NO_POSE = "as in [inertia]"

@@ -13,7 +13,7 @@ import streamlit as st
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
 from jointid.analysis import BEHIND_THE_GEARS, reanalysed
 from jointid.figures.style import colours
-from jointid.ui.shared.charts import choose_joint, introduce, is_dark, plot, side_by_side
+from jointid.ui.shared.charts import FEW_JOINTS, choose_joint, introduce, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, REPORT, SIMULATE
 from jointid.ui.shared.recent_studies import link_to_last_on_a_phone
@@ -24,8 +24,6 @@ from jointid.ui.shared.workspace import Refused, label, link_to, open_sample, op
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
-_SIDE_BY_SIDE = 3
-"""Joints whose figures are shown all at once."""
 _ABOUT_MOTIONS = (
     "What can be done with motions:\n"
     "- State the band in which the motor moves: `band_hz` of the record in study.toml.\n"
@@ -159,7 +157,7 @@ class Page:
         if caption:
             st.caption(caption)
         joints: Sequence[int] = range(self.study.inertia.n)
-        if len(joints) > _SIDE_BY_SIDE:
+        if len(joints) > FEW_JOINTS:
             joints = [choose_joint(joints, "joint")]
         for j, place in zip(joints, side_by_side(len(joints)), strict=True):
             with place:

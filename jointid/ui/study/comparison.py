@@ -4,12 +4,10 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE, WITH_CARE
-from jointid.answer import AT_MOTOR
 from jointid.figures import compared_responses
 from jointid.ui.shared.entries import choose_from
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
@@ -17,16 +15,16 @@ from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.settings import ESTIMATORS
 from jointid.ui.shared.workspace import label, link_to, names_by_address, open_study, sample_paths
-from jointid.uncertainty.comparison import Difference, compare
+from jointid.uncertainty.comparison import (
+    INDEPENDENT_ERRORS,
+    Difference,
+    common_units,
+    compare,
+    comparison_sentence,
+)
 from jointid.wording import enumerated, signed_percent, significant, unbroken
 
-_CLEAR = 3.0
-"""Standard errors beyond which a difference is significant."""
 _SHARED = "Both come from the same records and share their noise: the difference has no standard error."
-_INDEPENDENT = (
-    f"Significant: beyond {_CLEAR:g} σ, the standard error of the difference if both errors are "
-    "independent. A common cause, such as a wrong torque constant of the same robot, changes both alike."
-)
 
 
 def choose_other(page: Page) -> Page:
@@ -80,8 +78,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     if same and page.method == other.method:
         show_info("Both sides show the same study and estimator: choose another study or estimator.")
         st.stop()
-    one_side = first.unit.side == second.unit.side and first.unit.angle == second.unit.angle
-    units = (first.unit, second.unit) if one_side else (AT_MOTOR, AT_MOTOR)
+    units = common_units(first.unit, second.unit)
     try:
         rows = compare(first.fit, second.fit, same_records=same, units=units)
     except JointIdError as error:
@@ -108,7 +105,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     if not unusable:
         columns["Difference"] = [signed_percent(100 * row.relative) for row in rows]
         if not same:  # else the difference has no standard error
-            columns["Significant"] = [_significance(row) for row in rows]
+            columns["Significant"] = [row.significance for row in rows]
     names = [
         name + ", not usable" * (one.state == NOT_USABLE)
         for name, (_, one) in zip(("First", "Second"), pairs, strict=True)
@@ -116,10 +113,11 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     columns[names[0]] = [row.first.shown[0] for row in rows]
     columns[names[1]] = [row.second.shown[0] for row in rows]
     show_text_table(columns)
-    caption = f"K and D {units[0].side}{'' if one_side else ': one of the studies has no gear ratios'}."
+    other_unit = "" if units[0] is first.unit else ": one of the studies has no gear ratios"
+    caption = f"K and D {units[0].side}{other_unit}."
     if not unusable:
         caption += " Difference: second study minus first. "
-        caption += _SHARED if same else _INDEPENDENT
+        caption += _SHARED if same else INDEPENDENT_ERRORS
     st.caption(caption)
 
 
@@ -142,35 +140,14 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
 
 
 def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
-    stiffness = rows[: len(rows) // 2]
     if page.digest == other.digest:
-        largest = max(abs(row.relative) for row in stiffness)
+        largest = max(abs(row.relative) for row in rows[: len(rows) // 2])
         between = f"between {page.method} and {other.method}"
         return f"The stiffnesses differ by up to {significant(100 * largest, 2)} % {between}"
-    names = _quoted(other), _quoted(page)
-    clear = [row for row in stiffness if abs(row.sigmas) > _CLEAR]
-    if not clear:
-        return f"No stiffness of {names[0]} differs significantly from {names[1]}"
-    changes = enumerated([f"joint {row.first.name[1:]} is {_change(row)}" for row in clear])
-    stated = all(each.study.torque_std is not None for each in (page, other))
-    condition = "" if stated else ", if the torque scales are exact"
-    return f"{' compared with '.join(names)}: {changes} (significant){condition}"
+    unstated = any(each.study.torque_std is None for each in (page, other))
+    return comparison_sentence(rows, _quoted(page), _quoted(other), exact_torque_scales=unstated)
 
 
 def _quoted(page: Page) -> str:
     """The name of a study within a sentence; it may hold commas."""
     return f'"{markdown_escape(page.label)}"'
-
-
-def _change(row: Difference) -> str:
-    ratio = 1 + row.relative
-    if ratio >= 1.5:
-        return f"{significant(ratio, 2)} times as stiff"
-    return f"{significant(100 * abs(row.relative), 2)} % {'stiffer' if ratio > 1 else 'softer'}"
-
-
-def _significance(row: Difference) -> str:
-    if not np.isfinite(row.sigmas):
-        return "–"
-    size = f"{abs(row.sigmas):.1f} σ" if abs(row.sigmas) < 100 else "over 100 σ"
-    return f"{'yes' if abs(row.sigmas) > _CLEAR else 'no'}, {size}"

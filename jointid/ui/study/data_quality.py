@@ -39,6 +39,11 @@ def show_quality(page: Page) -> None:
     st.header("Quality of every record", anchor=False)
     if page.study.motion_records:
         show_text_table(motion_table(page.study.motion_records))
+        order = " of each joint in turn" if page.study.inertia.n > 1 else ""
+        st.caption(
+            f"Position range, peak to peak, and torque RMS about the mean{order}. Band: the frequencies "
+            "that the analysis uses."
+        )
     if not page.study.sine_records:
         return
     st.caption("Signal/noise and distortion: position and torque of the joint with the largest motion.")
@@ -102,19 +107,20 @@ def show_distortion(record: JointRecord) -> None:
 
 
 def motion_table(records: Sequence[MotionRecord]) -> Table:
-    """One row per record of any motion: length, band, and the motion of every joint."""
+    """One row per record of any motion: length, band, and the motion of joints 1 ... n."""
     columns: dict[str, list[object]] = {
         "Record": [r.label or f"motion {i}" for i, r in enumerate(records, start=1)],
         "Length (s)": [_figure(r.samples * r.interval_s) for r in records],
         "Samples": [r.samples for r in records],
         "Band": [r.excitation.removesuffix(" band") for r in records],
     }
-    for j in range(records[0].n):
-        travel = [float(np.ptp(r.theta_rad[r.start :, j])) for r in records]
-        columns[f"θ{j + 1} travel (rad)"] = [_figure(x) for x in travel]
-        columns[f"τ{j + 1} RMS (N·m)"] = [
-            _figure(float(np.std(r.tau_Nm[r.start :, j]))) for r in records
-        ]
+    every = {
+        "Position range (rad)": [np.ptp(r.theta_rad[r.start :], axis=0) for r in records],
+        "Torque RMS (N·m)": [np.std(r.tau_Nm[r.start :], axis=0) for r in records],
+    }
+    columns |= {
+        name: [", ".join(map(_figure, row.tolist())) for row in rows] for name, rows in every.items()
+    }
     uneven = [r.jitter_s if r.jitter_s > _ROUNDING_S else 0.0 for r in records]
     return columns | {"Jitter (ms)": [_figure(1e3 * x) if x else "0" for x in uneven]}
 

@@ -1,6 +1,6 @@
 """Figures of the page Elasticity, the checks of its model, and K from sensors behind the gears."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from hashlib import sha256
 from typing import Any, get_args
@@ -22,7 +22,15 @@ from jointid.figures import (
 from jointid.figures.response_curves import removed_effects
 from jointid.figures.stiffness import ColourBy, drawn_records
 from jointid.figures.uncertainty import left_out_prediction, normalised_residuals
-from jointid.ui.shared.charts import NO_POSE, choose_joint, choose_segment, download, plot, table
+from jointid.ui.shared.charts import (
+    FEW_JOINTS,
+    NO_POSE,
+    choose_joint,
+    choose_segment,
+    download,
+    plot,
+    table,
+)
 from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.data_quality import HARMONICS
@@ -50,7 +58,7 @@ The real part of b/a is K at every frequency, the imaginary part ωD; bars are �
 Deviations at only some frequencies indicate friction, a torque delay or wrong inertias.
 """
 _REMOVED = (
-    "The points are {removed}, as identified. Of a nonlinear gear they show the linear part only; "
+    "The points are {removed}, as identified. For a nonlinear gear, they show the linear part only; "
     "K over amplitude shows the whole gear."
 )
 
@@ -274,17 +282,20 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
         "Relative to the fundamental; –: within the noise. A linear gear without friction causes none. "
         + HARMONICS
     )
-    table({"Record": list(analysis.phasors.labels)} | harmonic_columns(content))
+    joints: Sequence[int] = range(analysis.fit.n)
+    if len(joints) > FEW_JOINTS:
+        joints = [choose_joint(joints, "details_joint")]
+    table({"Record": list(analysis.phasors.labels)} | harmonic_columns(content, joints))
 
 
-def harmonic_columns(content: HarmonicContent) -> dict[str, list[str]]:
-    """Odd and even harmonics of every torque by record, those within the noise left out."""
-    columns = {}
-    for j in range(content.odd.shape[1] // 2, content.odd.shape[1]):
+def harmonic_columns(content: HarmonicContent, joints: Iterable[int]) -> dict[str, list[str]]:
+    """Odd and even harmonics of the torques of joints by record, those within the noise left out."""
+    columns, n = {}, content.odd.shape[1] // 2
+    for j in (n + joint for joint in joints):
         clear = content.significance[:, j] > _SIGNIFICANT
         for name, share in (("Odd", content.odd[:, j]), ("Even", content.even[:, j])):
             cells = zip(clear, share.tolist(), strict=True)
-            heading = f"{name} τ{j + 1 - content.odd.shape[1] // 2} (%)"
+            heading = f"{name} τ{j + 1 - n} (%)"
             columns[heading] = [significant(100 * x, 2) if known else "–" for known, x in cells]
     return columns
 

@@ -215,7 +215,7 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
         _add_repetition(columns, analysis, record)
         st.write(
             f"The last row repeats {markdown_escape(analysis.phasors.labels[record])} at half its "
-            "amplitude, to decide between the laws of the gears."
+            "amplitude, to decide between the gear laws."
         )
     plan = _own_plan(_edit_plan(columns, page.digest), page, analysis, pose)
     if not usable:

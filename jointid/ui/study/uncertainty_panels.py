@@ -13,7 +13,7 @@ from jointid.answer import (
 )
 from jointid.arrays import Floats
 from jointid.estimation.estimators.parameters import elasticity_labels
-from jointid.ui.shared.charts import table
+from jointid.ui.shared.charts import FEW_JOINTS, choose_joint, table
 from jointid.ui.shared.messages import show_info, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
@@ -31,8 +31,11 @@ from jointid.wording import UNDETERMINED, capitalised, minus, signed_percent, si
 
 
 def show_estimates(analysis: Analysis) -> None:
-    """One row per estimator, the chosen one first."""
-    show_text_table(analysis.estimates)
+    """One column per estimator, the chosen one first, and the nominal values."""
+    names, *values = ((name, *cells) for name, cells in analysis.estimates.items())
+    columns: dict[str, list[str]] = {"": [name for name, *_ in values]}
+    columns |= {name: [row[k] for row in values] for k, name in enumerate(names) if k}
+    show_text_table(columns)
     st.caption(
         f"All pages show **{analysis.fit.method}**; the sidebar selects another. {ERROR_BARS} "
         f"K and D {analysis.unit.side}. "
@@ -41,8 +44,8 @@ def show_estimates(analysis: Analysis) -> None:
     )
     st.markdown("\n".join(f"- **{name}**: {line}" for name, line in ESTIMATORS.items()))
     st.markdown(
-        "The D formula that the paper prints as (15) weights the records differently from its "
-        "pseudo-inverse (13)–(14). Both are exact without noise."
+        "For D, equation (15) as printed weights the records differently from the pseudo-inverse "
+        "(13)–(14). Both are exact without noise."
     )
 
 
@@ -50,7 +53,7 @@ def show_fitted_model(fit: ElasticityFit) -> None:
     """The model, the effects fitted in addition to K and D, and the compared models."""
     st.write(f"Fitted model: {model_name(fit)}.")
     if further := further_quantities(fit):
-        names, shown = [capitalised(q.name) for q in further], [q.shown for q in further]
+        names, shown = [capitalised(q.meaning) for q in further], [q.shown for q in further]
         show_text_table(
             {"": names, "Fitted": [text for text, _ in shown], "Unit": [unit for _, unit in shown]}
         )
@@ -125,9 +128,12 @@ def show_inertias(analysis: Analysis) -> None:
         f"{names[k]}. The table shows the change of each estimate when a given value is larger by its "
         "standard deviation. Near zero, the records determine the value better than its prior does."
     )
+    shown = range(len(names))
+    if analysis.fit.n > FEW_JOINTS:
+        joint = choose_joint(range(analysis.fit.n), "details_joint")
+        shown = range(joint, len(names), analysis.fit.n)
     columns = {
-        f"{name} (%)": [signed_percent(x).removesuffix(" %") for x in row]
-        for name, row in zip(names, percent, strict=True)
+        f"{names[k]} (%)": [signed_percent(x).removesuffix(" %") for x in percent[k]] for k in shown
     }
     show_text_table({"": list(found.names)} | columns)
 
