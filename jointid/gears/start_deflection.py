@@ -1,7 +1,5 @@
 """Deflection of gears from several start values, some of which do not converge."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeVar
