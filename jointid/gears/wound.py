@@ -1,4 +1,4 @@
-"""Deflection of nonlinear gears in sines and motions together, from start values that may not converge."""
+"""Deflection of nonlinear gears in sines and motions together, from starts that may not converge."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
