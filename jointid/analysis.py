@@ -29,8 +29,7 @@ from jointid.robot_models.model import RobotModel
 from jointid.small_matrices import one_thread
 from jointid.study import Study
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
-from jointid.uncertainty.answer_tables import largest_part
-from jointid.uncertainty.prior_rows import PriorRow, prior_rows
+from jointid.uncertainty.answer_tables import PriorRow, largest_part, prior_rows
 from jointid.verdict.findings import Evidence, Finding, findings, is_wrong
 from jointid.verdict.motion_findings import motion_findings, wrong_motions
 from jointid.verdict.rules_model import MODEL_LIMITS

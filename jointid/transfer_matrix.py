@@ -1,7 +1,5 @@
 """Transfer matrix of the motors from phasors, equations (16)-(18), independent of the controllers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -4,8 +4,7 @@ import streamlit as st
 
 from jointid import MotionRecord
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.data_quality import show_quality
-from jointid.ui.study.record_views import show_record
+from jointid.ui.study.data_quality import show_quality, show_record
 
 page = open_page(
     "Records",

@@ -50,14 +50,14 @@ from jointid.ui.study.data_quality import phasor_table as phasors_shown
 from jointid.ui.study.data_quality import quality_table
 from jointid.ui.study.elasticity_figures import harmonic_columns
 from jointid.uncertainty.answer_tables import error_table
+from jointid.uncertainty.information import prior_influence
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.resampling import bootstrap, jackknife
-from jointid.uncertainty.sensitivity import prior_influence
-from jointid.uncertainty.torque_prediction import predict_torques
 from jointid.uncertainty.validation import (
     amplitude_dependence,
     harmonic_content,
+    predict_torques,
     record_residuals,
 )
 

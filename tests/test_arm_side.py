@@ -27,8 +27,8 @@ from jointid import (
 )
 from jointid.analysis import analyse_arm_side
 from jointid.arm_side.band_limited import GaussianFilter, band_limited
+from jointid.arm_side.candidates import clear_moves
 from jointid.arm_side.mixed_model import Estimate
-from jointid.arm_side.moves import clear_moves
 from jointid.arm_side.position_map import position_map
 from jointid.arm_side.terms import Ripple, joint_torque
 from jointid.cli import app

@@ -52,13 +52,13 @@ from jointid.reporting.pdf import to_pdf
 from jointid.reporting.report import make_report
 from jointid.simulation.motion import KINDS
 from jointid.uncertainty.answer_tables import error_table
+from jointid.uncertainty.information import prior_influence
 from jointid.uncertainty.motion_plan import (
     MotionLimits,
     largest_motion,
     plan_motion,
     sensor_noise,
 )
-from jointid.uncertainty.sensitivity import prior_influence
 from jointid.verdict.motion_findings import share_at_rest
 from jointid.verdict.rules_records import sample_digests
 

@@ -22,7 +22,7 @@ from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.exporting.identification import to_json, to_toml
 from jointid.exporting.matlab import to_mat
 from jointid.phasors.extract import extract_phasors
-from jointid.simulation.campaign import Campaign, simulate_campaign, with_inertia_error
+from jointid.simulation.closed_loop import Campaign, simulate_campaign, with_inertia_error
 
 PAYLOAD = np.array([[0.0012, 0.0005], [0.0005, 0.0009]])
 TRUTH = np.concatenate([PAPER.K, PAPER.D])

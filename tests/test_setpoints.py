@@ -32,7 +32,8 @@ from jointid.arrays import Floats
 from jointid.cli import app
 from jointid.importing import MappedLog, find_segments, study_from_logs
 from jointid.setpoints.experiment import Experiment
-from jointid.setpoints.files import FORMATS, set_points
+from jointid.setpoints.files import set_points
+from jointid.setpoints.formats import FORMATS
 from jointid.setpoints.from_plan import KINDS, planned_experiment
 from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml
 from jointid.setpoints.simulated_experiment import SimulatedExperiment, simulate_experiment

@@ -38,11 +38,11 @@ from jointid import (
 )
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.simulation.motion import Motion
+from jointid.uncertainty.information import prior_influence
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.planned_records import planned_records
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.resampling import bootstrap, jackknife
-from jointid.uncertainty.sensitivity import prior_influence
 
 METHODS = ["least-squares", "explicit", "weighted", "maximum-likelihood"]
 

@@ -18,8 +18,8 @@ from jointid.ui.shared.charts import csv_of
 from jointid.ui.study import plan_form
 from jointid.ui.study.elasticity_figures import harmonic_columns
 from jointid.ui.study.plan_form import largest_so_far, suggested_columns
+from jointid.uncertainty.information import prior_influence
 from jointid.uncertainty.plan import suggest_records
-from jointid.uncertainty.sensitivity import prior_influence
 from jointid.uncertainty.validation import harmonic_content, record_residuals
 
 PLAN = "pages/6_Plan.py"

@@ -17,9 +17,9 @@ from jointid.gears.gear import Gear
 from jointid.gears.torsion_curve import TorsionCurve
 from jointid.simulation.experiment import Measurement, MotorFriction
 from jointid.uncertainty import motion_plan
+from jointid.uncertainty.answer_tables import PriorRow
 from jointid.uncertainty.motion_plan import MotionLimits, largest_motion
 from jointid.uncertainty.poses import PoseFits, fits_by_pose
-from jointid.uncertainty.prior_rows import PriorRow
 from jointid.uncertainty.resampling import Bootstrap
 
 # --- plans of motions

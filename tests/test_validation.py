@@ -31,10 +31,10 @@ from jointid import (
     motor_response,
 )
 from jointid.uncertainty.poses import fits_by_pose
-from jointid.uncertainty.torque_prediction import predict_torques
 from jointid.uncertainty.validation import (
     amplitude_dependence,
     harmonic_content,
+    predict_torques,
     record_residuals,
 )
 

@@ -1,4 +1,4 @@
-"""Sensible sets of terms for the deflection of one joint, and their average."""
+"""Sensible sets of terms for the deflection of one joint, their average, and its clear moves."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -110,3 +110,25 @@ def average(data: Regression, groups: dict[str, slice], noise: float, scale: Sca
     spread = np.einsum("m,mi,mj->ij", weights, betas - mean, betas - mean)
     within = np.einsum("m,mij->ij", weights, np.array([fit.covariance for fit in fits]))
     return Average(mean, within + spread, noise)
+
+
+_REST = 0.02
+"""Velocity, in parts of the joint's largest, up to which it rests."""
+_CLEAR = 0.25
+"""Peak velocity of a clear move, in parts of the joint's largest."""
+
+
+def over_own_move(v: Floats, fastest: float) -> Floats:
+    """Velocity v (N,) over the largest between two rests or reversals, (N,); 0 where the joint rests."""
+    rest = _REST * fastest
+    size = np.abs(v) * (np.abs(v) > rest)
+    begins = np.flatnonzero(np.diff(np.sign(size * v), prepend=np.nan))
+    peak = np.maximum.reduceat(np.abs(v), begins).clip(rest)
+    return np.asarray(size / np.repeat(peak, np.diff(begins, append=v.size)))
+
+
+def clear_moves(velocities: list[Floats]) -> int:
+    """Number of clear moves in the velocities of a joint, one (N,) of each record."""
+    fastest = max(float(np.abs(v).max()) for v in velocities)
+    peaks = ((over_own_move(v, fastest) == 1) & (np.abs(v) > _CLEAR * fastest) for v in velocities)
+    return sum(int(np.count_nonzero(each)) for each in peaks)

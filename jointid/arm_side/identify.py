@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointid.arm_side.band_limited import BandLimited, band_limited, joint_angles
-from jointid.arm_side.candidates import Average, Scale, average, noise_of
+from jointid.arm_side.candidates import Average, Scale, average, clear_moves, noise_of, over_own_move
 from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
-from jointid.arm_side.moves import clear_moves, over_own_move
 from jointid.arm_side.payload import payload_from_motors
 from jointid.arm_side.position_map import position_map, tooth_orders
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque

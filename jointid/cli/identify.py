@@ -17,8 +17,7 @@ from jointid.answer import (
 from jointid.cli.files import analyse_file, load_named
 from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, named, without_none
 from jointid.cli.output import print_columns, print_json, print_table, progress
-from jointid.uncertainty.answer_tables import error_table
-from jointid.uncertainty.prior_rows import prior_table
+from jointid.uncertainty.answer_tables import error_table, prior_table
 from jointid.wording import plain
 
 

@@ -101,7 +101,7 @@ def simulate(
     import numpy as np
 
     from jointid.importing.robot_inertia import KnownRobot
-    from jointid.simulation.campaign import simulate_campaign
+    from jointid.simulation.closed_loop import simulate_campaign
 
     true = jointid.Elasticity(K=options.numbers(stiffness), D=options.numbers(damping))
     F_c, F_v, load = (options.numbers(each) for each in (coulomb, viscous, load_friction))

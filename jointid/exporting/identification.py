@@ -21,8 +21,7 @@ from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.files.study_saving import inertia_table
 from jointid.gears.gear import Gear
-from jointid.uncertainty.answer_tables import error_parts
-from jointid.uncertainty.prior_rows import PriorRow
+from jointid.uncertainty.answer_tables import PriorRow, error_parts
 from jointid.wording import UNDETERMINED, counted
 
 _UNITS = {

@@ -12,8 +12,7 @@ from jointid.figures.style import (
     plain_text,
 )
 from jointid.uncertainty.plan import Suggestion
-from jointid.uncertainty.torque_prediction import TorquePrediction
-from jointid.uncertainty.validation import RecordResiduals
+from jointid.uncertainty.validation import RecordResiduals, TorquePrediction
 
 
 def left_out_prediction(prediction: TorquePrediction, *, dark: bool = False) -> go.Figure:

@@ -11,8 +11,8 @@ from jointid.arrays import Floats
 from jointid.files.container_limits import safe_name
 from jointid.joints import Elasticity, Inertia
 from jointid.parsing.checked_toml import CheckedTable, in_place
+from jointid.robot_models.description import PAYLOAD_KEYS
 from jointid.robot_models.model import RobotModel
-from jointid.robot_models.payload import PAYLOAD_KEYS
 from jointid.wording import listed, nearest
 
 PARTS = ("added", "gravity", "shared", "shared_gravity")

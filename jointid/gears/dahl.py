@@ -7,11 +7,14 @@ period and a presliding of 3 % of the deflection put K up to 0.5 % off.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_simpson
 
-from jointid.arrays import Floats
+from jointid.arrays import Complexes, Floats
+from jointid.phasors.segment import Segment, bins_of
 from jointid.small_matrices import decaying
 
 _SLOW = 0.1
@@ -84,3 +87,21 @@ def _around_turns(delta: Floats, starts: np.ndarray) -> tuple[Floats, Floats, Fl
     share = np.where(turns, begun / np.where(turns, bend, 1.0), 0.0)
     before = -0.5 * begun * share
     return before, move - before, share
+
+
+def presliding_bins(segments: Mapping[int, Segment], sharpness: Floats) -> dict[int, Complexes]:
+    """Phasors of Dahl's z over the motor angles in the bins of each segment, (highest, n), by its row.
+
+    The sharpness, shape (n, 1), is one over the presliding angle. The first presliding angles of
+    a record's motion bring z to its true value, if its start is wrong.
+    """
+    of_records: dict[int, Floats] = {}
+    found = {}
+    for row, segment in segments.items():
+        velocity = segment.uniform_velocity  # that of all segments of a record
+        if id(velocity) not in of_records:
+            angle = cumulative_simpson(velocity, dx=segment.interval_s, axis=1, initial=0)
+            of_records[id(velocity)] = dahl(angle, sharpness)
+        z = of_records[id(velocity)][:, segment.begin : segment.end]
+        found[row] = bins_of(z, segment.highest).T
+    return found

@@ -6,8 +6,6 @@ itself is uncertain. Everything is linear in 1/K, D/K, friction, errors of the c
 factors, so that no near start values are needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations

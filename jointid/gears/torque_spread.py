@@ -1,7 +1,5 @@
 """Change of torques in periodic motion, of gears and of friction, with the harmonics of the motion."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -36,8 +36,8 @@ from jointid.uncertainty.answer_tables import (
     compared_models,
     error_table,
     parts_meaning,
+    prior_table,
 )
-from jointid.uncertainty.prior_rows import prior_table
 from jointid.wording import UNDETERMINED, capitalised, minus, plain, significant
 
 __all__ = ["make_report", "to_html", "to_pdf"]

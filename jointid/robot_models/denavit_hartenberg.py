@@ -6,8 +6,7 @@ import numpy as np
 
 from jointid.arrays import Floats, frozen
 from jointid.parsing.checked_toml import CheckedTable, in_place, parse_toml
-from jointid.robot_models.description import RobotDescription
-from jointid.robot_models.payload import PAYLOAD_KEYS, Counterbalance, Payload
+from jointid.robot_models.description import PAYLOAD_KEYS, Counterbalance, Payload, RobotDescription
 from jointid.robot_models.rigid_bodies import Frame, RigidBodies, symmetric_tensor
 from jointid.wording import counted
 

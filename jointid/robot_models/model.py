@@ -15,9 +15,8 @@ from jointid.arrays import Floats, frozen, per_joint, vectors
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.robot_models.denavit_hartenberg import read_denavit_hartenberg
-from jointid.robot_models.description import RobotDescription
+from jointid.robot_models.description import Payload, RobotDescription
 from jointid.robot_models.mjcf import read_mjcf
-from jointid.robot_models.payload import Payload
 from jointid.robot_models.rigid_bodies import (
     Array,
     RigidBodies,

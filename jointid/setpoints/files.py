@@ -3,18 +3,14 @@
 import numpy as np
 
 from jointid.errors import JointIdError
-from jointid.setpoints import ros2, tables, urscript
 from jointid.setpoints.experiment import Motion
 from jointid.setpoints.file_format import Format, SetPoints
+from jointid.setpoints.formats import FORMATS
 from jointid.setpoints.limit_check import check_limits
 from jointid.setpoints.robot_limits import RobotLimits
 from jointid.setpoints.simulated_experiment import Peaks, SimulatedExperiment
 from jointid.wording import enumerated, significant
 
-FORMATS: dict[str, Format] = {
-    each.name: each for each in (tables.CSV, ros2.FORMAT, urscript.FORMAT, tables.EGM, tables.RSI)
-}
-"""File formats by name."""
 _FEWEST_PER_PERIOD = 5
 """Fewest set points per period: with fewer, the controller's interpolation changes the sine."""
 

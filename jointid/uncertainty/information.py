@@ -3,6 +3,11 @@
 With the residual r of covariance V (``estimators.residual``), a record's information on the parameters
 is 2 Re JᴴV⁻¹J with J = ∂r/∂p at the true signals and the free friction projected out. The information of
 records and of the prior of the inertias adds up; the inverse of the sum is the Cramér–Rao bound.
+
+With the information A of the records and B of the given inertias and torque scales, a fit has the
+covariance C = (A + B)⁻¹, and its estimate moves by C B per unit of the given values. An error of one
+standard deviation in the given value e moves K and D by C B^½, column e; all columns together make the
+prior's part C B C of C.
 """
 
 from collections.abc import Sequence
@@ -17,7 +22,7 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.held_torque import HeldTorque
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
-from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance
+from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance, prior_slopes
 from jointid.estimation.estimators.maximum_likelihood import Misfit
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import EFFECTS
@@ -272,3 +277,38 @@ def planning_model(
         omega=np.array([omega for omega, _ in groups]),
         density=np.array([density[group].mean(axis=0) for _, group in groups]),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class PriorInfluence:
+    """Influence of the given inertias and torque scales on K and D."""
+
+    names: tuple[str, ...]
+    """J_m1 ... J_mn, then J_a1, J_12, J_a2 ... of each pose, then the torque scales, E of them."""
+    std: Floats
+    """Standard deviations of the given values, shape (E,)."""
+    shift: Floats
+    """Change of K and D when a given value is larger by its standard deviation, shape (2n, E)."""
+
+
+def prior_influence(fit: ElasticityFit) -> PriorInfluence:
+    """Influence of each given value; empty if all are exact, zero for unknown ones, which are fitted.
+
+    Raises JointIdError when a linear estimator has no result after a small change of an inertia.
+    """
+    prior, noise = fit.prior, fit.equations.noise
+    names = fitted_layout(prior, None, False).labels[2 * fit.n :]
+    std, shift = prior_shift(fit.method, fit.phasors, prior, noise, fit.parameter_covariance)
+    return PriorInfluence(names, std, shift)
+
+
+def prior_shift(
+    method: str, phasors: Phasors, prior: InertiaPrior, noise: Noise, covariance: Floats
+) -> tuple[Floats, Floats]:
+    """``std`` and ``shift`` of ``PriorInfluence`` for an estimate with this covariance, shape (P, P)."""
+    if method in LINEAR:
+        slope, std = prior_slopes(method, phasors, prior, noise)
+        with np.errstate(invalid="ignore"):
+            return std, np.where(slope == 0, 0.0, slope * std)
+    std = np.concatenate([np.zeros(0), *(std.ravel() for _, std in prior.blocks().values())])
+    return std, covariance[: 2 * prior.n, len(covariance) - std.size :] / std

@@ -16,7 +16,7 @@ from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import positive_inverse, whitener
 from jointid.uncertainty.chosen_model import inertia_of_each, refit, require_sines
-from jointid.uncertainty.sensitivity import prior_shift
+from jointid.uncertainty.information import prior_shift
 
 _LEAST_OWN = 1e-3
 """Least share of a pose's variance that is its own: what the poses share is known to first order."""

@@ -29,7 +29,7 @@ from jointid.uncertainty.chosen_model import (
     refit,
     require_sines,
 )
-from jointid.uncertainty.sensitivity import prior_influence
+from jointid.uncertainty.information import prior_influence
 
 _EXACT = 200
 """Degrees of freedom from which a covariance is not drawn: it varies by less than a tenth."""

@@ -12,8 +12,7 @@ from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_each
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.uncertainty.answer_tables import largest_part
-from jointid.uncertainty.prior_rows import disagreements
+from jointid.uncertainty.answer_tables import disagreements, largest_part
 from jointid.verdict.causes import GOOD
 from jointid.verdict.evidence import Evidence, Finding, good, relative, times_noise
 from jointid.verdict.rules_causes import (

@@ -22,8 +22,8 @@ from jointid.estimation.model_fits import fit_without_inertias, freest
 from jointid.estimation.model_selection import LOOSE
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
+from jointid.uncertainty.answer_tables import PriorRow, disagreements, prior_rows
 from jointid.uncertainty.chosen_model import refit
-from jointid.uncertainty.prior_rows import PriorRow, disagreements, prior_rows
 from jointid.verdict.cause_findings import axes_look_wrong
 from jointid.verdict.evidence import (
     Change,

@@ -22,14 +22,13 @@ from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.balance import wind_up
 from jointid.estimation.estimators.parameters import GEAR_LAWS, Parameters
 from jointid.gears.arm_friction import ArmFriction
+from jointid.gears.dahl import presliding_bins
 from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
-from jointid.gears.presliding import presliding_bins
-from jointid.gears.start_deflection import first_finite, from_observers
 from jointid.gears.torque_spread import periodic_dahl
-from jointid.gears.wound import Wound
+from jointid.gears.wound import Wound, first_finite, from_observers
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.phasors.segment import Segment
 

@@ -27,7 +27,7 @@ _PRELOADED = (
     "jointid.study",
     "jointid.cut.outcome",
     "jointid.uncertainty.plan",
-    "jointid.uncertainty.sensitivity",
+    "jointid.uncertainty.information",
 )
 """Imported when a worker starts, so that its first computation need not wait."""
 _PATIENCE_S = 5.0

@@ -36,10 +36,11 @@ from jointid.ui.shared.page import Page
 from jointid.ui.study.data_quality import HARMONICS
 from jointid.ui.study.overview import freed_note
 from jointid.uncertainty.poses import fits_by_pose
-from jointid.uncertainty.torque_prediction import TorquePrediction, predict_torques
 from jointid.uncertainty.validation import (
     HarmonicContent,
+    TorquePrediction,
     harmonic_content,
+    predict_torques,
     record_residuals,
     second_amplitude,
 )

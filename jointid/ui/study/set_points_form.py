@@ -8,7 +8,8 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError
 from jointid.arrays import Floats
-from jointid.setpoints.files import FORMATS, set_points
+from jointid.setpoints.files import set_points
+from jointid.setpoints.formats import FORMATS
 from jointid.setpoints.from_plan import KINDS, planned_experiment
 from jointid.setpoints.limit_check import check_table, require_within_limits
 from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml

@@ -19,7 +19,7 @@ from jointid import (
     MotorFriction,
     Study,
 )
-from jointid.simulation.campaign import simulate_campaign
+from jointid.simulation.closed_loop import simulate_campaign
 from jointid.simulation.motion import KINDS, LIMITS
 from jointid.ui.shared.entries import (
     ask_inertia_std,

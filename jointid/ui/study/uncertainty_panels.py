@@ -23,10 +23,10 @@ from jointid.uncertainty.answer_tables import (
     compared_models,
     error_table,
     parts_meaning,
+    prior_table,
 )
-from jointid.uncertainty.prior_rows import prior_table
+from jointid.uncertainty.information import prior_influence
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
-from jointid.uncertainty.sensitivity import prior_influence
 from jointid.wording import UNDETERMINED, capitalised, minus, signed_percent, significant, unbroken
 
 
