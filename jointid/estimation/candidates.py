@@ -246,7 +246,8 @@ class Fits:
         if estimate is None:
             return False
         every = np.arange(estimate.layout.size)[estimate.layout.of_part(part)]
-        place = every[np.diag(estimate.covariance)[every] > 0]
+        variance = np.diag(estimate.covariance)[every]
+        place = every[(variance > 0) & np.isfinite(variance)]
         covariance = estimate.covariance[np.ix_(place, place)]
         sigma = np.sqrt(np.diag(covariance))
         size = estimate.p[place] / sigma
