@@ -181,8 +181,10 @@ def fit_complete(search: Search) -> None:
         for start in (*_regressed(search, model), *[search.start] * (model not in fits.tried)):
             if fits.misfit(model) > DOUBTFUL:
                 search.fit(model, start, compares=False)
+        if fits.misfit(model) < POOR and fits.misfit(_freed(search, model)) < EXPLAINED:
+            break
     if models:
-        nearest = min(models, key=fits.misfit)
+        nearest = _freed(search, min(models, key=fits.misfit))
         for each in (nearest, *fit_slopes(search, nearest)):
             if fits.misfit(each) < LOST:
                 search.pruned(each)
@@ -214,16 +216,16 @@ def fit_slopes(search: Search, model: Model) -> list[Model]:
 
 
 def _freed(search: Search, model: Model) -> Model:
-    """A model far from the data, or the same with free reversals of its friction if it comes nearer.
+    """A model off the data, or the same with free reversals of its friction if it comes nearer.
 
     What sticking leaves looks like further parts.
     """
     found, free = search.fits.estimate(model), replace(model, reversal=0.03)
-    if found is None or search.has_motions or model.reversal != 0 or found.misfit <= POOR:
+    if found is None or search.has_motions or model.reversal != 0 or found.misfit <= EXPLAINED:
         return model
     if free not in search.fits.tried:
         search.fit(free, found.named, compares=False)
-    return free if search.fits.misfit(free) < _CLIMB * found.misfit else model
+    return free if search.fits.misfit(free) < max(EXPLAINED, _CLIMB * found.misfit) else model
 
 
 def climb_from_nearest(search: Search, share: float, ratio: float = _CLIMB) -> None:
@@ -273,16 +275,18 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
             wider.append(model.without(law).with_part(parts[0]))
         if not wider:  # no part lowers the cost
             break
-        least = np.inf
+        least, slopes = np.inf, list[Model]()
         for each in wider:  # a delay, lags and filters are similar, which their cost distinguishes
             if not (each.is_slow and least < _CLIMB * found.misfit):
                 search.fit(each, found.named, compares=False)
                 if not each.is_slow and fits.misfit(each) >= _CLIMB * found.misfit:
                     search.fit(each, search.start)  # the model without the part may have diverged
                 elif each.is_slow and not search.has_motions and POOR < fits.misfit(each) < LOST:
-                    search.fit(each, by_motion(search.phasors, search.prior), compares=False)
+                    slopes += fit_slopes(search, each)
+                    if min(map(fits.misfit, slopes), default=np.inf) > POOR:
+                        search.fit(each, by_motion(search.phasors, search.prior), compares=False)
                 least = min(least, fits.misfit(each))
-        wider += fit_slopes(search, min(wider, key=fits.misfit))
+        wider += slopes or fit_slopes(search, min(wider, key=fits.misfit))
         plain = fits.criterion(judged=False)
         nearest = min(wider, key=lambda each: plain.get(each, np.inf))
         nearest = _freed(search, nearest)

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from scipy.special import chdtri
 
-from jointid.estimation.candidates import CHANCE, EXPLAINED, WORTH, Model
+from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, WORTH, Model
 from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import EFFECTS, FRICTION_EFFECTS, GEAR_LAWS, LAWS
@@ -130,7 +130,7 @@ def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model) -> N
 
 def _extensions(search: Search, model: Model) -> list[Model]:
     """Models with one more part that may lower the cost significantly."""
-    found = search.fits.estimate(model)
+    fits, found = search.fits, search.fits.estimate(model)
     if found is None:
         return []
     clear, scored = _clear_parts(search, model, found), search.scores(model)
@@ -143,7 +143,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     explained = found.misfit <= EXPLAINED
     laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]
     tried = [part for part in clear if part in laws or part not in LAWS]
-    if explained and search.fits.rows > _MANY_ROWS:
+    if explained and fits.rows > _MANY_ROWS:
         tried = tried[:1]
     wider = [model.with_part(part) for part in tried if _is_promising(search, model, scored[part], part)]
     if model.is_slow and found.misfit >= LOST:  # another part may explain the data without the law
@@ -159,12 +159,15 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         wider = [replace(model, curve=True), *wider]
     if "piecewise" in model.effects and not search.has_motions:
         # They may have taken the place of a cubic law before the model was complete.
-        wider = [model.without("piecewise").with_part("cubic"), *wider]
+        plain = model.without("piecewise").with_part("cubic")
+        alike = [fits.misfit(each) for each in fits.tried if each.effects == plain.effects]
+        if min(alike, default=0.0) < NEEDED * max(1.0, found.misfit):
+            wider = [plain, *wider]
     curved = "cubic" in model.effects
     if search.has_motions:
         curved &= found.misfit < LOST
     elif curved:
-        curved = may_be_richer or not search.fits.is_certain(model, "cubic", _INIMITABLE)
+        curved = may_be_richer or not fits.is_certain(model, "cubic", _INIMITABLE)
     if curved:
         plain = model.without("cubic")  # slopes may explain as well as it, with another K
         others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
