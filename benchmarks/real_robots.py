@@ -308,3 +308,74 @@ STICKING = {
     ),
 }
 """Friction of half the smallest torque amplitude and more: joints stick at their reversals."""
+
+
+def together(*changes: Change) -> Change:
+    """Several deviations at once."""
+
+    def change(robot: Robot, loads: Loads) -> dict[str, Any]:
+        return {name: value for each in changes for name, value in each(robot, loads).items()}
+
+    return change
+
+
+def _hysteresis(share: float) -> Change:
+    """Dahl's, over the peak torque."""
+    return lambda _, loads: {
+        "hysteresis_Nm": share * loads.torque, "hysteresis_rad": 0.02 * loads.deflection
+    }  # fmt: skip
+
+
+def _gravity(share: float) -> Change:
+    return lambda robot, _: {"gravity": share * robot.K}
+
+
+def _slopes(_: Robot, loads: Loads) -> dict[str, Any]:
+    first, second = {"knee_slope": 1.3}, {"second_slope": 1.7}
+    first |= {"knee_rad": 0.4 * loads.deflection}
+    return first | second | {"second_knee_rad": 0.75 * loads.deflection}
+
+
+def _backlash(share: float) -> Change:
+    return lambda _, loads: {"backlash_rad": share * 2 * loads.deflection}
+
+
+def _arm_friction(share: float) -> Change:
+    return lambda _, loads: {"arm_coulomb": share * loads.torque}
+
+
+def _filters(*_: object) -> dict[str, Any]:
+    return {"position_filter_hz": 100.0, "torque_filter_hz": 150.0}
+
+
+_TWO = {"levels": (1.0, 0.5)}
+_RUBS, _RUBS_LITTLE = rubbing(0.3, viscous=0.04), rubbing(0.2, viscous=0.04)
+COMBINED = {
+    "gravity, friction": Case(change=together(_gravity(0.05), _RUBS)),
+    "gravity, soft links": Case(change=together(_gravity(0.05), _link(5))),
+    "gravity, hardening, friction": Case(change=together(_gravity(0.05), _hardening(0.3), _RUBS)),
+    "gravity, hysteresis, friction": Case(
+        change=together(_gravity(0.05), _hysteresis(0.04), _RUBS_LITTLE)
+    ),
+    "hardening, friction": Case(change=together(_hardening(0.3), _RUBS)),
+    "hardening, hysteresis, friction, two amplitudes": Case(
+        change=together(_hardening(0.3), _hysteresis(0.03), _RUBS_LITTLE), motions=_TWO
+    ),
+    "hardening, presliding friction": Case(
+        change=together(_hardening(0.3), rubbing(0.4, presliding_rad=1e-3))
+    ),
+    "hardening, soft links": Case(change=together(_hardening(0.2), _link(4))),
+    "three slopes, friction, two amplitudes": Case(change=together(_slopes, _RUBS_LITTLE), motions=_TWO),
+    "backlash, friction": Case(change=together(_backlash(0.03), _RUBS)),
+    "backlash, hardening, two amplitudes": Case(
+        change=together(_backlash(0.03), _hardening(0.3)), motions=_TWO
+    ),
+    "hysteresis, friction": Case(change=together(_hysteresis(0.05), _RUBS)),
+    "hysteresis, friction at the arm": Case(change=together(_hysteresis(0.03), _arm_friction(0.01))),
+    "friction at arm and motor": Case(change=together(_arm_friction(0.01), _RUBS)),
+    "soft links, friction": Case(change=together(_link(4), _RUBS)),
+    "filters of position and torque, friction": Case(change=together(_filters, _RUBS)),
+    "torque ripple, friction": Case(change=together(_ripple(0.02, 12), rubbing(0.4, viscous=0.04))),
+    "transmission error, friction": Case(change=together(_transmission(0.05), _RUBS_LITTLE)),
+}
+"""Several deviations at once, as real robots have them."""

@@ -2,10 +2,10 @@
 
     python -m benchmarks.whole_error [runs] [table ...]     or  python -m benchmarks whole_error
 
-Tables: perfect, cases, others, sticking, inertias, speed; without a name all of them. The robots are
-those of ``independent_robot``; plants, noise (0.1 to 3 % of the torque) and errors of the given inertias
-change from run to run. A run is silently wrong if the error of K or D exceeds four stated standard
-errors and no finding is a warning or a problem.
+Tables: perfect, cases, others, combined, sticking, inertias, speed; without a name all of them. The
+robots are those of ``independent_robot``; plants, noise (0.1 to 3 % of the torque) and errors of the
+given inertias change from run to run. A run is silently wrong if the error of K or D exceeds four stated
+standard errors and no finding is a warning or a problem.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from benchmarks.bound import bound
 from benchmarks.harness import Cell, Table, rms, written
 from benchmarks.independent_robot import Array, paper_motions, simulate
 from benchmarks.real_robots import (
+    COMBINED,
     MANUTEC,
     OTHERS,
     PAPER,
@@ -356,6 +357,7 @@ TABLES: dict[str, tuple[str, Mapping[str, str], Callable[[int], Iterator[Row]]]]
     "perfect": ("Studies that fit the model", CASES, case_rows(PERFECT, perfect=True)),
     "cases": ("Robots that leave the ideal model: the thirteen cases", CASES, case_rows(THIRTEEN)),
     "others": ("Further deviations", CASES, case_rows(OTHERS)),
+    "combined": ("Several deviations at once", CASES, case_rows(COMBINED)),
     "sticking": ("Sticking friction", CASES, case_rows(STICKING)),
     "inertias": ("Wrong inertias, torque noise of 1 %", INERTIA_COLUMNS, inertia_rows),
     "speed": ("CPU time from records to findings", SPEED_COLUMNS, speed_rows),

@@ -11,10 +11,7 @@ from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS
 from jointid.estimation.model_growth import NEARLY_ALL
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.motion_start import motion_start
-from jointid.estimation.start_values import (
-    by_motion,
-    friction_start,
-)
+from jointid.estimation.start_values import at_resonances, by_motion, friction_start
 
 _BENT = 0.7
 """Squares of a regression over those of linear gears below which its law is tried before other parts."""
@@ -77,16 +74,23 @@ def fit_first(search: Search) -> None:
 
 
 def fit_hanging(search: Search) -> None:
-    """Fit friction and gravity from start values of both where no other model explains sines.
+    """Fit gravity, and friction where harmonics show it, where no other model explains sines.
 
-    After heavy friction alone, and before it, a fit of gravity ends at another local minimum.
+    After heavy friction alone, and before it, a fit of gravity ends at another local minimum, and so it
+    does from start values without gravity.
     """
-    model = replace(search.base, reversal=0.0).with_part("gravity")
-    if search.is_distorted and search.may_have_friction and "gravity" in search.fits.optional:
-        start = friction_start(search.phasors, search.prior, search.start, hangs=True)
-        if start is not None:
-            search.fit(model, start, compares=False)
-            _freed(search, model)
+    model = replace(search.base, reversal=0.0 if search.may_have_friction else search.base.reversal)
+    if search.has_motions or "gravity" not in search.fits.optional:
+        return
+    start = friction_start(search.phasors, search.prior, search.start, hangs=True)
+    starts = [] if start is None else [start]
+    if not search.is_distorted:
+        model, starts = search.base, [*starts, *at_resonances(search.phasors, search.prior)]
+    for each in starts:
+        if search.is_lost:
+            search.fit(model.with_part("gravity"), each, compares=False)
+    if starts:
+        _freed(search, model.with_part("gravity"))
 
 
 def fit_regressed(search: Search, most_left: float = _BENT) -> None:
