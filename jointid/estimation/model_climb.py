@@ -161,8 +161,11 @@ def fit_complete(search: Search) -> None:
     narrower models do from its estimate.
     """
     fits, sliding = search.fits, replace(search.base, reversal=0.0)
-    if search.has_motions or not (search.is_distorted and search.may_have_friction):
+    if search.has_two_laws or search.has_motions:
         return
+    if not (search.is_distorted and search.may_have_friction):
+        return
+    search.has_two_laws = True
     rows, nearest_so_far = search.few_rows(_FEWEST), fits.least_misfit
     if rows.size < len(search.phasors.omega):  # wrong data, or other parts, would take long
         few = search.of_rows(rows)

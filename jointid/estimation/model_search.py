@@ -86,6 +86,8 @@ class Search:
     slow_fits: int = 0
     laws: list[list[str]] = field(default_factory=list)
     """Laws of the gears in these fits; of motions, other parts beside the same laws do not count."""
+    has_two_laws: bool = False
+    """Whether two laws of the gears were fitted at once, which gives the same again."""
     may_be_periodic: bool = False
     """Whether effects of the motors' positions are sought."""
     regressed: set[tuple[str, Model]] = field(default_factory=set)
@@ -108,7 +110,7 @@ class Search:
     def again(self, start: Parameters) -> Search:
         """The same search from another start."""
         fits = replace(self.fits, tried={})
-        return replace(self, start=start, fits=fits, starts={}, slow_fits=0, laws=[])
+        return replace(self, start=start, fits=fits, starts={}, slow_fits=0, laws=[], has_two_laws=False)
 
     @property
     def has_motions(self) -> bool:

@@ -246,6 +246,7 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
     """
     fits, few = search.fits, search.of_rows(rows)
     choice = _searched(few)
+    search.has_two_laws = few.has_two_laws
     if few.fits.least_misfit > search.most:
         return _choice(search, fits.least(list(fits.tried)))
     if isinstance(choice.estimate, LikelihoodEstimate):
@@ -286,6 +287,7 @@ def _best(search: Search) -> Model:
         if highest > _LEFT * found.cost and not search.explains_little:
             further = replace(search, starts={}, slow_fits=0)
             fit_complete(further)
+            search.has_two_laws = True
             nearest = fits.least(list(fits.tried))
             best = best if nearest == best else _grown(further, nearest)
     return best
