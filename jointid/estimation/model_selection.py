@@ -178,8 +178,11 @@ def _searched(search: Search) -> Choice:
         return _choice(search, search.fits.least(list(search.fits.tried)))
     if search.is_lost and not (search.has_motions or search.is_distorted):
         climb_from_nearest(search, PROMISING)
+    before = search.fits.least_misfit
     if search.is_lost:
         fit_hanging(search)
+    if search.is_lost and search.fits.least_misfit < _BETTER * before:
+        climb_from_nearest(search, PROMISING)
     fit_laws(search)
     if search.is_lost and not search.explains_little:
         fit_complete(search)
