@@ -94,7 +94,7 @@ def test_torque_ripple_is_found_and_leaves_k_and_d(order: int, share: float) -> 
     np.testing.assert_allclose(amplitude(found, "ripple"), size, rtol=0.02)
     assert np.abs((found.fit.estimate - TRUE) / found.fit.standard_error).max() < 4
     assert np.abs(found.fit.estimate / TRUE - 1).max() < 3e-3
-    (told,) = (each for each in found.findings if "ripples" in each.title)
+    (told,) = (each for each in found.findings if "torque ripple" in each.title)
     assert f"{order} periods per turn" in told.detail
 
 
