@@ -124,11 +124,11 @@ def _fit_orders(search: Search, model: Model, effect: PerTurn, near: Parameters)
     Where the motors turn little, the scores of neighbouring orders are alike, and the fits decide: a
     transmission error then acts as a change of the gear ratio, which depends on the order.
     """
-    found = None
+    moved, nearest = np.array(effect.orders) > 0, None
     for _ in range(_ROUNDS):
-        found, before = _fitted(search, model, effect, near), effect.orders
+        found = _fitted(search, model, effect, near)
         if found is None:
-            return
+            break
         near = _without(found, effect)
         if found.misfit > DOUBTFUL and model.reversal == 0 and not search.has_motions:
             free = replace(model, reversal=0.03)  # what sticking leaves hides the order
@@ -136,11 +136,15 @@ def _fit_orders(search: Search, model: Model, effect: PerTurn, near: Parameters)
             if freed and NEEDED * freed.misfit < found.misfit:
                 model, found, near = free, freed, _without(freed, effect)
         gain, phase, _ = _scores(search, model, near)[effect.effect]
-        moved = np.array(effect.orders) > 0
-        effect = _effect(effect.effect, (gain.argmax(axis=0) + 1) * moved, phase)
+        if nearest is None or found.cost < nearest[1].cost:
+            nearest = effect, found, gain
+        before, effect = effect.orders, _effect(effect.effect, (gain.argmax(axis=0) + 1) * moved, phase)
         if effect.orders == before:
             break
-    if found and (effect.effect == "transmission" or found.misfit > EXPLAINED):
+    if nearest is None:
+        return
+    effect, found, gain = nearest
+    if effect.effect == "transmission" or found.misfit > EXPLAINED:
         for j in 2 * np.flatnonzero(moved).tolist():
             best = gain[:, j].max()
             neighbours = gain[[max(effect.orders[j] - 2, 0), min(effect.orders[j], len(gain) - 1)], j]
