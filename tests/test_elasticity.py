@@ -36,8 +36,10 @@ from jointid import (
     identify_elasticity,
     spring_equations,
 )
+from jointid.estimation.estimators.held_torque import HeldTorque
 from jointid.estimation.estimators.joint_equations import SpringEquations
 from jointid.estimation.estimators.noise import Noise, moderated_noise
+from jointid.estimation.estimators.parameters import ParameterLayout
 
 LINEAR = ["least-squares", "explicit", "weighted"]
 
@@ -232,6 +234,42 @@ def test_held_torque_at_a_low_sample_rate(method: str) -> None:
     fit = identify_elasticity(extract_phasors(records), SERIAL, method=method)
     assert np.all(np.abs(answer(fit) - truth(2)) < 4 * fit.standard_error)
     assert np.allclose(answer(fit), truth(2), rtol=2e-5)
+
+
+@pytest.mark.parametrize(
+    "filters", [{}, {"torque_filter": 4e-4}, {"position_filter": 3e-4}, {"torque_filter": -4e-4}]
+)
+def test_images_of_a_held_torque_are_those_of_the_whole_robot(filters: dict[str, float]) -> None:
+    """Delays turn each image, filters attenuate it; the gear acts to third order."""
+    M, M2, K, D, v = 0.0025, 0.0041, 43.0, 0.1, 0.05
+    hold, stated, delay, lag = 1e-3, np.array([[2e-4], [0.0]]), 1e-4, 3e-4
+    s, arm = 2j * np.pi * np.array([[5.0, 60.0, 501.0], [20.0, 150.0, 0.1]]), np.full((2, 1, 1), 1 / M2)
+    layout = ParameterLayout.of(1, delay=True, effects=["viscous", "lag", *filters])
+    p = layout.named(layout.pack(K=K, D=D, viscous=v, delay=delay, lag=lag, **filters))
+    held = HeldTorque.of(s, np.full(2, hold), stated[:, 0])
+    found = held.images(p, s[..., None], np.full((2, 1), M), arm)[..., 0]
+    k = np.concatenate([np.arange(-60, 0), np.arange(1, 61)])[:, None, None]
+    at, T = s + 2j * np.pi * k / hold, max(filters.get("torque_filter", 0.0), 0.0)
+    X = 1 / (1 / (K + at * D) + 1 / (at**2 * M2))
+    angle = s / at / (at**2 * M + at * v + X) * (1 + s * T) / (1 + at * T)
+    angle *= np.exp(-2j * np.pi * k * (stated + delay + lag) / hold)
+    true = (angle / (1 + at * filters.get("position_filter", 0.0))).sum(axis=0)
+    true[0, 2] = 0.0  # samples of a torque show no sine above half their rate
+    np.testing.assert_allclose(found, true, rtol=2e-3)
+    none = HeldTorque.of(s, np.zeros(2), stated[:, 0])
+    assert not none.images(p, s[..., None], np.full((2, 1), M), arm).any()
+
+
+@pytest.mark.parametrize("hold", [0.0, 1e-3])
+def test_a_torque_is_filtered_before_it_acts_or_in_its_log(hold: float) -> None:
+    """The log is filtered where the time constant is negative: of a held torque, from step to step."""
+    s = 2j * np.pi * np.array([[5.0, 60.0]])
+    held, T = HeldTorque.of(s, np.full(1, hold), np.zeros(1)), np.array([4e-4, -7e-4])
+    layout = ParameterLayout.of(2, effects=["torque_filter"])
+    gain = held.filter_gain(layout.named(layout.pack(K=1.0, D=1.0, torque_filter=T)), s[..., None])
+    late = np.exp(-s * hold)  # of the log y of a torque x, y + T (y − y before)/hold = x
+    logged = 1 + 7e-4 / hold * (1 - late) if hold else 1 + 7e-4 * s
+    np.testing.assert_allclose(gain, np.stack([1 / (1 + 4e-4 * s), logged], axis=2), rtol=1e-12)
 
 
 def test_weighted_is_generalised_least_squares() -> None:
