@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,6 +19,7 @@ from jointid.estimation.estimators.maximum_likelihood import Misfit
 from jointid.estimation.estimators.whitened_residual import (
     WhitenedResidual,
     _shifts,
+    repeated_covariance,
     widened_covariance,
 )
 from jointid.uncertainty.chosen_model import fitted_problem
@@ -145,3 +147,25 @@ def test_scatter_beyond_chance_widens_each_parameter_by_its_own(
             if factor < 1 or records < 4:
                 ratio[:] = 1.0
             np.testing.assert_allclose(wide, prior + np.outer(ratio, ratio) * noise)
+
+
+def test_rounding_that_repeats_moves_the_estimate_by_its_gradient() -> None:
+    """Of independent errors of the angles in every record, to first order."""
+    phasors = drawn(1, 0.0, 1.0)
+    fit = identify_elasticity(phasors, SERIAL, method="maximum-likelihood")
+    problem, p = fitted_problem(phasors, fit), fit.parameters.vector
+    repeated = np.random.default_rng(2).uniform(1e-12, 3e-12, phasors.q.shape)
+    residual = WhitenedResidual.of(replace(problem, repeated=repeated), p, np.ones(1))
+    C, J = fit.parameter_covariance, residual.visible_columns
+    errors, total, square = residual.at.E[..., :2] * np.sqrt(repeated)[:, None, None], 0 * C, 0.0
+    for part in (errors, 1j * errors):  # of circular errors, real and imaginary parts are half
+        rows = residual.projection.rows(part)
+        square += 0.5 * (rows**2).sum()
+        moved = 2 * C @ (J.swapaxes(1, 2) @ rows)
+        total += 0.5 * np.einsum("rpk,rqk->pq", moved, moved)
+    found, share = repeated_covariance(residual, C)
+    np.testing.assert_allclose(found, total, rtol=1e-6, atol=1e-9 * np.abs(total).max())
+    assert share == pytest.approx(2 * square / problem.rows)
+    none = repeated_covariance(replace(residual, at=replace(residual.at, problem=problem)), C)
+    assert not none[0].any()
+    assert none[1] == 0.0
