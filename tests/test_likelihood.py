@@ -30,9 +30,10 @@ from jointid import (
 )
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.candidates import Fits, Model
+from jointid.estimation.estimators import levenberg_marquardt
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.levenberg_marquardt import quadratic
+from jointid.estimation.estimators.levenberg_marquardt import minimised, one_step, quadratic
 from jointid.estimation.estimators.linear_fit import weighted
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.estimation.estimators.noise import sensor_noise
@@ -688,3 +689,93 @@ def test_parameters_of_several_poses_are_numbered() -> None:
     ]
     assert labels[:2] == ["J_m1", "J_m2"]
     assert labels[2:] == [f"{name}, pose {pose}" for pose in (1, 2) for name in ("J_a1", "J_12", "J_a2")]
+
+
+class Valley:
+    """Rosenbrock's function as a problem: residuals a (y − x²) and (1 − x)/σ, beside a given rest."""
+
+    ends = motion = None
+    s = np.zeros((1, 1))
+
+    def __init__(self, lowest: Sequence[float], *, rest: float = 0.0, most: float = np.inf) -> None:
+        self.layout: Any = type("Layout", (dict,), {"lowest": np.array(lowest)})()
+        self.rest, self.most, self.rows, self.evaluations = rest, most, 4, 0
+
+    def feasible(self, p: np.ndarray) -> bool:
+        return bool(p[1] < self.most)
+
+    def of(self, p: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        self.evaluations += 1
+        left = np.array([30 * (p[1] - p[0] ** 2), 5 * (1 - p[0]), self.rest])
+        J = np.array([[-60 * p[0], 30.0], [-5.0, 0.0], [0.0, 0.0]])
+        return float(left @ left), J.T @ left, J.T @ J
+
+
+@pytest.fixture
+def _in_a_valley(monkeypatch: pytest.MonkeyPatch) -> None:
+    def residual(problem: Valley, p: np.ndarray, _: np.ndarray) -> Any:
+        found = problem.of(p)
+        projection = SimpleNamespace(rank=lambda: 1)
+        return SimpleNamespace(cost=found[0], found=found, projection=projection)
+
+    monkeypatch.setattr(levenberg_marquardt, "WhitenedResidual", SimpleNamespace(of=residual))
+    monkeypatch.setattr(levenberg_marquardt, "quadratic", lambda residual, _: residual.found)
+    monkeypatch.setattr(levenberg_marquardt, "penalty", lambda *_: 0.0)
+
+
+@pytest.mark.usefixtures("_in_a_valley")
+@pytest.mark.parametrize(
+    ("lowest", "most", "end"),
+    [
+        ([-9.0, -9.0], 99.0, [1.0, 1.0]),
+        ([1.2, -9.0], 99.0, [1.2, 1.44]),  # at a bound
+        ([1.2, 1.9], 99.0, [1.378, 1.9]),  # at one of two
+    ],
+)
+def test_the_iteration_ends_at_the_optimum_within_its_bounds(
+    lowest: list[float], most: float, end: list[float]
+) -> None:
+    for damping in (1e-3, 1.0):
+        problem: Any = Valley(lowest, most=most)
+        p, normal = minimised(problem, np.array([1.6, 2.0]), np.ones(1), damping=damping)
+        there = problem.of(p)[2]
+        error = np.sqrt(np.diag(np.linalg.inv(there)))
+        assert np.all(np.abs(p - end) < 0.3 * error)
+        assert np.all(p >= lowest)
+        np.testing.assert_allclose(normal, there, rtol=0.1, atol=50)
+        assert problem.evaluations < 40
+
+
+@pytest.mark.usefixtures("_in_a_valley")
+def test_the_iteration_stays_where_parameters_are_possible() -> None:
+    problem: Any = Valley([-9.0, -9.0], most=0.8)
+    p, _ = minimised(problem, np.array([-1.0, 0.7]), np.ones(1), damping=1e-3)
+    assert p[1] < 0.8
+    assert problem.of(p)[0] < 0.1 * problem.of(np.array([-1.0, 0.7]))[0]
+
+
+@pytest.mark.usefixtures("_in_a_valley")
+def test_a_model_that_does_not_explain_the_data_is_left_early() -> None:
+    """Steps that lower the cost by less than three per mille end it, in a row of three."""
+    counts = []
+    for rest in (0.0, 1e4):
+        problem: Any = Valley([-9.0, -9.0], rest=rest)
+        minimised(problem, np.array([-1.0, 2.0]), np.ones(1), damping=1.0)
+        counts.append(problem.evaluations)
+    assert counts[1] <= 4 < counts[0]
+
+
+@pytest.mark.usefixtures("_in_a_valley")
+def test_one_step_ends_at_the_optimum_of_the_parabola() -> None:
+    problem: Any = Valley([-9.0, 0.3], rest=2.0)
+    problem.rows = 23  # the rank and two parameters less, twenty of half a unit
+    start = np.array([0.9, 0.9])
+    cost, gradient, normal = problem.of(start)
+    step = -np.linalg.solve(normal, gradient)
+    p, misfit = one_step(problem, start)
+    np.testing.assert_allclose(p, start + step, rtol=1e-6)
+    assert misfit == pytest.approx((cost + gradient @ step) / 10)
+    problem.layout.lowest[1], problem.rows = 1.5, 3
+    p, misfit = one_step(problem, start)
+    assert p[1] == 1.5
+    assert misfit == pytest.approx(cost + gradient @ step)
