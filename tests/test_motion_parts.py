@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,10 @@ import numpy as np
 import pytest
 from plants import exact_phasors
 
-from jointid import JointIdError, MotionRecord
+from jointid import Inertia, JointIdError, MotionRecord
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.motion_noise import noise_differs, with_torque_noise
+from jointid.motion.arm_motion import DrivenArms
 from jointid.motion.band import proposed_band
 from jointid.motion.complement import Waveforms
 from jointid.motion.end_terms import EndTerms, row_groups
@@ -18,6 +22,7 @@ from jointid.motion.reversals import _stretches, _transforms
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
 from jointid.motion.spectral_lines import SpectralLines, _continued, _gain
 from jointid.phasors.periods import phasors_of
+from jointid.phasors.segment import Motors, Segment
 
 T = 0.01
 
@@ -305,3 +310,112 @@ def test_bins_of_motions_share_misfits_in_bands_of_150_equations() -> None:
     np.testing.assert_array_equal(group[0], np.arange(200))
     np.testing.assert_array_equal(group[1], 200 + np.repeat(np.arange(2), 100))
     assert np.flatnonzero(of_fundamental).tolist() == [0, 200, 201]
+
+
+# --- torques through gears, and noise, of a segment
+
+
+def segment_of(velocity: np.ndarray, torque: np.ndarray, step_s: float, **changed: Any) -> Segment:
+    """A whole record without noise, unless changed."""
+    none = np.zeros(len(velocity))
+    whole = [0, step_s, velocity, velocity, torque, False, 0, velocity.shape[1], *[none] * 7, 5, 60]
+    return replace(Segment(*whole), **changed)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_the_torque_through_a_gear_is_what_the_motor_leaves(held: bool) -> None:
+    """Of two motors, late by stated delays; a share of what the gear passes on is friction."""
+    step, N, s = 1e-3, 2000, 2j * np.pi * np.array([3.0, 7.0])
+    t, v = step * np.arange(N), np.array([[2.0, 0.0], [0.0, 1.0]])
+    gear = np.array([[0.5, 0.1j], [0.3, -0.2]])
+    motors = Motors(
+        *np.array([[2e-3, 1e-3], [0.03, 0], [0.01, 0.02], [0, 0.2], [1.3e-3, -2e-3], [1.1, 1]])
+    )
+    velocity, through = (np.einsum("jk,kt->jt", x, np.exp(np.outer(s, t))).imag for x in (v, gear))
+    rate = np.einsum("jk,kt->jt", v * s, np.exp(np.outer(s, t))).imag
+    direction = np.sign(velocity)
+    whole = through + motors.M[:, None] * rate + motors.viscous[:, None] * velocity
+    whole += (motors.coulomb[:, None] + motors.load[:, None] * np.abs(through)) * direction
+    # The log is early by the lag, over the scale; a held one is on average that before, half a step.
+    logged = np.stack(
+        [
+            np.interp(t + lag + 0.5 * step * held, t, own, period=N * step)
+            for lag, own in zip(motors.lag_s, whole, strict=True)
+        ]
+    )
+    segment = segment_of(velocity, logged / motors.torque_scale[:, None], step, held=held)
+    found = segment.gear_torque(motors, direction)
+    inside = slice(40, -40)
+    size = np.abs(through).max()
+    assert np.abs(found - through)[:, inside].mean() < 0.01 * size
+    turns = np.diff(direction, axis=1) != 0
+    at = np.sqrt((turns * through[:, 1:] ** 2).sum(axis=1) / turns.sum(axis=1))
+    np.testing.assert_allclose(
+        segment.friction_at_reversals(motors), motors.coulomb + motors.load * at, rtol=0.03
+    )
+    plain = motors._replace(load=np.zeros(2))
+    np.testing.assert_array_equal(segment.friction_at_reversals(plain), motors.coulomb)
+
+
+def test_arms_follow_their_motors_by_the_equation() -> None:
+    """Two coupled arms with gravity and friction, from a start in the middle of their motion."""
+    step, N, s = 1e-3, 500, 2j * np.pi * np.array([5.0, 17.0])
+    K, D, v = np.array([50.0, 20.0]), np.array([0.1, 0.05]), np.array([0.02, 0.01])
+    M2, G = np.array([[4e-3, 1e-3], [1e-3, 2e-3]]), np.array([[2.0, 0.5], [0.5, 1.0]])
+    motor, push = np.array([[0.1, 0.03j], [0.05j, -0.04]]), np.array([[0.2, 0.1], [0.1j, 0.0]])
+    arm = np.stack(
+        [
+            np.linalg.solve(
+                x * x * M2 + G + np.diag(x * v + K + x * D), (K + x * D) * motor[:, k] - push[:, k]
+            )
+            for k, x in enumerate(s)
+        ],
+        axis=1,
+    )
+    waves = np.exp(np.outer(s, step * np.arange(N)))
+    angle, speed, friction, gear, moved = (
+        (each @ waves).imag
+        for each in (motor, motor * s, push, (K[:, None] + D[:, None] * s) * (motor - arm), arm * s)
+    )
+    arms = DrivenArms(K, D, np.zeros(2), v, M2, G)
+    offset = np.array([[0.3], [-0.2]])  # of the torque sensors, which is none of the gears'
+    torque, found = arms._driven(angle, speed, friction, gear + offset, step)
+    np.testing.assert_allclose(found, moved, atol=2e-3 * np.abs(moved).max())
+    np.testing.assert_allclose(torque, gear + offset, atol=2e-3 * np.abs(gear).max())
+    by_torque = arms._by_torque(speed, gear, step)[:, 100:-1]
+    np.testing.assert_allclose(by_torque, moved[:, 100:-1], atol=0.02 * np.abs(moved).max())
+
+
+def test_noise_of_motions_is_within_its_limits_and_shared_by_records() -> None:
+    """And the friction that brakes a motor shows how late it turns back."""
+    velocity = np.stack([np.sin(np.linspace(0, 9, 300)), np.cos(np.linspace(0, 9, 300))])
+    limits = {
+        "least_torque_variance": np.array([1e-4, 1e-4]),
+        "most_torque_variance": np.array([4e-4, 1]),
+    }
+    limits |= {"angle_variance": np.array([1e-9, 2e-9]), "velocity_blur_s": np.array([1e-4, 0.1])}
+    segments = [segment_of(velocity, velocity, 0.01, record=k, **limits) for k in (0, 1, 4)]
+    z = np.ones((4, 3, 4), complex)
+    phasors = replace(
+        exact_phasors(np.ones(4), z[:, 0, :2], z[:, 0, 2:]),
+        harmonics=z, harmonic_covariance=np.zeros((4, 3, 4, 4), complex), segments=(None, *segments),
+    )  # fmt: skip
+    prior = InertiaPrior.of(Inertia([0.1, 0.2], np.eye(2)), 4, 2)
+    one, none = np.ones(2), np.zeros(2)
+    motors = [Motors(prior.M[0], np.array([0.3, 0.4]), none, none, none, 2 * one)] * 4
+    torques = {0: np.array([2e-4, 3e-4]), 1: np.array([9e-4, 1e-5])}
+    found = with_torque_noise(phasors, prior, torques, motors)
+    kept = [[2e-4, 3e-4], [4e-4, 1e-4], [4e-4, 1.55e-4]]  # as given, limited, and the mean of both
+    for row, (variance, each) in enumerate(zip(kept, found.segments[1:], strict=True), start=1):
+        whole = 4 / 300 * np.diag([1e-9, 2e-9, *variance])
+        np.testing.assert_allclose(found.harmonic_covariance[row], np.tile(whole, (3, 1, 1)), rtol=1e-9)
+        np.testing.assert_allclose(each.torque_variance, variance)
+        np.testing.assert_allclose(each.unknown_Nm, [0.15, 0.2])
+        largest = np.abs(velocity[1]).max()
+        np.testing.assert_allclose(each.turn_rad_s, [3e-4, 0.2 * largest])
+    assert not found.harmonic_covariance[0].any()
+    louder = np.where(np.arange(4) < 3, 1.0, 1.3)[None, None]  # one joint's torque
+    other = replace(found, harmonic_covariance=found.harmonic_covariance * louder[..., None])
+    for one_of, two in ((found, other), (other, found)):
+        assert noise_differs(one_of, two, 0.29)
+        assert not noise_differs(one_of, two, 0.31)
