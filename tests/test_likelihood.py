@@ -29,6 +29,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.arrays import Complexes, Floats
+from jointid.estimation import model_average
 from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators import levenberg_marquardt
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -47,6 +48,7 @@ from jointid.estimation.model_average import (
     positive_moments,
     spread,
     spread_by_prior,
+    spread_of_modes,
     spread_of_unseen,
 )
 from jointid.estimation.model_search import Search
@@ -516,6 +518,94 @@ def test_an_unseen_part_widens_the_error_where_the_data_may_hold_it(seen: float,
     factor = (1 + seen**2) ** -0.5
     variance = std**2 / (1 + seen**2) * factor / (1 + factor) * widens
     np.testing.assert_allclose(found, variance * slope @ slope.T, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("misfit", "value"), [(1.0, [0.01, 0.03]), (2.5, [0.02, 0.05]), (1.0, [-0.3, 0.0])]
+)
+def test_an_unseen_part_is_weighed_by_the_integral_of_its_likelihood(
+    misfit: float, value: list[float]
+) -> None:
+    """Of two coupled values that are positive, with a usual size and a wide one in the fit."""
+    std, wide = np.array([0.05, 0.04]), np.array([0.2, 0.3])
+    data = np.array([[1500.0, 600.0], [600.0, 1800.0]])
+    information, slope = data + np.diag(wide**-2), np.array([[1.0, 0.3], [-0.5, 2.0]])
+    score = Score(0.0, 2, (0.0, np.zeros(2)), np.array(value), information, slope, np.ones(2))
+    found = spread_by_prior(score, wide, std, misfit)
+    axis = (np.arange(400) + 0.5) / 400 * 6
+    x = np.stack(np.meshgrid(axis * std[0], axis * std[1], indexing="ij"), axis=-1)
+    gain = x @ information @ value - 0.5 * np.einsum("...i,ij,...j", x, data, x)
+    density = np.exp(gain / misfit - 0.5 * ((x / std) ** 2).sum(axis=-1)) * 4 / (2 * np.pi)
+    factor = density.sum() * (axis[1] - axis[0]) ** 2
+    moment = np.einsum("xy,xyi,xyj->ij", density, x, x) / density.sum()
+    part = slope @ moment @ slope.T * factor / (1 + factor) * (factor > 1 / 3)
+    np.testing.assert_allclose(found, part, rtol=0.03, atol=1e-9)
+    assert np.any(part) == (value[0] > 0)
+
+
+@pytest.mark.parametrize("misfit", [0.5, 4.0])
+@pytest.mark.parametrize("moves", [False, True])
+def test_parts_of_usual_size_that_a_model_lacks(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, moves: bool
+) -> None:
+    """Links, losses and hysteresis of usual robots; filters as large as the lags they stand for."""
+    asked: dict[int, tuple[Any, ...]] = {}
+
+    def spread(score: Score, *sizes: Any) -> np.ndarray:
+        asked[id(score) if score.count == 2 else 0] = (score, *sizes)
+        return np.eye(4)
+
+    monkeypatch.setattr(model_average, "spread_by_prior", spread)
+    layout = ParameterLayout.of(2, effects=["lag"])
+    p = layout.named(layout.pack(K=[40.0, 8.0], D=[0.1, 0.02], lag=[1e-3, -2e-3]))
+    value, information = np.array([2e-7, 1e-7]), np.array([[3.0, 1.0], [1.0, 2.0]]) * 1e13
+    score = Score(0.0, 2, (0.0, np.zeros(4)), value, information, np.ones((4, 2)), np.array([2.0, 4.0]))
+    prior = InertiaPrior.of(PARALLELOGRAM, 3, 2)
+    fit: Any = SimpleNamespace(
+        named=p, misfit=misfit, elasticity_covariance=np.zeros((4, 4)),
+        phasors=SimpleNamespace(motion=np.array([False, moves])),
+    )  # fmt: skip
+    usual = {
+        "link": (prior.link_std(p.K, 4.0), prior.link_std(p.K, 10.0)),
+        "loss_factor": (np.full(2, np.inf), np.array([0.1, 0.2])),
+        "hysteresis": (np.full(2, np.inf), np.array([0.1, 0.2])),
+    }
+    for name, (wide, std) in usual.items():
+        own = replace(score)
+        np.testing.assert_array_equal(spread_of_unseen(fit, {name: own}, prior), np.eye(4))
+        np.testing.assert_allclose(asked[id(own)][1], wide)
+        np.testing.assert_allclose(asked[id(own)][2], std)
+        assert asked[id(own)][3] == max(1.0, misfit)
+    assert not spread_of_unseen(fit, {"gravity": replace(score)}, prior).any()
+    assert not spread_of_unseen(fit, {"link": replace(score, information=0 * information)}, prior).any()
+    for name, along in (("position_filter", [1e-6, 4e-6]), ("torque_filter", [-1e-6, -4e-6])):
+        spread_of_unseen(fit, {name: replace(score, count=1)}, prior)
+        part, wide, std, factor = asked[0]
+        of_one = np.array(along) @ information @ along
+        size = np.array(along) @ information @ value / of_one  # of a value along the lags' squares
+        np.testing.assert_allclose(part.value, [size])
+        np.testing.assert_allclose(part.information, [[of_one]])
+        np.testing.assert_allclose(part.slope[:, 0], np.ones(4) * sum(along))
+        seen = np.sqrt(size**2 + 2 * max(1.0, misfit) / of_one)
+        np.testing.assert_allclose(std, [seen if moves else 1.0])
+        assert (wide[0], wide.size, factor) == (np.inf, 1, max(1.0, misfit))
+
+
+def test_a_link_mode_moves_k_and_d_by_the_share_that_its_first_term_lacks() -> None:
+    prior, layout = InertiaPrior.of(PARALLELOGRAM, 3, 2), ParameterLayout.of(2, effects=["link"])
+    c, root = np.array([2e-9, 1e-5]), np.random.default_rng(1).standard_normal((6, 6))
+    C = root @ root.T
+    fit: Any = SimpleNamespace(
+        layout=layout, named=layout.named(layout.pack(K=[40.0, 8.0], D=[0.1, 0.02], link=c)),
+        covariance=C, elasticity_covariance=C[:4, :4],
+        phasors=SimpleNamespace(omega=np.array([20.0, 100.0])),
+    )  # fmt: skip
+    share = np.minimum(1e4 * c / prior.link_inertia, 1.0)
+    assert 0 < share[0] < 1 == share[1]
+    shift = C[:4, 4:] @ np.linalg.inv(C[4:, 4:]) * c * share
+    np.testing.assert_allclose(spread_of_modes(fit, prior), shift @ shift.T)
+    fit.covariance = np.where(np.eye(6) > 0, np.inf, C)
+    assert not spread_of_modes(fit, prior).any()
 
 
 @pytest.mark.parametrize("squared", [1e-7, 0.0])
