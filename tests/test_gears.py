@@ -252,6 +252,15 @@ def test_the_torsion_curve_is_the_gear_s_torque(stiffening: ElasticityFit) -> No
     assert stiffening.gears[0].tried_Nm == pytest.approx(curve.amplitude_Nm.max())
 
 
+def test_a_torsion_curve_has_the_frequency_of_most_power() -> None:
+    """Of all joints together: 24.2 and 25, of amplitudes with the sums 6.9 and 5.9."""
+    s = 2j * np.pi * np.array([[3.0, 6.0]])
+    torque = np.array([[[3.0, 3.9], [4.9, 1.0]]]).astype(complex)
+    variance, fitted = np.full((2, *torque.shape), 1e-9), np.stack([torque / 40, torque])
+    for curve in torsion_curves(s, torque / 40, torque, variance, fitted, np.ones(torque.shape, bool)):
+        np.testing.assert_allclose(curve.frequency_hz, [6.0])
+
+
 def test_the_band_of_a_torsion_curve_holds_harmonics_that_noise_hides() -> None:
     """Estimated noise that is too large hides them; the fitted law tells their size."""
     order = np.arange(1, 32)

@@ -12,12 +12,17 @@ from plants import exact_phasors
 
 from jointid import Inertia, JointIdError, MotionRecord
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.identify_motion import _lines
 from jointid.estimation.motion_noise import noise_differs, with_torque_noise
+from jointid.estimation.motion_start import _flanks
+from jointid.gears.motor_motion import MotorMotion
 from jointid.motion.arm_motion import DrivenArms
 from jointid.motion.band import proposed_band
 from jointid.motion.complement import Waveforms
 from jointid.motion.end_terms import EndTerms, row_groups
 from jointid.motion.friction import _WIDTHS, GRID, _hats, _reversals, friction_waveforms
+from jointid.motion.noise import _non_negative
 from jointid.motion.reversals import _stretches, _transforms
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
 from jointid.motion.spectral_lines import SpectralLines, _continued, _gain
@@ -419,3 +424,60 @@ def test_noise_of_motions_is_within_its_limits_and_shared_by_records() -> None:
     for one_of, two in ((found, other), (other, found)):
         assert noise_differs(one_of, two, 0.29)
         assert not noise_differs(one_of, two, 0.31)
+
+
+def test_lines_of_a_fit_are_the_bins_of_motions_and_the_fundamentals_of_sines() -> None:
+    z = np.arange(1, 37).reshape(3, 3, 4) * (1 + 1j)
+    z[1, 2] = 0.0  # outside the band
+    rows = exact_phasors(np.array([5.0, 0.5, 0.25]), z[:, 0, :2] + 9, z[:, 0, 2:] + 9)
+    still = segment_of(np.ones((2, 9)), np.ones((2, 9)), 0.1)
+    rows = replace(rows, harmonics=z, harmonic_covariance=np.zeros((3, 3, 4, 4), complex))
+    rows = replace(rows, segments=(None, still, still), harmonic_rounding=np.zeros((3, 3, 4)))
+    noise = Noise(np.arange(3 * 3 * 16).reshape(3, 3, 4, 4).astype(complex), np.ones(3))
+    estimate: Any = SimpleNamespace(phasors=rows, inertias="abc")
+    lines, inertias = _lines(estimate, rows, noise)
+    np.testing.assert_allclose(lines.frequency_found_hz, [5.0, 0.5, 1.0, 0.25, 0.5, 0.75])
+    np.testing.assert_allclose(lines.omega, 2 * np.pi * lines.frequency_found_hz)
+    place = [1, 1, 2, 2, 2], [0, 1, 0, 1, 2]
+    np.testing.assert_array_equal(lines.z, np.concatenate([rows.z[:1], z[place]]))
+    np.testing.assert_array_equal(lines.harmonics[:, 0], lines.z)
+    covariance = np.concatenate([noise.covariance[:1, 0], noise.covariance[place]])
+    np.testing.assert_array_equal(lines.covariance, covariance)
+    np.testing.assert_array_equal(lines.harmonic_covariance[:, 0], covariance)
+    assert "".join(inertias) == "abbccc"
+    assert not lines.motion.any()
+
+
+def test_flanks_of_backlash_are_in_contact_from_a_fifth_of_the_torque(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Between the flanks the contact changes uniformly; the ends have that of the nearest load."""
+    torque = np.array([[0.1, 0.21, 1.0, 0.19, 0.0, -0.19, -0.21, -0.5, 0.0]])
+    asked = []
+
+    def balance(*parameters: np.ndarray) -> np.ndarray:
+        asked.append(parameters)
+        return torque.copy()
+
+    motors = SimpleNamespace(balance=balance, bins=lambda flank, shape: (flank, shape))
+    monkeypatch.setattr(MotorMotion, "of", lambda *_, loops: motors)
+    phasors: Any = SimpleNamespace(segments=(1,), harmonics=np.zeros((1, 3, 2)))
+    prior = InertiaPrior.of(Inertia([0.1], [[1.0]]), 1, 1)
+    flank: Any
+    flank, shape = _flanks(phasors, prior)
+    np.testing.assert_allclose(flank[0], [1, 1, 1, 0.5, 0, -0.5, -1, -1, -1])
+    assert shape == (1, 3)
+    assert [float(each[0]) for each in asked[0]] == [1.0, 0.1, 0.0, 0.0]
+
+
+def test_the_errors_of_two_variances_are_those_of_their_powers() -> None:
+    """Each in bands of its own: exponential powers of which neighbours through a window are one."""
+    rng, count = np.random.default_rng(7), np.full(20, 40.0)
+    gains = np.kron(np.eye(2), np.ones((10, 1))) * rng.uniform(0.5, 2, (20, 1))
+    true = np.array([3e-6, 0.4])
+    power = gains @ true * (1 + 0.1 * rng.standard_normal(20))
+    found, error = _non_negative(gains, power, count)
+    np.testing.assert_allclose(found, true, rtol=0.15)
+    np.testing.assert_allclose(error, found * np.sqrt(2 / 400), rtol=1e-6)
+    negative = _non_negative(np.array([[1.0, 2.0], [1.0, 1.0]]), np.array([3.0, 1.0]), count[:2])
+    assert negative[0].min() == 0.0
