@@ -13,7 +13,7 @@ from plants import exact_phasors
 from jointid import Inertia, JointIdError, MotionRecord
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.identify_motion import _lines
+from jointid.estimation.identify_motion import _few, _lines
 from jointid.estimation.motion_noise import noise_differs, with_torque_noise
 from jointid.estimation.motion_start import _flanks
 from jointid.gears.motor_motion import MotorMotion
@@ -481,3 +481,24 @@ def test_the_errors_of_two_variances_are_those_of_their_powers() -> None:
     np.testing.assert_allclose(error, found * np.sqrt(2 / 400), rtol=1e-6)
     negative = _non_negative(np.array([[1.0, 2.0], [1.0, 1.0]]), np.array([3.0, 1.0]), count[:2])
     assert negative[0].min() == 0.0
+
+
+def test_a_model_is_sought_in_segments_of_every_joint_s_motion() -> None:
+    """Evenly spread, two of each joint where six are enough, beside all sines; of several poses all."""
+    moves = np.repeat([0, 1, 2, 0], [8, 9, 3, 6])  # the joint that moves most, of 26 segments
+    size = np.where(moves[:, None] == np.arange(3), 1.0, 0.2) * [1e-3, 5.0, 0.3]
+    z = np.zeros((28, 4, 6), complex)
+    z[2:, 1:, :3] = size[:, None]
+    still = segment_of(np.ones((3, 9)), np.ones((3, 9)), 0.1)
+    rows = replace(
+        exact_phasors(np.ones(28), z[:, 0, :3], z[:, 0, 3:]),
+        harmonics=z, harmonic_covariance=np.zeros((28, 4, 6, 6), complex),
+        segments=(None, None, *[still] * 26), harmonic_rounding=np.zeros((28, 4, 6)),
+    )  # fmt: skip
+    one = InertiaPrior.of(Inertia(np.ones(3), np.eye(3)), 28, 3)
+    every = [2 + np.flatnonzero(moves == j)[::step] for j, step in enumerate((7, 5, 2))]
+    assert _few(rows, one).tolist() == [0, 1, *sorted(np.concatenate(every).tolist())]
+    poses = [Inertia(np.ones(3), (1 + k % 2) * np.eye(3)) for k in range(28)]
+    assert _few(rows, InertiaPrior.of(poses, 28, 3)).tolist() == list(range(28))
+    few = rows.select(np.arange(8))
+    assert _few(few, one).tolist() == list(range(8))
