@@ -93,6 +93,14 @@ def test_a_criterion_is_the_cost_with_a_penalty_for_parameters() -> None:
     assert Fits((), ROWS).least_misfit == np.inf
 
 
+def test_of_models_without_a_significant_part_the_cheapest_is_taken() -> None:
+    late, lagging = Model(None, delay=True), PLAIN.with_part("lag")
+    tried = {lagging: estimate(lagging, cost=80.0, lag=0.1), late: estimate(late, cost=50.0, delay=0.1)}
+    fits = Fits(("delay", "lag"), ROWS, tried)
+    assert set(fits.criterion().values()) == {np.inf}
+    assert fits.least([lagging, late]) == fits.least([late, lagging]) == late
+
+
 @pytest.mark.parametrize(
     ("sharp", "free", "kept"),
     [(1.1e-3, 0.9, True), (0.9e-3, 0.051, False), (0.9e-3, 0.049, True)],
