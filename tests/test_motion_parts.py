@@ -21,12 +21,20 @@ from jointid.motion.arm_motion import DrivenArms
 from jointid.motion.band import proposed_band
 from jointid.motion.complement import Waveforms
 from jointid.motion.end_terms import EndTerms, row_groups
-from jointid.motion.friction import _WIDTHS, GRID, _hats, _reversals, friction_waveforms
+from jointid.motion.friction import (
+    _WIDTHS,
+    GRID,
+    _hats,
+    _reversals,
+    friction_waveforms,
+    gear_torque_of,
+    with_load,
+)
 from jointid.motion.noise import _non_negative
 from jointid.motion.reversals import _stretches, _transforms
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
 from jointid.motion.spectral_lines import SpectralLines, _continued, _gain
-from jointid.phasors.periods import phasors_of
+from jointid.phasors.periods import phasors_of, samples_of
 from jointid.phasors.segment import Motors, Segment
 
 T = 0.01
@@ -502,3 +510,38 @@ def test_a_model_is_sought_in_segments_of_every_joint_s_motion() -> None:
     assert _few(rows, InertiaPrior.of(poses, 28, 3)).tolist() == list(range(28))
     few = rows.select(np.arange(8))
     assert _few(few, one).tolist() == list(range(8))
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_the_torque_through_a_gear_in_sines_is_what_the_motor_leaves(filtered: bool) -> None:
+    """Under travel and a constant load; a lag and a scale of the log, and a filter of the positions."""
+    H, points, lag = 30, GRID, np.array([1e-3, -5e-4])
+    omega = 2 * np.pi * np.array([4.0, 9.0])
+    s = 1j * omega[:, None, None] * np.arange(1, H + 1)[:, None]
+    q, gear = np.zeros((2, 2, H, 2), complex)
+    q[:, 0], q[:, 1:3] = [[0.2, 0.1j], [0.1, -0.2]], 0.003  # of seen harmonics only
+    gear[:, 0], gear[:, 1] = [[1.0, 0.5j], [0.5, 0.4]], [[0.2, 0.0], [0.0, 0.1j]]
+    drift, mean = np.array([[0.5, 0.0], [0.0, -1.0]]), np.array([[0.3, 0.1], [0.0, -0.2]])
+    M, coulomb, viscous = np.array([[2e-3, 1e-3], [0.05, 0.02], [0.01, 0.03]])
+    load, scale = np.array([0.1, 0.0]), np.array([1.2, 0.9])
+    T = np.array([2e-4, 0.0]) * filtered
+    through = mean[..., None] + samples_of(gear.swapaxes(1, 2), points)
+    sign = np.sign(samples_of((s * q).swapaxes(1, 2), points) + drift[..., None])
+    rubbing = (coulomb[:, None] + load[:, None] * np.abs(through)) * sign
+    whole = gear + s * (s * M + viscous) * q + phasors_of(rubbing, H).swapaxes(1, 2)
+    tau, z_mean = whole * np.exp(s * lag) / scale, mean + viscous * drift + rubbing.mean(axis=2)
+    z = np.concatenate([q / (1 + s * T), tau], axis=2)
+    phasors = replace(
+        exact_phasors(omega / (2 * np.pi), z[:, 0, :2], tau[:, 0]), drift=drift, harmonics=z,
+        harmonic_covariance=np.zeros((2, H, 4, 4), complex), mean_torque=z_mean / scale,
+        harmonic_rounding=np.zeros(z.shape),
+    )  # fmt: skip
+    friction = friction_waveforms(phasors, None, position_filter=T if filtered else None)
+    motors = [Motors(M, coulomb, viscous, load, lag, scale)] * 2
+    found = gear_torque_of(friction, phasors, motors, loaded=True)
+    size = np.abs(through).max()
+    assert np.abs(found.sines - through).mean() < 0.01 * size
+    waves = with_load(friction, phasors, found).further["load"]
+    true = phasors_of(np.abs(through) * sign, H).swapaxes(1, 2)
+    np.testing.assert_allclose(waves[:, 0], true[:, 0], atol=0.02 * size)
+    np.testing.assert_allclose(waves, true, atol=0.05 * size)
