@@ -21,6 +21,7 @@ from jointid.motion.arm_motion import DrivenArms
 from jointid.motion.band import proposed_band
 from jointid.motion.complement import Waveforms
 from jointid.motion.end_terms import EndTerms, row_groups
+from jointid.motion.free_friction import FreeFriction
 from jointid.motion.friction import (
     _WIDTHS,
     GRID,
@@ -36,6 +37,7 @@ from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectru
 from jointid.motion.spectral_lines import SpectralLines, _continued, _gain
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.phasors.segment import Motors, Segment
+from jointid.small_matrices import whitener
 
 T = 0.01
 
@@ -545,3 +547,85 @@ def test_the_torque_through_a_gear_in_sines_is_what_the_motor_leaves(filtered: b
     true = phasors_of(np.abs(through) * sign, H).swapaxes(1, 2)
     np.testing.assert_allclose(waves[:, 0], true[:, 0], atol=0.02 * size)
     np.testing.assert_allclose(waves, true, atol=0.05 * size)
+
+
+# --- projection of free friction
+
+
+@pytest.mark.parametrize("ends", [False, True])
+@pytest.mark.parametrize("bounded", [False, True])
+def test_free_friction_is_that_of_generalised_least_squares(bounded: bool, ends: bool) -> None:
+    """Rows, weighted residuals, friction and its size, against one large real system per record."""
+    rng = np.random.default_rng(8)
+    r, H, n, counts = 3, 6, 2, ((2, 1), (0, 3), (1, 1))
+    root = complex_noise(rng, r, H, n, n)
+    V = root @ root.conj().swapaxes(2, 3) + 0.5 * np.eye(n)
+    sizes = rng.uniform(0.5, 2, (r, n))
+    records = [
+        Waveforms(
+            [complex_noise(rng, H, k) for k in own],
+            [complex_noise(rng, H, 2 * bounded) for _ in own],
+            np.ones((H, n), bool),
+        )
+        for own in counts
+    ]
+    free = FreeFriction.of(records, sizes, H)
+    assert bool(free.bases) == bounded
+    assert free.shapes == 8
+    at_ends, further = np.array([0, 2]), complex_noise(rng, 2, H, n, 3)
+    projection = (free.with_columns(at_ends, further) if ends else free).projection(whitener(V), V)
+    values = complex_noise(rng, r, H, n, 1)
+    rows = projection.rows(values)
+    weighted = projection.W.conj().swapaxes(2, 3) @ projection.whitened(rows)
+    explained, first = projection.explained(values), projection.first_sizes(values, 2)
+
+    def real(columns: np.ndarray) -> np.ndarray:
+        flat = columns.reshape(H * n, -1)
+        return np.concatenate([flat.real, flat.imag])
+
+    def placed(waves: np.ndarray, j: int) -> np.ndarray:
+        return real(waves[:, None] * np.eye(n)[j][:, None])
+
+    for k, own in enumerate(records):
+        whole = np.zeros((H, n, H, n), complex)
+        whole[range(H), :, range(H)] = V[k]
+        whole = whole.reshape(H * n, H * n)
+        noise = np.block([[whole.real, -whole.imag], [whole.imag, whole.real]])
+        C, columns = noise.copy(), [placed(own.free[j], j) for j in range(n)]
+        for j in range(n):  # rows of noise have half of its variance
+            shapes = sizes[k, j] * placed(own.bounded[j], j)
+            C += 2 * shapes @ shapes.T
+        if ends and k in at_ends:
+            columns.append(real(further[at_ends.tolist().index(k)]))
+        F, y, inverse = np.concatenate(columns, axis=1), real(values[k])[:, 0], np.linalg.inv(C)
+        amplitudes = np.linalg.solve(F.T @ inverse @ F, F.T @ inverse @ y)
+        left = inverse @ (y - F @ amplitudes)
+        assert (rows[k] ** 2).sum() == pytest.approx(y @ left, rel=1e-6)
+        np.testing.assert_allclose(real(weighted[k])[:, 0], left, atol=1e-6)
+        np.testing.assert_allclose(real(explained[k])[:, 0], y - noise @ left, atol=1e-6)
+        at = amplitudes[-3:-1] if ends and k in at_ends else [0.0, 0.0]
+        np.testing.assert_allclose(first[k], at, atol=1e-6)
+    assert projection.rank() == 8 + 6 * ends
+    if not bounded:
+        kept = projection.noise_left(np.full((r, 1), 2.0 * H)).sum(axis=1)
+        np.testing.assert_allclose(kept, 2 * H * n - np.array([3, 3, 2]) - ends * np.array([3, 0, 3]))
+
+
+def test_free_friction_moves_and_scales_with_the_record() -> None:
+    """The columns times a phase of every bin, and bounded torques of another size."""
+    rng, H, n = np.random.default_rng(9), 5, 2
+    for bounded in (0, 1):
+        shapes = [[complex_noise(rng, H, k) for _ in range(n)] for k in (2, bounded)]
+        turn = np.exp(1j * rng.uniform(0, 6, (1, H, n)))
+        V, known = np.tile(np.eye(n).astype(complex), (1, H, 1, 1)), np.ones((H, n), bool)
+        size, scale = np.array([[1.0, 2.0]]), np.array([0.5, 3.0])
+        free = FreeFriction.of([Waveforms(*shapes, known)], size, H)
+        moved = [[own * turn[0, :, j, None] for j, own in enumerate(each)] for each in shapes]
+        values = complex_noise(rng, 1, H, n, 1)
+        for found, own, std in (
+            (free.moved(turn), moved, size),
+            (free.scaled(scale), shapes, size * scale),
+        ):
+            true = FreeFriction.of([Waveforms(*own, known)], std, H)
+            costs = [(each.projection(V, V).rows(values) ** 2).sum() for each in (found, true)]
+            assert costs[0] == pytest.approx(costs[1])
