@@ -48,7 +48,6 @@ from jointid.estimation.model_average import (
     positive_moments,
     spread,
     spread_by_prior,
-    spread_of_modes,
     spread_of_unseen,
 )
 from jointid.estimation.model_search import Search
@@ -589,23 +588,6 @@ def test_parts_of_usual_size_that_a_model_lacks(
         seen = np.sqrt(size**2 + 2 * max(1.0, misfit) / of_one)
         np.testing.assert_allclose(std, [seen if moves else 1.0])
         assert (wide[0], wide.size, factor) == (np.inf, 1, max(1.0, misfit))
-
-
-def test_a_link_mode_moves_k_and_d_by_the_share_that_its_first_term_lacks() -> None:
-    prior, layout = InertiaPrior.of(PARALLELOGRAM, 3, 2), ParameterLayout.of(2, effects=["link"])
-    c, root = np.array([2e-9, 1e-5]), np.random.default_rng(1).standard_normal((6, 6))
-    C = root @ root.T
-    fit: Any = SimpleNamespace(
-        layout=layout, named=layout.named(layout.pack(K=[40.0, 8.0], D=[0.1, 0.02], link=c)),
-        covariance=C, elasticity_covariance=C[:4, :4],
-        phasors=SimpleNamespace(omega=np.array([20.0, 100.0])),
-    )  # fmt: skip
-    share = np.minimum(1e4 * c / prior.link_inertia, 1.0)
-    assert 0 < share[0] < 1 == share[1]
-    shift = C[:4, 4:] @ np.linalg.inv(C[4:, 4:]) * c * share
-    np.testing.assert_allclose(spread_of_modes(fit, prior), shift @ shift.T)
-    fit.covariance = np.where(np.eye(6) > 0, np.inf, C)
-    assert not spread_of_modes(fit, prior).any()
 
 
 @pytest.mark.parametrize("squared", [1e-7, 0.0])

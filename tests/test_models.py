@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from plants import exact_phasors
 from scipy.special import chdtri
 
 from jointid.errors import JointIdError
-from jointid.estimation import candidates
+from jointid.estimation import candidates, model_search
 from jointid.estimation.candidates import Fits, Model, dissipates, fundamental_chance
+from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.model_average import _fundamentals_are_alike, spread, spread_of_modes
+from jointid.estimation.model_search import Search
 
 PLAIN = Model(None, delay=False)
 RUBBING, FREE = Model(0.0, delay=False), Model(0.03, delay=False)
@@ -251,3 +255,162 @@ def test_a_link_mode_lacks_its_further_terms(c: float, missing: float) -> None:
     np.testing.assert_allclose(spread_of_modes(found, prior), np.outer(shift, shift))
     found.covariance[0, 2] = np.inf
     assert not spread_of_modes(found, prior).any()
+
+
+# --- the search
+
+
+def search_of(
+    tried: dict[Model, Any] | None = None,
+    optional: tuple[str, ...] = (),
+    phasors: Any = None,
+    poses: int = 1,
+    **parts: Any,
+) -> Search:
+    """A search with these models, in phasors of sines."""
+    prior: Any = SimpleNamespace(M2=np.zeros(poses), of_rows=lambda rows: ("prior", rows.tolist()))
+    noise: Any = Noise(np.zeros((24, 1, 4, 4), complex), np.arange(24.0))
+    start: Any = parts.pop("start", None)
+    return Search(phasors, prior, start, noise, PLAIN, Fits(optional, ROWS, tried or {}), **parts)
+
+
+def sines(frequencies: np.ndarray, joints: int = 2) -> Any:
+    none = np.ones((frequencies.size, joints), complex)
+    return exact_phasors(frequencies, none, none)
+
+
+@pytest.mark.parametrize(
+    ("count", "each", "kept"), [(29, 1, 29), (30, 1, 20), (60, 1, 20), (32, 2, 20), (40, 4, 20)]
+)
+def test_a_model_is_sought_in_ten_records_per_joint(count: int, each: int, kept: int) -> None:
+    """Of evenly spread frequencies, with all of their records; in all if there are several poses."""
+    frequencies = np.repeat(np.geomspace(1, 30, count // each), each)[::-1]
+    phasors = sines(frequencies)
+    rows = search_of(phasors=phasors).few_rows()
+    assert rows.size == kept
+    chosen = frequencies[rows]
+    assert {chosen.max(), chosen.min()} == {frequencies.max(), frequencies.min()}
+    assert all(np.count_nonzero(chosen == f) == each for f in chosen)
+    steps = np.diff(np.unique(np.searchsorted(np.unique(frequencies), np.unique(chosen))))
+    assert np.ptp(steps) <= 1
+    assert search_of(phasors=phasors, poses=2).few_rows().size == count
+    assert search_of(phasors=phasors).few_rows(100).size == count
+
+
+def test_a_search_in_some_rows_has_their_noise_and_equations() -> None:
+    search = search_of(phasors=sines(np.arange(1.0, 25)), optional=("lag",), first=(RUBBING,))
+    few = search.of_rows(np.array([3, 5, 9]))
+    assert few.phasors.frequency_found_hz.tolist() == [4.0, 6.0, 10.0]
+    assert few.noise.degrees_of_freedom.tolist() == [3.0, 5.0, 9.0]
+    assert few.prior == ("prior", [3, 5, 9])
+    assert (few.fits.rows, few.fits.optional) == (ROWS * 3 // 24, ("lag",))
+    assert (few.base, few.first) == (PLAIN, (RUBBING,))
+    search.starts[PLAIN], search.slow_fits = 1, 3
+    again = search.again("elsewhere")  # type: ignore[arg-type]
+    assert (again.start, again.starts, again.slow_fits) == ("elsewhere", {}, 0)
+    assert again.fits.tried == {}
+
+
+def test_a_search_ends_after_24_fits_and_a_model_after_two_starts() -> None:
+    search = search_of({PLAIN: estimate(misfit=99.0), RUBBING: estimate(RUBBING, misfit=101.0)})
+    assert search.is_open(RUBBING)
+    assert not search.is_open(PLAIN)  # it converged
+    assert search.is_open(FREE)
+    search.starts = {RUBBING: 1}
+    assert search.is_open(RUBBING)
+    search.starts = {RUBBING: 2, PLAIN: 21}
+    assert not search.is_open(RUBBING)
+    assert not search.is_spent
+    search.starts[PLAIN] = 22
+    assert search.is_spent
+    assert not search.is_lost
+    search.fits.tried[PLAIN].misfit = 100.0
+    assert search.is_lost
+    assert search_of().is_lost
+
+
+@pytest.mark.parametrize(
+    ("misfit", "chance", "moves", "richer"),
+    [
+        (1.1, 1.1e-3, False, False),
+        (1.11, 0.5, False, True),
+        (1.0, 0.9e-3, False, True),
+        (1.3, 1e-9, True, False),
+        (1.31, 0.5, True, True),
+    ],
+)
+def test_a_model_may_be_richer_where_noise_does_not_explain_it(
+    misfit: float, chance: float, moves: bool, richer: bool
+) -> None:
+    phasors: Any = SimpleNamespace(motion=np.array([moves]))
+    found = estimate(misfit=misfit, chance=chance)
+    assert search_of(phasors=phasors).may_be_richer(found) == richer
+
+
+@pytest.mark.parametrize(("cost", "little"), [(14.2, False), (14.6, True)])
+def test_a_fit_that_leaves_a_third_of_the_torques_explains_little(cost: float, little: bool) -> None:
+    """The squares of the torques are 130 times their noise; those without noise do not count."""
+    phasors = sines(np.array([1.0]))
+    z = np.array([[[1.0, 1.0, 4.0, 3j], [1.0, 1.0, 2.0, 5.0]]])
+    variance = np.array([[1.0, 1, 0.2, 0.2], [1, 1, 0.8, 0.0]])
+    covariance = (variance[..., None] * np.eye(4))[None].astype(complex)
+    phasors = replace(phasors, harmonics=z, harmonic_covariance=covariance)
+    tried = {PLAIN: estimate(cost=cost, misfit=5.0), RUBBING: estimate(RUBBING, cost=1e9, misfit=6.0)}
+    assert search_of(tried, phasors=phasors).explains_little == little
+    assert not search_of(phasors=phasors).explains_little
+    assert not search_of({PLAIN: JointIdError("")}, phasors=phasors).explains_little
+
+
+@pytest.mark.parametrize(
+    ("part", "moves", "share", "worth"),
+    [
+        ("arm_viscous", False, 0.0, True),  # a quick fit
+        ("arm_viscous", True, 0.49, False),
+        ("arm_viscous", True, 0.51, True),
+        ("cubic", False, 0.14, False),
+        ("cubic", False, 0.16, True),
+        ("lag", True, 0.14, False),
+        ("lag", True, 0.16, True),
+    ],
+)
+def test_a_slow_part_far_from_the_data_must_explain_much(
+    monkeypatch: pytest.MonkeyPatch, part: str, moves: bool, share: float, worth: bool
+) -> None:
+    phasors: Any = SimpleNamespace(motion=np.array([moves]))
+    search = search_of({PLAIN: estimate(cost=200.0, misfit=101.0)}, phasors=phasors)
+    monkeypatch.setattr(Search, "scores", lambda *_: {part: SimpleNamespace(gain=share * 200.0)})
+    assert search.may_explain(PLAIN, part) == worth
+    monkeypatch.setattr(Search, "scores", lambda *_: {})
+    assert search.may_explain(PLAIN, part) == (share == 0)
+    search.fits.tried[PLAIN].misfit = 99.0
+    assert search.may_explain(PLAIN, part)
+    assert search.may_explain(RUBBING, part)
+
+
+def test_laws_start_from_regressions_that_leave_least(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slopes imitate other laws: they count twice."""
+    left = {"cubic": 0.3, "backlash": 0.2, "piecewise": 0.14}
+    monkeypatch.setattr(model_search, "by_regression", lambda law, *_: (f"by {law}", left[law]))
+    found = search_of(optional=("cubic", "backlash")).regressed_laws
+    assert found == [("backlash", "by backlash", 0.2), ("piecewise", "by piecewise", 0.28),
+                     ("cubic", "by cubic", 0.3)]  # fmt: skip
+    assert [law for law, *_ in search_of(optional=("backlash",)).regressed_laws] == ["backlash"]
+    monkeypatch.setattr(model_search, "by_regression", lambda *_: None)
+    assert search_of(optional=("cubic", "backlash")).regressed_laws == []
+
+
+def test_uncertain_parts_are_left_out_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = Model(0.0, delay=False, effects=("lag", "gravity"))
+    certain = {"coulomb": True, "friction": False, "lag": False, "gravity": True}
+    monkeypatch.setattr(Fits, "is_certain", lambda self, model, part: certain[part])
+    search = search_of(optional=("friction", "lag", "gravity"))
+    without = [model.without("friction"), model.without("lag")]
+    assert list(search._narrower(model)) == without
+    certain["coulomb"] = False
+    assert list(search._narrower(model)) == [model.with_part("viscous"), *without]
+    search.fits.optional += ("delay",)
+    certain["lag"] = True
+    late = model.without("lag").with_part("delay")
+    assert list(search._narrower(model)) == [model.with_part("viscous"), without[0], late]
+    search.fits.optional = ("gravity",)
+    assert list(search._narrower(model)) == []
