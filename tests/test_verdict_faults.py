@@ -599,6 +599,57 @@ def test_a_record_is_off_only_where_all_others_agree() -> None:
     assert one_off(measured(), Inertia(SERIAL.M, 1.3 * SERIAL.M2)) is None
 
 
+def test_damping_may_be_negative_by_four_errors_of_what_a_fit_leaves() -> None:
+    """Of torques with three times the stated noise."""
+    omega, M2, rng, error = 2 * np.pi * BAND_HZ, 3.0, np.random.default_rng(1), 1e-4
+    deflection, one = np.full(BAND_HZ.size, 1e-3 + 0j), np.ones(1)
+    sigma = error / np.sqrt(2 * (omega**2 * np.abs(deflection) ** 2).sum())
+    covariance = np.tile(np.diag([0.0, error**2]).astype(complex), (BAND_HZ.size, 1, 1))
+    seen = []
+    for _ in range(40):
+        torque = (20.0 - 12j * omega * sigma) * deflection
+        q = deflection - torque / (omega**2 * M2)
+        tau = torque - omega**2 * 0.01 * q + 3 * circular(rng, covariance[:, 1:, 1:], 1)[0, :, 0]
+        phasors = exact_phasors(BAND_HZ, q[:, None], tau[:, None], covariance)
+        scorer = Scorer.of(phasors, [Inertia([0.01], [[M2]])] * BAND_HZ.size)
+        scores = scorer.scores([Hypothesis.of("", one, one)])
+        size = scores.D[0, 0] / (sigma * np.sqrt(scores.misfit[0]))
+        if abs(size + 4) > 0.2:
+            seen.append(size > -4)
+            assert np.isfinite(scores.cost[0]) == seen[-1]
+    assert 5 < sum(seen) < 35
+
+
+def test_suspects_are_the_record_that_spoils_the_fit_and_that_of_most_residual() -> None:
+    phasors = logged([2.0, 1.0], row=3)
+    scorer, residual = Scorer.of(phasors, [SERIAL] * 14), np.ones((14, 2))
+    residual[8], residual[5] = [3.0, 3.0], [4.0, 0.0]
+    fit = SimpleNamespace(prior=SimpleNamespace(inertia_std=0.05), residual=residual)
+    fit.residual_noise = np.ones((14, 2))
+    evidence: Any = SimpleNamespace(phasors=phasors, fit=fit)
+    assert rules_outlier._suspects(evidence, scorer) == [3, 8]
+    fit.residual_noise[8], fit.residual_noise[3, 0] = 10.0, 0.0
+    assert rules_outlier._suspects(evidence, scorer) == [3]
+    fit.residual[3] = 0.0  # over no noise
+    assert rules_outlier._suspects(evidence, scorer) == [3, 5]
+    fit.prior.inertia_std = 0.0
+    assert rules_outlier._suspects(evidence, scorer) == []
+
+
+@pytest.mark.parametrize(
+    ("n", "count", "sought"), [(2, 5, True), (2, 4, False), (4, 6, True), (4, 5, False)]
+)
+def test_an_outlier_is_sought_among_four_others_or_one_more_than_joints(
+    monkeypatch: pytest.MonkeyPatch, n: int, count: int, sought: bool
+) -> None:
+    asked = []
+    monkeypatch.setattr(rules_outlier, "Scorer", SimpleNamespace(of=lambda *_: "scorer"))
+    monkeypatch.setattr(rules_outlier, "_record_off", lambda *_: asked.append(1))
+    none = np.zeros((count, n), complex)
+    one_off(exact_phasors(np.ones(count), none, none))
+    assert bool(asked) == sought
+
+
 def test_the_stiffness_of_other_records_may_be_negative_with_the_wrong_one() -> None:
     found = one_off(logged([1, 33.0], row=3))
     assert found is not None

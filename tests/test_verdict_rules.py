@@ -413,8 +413,8 @@ def test_usual_causes_are_friction_or_what_a_record_shows(monkeypatch: pytest.Mo
     for drift, reverses in ((0.3, False), (0.9, True), (1.9, True), (2.1, False)):
         moving = case(
             is_superposed=True,
-            omega=np.array([2.0]),
-            q=np.array([[1.0, 1.0j]]),
+            omega=np.array([4.0]),
+            q=np.array([[0.5, 0.5j]]),
             drift=np.full((1, 2), -drift),
         )
         assert ("Joints reverse slowly" in remedy(1.0, friction=case(), phasors=moving)) == reverses
@@ -871,6 +871,14 @@ def test_a_known_factor_of_one_joint_is_no_cause_beside_a_bad_fit(after: float, 
     fault = Hypothesis.of("torque", np.ones(2), np.array([1 / (2 * np.pi), 0.3]))
     found = cause_findings.finding_of(fault, 1e7, after, str, 10.0, np.ones(2))
     assert ("revolutions" in found.title) == named
+
+
+def test_a_factor_weighs_by_its_logarithm() -> None:
+    """The largest of all joints, on top of one; that of a problem is 100 more."""
+    for factor, weight in (([50.0, 1.0], np.log10(50)), ([1 / 300, 40.0], np.log10(300))):
+        fault = Hypothesis.of("torque", np.ones(2), np.array(factor))
+        found = cause_findings.finding_of(fault, 1e7, 1.0, str, 10.0, np.ones(2))
+        assert found.weight == pytest.approx(101 + weight)
 
 
 def test_every_sign_and_pair_of_channels_is_a_hypothesis() -> None:
