@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -36,6 +40,8 @@ from jointid import (
     identify_elasticity,
     spring_equations,
 )
+from jointid.estimation import elasticity as elasticity_module
+from jointid.estimation.elasticity import likelihood_fit, undetermined
 from jointid.estimation.estimators.held_torque import HeldTorque
 from jointid.estimation.estimators.joint_equations import SpringEquations
 from jointid.estimation.estimators.noise import Noise, moderated_noise
@@ -656,3 +662,63 @@ def test_two_hundred_records_and_one_accurate_record_among_inaccurate_ones(metho
     assert np.all(np.abs(answer(fit) - truth(2)) < 5 * fit.standard_error)
     if method == "weighted":
         assert np.allclose(answer(fit), truth(2), rtol=1e-6)
+
+
+# The whole error
+
+
+@pytest.mark.parametrize("rests", [False, True])
+@pytest.mark.parametrize("moves", [[False, False, False], [True, True, True], [False, True, True]])
+def test_errors_hold_what_harmonics_and_rests_do_not_show(
+    monkeypatch: pytest.MonkeyPatch, moves: list[bool], rests: bool
+) -> None:
+    """In proportion to the friction over the median torque of the records in which a joint slides."""
+    base = identify_elasticity(example(), SERIAL, method="least-squares")
+    monkeypatch.setattr(elasticity_module, "made_fit", lambda *_: replace(base, covariance=np.eye(4)))
+    layout = ParameterLayout.of(2, friction=True, delay=True, effects=["motor_presliding", "load"])
+    given = {"K": base.K, "D": base.D, "coulomb": [0.3, -0.1], "viscous": [0.02, 0.03], "delay": 1e-3}
+    p = layout.named(layout.pack(**given, motor_presliding=[0.1, 0.0], load=[0.05, 0.06]))
+    root = np.random.default_rng(3).standard_normal((layout.size, layout.size))
+    C, torque = root @ root.T, np.array([[1.0, 0.1], [2.0, 0.9], [0.3, 0.5]])
+    estimate: Any = SimpleNamespace(
+        layout=layout, named=p, covariance=C, inertias=(SERIAL,) * 3, fundamental=(1.2, 30),
+        prior_covariance=0.1 * C, rests_in_noise=rests,
+        phasors=SimpleNamespace(torque_size=torque, motion=np.array(moves)),
+    )  # fmt: skip
+    choice: Any = SimpleNamespace(candidates=("a", "b"), spread=np.diag([4.0, 1.0, 9.0, 0.25]))
+    fit = likelihood_fit("auto", choice, estimate, base.equations, base.prior, base.torsion_curves)
+    share = 4 / np.pi * np.array([0.3 / 1.5, 0.1 / 0.7])  # the third and first records rest
+    of_sines, of_motions = (not all(moves)) * share, (any(moves) and not rests) * share**2
+    floor = np.r_[5e-4 * of_sines + 3e-3 * of_motions, 1.5e-3 * of_sines + 6e-3 * of_motions]
+    floor *= np.abs(base.estimate)
+    np.testing.assert_allclose(fit.unseen_error, floor)
+    np.testing.assert_allclose(fit.covariance, np.eye(4) + choice.spread + np.diag(floor**2))
+    np.testing.assert_allclose(fit.choice_error, [2.0, 1.0, 3.0, 0.5])
+    np.testing.assert_allclose(fit.prior_error, np.sqrt(0.1 * np.diag(C)[:4]))
+    np.testing.assert_allclose(fit.noise_error, np.sqrt(np.maximum(1 - 0.1 * np.diag(C)[:4], 0)))
+    late = layout["delay"].start
+    assert (fit.delay, fit.delay_error) == (1e-3, pytest.approx(np.sqrt(C[late, late])))
+    assert fit.friction is not None
+    np.testing.assert_allclose(fit.friction.coulomb, [0.4, -0.1])  # after a long move
+    own, rising = (np.arange(layout.size)[layout[x]] for x in ("coulomb", "motor_presliding"))
+    both = np.diag(C)[own] + np.diag(C)[rising] + 2 * C[own, rising]
+    np.testing.assert_allclose(fit.friction.standard_error[:2], np.sqrt(both))
+    viscous = np.arange(layout.size)[layout["viscous"]]
+    np.testing.assert_allclose(fit.friction.standard_error[2:], np.sqrt(np.diag(C)[viscous]))
+    assert list(np.atleast_1d(fit.friction.load)) == [0.05, 0.06]
+
+
+def test_correlations_and_condition_are_in_units_of_the_errors() -> None:
+    fit = identify_elasticity(example(), SERIAL, method="least-squares")
+    A = fit.equations.matrix()[0] * np.array([fit.D[0], fit.K[0], fit.D[1], fit.K[1]])
+    assert fit.condition == pytest.approx(np.linalg.cond(A))
+    wide = np.array([[4.0, 1, 0, 0], [1, 9, 0, 0], [0, 0, np.inf, 0], [0, 0, 0, 25.0]])
+    other = replace(fit, covariance=wide, D=np.array([1e-9, 1e-9]))
+    A = fit.equations.matrix()[0] * np.array([1e-9, fit.K[0], 5.0, fit.K[1]])
+    assert other.condition == pytest.approx(np.linalg.cond(A))  # damping counts at least by its error
+    expected = np.eye(4)
+    expected[0, 1] = expected[1, 0] = 1 / 6
+    np.testing.assert_allclose(other.correlation, expected)
+    assert np.isinf(other.relative_error[2])
+    lost = replace(fit, covariance=np.diag(np.r_[(fit.K / [1.9, 2.1]) ** 2, 1, 1]))
+    assert undetermined(lost).tolist() == [True, False]
