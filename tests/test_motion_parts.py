@@ -11,6 +11,7 @@ import pytest
 from plants import exact_phasors
 
 from jointid import Inertia, JointIdError, MotionRecord
+from jointid.estimation import motion_noise
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.identify_motion import _few, _lines
@@ -629,3 +630,47 @@ def test_free_friction_moves_and_scales_with_the_record() -> None:
             true = FreeFriction.of([Waveforms(*own, known)], std, H)
             costs = [(each.projection(V, V).rows(values) ** 2).sum() for each in (found, true)]
             assert costs[0] == pytest.approx(costs[1])
+
+
+def test_noise_is_sought_where_free_friction_leaves_equations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A segment shows it from 30 % of its equations on, or if it has the largest share, above 2 %."""
+    r, H, n = 4, 3, 3
+    z = np.ones((r, H, 2 * n), complex)
+    z[1, 2] = 0.0
+    still = segment_of(np.ones((n, 9)), np.ones((n, 9)), 0.1)
+    phasors = replace(
+        exact_phasors(np.ones(r), z[:, 0, :n], z[:, 0, n:]), segments=(None, still, still, still),
+        harmonics=z, harmonic_covariance=np.zeros((r, H, 2 * n, 2 * n), complex),
+    )  # fmt: skip
+    share = np.array([[0.9, 0.9, 0.9], [0.29, 0.1, 0.01], [0.31, 0.2, 0.015], [0.9, 0.15, 0.9]])
+    used = np.ones((r, n), bool)
+    used[3, 2] = False
+    asked = []
+
+    def noise_left(rows: np.ndarray) -> np.ndarray:
+        asked.append(rows[:, 0].tolist())
+        return share * rows
+
+    spread, whole = np.array([0.0, 1.0, 3.0]), np.array([4.0, 4.0, 4.0])
+    at = SimpleNamespace(
+        r=np.full((r, H, n), 5.0 + 0j), V=np.tile(np.diag(whole).astype(complex), (r, H, 1, 1)), E="E",
+        p=None, problem=SimpleNamespace(used=used),
+    )  # fmt: skip
+    residual = SimpleNamespace(
+        at=at, free_friction=lambda: 2.0, projection=SimpleNamespace(noise_left=noise_left)
+    )
+    monkeypatch.setattr(motion_noise, "evaluated", lambda *_: residual)
+    monkeypatch.setattr(motion_noise, "noise_of_rows", lambda *_: None)
+    monkeypatch.setattr(motion_noise, "unknown_friction", lambda *_: np.tile(spread, (r, H, 1)))
+    monkeypatch.setattr(motion_noise, "sensor_noise", lambda phasors, left, E: (left, E))
+    monkeypatch.setattr(motion_noise, "with_torque_noise", lambda phasors, prior, torques, _: torques)
+    prior: Any = SimpleNamespace(motors=lambda *_: None)
+    estimate: Any = SimpleNamespace(named=None)
+    left: Any = motion_noise.with_noise(phasors, prior, None, estimate)  # type: ignore[arg-type]
+    assert asked == [[6.0, 4.0, 6.0, 6.0]]
+    shown = np.array([[True] * 3, [False, False, False], [True, True, False], [True, False, False]])
+    expected = np.where(shown, 3.0 * np.sqrt((1 - spread / whole) / share), np.nan)
+    np.testing.assert_allclose(left[0][:, 0].real, expected)
+    assert left[1] == "E"
+    sines = phasors.select(np.array([0]))
+    assert motion_noise.with_noise(sines, prior, None, estimate) is sines  # type: ignore[arg-type]

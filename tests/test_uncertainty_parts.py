@@ -20,13 +20,16 @@ from jointid import (
     identify_elasticity,
     motor_response,
 )
+from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.parameters import EFFECTS
+from jointid.estimation.estimators.parameters import EFFECTS, ParameterLayout
 from jointid.gears.gear import Gear
 from jointid.gears.torsion_curve import TorsionCurve
+from jointid.motion.friction import friction_waveforms
 from jointid.simulation.experiment import Measurement, MotorFriction
 from jointid.uncertainty import motion_plan
 from jointid.uncertainty.answer_tables import PriorRow
+from jointid.uncertainty.chosen_model import chosen_friction
 from jointid.uncertainty.information import PlanningModel
 from jointid.uncertainty.motion_plan import MotionLimits, largest_motion
 from jointid.uncertainty.plan import _best_trial, _candidate_frequencies, _patterns, _speed
@@ -382,3 +385,23 @@ def test_records_of_one_frequency_and_proportion_are_compared() -> None:
     omega = np.array([10.0, 10.0, 10.0, 10.0, 20.0, 10.0])
     groups = [group.tolist() for group in _same_motion(omega, deflection)]
     assert groups == [[0, 1, 3], [2, 5], [4]]
+
+
+def test_friction_of_a_fit_without_candidates_has_sharp_reversals() -> None:
+    phasors = plant_phasors(*ROBOTS[2], *campaign(BAND_HZ, 2))
+    layout = ParameterLayout.of(2, friction=True)
+    p = layout.named(layout.pack(K=1.0, D=1.0, coulomb=0.1))
+    fit: Any = SimpleNamespace(parameters=p, candidates=(), prior=None)
+    found, sharp = chosen_friction(phasors, fit), friction_waveforms(phasors, 0.0)
+    assert found is not None
+    np.testing.assert_array_equal(found.coulomb, sharp.coulomb)
+    assert found.curve.shape[3] == 0
+    assert found.free.shapes == 0
+    fit.candidates = (SimpleNamespace(chosen=True, model=Model(0.1, delay=False, curve=True)),)
+    free = chosen_friction(phasors, fit)
+    assert free is not None
+    assert free.free.shapes > 0
+    assert free.curve.shape[3] == 3
+    layout = ParameterLayout.of(2)
+    fit.parameters = layout.named(layout.pack(K=1.0, D=1.0))
+    assert chosen_friction(phasors, fit) is None
