@@ -12,7 +12,7 @@ from plants import exact_phasors
 from scipy.special import chdtri
 
 from jointid.errors import JointIdError
-from jointid.estimation import candidates, model_search
+from jointid.estimation import candidates, model_fits, model_search
 from jointid.estimation.candidates import Fits, Model, dissipates, fundamental_chance
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import ParameterLayout
@@ -414,3 +414,62 @@ def test_uncertain_parts_are_left_out_in_turn(monkeypatch: pytest.MonkeyPatch) -
     assert list(search._narrower(model)) == [model.with_part("viscous"), without[0], late]
     search.fits.optional = ("gravity",)
     assert list(search._narrower(model)) == []
+
+
+# --- fits of one model
+
+
+@pytest.mark.parametrize(
+    ("optional", "changed", "found"),
+    [
+        (("friction", "delay", "lag"), {}, Model(0.03, delay=False, effects=("lag",))),
+        (("friction", "delay"), {}, Model(0.03, delay=True)),
+        (("friction",), {}, Model(0.03, delay=False)),
+        (("delay", "lag"), {}, PLAIN),
+        (("friction", "delay", "lag"), {"joints": 1}, Model(0.03, delay=True)),
+        (("friction", "delay", "lag"), {"moves": True}, Model(0.03, delay=True)),
+        (("friction", "delay", "lag"), {"H": 1}, PLAIN),
+        (("friction", "lag"), {"base": Model(None, delay=True)}, Model(0.03, delay=True)),
+    ],
+)
+def test_the_freest_model_has_free_friction_and_delays(
+    optional: tuple[str, ...], changed: dict[str, Any], found: Model
+) -> None:
+    """Lags of sines with several joints; nothing free without harmonics."""
+    harmonics = np.zeros((2, changed.get("H", 3), 4))
+    motion = np.array([False, changed.get("moves", False)])
+    phasors: Any = SimpleNamespace(harmonics=harmonics, n=changed.get("joints", 2), motion=motion)
+    assert model_fits.freest(phasors, changed.get("base", PLAIN), optional) == found
+
+
+@pytest.mark.parametrize(
+    ("misfits", "taken", "fitted"),
+    [
+        ({"given": 2.9, "free": 1.0}, 2.9, ["given"]),
+        ({"given": 3.1, "free": 1.0}, 1.0, ["given", "free"]),
+        ({"given": 3.1, "free": 4.0}, 3.1, ["given", "free"]),
+        ({"free": 4.0}, 4.0, ["given", "free"]),
+        ({}, None, ["given", "free"]),
+    ],
+)
+def test_a_fit_starts_without_the_given_inertias_where_they_do_not_explain_the_data(
+    monkeypatch: pytest.MonkeyPatch, misfits: dict[str, float], taken: float | None, fitted: list[str]
+) -> None:
+    tried = []
+
+    def fit(*arguments: Any) -> Any:
+        tried.append(start := arguments[2])
+        if start not in misfits:
+            raise JointIdError("no fit")
+        return SimpleNamespace(misfit=misfits[start])
+
+    monkeypatch.setattr(model_fits, "fit_model", fit)
+    monkeypatch.setattr(model_fits, "without_inertias", lambda *_: "free")
+    one: Any = None
+    found = model_fits.fit_without_inertias(one, one, "given", one, PLAIN)  # type: ignore[arg-type]
+    assert (None if found is None else found.misfit) == taken
+    assert tried == fitted
+    monkeypatch.setattr(model_fits, "without_inertias", lambda *_: None)
+    tried.clear()
+    model_fits.fit_without_inertias(one, one, "given", one, PLAIN)  # type: ignore[arg-type]
+    assert tried == ["given"]
