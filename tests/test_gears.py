@@ -46,6 +46,7 @@ from jointid.cut.arm import Drive
 from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_laws import JointLaws
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.noise import moderated_noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
@@ -1235,3 +1236,49 @@ def test_hardening_of_coupled_joints_is_found_far_below_the_resonance() -> None:
     assert [gear.kind for gear in fit.gears] == ["hardening"] * 2
     np.testing.assert_allclose(fit.K, [9.33, 52.6], rtol=0.01)
     assert np.all(np.abs(fit.K - [9.33, 52.6]) < 3 * fit.standard_error[:2])
+
+
+def test_signals_of_the_laws_are_those_of_the_robot() -> None:
+    """Peaks, resonances, and the size at which each law equals the linear gear, of sines."""
+    K, H, omega = 43.0, 3, 2 * np.pi * np.array([3.0, 9.0, 25.0])
+    s = 1j * omega[:, None] * np.arange(1, H + 1)
+    f = np.array([[1.0, 0.3j, 0.01], [0.5, 0.1, 0.2], [2j, 0.0, 0.004]])[..., None]
+    squared = (s * s)[..., None]
+    angle = f / K + f / (squared * 0.0041)
+    variance = np.concatenate([0 * f.real, np.full(f.shape, 1e-4)], axis=2)
+    arm, rotor = np.full((3, 1, 1), 1 / 0.0041), np.full((3, 1), 0.0025)
+    laws = JointLaws.of(s, angle, f, variance, arm, rotor, None, {})
+    clear = np.abs(f) > 0.03  # three standard deviations
+    np.testing.assert_array_equal(laws.clear, clear | (np.arange(H) == 0)[:, None])
+    assert laws.peak == pytest.approx([2.0])
+    assert laws.locked == pytest.approx([np.sqrt(K / 0.0041)])
+    assert laws.free == pytest.approx([1 / 0.0025 + 1 / 0.0041])
+    np.testing.assert_array_equal(laws.low, (np.abs(s) < np.sqrt(K / 0.0041))[..., None])
+    np.testing.assert_allclose(
+        laws.angle, samples_of(angle.swapaxes(1, 2), laws.angle.shape[2]), atol=1e-12
+    )
+    assert laws.sines.tolist() == [0, 1, 2]
+    # Noise of the angles counts by the rotor's torque.
+    moved = np.concatenate([1e-4 / np.abs(squared * 0.0025) ** 2, 0 * f.real], axis=2)
+    other = JointLaws.of(s, angle, f, moved, arm, rotor, None, {})
+    np.testing.assert_array_equal(other.clear, laws.clear)
+    layout = ParameterLayout.of(1)
+    units = laws.units(layout.named(layout.pack(K=K, D=0.1)))
+    wound = 2.0 / K
+    expected = {
+        "K": K, "D": K / np.abs(s).max(), "cubic": K / wound**2, "backlash": wound, "hysteresis": 2.0,
+        "presliding": wound, "piecewise": K, "knee": wound, "second_bend": K, "second_knee": wound,
+        "arm_coulomb": 2.0, "bristle": np.abs(laws.angle).max(),
+    }  # fmt: skip
+    assert units.keys() == expected.keys()
+    for name, value in expected.items():
+        assert units[name] == pytest.approx(value), name
+    shape = laws.presliding(np.array([0.01]), H)
+    slope = laws.presliding_slope(np.array([0.01]), shape)
+    change = (laws.presliding(np.array([0.0101]), H) - laws.presliding(np.array([0.0099]), H)) / 2e-4
+    np.testing.assert_allclose(slope, change, rtol=0.02, atol=0.01 * np.abs(change).max())
+    planned = laws.planned(s[:2], 2 * angle[:2])
+    np.testing.assert_allclose(planned.angle, 2 * laws.angle[:2])
+    assert planned.clear.all()
+    assert planned.sines.tolist() == [0, 1]
+    assert planned.peak == laws.peak

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants import PAPER, PARALLELOGRAM, SERIAL, exact_phasors
-from scipy.special import log_ndtr
+from scipy.special import chdtrc, log_ndtr
 
 from jointid import (
     Controller,
@@ -36,7 +36,11 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.levenberg_marquardt import minimised, one_step, quadratic
 from jointid.estimation.estimators.linear_fit import weighted
-from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
+from jointid.estimation.estimators.maximum_likelihood import (
+    LikelihoodEstimate,
+    Misfit,
+    maximum_likelihood,
+)
 from jointid.estimation.estimators.noise import sensor_noise
 from jointid.estimation.estimators.parameters import EFFECTS, ParameterLayout
 from jointid.estimation.estimators.parameters import LAWS as NONLINEAR
@@ -851,3 +855,43 @@ def test_one_step_ends_at_the_optimum_of_the_parabola() -> None:
     p, misfit = one_step(problem, start)
     assert p[1] == 1.5
     assert misfit == pytest.approx(cost + gradient @ step)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_misfit_is_the_cost_over_that_of_noise(moves: bool) -> None:
+    """Less the free friction and the parameters, of which the prior has its share."""
+    r, H, n = 4, 3, 2
+    used, known = np.ones((r, n), bool), np.ones((r, H), bool)
+    used[0, 1], known[2, 2] = False, False
+    group, main = np.broadcast_to(np.arange(H), (r, H)), np.array([True, moves, False])
+    weight, normal = np.diag([3.0, 0.0, 8.0]), np.array([[4.0, 1.0, 0.0], [1.0, 9.0, 0.0], [0, 0, 4.0]])
+    problem: Any = SimpleNamespace(
+        used=used, known=known, group=group, main=main, rows=2 * (7 + 7 + 5), ends=moves or None,
+        by_group=lambda values: values.sum(axis=0, dtype=float),
+        prior_residual=lambda p: (0 * p, weight),
+    )  # fmt: skip
+    by_harmonic = np.array([1.5, 0.9, 9.0])
+    residual: Any = SimpleNamespace(
+        at=SimpleNamespace(problem=problem), cost=40.0,
+        projection=SimpleNamespace(rank=lambda: 5), misfit_by_harmonic=lambda rank: by_harmonic.copy(),
+    )  # fmt: skip
+    found = Misfit.of(residual, np.zeros(3), normal)
+    # The prior has 0.5·3·9/35 of the first parameter, nothing of the second and all of the third.
+    determined = 3 - (0.5 * 3 * 9 / 35 + 1)
+    assert (found.cost, found.rank) == (40.0, 5)
+    assert found.expected_cost == pytest.approx((38 - 5 - determined) / 2)
+    rows = np.array([14, 14, 10]) * (1 - 5 / 38)
+    measured = rows[main].sum()
+    left = measured - determined
+    corrected = np.where(main, by_harmonic * measured / left, by_harmonic)
+    assert found.fundamental == pytest.approx((corrected[main] @ rows[main] / measured, left))
+    worse = corrected > 1
+    if moves:  # a band of few equations may have it by chance
+        worse &= chdtrc(rows, corrected * rows) < 1e-3
+        assert worse.tolist() == [False, False, True]
+    scale = np.where(worse, corrected, 1.0)
+    np.testing.assert_allclose(found.scale, np.tile(scale, (r, 1)))
+    few = Misfit.of(residual, np.zeros(3), 1e9 * normal)
+    problem.main = np.zeros(H, bool)
+    assert Misfit.of(residual, np.zeros(3), normal).fundamental == (1.0, 0.0)
+    assert few.expected_cost == pytest.approx((38 - 5 - 3) / 2, rel=1e-6)

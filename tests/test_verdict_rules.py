@@ -401,6 +401,17 @@ def test_a_record_with_five_times_the_misfit_of_the_others_is_named(
     assert not changes
 
 
+def test_the_odd_motion_is_that_of_all_its_lines() -> None:
+    """Without a proposal to leave it out; a sine has one line."""
+    fit = limited(9.0, 0.1)
+    fit.residual = fit.residual_noise * np.sqrt([1.0, 1.0, 8.0, 10.0, 2.0, 1.0])[:, None]
+    fit.phasors = case(labels=tuple("aabbcc"))
+    text, changes = rules_model._odd_record(case(fit=fit, has_motions=True))
+    assert f"in b: {evidence.times_noise(9.0)}; in the others up to {evidence.times_noise(1.5)}" in text
+    assert not changes
+    assert rules_model._odd_record(case(fit=fit, has_motions=False)) == ("", [])
+
+
 def test_usual_causes_are_friction_or_what_a_record_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     def remedy(odd: float, **parts: Any) -> str:
         monkeypatch.setattr(rules_model, "distortion", lambda _: odd)
