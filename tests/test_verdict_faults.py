@@ -654,3 +654,57 @@ def test_the_stiffness_of_other_records_may_be_negative_with_the_wrong_one() -> 
     found = one_off(logged([1, 33.0], row=3))
     assert found is not None
     assert found[1].detail.startswith("With it, the fit has no positive stiffness; without it")
+
+
+@pytest.mark.parametrize(
+    ("left", "corrected", "title"),
+    [
+        (8.0, 23.9, "The torque in b looks reversed in sign"),
+        (8.0, 24.1, "b contradicts all other records"),
+        (0.1, 9.9, "The torque in b looks reversed in sign"),
+        (0.1, 10.1, "b contradicts all other records"),
+        (10.1, 30.0, "The torque in b looks reversed in sign"),
+        (10.1, 30.4, None),  # the others do not fit either
+    ],
+)
+def test_a_correction_leaves_three_times_the_residual_without_the_record(
+    monkeypatch: pytest.MonkeyPatch, left: float, corrected: float, title: str | None
+) -> None:
+    count, scale = 6, np.array([1.0, 1.0, -1.0, -1.0])
+
+    def scores(_: Any, use: Any = None) -> Any:
+        if use is None:
+            return SimpleNamespace(cost=np.array([1e6]), misfit=np.array([1e6]))
+        cost = np.where(np.arange(count) == 1, left, 1e6)
+        return SimpleNamespace(cost=cost, K=np.ones((count, 2)), D=np.ones((count, 2)))
+
+    def corrected_by(record: int, of: np.ndarray) -> Any:
+        assert (record, of.tolist()) == (1, scale.tolist())
+        return SimpleNamespace(scores=lambda _: SimpleNamespace(cost=np.array([corrected])))
+
+    scorer: Any = SimpleNamespace(
+        as_logged=str, scores=scores, omega=np.ones(count), corrected=corrected_by
+    )
+    monkeypatch.setattr(rules_outlier, "_corrections", lambda *_: [scale])
+    evidence: Any = SimpleNamespace(phasors=SimpleNamespace(omega=np.ones(count), labels="abcdef"))
+    found = rules_outlier._record_off(evidence, scorer)
+    assert (None if found is None else (found[0], found[1].title)) == (title and (1, title))
+
+
+@pytest.mark.parametrize(("free", "tried"), [(1, 17), (2, 17**2), (3, 1)])
+def test_ratios_of_up_to_two_joints_are_sought_on_a_grid(free: int, tried: int) -> None:
+    """Within a factor of 1.27 each; of more joints, from those at low frequency."""
+    asked = []
+
+    def scores(hypotheses: list[Hypothesis]) -> Any:
+        asked.append([each.scale[3:] for each in hypotheses])
+        return SimpleNamespace(cost=np.array([((h.scale[3:] - 5) ** 2).sum() for h in hypotheses]))
+
+    factor = np.where(np.arange(3) < free, 5.5, 1.0)
+    hypothesis = Hypothesis.of("torque", np.ones(3), factor)
+    found = wrong_data._refined(hypothesis, SimpleNamespace(n=3, scores=scores))  # type: ignore[arg-type]
+    assert len(asked[0]) == tried
+    np.testing.assert_array_equal(asked[0][0], factor)  # as it is
+    most = np.exp(0.24) if free < 3 else 1.0
+    assert np.max(asked[0]) == pytest.approx(5.5 * most)
+    np.testing.assert_allclose(found.scale[3:], np.where(factor > 1, 5.0, 1.0), rtol=0.02)
