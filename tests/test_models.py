@@ -473,3 +473,128 @@ def test_a_fit_starts_without_the_given_inertias_where_they_do_not_explain_the_d
     tried.clear()
     model_fits.fit_without_inertias(one, one, "given", one, PLAIN)  # type: ignore[arg-type]
     assert tried == ["given"]
+
+
+def fits_of(
+    monkeypatch: pytest.MonkeyPatch, costs: dict[Any, tuple[float, float]]
+) -> list[tuple[Model, Any]]:
+    """Replace fits by costs and misfits of their starts; returns the list of those that were made."""
+    made: list[tuple[Model, Any]] = []
+
+    def fit(*arguments: Any) -> Any:
+        start, model = arguments[2], arguments[4]
+        made.append((model, start))
+        if start not in costs:
+            raise JointIdError("no fit")
+        cost, misfit = costs[start]
+        named = SimpleNamespace(start=start)
+        return SimpleNamespace(
+            cost=cost, misfit=misfit, named=named, whole_cost=lambda misfit: cost / misfit
+        )
+
+    monkeypatch.setattr(model_search, "fit_model", fit)
+    monkeypatch.setattr(Search, "waveforms", lambda *_: None)
+    monkeypatch.setattr(model_search, "other_laws", lambda *_, is_near: ())
+    monkeypatch.setattr(model_search, "by_regression", lambda *_: None)
+    monkeypatch.setattr(model_search, "with_one_bend", lambda _: None)
+    return made
+
+
+def test_of_two_starts_the_better_fit_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = fits_of(monkeypatch, {"a": (50.0, 1.0), "b": (40.0, 1.0), "c": (60.0, 1.0)})
+    search = search_of(phasors=sines(np.ones(1)))
+    for start, cost in (("a", 50.0), ("c", 50.0), ("b", 40.0), ("none", 40.0)):
+        search.fit(PLAIN, start)  # type: ignore[arg-type]
+        assert search.fits.estimate(PLAIN).cost == cost  # type: ignore[union-attr]
+    assert search.starts[PLAIN] == len(made) == 4
+    search.fit(RUBBING, "none")  # type: ignore[arg-type]
+    assert search.fits.estimate(RUBBING) is None
+    assert RUBBING in search.fits.tried
+
+
+@pytest.mark.parametrize(
+    ("law", "misfit", "tried"),
+    [
+        ("cubic", 2.9, []),
+        ("cubic", 3.1, ["far", "near"]),
+        ("cubic", 9.9, ["far", "near"]),
+        ("cubic", 10.1, ["far"]),
+        ("hysteresis", 1.09, []),
+        ("hysteresis", 1.11, ["far", "near"]),
+    ],
+)
+def test_a_doubtful_law_starts_again_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, law: str, misfit: float, tried: list[str]
+) -> None:
+    costs = {"start": (100.0, misfit), "far": (120.0, misfit), "near": (99.0, misfit)}
+    made, model = fits_of(monkeypatch, costs), PLAIN.with_part(law)
+    monkeypatch.setattr(
+        model_search, "other_laws", lambda *_, is_near: ("near",) if is_near else ("far",)
+    )
+    search = search_of(phasors=sines(np.ones(1)))
+    search.fit(model, "start")  # type: ignore[arg-type]
+    assert [start for _, start in made] == ["start", *tried]
+    best = search.fits.estimate(model)
+    assert best is not None
+    assert best.cost == (99.0 if "near" in tried else 100.0)
+
+
+@pytest.mark.parametrize(
+    ("misfit", "tried"), [(3.0, []), (3.1, ["regression"]), (100.0, ["regression"]), (101.0, [])]
+)
+def test_a_law_starts_from_its_regression_once(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, tried: list[str]
+) -> None:
+    made = fits_of(monkeypatch, {"start": (100.0, misfit), "regression": (90.0, 1.0)})
+    monkeypatch.setattr(model_search, "by_regression", lambda law, *_: ("regression", 0.1))
+    model = PLAIN.with_part("cubic")
+    for moves in (False, True):
+        phasors = sines(np.ones(1))
+        still = [SimpleNamespace()] if moves else []
+        search = search_of(phasors=replace(phasors, segments=tuple(still)), optional=("cubic",))
+        made.clear()
+        search.fit(model, "start")  # type: ignore[arg-type]
+        assert [start for _, start in made] == ["start", *(tried if not moves else [])]
+        search.fit(model, "start")  # type: ignore[arg-type]
+        assert len(made) == 2 + len(tried) * (not moves)
+
+
+@pytest.mark.parametrize(
+    ("misfit", "cost", "taken"), [(2.9, 103.9, True), (2.9, 104.1, False), (3.1, 50.0, False)]
+)
+def test_one_change_of_slope_is_taken_at_about_the_same_cost(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, cost: float, taken: bool
+) -> None:
+    fits_of(monkeypatch, {"start": (100.0, misfit), "apart": (cost, misfit)})
+    monkeypatch.setattr(model_search, "with_one_bend", lambda _: "apart")
+    search, model = search_of(phasors=sines(np.ones(1))), PLAIN.with_part("piecewise")
+    search.fit(model, "start")  # type: ignore[arg-type]
+    found = search.fits.estimate(model)
+    assert found is not None
+    assert found.cost == (cost if taken else 100.0)
+
+
+def test_fits_of_gear_laws_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twelve of sines; nine of motions, with four sets of laws and slopes in addition."""
+    made = fits_of(monkeypatch, {"start": (100.0, 1.0)})
+    laws = [("cubic",), ("backlash",), ("hysteresis",), ("cubic", "backlash"), ("cubic", "hysteresis")]
+    for moves, most in ((False, 12), (True, 9)):
+        phasors = replace(sines(np.ones(1)), segments=(SimpleNamespace(),) if moves else ())
+        search = search_of(phasors=phasors)
+        made.clear()
+        for _ in range(14):
+            search.fit(PLAIN.with_part("cubic"), "start")  # type: ignore[arg-type]
+            search.fit(PLAIN, "start")  # type: ignore[arg-type]
+        assert sum(model.is_slow for model, _ in made) == most
+        search.fit(Model(0.0, delay=False, effects=("backlash",)), "start", compares=False)  # type: ignore[arg-type]
+        assert sum(model.is_slow for model, _ in made) == most + (not moves)
+        search, _ = search_of(phasors=phasors), made.clear()
+        for effects in laws:
+            search.fit(Model(None, delay=False, effects=effects), "start")  # type: ignore[arg-type]
+        assert len(made) == (4 if moves else 5)
+        refused = search.fits.tried[Model(None, delay=False, effects=laws[4])]
+        assert isinstance(refused, JointIdError) == moves
+        search.fit(PLAIN.with_part("piecewise"), "start")  # type: ignore[arg-type]
+        assert made[-1][0] == PLAIN.with_part("piecewise")
+        search.fit(Model(None, delay=True, effects=("cubic",)), "start")  # type: ignore[arg-type]
+        assert made[-1][0].delay  # beside the same laws
