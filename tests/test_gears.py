@@ -64,6 +64,7 @@ from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffn
 from jointid.gears.law_regression import law_by_regression
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
+from jointid.gears.motor_motion import each as by_pose
 from jointid.gears.torsion_curve import torsion_curves
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.periods import phasors_of, samples_of
@@ -1282,3 +1283,10 @@ def test_signals_of_the_laws_are_those_of_the_robot() -> None:
     assert planned.clear.all()
     assert planned.sines.tolist() == [0, 1]
     assert planned.peak == laws.peak
+
+
+def test_rows_are_multiplied_by_the_matrix_of_their_pose() -> None:
+    rng, pose = np.random.default_rng(1), np.array([2, 0, 1, 2, 1, 0])
+    matrices, rows = rng.standard_normal((3, 2, 2)), rng.standard_normal((4, 2, 6))
+    true = np.einsum("kij,cjk->cik", matrices[pose], rows)
+    np.testing.assert_allclose(by_pose(matrices, rows, pose), true)
