@@ -111,6 +111,9 @@ def test_each_hypothesis_corrects_its_own_fault() -> None:
     n, square = 2, phasors.omega[:, None] ** 2
     spring_torque = phasors.tau + square * SERIAL.M * phasors.q
     arm_angle = -np.linalg.solve(SERIAL.M2, spring_torque.T).T / square
+    rate = np.where(np.arange(2 * n) < n, 1j * phasors.omega[:, None], 1.0)
+    noise = phasors.covariance * rate[:, :, None] * rate[:, None].conj()
+    velocities = replace(phasors, q=rate[:, :n] * phasors.q, covariance=noise)
     one, gear = np.ones(n), np.array([100.0, 90.0])
     plain = Hypothesis.of("arm angle", one, one)
     exchanged = replace(plain, kind="exchanged", order=np.array([1, 0, 2, 3]))
@@ -121,6 +124,7 @@ def test_each_hypothesis_corrects_its_own_fault() -> None:
         (exchanged, replace(phasors, q=phasors.q[:, ::-1]), SERIAL),
         (plain, replace(phasors, q=arm_angle), SERIAL),
         (replace(plain, kind="gear torque"), replace(phasors, tau=spring_torque), SERIAL),
+        (replace(plain, kind=VELOCITY), velocities, SERIAL),
         (
             replace(plain, kind="inertia", gear=gear),
             phasors,
