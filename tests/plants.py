@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -237,3 +238,17 @@ def noisy(phasors: Phasors, covariance: np.ndarray, error: np.ndarray, freedom: 
     """The same phasors with an error (r, 2n) added, and a covariance stated."""
     n, f = phasors.n, phasors.omega / (2 * np.pi)
     return exact_phasors(f, phasors.q + error[:, :n], phasors.tau + error[:, n:], covariance, freedom)
+
+
+def scaled(phasors: Phasors, scale: np.ndarray) -> Phasors:
+    """The same phasors with all signals times factors (2n,): in other units."""
+    q, tau = np.split(phasors.z * scale, [phasors.n], axis=1)
+    both = np.outer(scale, scale)
+    return replace(
+        phasors,
+        q=q,
+        tau=tau,
+        covariance=phasors.covariance * both,
+        harmonics=phasors.harmonics * scale,
+        harmonic_covariance=phasors.harmonic_covariance * both,
+    )

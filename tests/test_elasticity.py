@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -36,8 +40,12 @@ from jointid import (
     identify_elasticity,
     spring_equations,
 )
+from jointid.estimation import elasticity as elasticity_module
+from jointid.estimation.elasticity import likelihood_fit, undetermined
+from jointid.estimation.estimators.held_torque import HeldTorque
 from jointid.estimation.estimators.joint_equations import SpringEquations
 from jointid.estimation.estimators.noise import Noise, moderated_noise
+from jointid.estimation.estimators.parameters import ParameterLayout
 
 LINEAR = ["least-squares", "explicit", "weighted"]
 
@@ -232,6 +240,42 @@ def test_held_torque_at_a_low_sample_rate(method: str) -> None:
     fit = identify_elasticity(extract_phasors(records), SERIAL, method=method)
     assert np.all(np.abs(answer(fit) - truth(2)) < 4 * fit.standard_error)
     assert np.allclose(answer(fit), truth(2), rtol=2e-5)
+
+
+@pytest.mark.parametrize(
+    "filters", [{}, {"torque_filter": 4e-4}, {"position_filter": 3e-4}, {"torque_filter": -4e-4}]
+)
+def test_images_of_a_held_torque_are_those_of_the_whole_robot(filters: dict[str, float]) -> None:
+    """Delays turn each image, filters attenuate it; the gear acts to third order."""
+    M, M2, K, D, v = 0.0025, 0.0041, 43.0, 0.1, 0.05
+    hold, stated, delay, lag = 1e-3, np.array([[2e-4], [0.0]]), 1e-4, 3e-4
+    s, arm = 2j * np.pi * np.array([[5.0, 60.0, 501.0], [20.0, 150.0, 0.1]]), np.full((2, 1, 1), 1 / M2)
+    layout = ParameterLayout.of(1, delay=True, effects=["viscous", "lag", *filters])
+    p = layout.named(layout.pack(K=K, D=D, viscous=v, delay=delay, lag=lag, **filters))
+    held = HeldTorque.of(s, np.full(2, hold), stated[:, 0])
+    found = held.images(p, s[..., None], np.full((2, 1), M), arm)[..., 0]
+    k = np.concatenate([np.arange(-60, 0), np.arange(1, 61)])[:, None, None]
+    at, T = s + 2j * np.pi * k / hold, max(filters.get("torque_filter", 0.0), 0.0)
+    X = 1 / (1 / (K + at * D) + 1 / (at**2 * M2))
+    angle = s / at / (at**2 * M + at * v + X) * (1 + s * T) / (1 + at * T)
+    angle *= np.exp(-2j * np.pi * k * (stated + delay + lag) / hold)
+    true = (angle / (1 + at * filters.get("position_filter", 0.0))).sum(axis=0)
+    true[0, 2] = 0.0  # samples of a torque show no sine above half their rate
+    np.testing.assert_allclose(found, true, rtol=2e-3)
+    none = HeldTorque.of(s, np.zeros(2), stated[:, 0])
+    assert not none.images(p, s[..., None], np.full((2, 1), M), arm).any()
+
+
+@pytest.mark.parametrize("hold", [0.0, 1e-3])
+def test_a_torque_is_filtered_before_it_acts_or_in_its_log(hold: float) -> None:
+    """The log is filtered where the time constant is negative: of a held torque, from step to step."""
+    s = 2j * np.pi * np.array([[5.0, 60.0]])
+    held, T = HeldTorque.of(s, np.full(1, hold), np.zeros(1)), np.array([4e-4, -7e-4])
+    layout = ParameterLayout.of(2, effects=["torque_filter"])
+    gain = held.filter_gain(layout.named(layout.pack(K=1.0, D=1.0, torque_filter=T)), s[..., None])
+    late = np.exp(-s * hold)  # of the log y of a torque x, y + T (y − y before)/hold = x
+    logged = 1 + 7e-4 / hold * (1 - late) if hold else 1 + 7e-4 * s
+    np.testing.assert_allclose(gain, np.stack([1 / (1 + 4e-4 * s), logged], axis=2), rtol=1e-12)
 
 
 def test_weighted_is_generalised_least_squares() -> None:
@@ -618,3 +662,63 @@ def test_two_hundred_records_and_one_accurate_record_among_inaccurate_ones(metho
     assert np.all(np.abs(answer(fit) - truth(2)) < 5 * fit.standard_error)
     if method == "weighted":
         assert np.allclose(answer(fit), truth(2), rtol=1e-6)
+
+
+# The whole error
+
+
+@pytest.mark.parametrize("rests", [False, True])
+@pytest.mark.parametrize("moves", [[False, False, False], [True, True, True], [False, True, True]])
+def test_errors_hold_what_harmonics_and_rests_do_not_show(
+    monkeypatch: pytest.MonkeyPatch, moves: list[bool], rests: bool
+) -> None:
+    """In proportion to the friction over the median torque of the records in which a joint slides."""
+    base = identify_elasticity(example(), SERIAL, method="least-squares")
+    monkeypatch.setattr(elasticity_module, "made_fit", lambda *_: replace(base, covariance=np.eye(4)))
+    layout = ParameterLayout.of(2, friction=True, delay=True, effects=["motor_presliding", "load"])
+    given = {"K": base.K, "D": base.D, "coulomb": [0.3, -0.1], "viscous": [0.02, 0.03], "delay": 1e-3}
+    p = layout.named(layout.pack(**given, motor_presliding=[0.1, 0.0], load=[0.05, 0.06]))
+    root = np.random.default_rng(3).standard_normal((layout.size, layout.size))
+    C, torque = root @ root.T, np.array([[1.0, 0.1], [2.0, 0.9], [0.3, 0.5]])
+    estimate: Any = SimpleNamespace(
+        layout=layout, named=p, covariance=C, inertias=(SERIAL,) * 3, fundamental=(1.2, 30),
+        prior_covariance=0.1 * C, rests_in_noise=rests,
+        phasors=SimpleNamespace(torque_size=torque, motion=np.array(moves)),
+    )  # fmt: skip
+    choice: Any = SimpleNamespace(candidates=("a", "b"), spread=np.diag([4.0, 1.0, 9.0, 0.25]))
+    fit = likelihood_fit("auto", choice, estimate, base.equations, base.prior, base.torsion_curves)
+    share = 4 / np.pi * np.array([0.3 / 1.5, 0.1 / 0.7])  # the third and first records rest
+    of_sines, of_motions = (not all(moves)) * share, (any(moves) and not rests) * share**2
+    floor = np.r_[5e-4 * of_sines + 3e-3 * of_motions, 1.5e-3 * of_sines + 6e-3 * of_motions]
+    floor *= np.abs(base.estimate)
+    np.testing.assert_allclose(fit.unseen_error, floor)
+    np.testing.assert_allclose(fit.covariance, np.eye(4) + choice.spread + np.diag(floor**2))
+    np.testing.assert_allclose(fit.choice_error, [2.0, 1.0, 3.0, 0.5])
+    np.testing.assert_allclose(fit.prior_error, np.sqrt(0.1 * np.diag(C)[:4]))
+    np.testing.assert_allclose(fit.noise_error, np.sqrt(np.maximum(1 - 0.1 * np.diag(C)[:4], 0)))
+    late = layout["delay"].start
+    assert (fit.delay, fit.delay_error) == (1e-3, pytest.approx(np.sqrt(C[late, late])))
+    assert fit.friction is not None
+    np.testing.assert_allclose(fit.friction.coulomb, [0.4, -0.1])  # after a long move
+    own, rising = (np.arange(layout.size)[layout[x]] for x in ("coulomb", "motor_presliding"))
+    both = np.diag(C)[own] + np.diag(C)[rising] + 2 * C[own, rising]
+    np.testing.assert_allclose(fit.friction.standard_error[:2], np.sqrt(both))
+    viscous = np.arange(layout.size)[layout["viscous"]]
+    np.testing.assert_allclose(fit.friction.standard_error[2:], np.sqrt(np.diag(C)[viscous]))
+    assert list(np.atleast_1d(fit.friction.load)) == [0.05, 0.06]
+
+
+def test_correlations_and_condition_are_in_units_of_the_errors() -> None:
+    fit = identify_elasticity(example(), SERIAL, method="least-squares")
+    A = fit.equations.matrix()[0] * np.array([fit.D[0], fit.K[0], fit.D[1], fit.K[1]])
+    assert fit.condition == pytest.approx(np.linalg.cond(A))
+    wide = np.array([[4.0, 1, 0, 0], [1, 9, 0, 0], [0, 0, np.inf, 0], [0, 0, 0, 25.0]])
+    other = replace(fit, covariance=wide, D=np.array([1e-9, 1e-9]))
+    A = fit.equations.matrix()[0] * np.array([1e-9, fit.K[0], 5.0, fit.K[1]])
+    assert other.condition == pytest.approx(np.linalg.cond(A))  # damping counts at least by its error
+    expected = np.eye(4)
+    expected[0, 1] = expected[1, 0] = 1 / 6
+    np.testing.assert_allclose(other.correlation, expected)
+    assert np.isinf(other.relative_error[2])
+    lost = replace(fit, covariance=np.diag(np.r_[(fit.K / [1.9, 2.1]) ** 2, 1, 1]))
+    assert undetermined(lost).tolist() == [True, False]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -9,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from plants import PAPER as PLANT
 from plants import PARALLELOGRAM
 from random_cases import tries
@@ -43,6 +46,7 @@ from jointid.cut.arm import Drive
 from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_laws import JointLaws
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 from jointid.estimation.estimators.noise import moderated_noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
@@ -54,10 +58,13 @@ from jointid.estimation.model_search import Search
 from jointid.estimation.start_values import by_regression, other_laws, with_one_bend
 from jointid.figures.stiffness import stiffness_over_amplitude, torsion_curve
 from jointid.gears.arm_friction import PeriodicFriction
-from jointid.gears.driven_gears import DrivenGears
+from jointid.gears.driven_gears import DrivenGears, _loop
+from jointid.gears.gear import knees
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffness
+from jointid.gears.law_regression import law_by_regression
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion
+from jointid.gears.motor_motion import each as by_pose
 from jointid.gears.torsion_curve import torsion_curves
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.periods import phasors_of, samples_of
@@ -152,6 +159,42 @@ def test_deflections_of_many_torques_are_near_those_of_the_gear(gear: Gear) -> N
     assert np.abs(delta).max() < 2 * np.abs(gear.deflection(torque)).max()
 
 
+@given(
+    st.sampled_from(["", "cubic", "backlash_rad", "hysteresis_Nm", "K2"]),
+    st.sampled_from([1.0, -2.5, 0.4]),
+    st.integers(0, 99),
+)
+def test_laws_behind_a_gear_ratio_are_those_of_the_gear(missing: str, ratio: float, seed: int) -> None:
+    """Torque, slope and energy of gears with all laws or all but one, in two runs side by side."""
+    rng, n = np.random.default_rng(seed), abs(ratio)
+    gear = replace(HARD, K=43.0, backlash_rad=0.004, hysteresis_Nm=0.08, presliding_rad=0.002)
+    gear = replace(gear, K2=70.0, K3=60.0, T1_Nm=0.7, T2_Nm=1.6)
+    gear = replace(gear, **({missing: 0.0} if missing else {}))
+    gears = gear, gear.scaled(2.0)
+    laws, small = GearLaws.of(gears, np.array([ratio]), 2), 1e-7 / n
+    delta = rng.uniform(-0.06, 0.06, (1, 2)) / n
+    loop, move = rng.uniform(-1, 1, (1, 2)), rng.uniform(-0.005, 0.005, (1, 2)) / n
+    elastic = [n * float(g.torque(n * d)) for g, d in zip(gears, delta[0], strict=True)]
+    level = n * np.array([g.hysteresis_Nm for g in gears])
+
+    def through(step: float) -> np.ndarray:
+        return laws.K * (delta + step) + laws.beyond_linear(delta + step, loop)
+
+    def change(of: Callable[[float], np.ndarray]) -> np.ndarray:
+        return (of(small) - of(-small)) / (2 * small)
+
+    np.testing.assert_allclose(through(0.0)[0], elastic + level * loop[0], rtol=1e-9)
+    near = {"rtol": 1e-5, "atol": 1e-5}
+    np.testing.assert_allclose(laws.slope(delta), change(through), **near)
+    kinked = change(lambda step: laws.kinked_energy(delta + step))
+    np.testing.assert_allclose(laws.kinked(delta), kinked, **near)
+    torque, slope = laws.wound(delta, loop, move)
+    after = np.sign(move) + (loop - np.sign(move)) * np.exp(-np.abs(n * move) / gear.presliding_rad)
+    np.testing.assert_allclose(torque[0], elastic + level * after[0], rtol=1e-9)
+    moved = change(lambda step: laws.wound(delta + step, loop, move + step)[0])
+    np.testing.assert_allclose(slope, moved, **near)
+
+
 def test_three_slopes_are_those_of_a_catalogue() -> None:
     gear = replace(SLOPES, K=43.0)
     at = gear.deflection([0.7, 1.6])
@@ -209,6 +252,15 @@ def test_the_torsion_curve_is_the_gear_s_torque(stiffening: ElasticityFit) -> No
     within = 8 * (curve.torque_noise_Nm + 43.0 * curve.deflection_noise_rad)
     assert np.all(np.abs(curve.torque_Nm - true).max(axis=1) < within + 2e-3 * curve.amplitude_Nm.max())
     assert stiffening.gears[0].tried_Nm == pytest.approx(curve.amplitude_Nm.max())
+
+
+def test_a_torsion_curve_has_the_frequency_of_most_power() -> None:
+    """Of all joints together: 24.2 and 25, of amplitudes with the sums 6.9 and 5.9."""
+    s = 2j * np.pi * np.array([[3.0, 6.0]])
+    torque = np.array([[[3.0, 3.9], [4.9, 1.0]]]).astype(complex)
+    variance, fitted = np.full((2, *torque.shape), 1e-9), np.stack([torque / 40, torque])
+    for curve in torsion_curves(s, torque / 40, torque, variance, fitted, np.ones(torque.shape, bool)):
+        np.testing.assert_allclose(curve.frequency_hz, [6.0])
 
 
 def test_the_band_of_a_torsion_curve_holds_harmonics_that_noise_hides() -> None:
@@ -634,6 +686,63 @@ def test_a_law_far_from_its_optimum_starts_from_its_own_values(monkeypatch: pyte
     assert search.fits.misfit(law) == 0.9
 
 
+LOADED = 0.03 / (0.3 / 43.0 + 0.3 / 60.0 + 0.4 / 75.0)
+
+
+def behind_gears(
+    gears: tuple[Gear, Gear], D: np.ndarray, coulomb: np.ndarray
+) -> tuple[Phasors, np.ndarray, np.ndarray]:
+    """Phasors of three sines of the deflections, exact up to harmonic 40, and the inertias."""
+    M, M2, H, points = np.array([0.002, 0.001]), np.array([[4e-3, 1e-3], [1e-3, 2e-3]]), 40, 4096
+    omega = 2 * np.pi * np.array([4.0, 7.0, 9.0])
+    s = 1j * omega[:, None, None] * np.arange(1, H + 1)[:, None]
+    delta = np.zeros((3, H, 2), complex)
+    delta[:, 0] = 0.03 * np.array([[1.0, 0.7j], [0.9, -0.8], [0.5j, 1.0]])
+    wound = samples_of(delta.swapaxes(1, 2), points)
+    elastic = np.stack([gear.torque(wound[:, j]) for j, gear in enumerate(gears)], axis=1)
+    f = phasors_of(elastic, H).swapaxes(1, 2) + s * D * delta
+    q = delta + np.einsum("ij,rhj->rhi", np.linalg.inv(M2), f) / s**2
+    sign = np.sign(samples_of((s * q).swapaxes(1, 2), points))
+    tau = f + s**2 * M * q + coulomb * phasors_of(sign, H).swapaxes(1, 2)
+    z, none = np.concatenate([q, tau], axis=2), np.zeros((3, H, 4, 4), complex)
+    many = np.full(3, 1e9)
+    phasors = Phasors(omega, q[:, 0], tau[:, 0], none[:, 0], many, np.full(3, 2.0), z, none)
+    return phasors, np.tile(M, (3, 1)), np.tile(M2, (3, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("law", "gear"),
+    [
+        ("cubic", Gear(K=43.0, cubic=0.4 * 43.0 / 0.03**2)),
+        ("backlash", Gear(K=43.0, backlash_rad=0.012)),
+        ("piecewise", Gear(K=43.0, K2=60.0, K3=75.0, T1_Nm=0.3 * LOADED, T2_Nm=0.6 * LOADED)),
+    ],
+)
+def test_a_law_follows_from_the_deflection_over_the_torque(law: str, gear: Gear) -> None:
+    """Exactly without friction; changes of slope are at torques that the regression tries."""
+    none, coulomb, factor = np.zeros(2), np.array([0.03, 0.0]), np.array([1.0, 0.2])
+    (first, second), (step1, step2) = knees(gear)
+    true = {
+        "K": 43.0 * factor, "cubic": gear.cubic * factor, "backlash": gear.backlash_rad + none,
+        "piecewise": step1 * factor, "second_bend": step2 * factor, "knee": first + none,
+        "second_knee": second - first + none,
+    }  # fmt: skip
+    gears = gear, gear.scaled(0.2)
+    plain = law_by_regression(law, *behind_gears(gears, none, none))
+    rubbing = law_by_regression(law, *behind_gears(gears, none, coulomb))
+    assert plain is not None
+    assert rubbing is not None
+    for name in plain.values.keys() & true.keys():
+        assert plain.values[name] == pytest.approx(true[name], rel=2e-3), name
+        assert rubbing.values[name][0] == pytest.approx(true[name][0], rel=0.1), name
+    assert plain.values["coulomb"] == pytest.approx(none, abs=1e-4)
+    assert rubbing.values["coulomb"][0] == pytest.approx(coulomb[0], rel=0.2)
+    assert plain.left < 1e-3
+    damped = law_by_regression(law, *behind_gears(gears, 0.002 * np.array([43.0, 8.6]), none))
+    assert damped is not None
+    assert damped.values["D"] == pytest.approx(0.002 * np.array([43.0, 8.6]), rel=0.05)
+
+
 def test_hysteresis_fitted_as_zero_restarts_from_a_usual_level() -> None:
     """With a level of zero the width has no effect."""
     phasors = measured()["hysteresis"]
@@ -846,6 +955,80 @@ def test_a_hardening_gear_far_from_linear_is_solved_without_a_near_solution(size
     assert np.abs(found - angle + arm[0])[100:-1].max() < 2e-3 * np.abs(angle - arm[0]).max()
 
 
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"cubic": 2000.0},
+        {"backlash_rad": 0.003, "K2": 60.0, "K3": 50.0, "T1_Nm": 0.3, "T2_Nm": 0.5},
+        {"hysteresis_Nm": 0.05, "presliding_rad": 0.01},
+    ],
+    ids=lambda law: next(iter(law)),
+)
+def test_slopes_of_gears_in_motion_are_changes_of_their_solution(law: dict[str, float]) -> None:
+    """Two coupled arms under gravity, in two poses, against Newton steps after a small change."""
+    N, step, none = 80, 1 / (24 * 25), np.zeros(2)
+    turn = 2 * np.pi * np.outer([11.0, 23.0], step * np.arange(N))
+    angle = np.array([[0.02, 0.005], [-0.01, 0.008]]) @ np.sin(turn + np.array([[0.3], [1.0]]))
+    waves = np.exp(-2j * np.pi * np.outer(np.arange(40), np.arange(1, 10)) / 40)
+    motors = replace(
+        moving(angle, step, 20 * angle),
+        starts=np.isin(np.arange(N), [0, 1, 40, 41]),
+        pose=np.repeat([0, 1], 40),
+        rows=[(0, slice(0, 40), waves), (1, slice(40, 80), waves)],
+    )
+    M2 = np.array([[[4e-3, 1e-3], [1e-3, 2e-3]], [[3e-3, 5e-4], [5e-4, 2e-3]]])
+    gear, D = Gear(K=43.0, **law), np.array([0.05, 0.01])
+    gears, small = (gear, gear.scaled(0.2)), {"K": 1e-4, "D": 1e-6, "M2": 1e-8, "viscous": 1e-6}
+    laws, delta = GearLaws.of(gears), 0.02 * np.sin(turn[:1] + np.array([[0.1], [1.3]]))
+    loop = _loop(laws, delta, motors.starts)
+
+    def settled(of: DrivenGears) -> DrivenGears:
+        for _ in range(6):
+            of = of._stepped()
+        return of
+
+    base = settled(DrivenGears(motors, laws, delta, loop, D, M2, 200 * M2, 0 * angle, none))
+    base = settled(replace(base, loop=_loop(laws, base.delta, motors.starts)))
+    # The observer is at rest at the solution: the torques as measured are those of the gears.
+    rate, bend = np.zeros((2, N)), 2 / step * np.diff(base.delta, 2, axis=1)
+    for k in range(2, N):
+        rate[:, k] = rate[:, k - 2] + bend[:, k - 2]
+    torque = laws.K * base.delta + base.beyond + D[:, None] * rate
+    base = replace(base, measured=torque, observed=np.array([0.7, 0.4]))
+    assert np.abs(base._left).max() < 1e-12
+    arms = np.zeros((2, 2, 2, 2))
+    arms[0, 1], arms[1, 0] = [[1, 2], [2, 0]], [[0, 0], [0, 1]]
+
+    def changed(name: str, j: int, size: float) -> DrivenGears:
+        one = np.eye(2)[j]
+        if name == "M2":
+            return settled(replace(base, M2=M2 + size * arms[j]))
+        if name == "D":
+            return settled(replace(base, D=D + size * one))
+        if name == "viscous":
+            own = motors.balance(none, none, size * one, none)
+            return settled(replace(base, measured=torque + own))
+        moved = list(gears)
+        moved[j] = replace(gears[j], **{name: getattr(gears[j], name) + size})
+        return settled(replace(base, laws=GearLaws.of(moved)))
+
+    for name, size in [*small.items(), *((name, 1e-5 * value) for name, value in law.items())]:
+        for j in (0, 1):
+            ahead, behind = (changed(name, j, sign * size) for sign in (1, -1))
+            own, measured, after = (
+                (each(ahead) - each(behind)) / (2 * size)
+                for each in (
+                    lambda of: base.at_deflection(of.laws),
+                    lambda of: of.measured,
+                    lambda of: motors.bins(of.beyond, (2, 9)),
+                )
+            )
+            found = base.slopes(name, own, (2, 9), arms if name == "M2" else None, measured)[..., j]
+            # The slopes leave out how D and M2 change the observer and the terms of order step².
+            near = {"D": 0.01, "M2": 1e-3, "presliding_rad": 0.02}.get(name, 1e-6)
+            assert np.linalg.norm(found - after) < near * np.linalg.norm(after), (name, j)
+
+
 def test_a_gear_of_small_torques_follows_its_parameters() -> None:
     """Beside a torque a thousand times as large, its deflection stayed where the solution started."""
     gear = Gear(cubic=300.0)
@@ -1054,3 +1237,56 @@ def test_hardening_of_coupled_joints_is_found_far_below_the_resonance() -> None:
     assert [gear.kind for gear in fit.gears] == ["hardening"] * 2
     np.testing.assert_allclose(fit.K, [9.33, 52.6], rtol=0.01)
     assert np.all(np.abs(fit.K - [9.33, 52.6]) < 3 * fit.standard_error[:2])
+
+
+def test_signals_of_the_laws_are_those_of_the_robot() -> None:
+    """Peaks, resonances, and the size at which each law equals the linear gear, of sines."""
+    K, H, omega = 43.0, 3, 2 * np.pi * np.array([3.0, 9.0, 25.0])
+    s = 1j * omega[:, None] * np.arange(1, H + 1)
+    f = np.array([[1.0, 0.3j, 0.01], [0.5, 0.1, 0.2], [2j, 0.0, 0.004]])[..., None]
+    squared = (s * s)[..., None]
+    angle = f / K + f / (squared * 0.0041)
+    variance = np.concatenate([0 * f.real, np.full(f.shape, 1e-4)], axis=2)
+    arm, rotor = np.full((3, 1, 1), 1 / 0.0041), np.full((3, 1), 0.0025)
+    laws = JointLaws.of(s, angle, f, variance, arm, rotor, None, {})
+    clear = np.abs(f) > 0.03  # three standard deviations
+    np.testing.assert_array_equal(laws.clear, clear | (np.arange(H) == 0)[:, None])
+    assert laws.peak == pytest.approx([2.0])
+    assert laws.locked == pytest.approx([np.sqrt(K / 0.0041)])
+    assert laws.free == pytest.approx([1 / 0.0025 + 1 / 0.0041])
+    np.testing.assert_array_equal(laws.low, (np.abs(s) < np.sqrt(K / 0.0041))[..., None])
+    np.testing.assert_allclose(
+        laws.angle, samples_of(angle.swapaxes(1, 2), laws.angle.shape[2]), atol=1e-12
+    )
+    assert laws.sines.tolist() == [0, 1, 2]
+    # Noise of the angles counts by the rotor's torque.
+    moved = np.concatenate([1e-4 / np.abs(squared * 0.0025) ** 2, 0 * f.real], axis=2)
+    other = JointLaws.of(s, angle, f, moved, arm, rotor, None, {})
+    np.testing.assert_array_equal(other.clear, laws.clear)
+    layout = ParameterLayout.of(1)
+    units = laws.units(layout.named(layout.pack(K=K, D=0.1)))
+    wound = 2.0 / K
+    expected = {
+        "K": K, "D": K / np.abs(s).max(), "cubic": K / wound**2, "backlash": wound, "hysteresis": 2.0,
+        "presliding": wound, "piecewise": K, "knee": wound, "second_bend": K, "second_knee": wound,
+        "arm_coulomb": 2.0, "bristle": np.abs(laws.angle).max(),
+    }  # fmt: skip
+    assert units.keys() == expected.keys()
+    for name, value in expected.items():
+        assert units[name] == pytest.approx(value), name
+    shape = laws.presliding(np.array([0.01]), H)
+    slope = laws.presliding_slope(np.array([0.01]), shape)
+    change = (laws.presliding(np.array([0.0101]), H) - laws.presliding(np.array([0.0099]), H)) / 2e-4
+    np.testing.assert_allclose(slope, change, rtol=0.02, atol=0.01 * np.abs(change).max())
+    planned = laws.planned(s[:2], 2 * angle[:2])
+    np.testing.assert_allclose(planned.angle, 2 * laws.angle[:2])
+    assert planned.clear.all()
+    assert planned.sines.tolist() == [0, 1]
+    assert planned.peak == laws.peak
+
+
+def test_rows_are_multiplied_by_the_matrix_of_their_pose() -> None:
+    rng, pose = np.random.default_rng(1), np.array([2, 0, 1, 2, 1, 0])
+    matrices, rows = rng.standard_normal((3, 2, 2)), rng.standard_normal((4, 2, 6))
+    true = np.einsum("kij,cjk->cik", matrices[pose], rows)
+    np.testing.assert_allclose(by_pose(matrices, rows, pose), true)

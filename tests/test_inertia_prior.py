@@ -6,7 +6,17 @@ import math
 
 import numpy as np
 import pytest
-from plants import BAND_HZ, PAPER, PARALLELOGRAM, SERIAL, campaign, circular, exact_phasors, motion
+from plants import (
+    BAND_HZ,
+    PAPER,
+    PARALLELOGRAM,
+    SERIAL,
+    campaign,
+    circular,
+    exact_phasors,
+    motion,
+    scaled,
+)
 from random_cases import tries
 
 from jointid import Elasticity, Inertia, JointIdError, Phasors, identify_elasticity
@@ -201,9 +211,9 @@ def test_linear_estimators_carry_the_prior_in_their_errors(method: str) -> None:
     for _ in range(tries(80, long=200)):
         M, lower = (mean + std * rng.standard_normal(mean.shape) for mean, std in _inertias(prior))
         scale = 1 + 0.005 * rng.standard_normal(2)
-        scaled = phasors.scaled(np.concatenate([np.ones(2), scale]))
+        drawn = scaled(phasors, np.concatenate([np.ones(2), scale]))
         given = Inertia(M[0], prior.symmetric(lower)[0])
-        estimates.append(identify_elasticity(scaled, given, method=method).estimate)
+        estimates.append(identify_elasticity(drawn, given, method=method).estimate)
     assert fit.prior_error == pytest.approx(np.std(estimates, axis=0), rel=0.2)
     unknown = identify_elasticity(phasors, SERIAL, method=method, inertia_std=math.inf)
     assert np.all(np.isinf(unknown.standard_error))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants import PAPER, PARALLELOGRAM, SERIAL, exact_phasors
-from scipy.special import log_ndtr
+from scipy.special import chdtrc, log_ndtr
 
 from jointid import (
     Controller,
@@ -29,12 +29,18 @@ from jointid import (
     simulate_records,
 )
 from jointid.arrays import Complexes, Floats
+from jointid.estimation import model_average
 from jointid.estimation.candidates import Fits, Model
+from jointid.estimation.estimators import levenberg_marquardt
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.levenberg_marquardt import quadratic
+from jointid.estimation.estimators.levenberg_marquardt import minimised, one_step, quadratic
 from jointid.estimation.estimators.linear_fit import weighted
-from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
+from jointid.estimation.estimators.maximum_likelihood import (
+    LikelihoodEstimate,
+    Misfit,
+    maximum_likelihood,
+)
 from jointid.estimation.estimators.noise import sensor_noise
 from jointid.estimation.estimators.parameters import EFFECTS, ParameterLayout
 from jointid.estimation.estimators.parameters import LAWS as NONLINEAR
@@ -517,6 +523,77 @@ def test_an_unseen_part_widens_the_error_where_the_data_may_hold_it(seen: float,
     np.testing.assert_allclose(found, variance * slope @ slope.T, rtol=0.01)
 
 
+@pytest.mark.parametrize(
+    ("misfit", "value"), [(1.0, [0.01, 0.03]), (2.5, [0.02, 0.05]), (1.0, [-0.3, 0.0])]
+)
+def test_an_unseen_part_is_weighed_by_the_integral_of_its_likelihood(
+    misfit: float, value: list[float]
+) -> None:
+    """Of two coupled values that are positive, with a usual size and a wide one in the fit."""
+    std, wide = np.array([0.05, 0.04]), np.array([0.2, 0.3])
+    data = np.array([[1500.0, 600.0], [600.0, 1800.0]])
+    information, slope = data + np.diag(wide**-2), np.array([[1.0, 0.3], [-0.5, 2.0]])
+    score = Score(0.0, 2, (0.0, np.zeros(2)), np.array(value), information, slope, np.ones(2))
+    found = spread_by_prior(score, wide, std, misfit)
+    axis = (np.arange(400) + 0.5) / 400 * 6
+    x = np.stack(np.meshgrid(axis * std[0], axis * std[1], indexing="ij"), axis=-1)
+    gain = x @ information @ value - 0.5 * np.einsum("...i,ij,...j", x, data, x)
+    density = np.exp(gain / misfit - 0.5 * ((x / std) ** 2).sum(axis=-1)) * 4 / (2 * np.pi)
+    factor = density.sum() * (axis[1] - axis[0]) ** 2
+    moment = np.einsum("xy,xyi,xyj->ij", density, x, x) / density.sum()
+    part = slope @ moment @ slope.T * factor / (1 + factor) * (factor > 1 / 3)
+    np.testing.assert_allclose(found, part, rtol=0.03, atol=1e-9)
+    assert np.any(part) == (value[0] > 0)
+
+
+@pytest.mark.parametrize("misfit", [0.5, 4.0])
+@pytest.mark.parametrize("moves", [False, True])
+def test_parts_of_usual_size_that_a_model_lacks(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, moves: bool
+) -> None:
+    """Links, losses and hysteresis of usual robots; filters as large as the lags they stand for."""
+    asked: dict[int, tuple[Any, ...]] = {}
+
+    def spread(score: Score, *sizes: Any) -> np.ndarray:
+        asked[id(score) if score.count == 2 else 0] = (score, *sizes)
+        return np.eye(4)
+
+    monkeypatch.setattr(model_average, "spread_by_prior", spread)
+    layout = ParameterLayout.of(2, effects=["lag"])
+    p = layout.named(layout.pack(K=[40.0, 8.0], D=[0.1, 0.02], lag=[1e-3, -2e-3]))
+    value, information = np.array([2e-7, 1e-7]), np.array([[3.0, 1.0], [1.0, 2.0]]) * 1e13
+    score = Score(0.0, 2, (0.0, np.zeros(4)), value, information, np.ones((4, 2)), np.array([2.0, 4.0]))
+    prior = InertiaPrior.of(PARALLELOGRAM, 3, 2)
+    fit: Any = SimpleNamespace(
+        named=p, misfit=misfit, elasticity_covariance=np.zeros((4, 4)),
+        phasors=SimpleNamespace(motion=np.array([False, moves])),
+    )  # fmt: skip
+    usual = {
+        "link": (prior.link_std(p.K, 4.0), prior.link_std(p.K, 10.0)),
+        "loss_factor": (np.full(2, np.inf), np.array([0.1, 0.2])),
+        "hysteresis": (np.full(2, np.inf), np.array([0.1, 0.2])),
+    }
+    for name, (wide, std) in usual.items():
+        own = replace(score)
+        np.testing.assert_array_equal(spread_of_unseen(fit, {name: own}, prior), np.eye(4))
+        np.testing.assert_allclose(asked[id(own)][1], wide)
+        np.testing.assert_allclose(asked[id(own)][2], std)
+        assert asked[id(own)][3] == max(1.0, misfit)
+    assert not spread_of_unseen(fit, {"gravity": replace(score)}, prior).any()
+    assert not spread_of_unseen(fit, {"link": replace(score, information=0 * information)}, prior).any()
+    for name, along in (("position_filter", [1e-6, 4e-6]), ("torque_filter", [-1e-6, -4e-6])):
+        spread_of_unseen(fit, {name: replace(score, count=1)}, prior)
+        part, wide, std, factor = asked[0]
+        of_one = np.array(along) @ information @ along
+        size = np.array(along) @ information @ value / of_one  # of a value along the lags' squares
+        np.testing.assert_allclose(part.value, [size])
+        np.testing.assert_allclose(part.information, [[of_one]])
+        np.testing.assert_allclose(part.slope[:, 0], np.ones(4) * sum(along))
+        seen = np.sqrt(size**2 + 2 * max(1.0, misfit) / of_one)
+        np.testing.assert_allclose(std, [seen if moves else 1.0])
+        assert (wide[0], wide.size, factor) == (np.inf, 1, max(1.0, misfit))
+
+
 @pytest.mark.parametrize("squared", [1e-7, 0.0])
 def test_a_filter_far_shorter_than_the_delay_widens_the_errors(squared: float) -> None:
     """Of the log of a motion's torque, within two standard errors; beside a lead of one sample, 4 ms."""
@@ -688,3 +765,133 @@ def test_parameters_of_several_poses_are_numbered() -> None:
     ]
     assert labels[:2] == ["J_m1", "J_m2"]
     assert labels[2:] == [f"{name}, pose {pose}" for pose in (1, 2) for name in ("J_a1", "J_12", "J_a2")]
+
+
+class Valley:
+    """Rosenbrock's function as a problem: residuals a (y − x²) and (1 − x)/σ, beside a given rest."""
+
+    ends = motion = None
+    s = np.zeros((1, 1))
+
+    def __init__(self, lowest: Sequence[float], *, rest: float = 0.0, most: float = np.inf) -> None:
+        self.layout: Any = type("Layout", (dict,), {"lowest": np.array(lowest)})()
+        self.rest, self.most, self.rows, self.evaluations = rest, most, 4, 0
+
+    def feasible(self, p: np.ndarray) -> bool:
+        return bool(p[1] < self.most)
+
+    def of(self, p: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        self.evaluations += 1
+        left = np.array([30 * (p[1] - p[0] ** 2), 5 * (1 - p[0]), self.rest])
+        J = np.array([[-60 * p[0], 30.0], [-5.0, 0.0], [0.0, 0.0]])
+        return float(left @ left), J.T @ left, J.T @ J
+
+
+@pytest.fixture
+def _in_a_valley(monkeypatch: pytest.MonkeyPatch) -> None:
+    def residual(problem: Valley, p: np.ndarray, _: np.ndarray) -> Any:
+        found = problem.of(p)
+        projection = SimpleNamespace(rank=lambda: 1)
+        return SimpleNamespace(cost=found[0], found=found, projection=projection)
+
+    monkeypatch.setattr(levenberg_marquardt, "WhitenedResidual", SimpleNamespace(of=residual))
+    monkeypatch.setattr(levenberg_marquardt, "quadratic", lambda residual, _: residual.found)
+    monkeypatch.setattr(levenberg_marquardt, "penalty", lambda *_: 0.0)
+
+
+@pytest.mark.usefixtures("_in_a_valley")
+@pytest.mark.parametrize(
+    ("lowest", "most", "end"),
+    [
+        ([-9.0, -9.0], 99.0, [1.0, 1.0]),
+        ([1.2, -9.0], 99.0, [1.2, 1.44]),  # at a bound
+        ([1.2, 1.9], 99.0, [1.378, 1.9]),  # at one of two
+    ],
+)
+def test_the_iteration_ends_at_the_optimum_within_its_bounds(
+    lowest: list[float], most: float, end: list[float]
+) -> None:
+    for damping in (1e-3, 1.0):
+        problem: Any = Valley(lowest, most=most)
+        p, normal = minimised(problem, np.array([1.6, 2.0]), np.ones(1), damping=damping)
+        there = problem.of(p)[2]
+        error = np.sqrt(np.diag(np.linalg.inv(there)))
+        assert np.all(np.abs(p - end) < 0.3 * error)
+        assert np.all(p >= lowest)
+        np.testing.assert_allclose(normal, there, rtol=0.1, atol=50)
+        assert problem.evaluations < 40
+
+
+@pytest.mark.usefixtures("_in_a_valley")
+def test_the_iteration_stays_where_parameters_are_possible() -> None:
+    problem: Any = Valley([-9.0, -9.0], most=0.8)
+    p, _ = minimised(problem, np.array([-1.0, 0.7]), np.ones(1), damping=1e-3)
+    assert p[1] < 0.8
+    assert problem.of(p)[0] < 0.1 * problem.of(np.array([-1.0, 0.7]))[0]
+
+
+@pytest.mark.usefixtures("_in_a_valley")
+def test_a_model_that_does_not_explain_the_data_is_left_early() -> None:
+    """Steps that lower the cost by less than three per mille end it, in a row of three."""
+    counts = []
+    for rest in (0.0, 1e4):
+        problem: Any = Valley([-9.0, -9.0], rest=rest)
+        minimised(problem, np.array([-1.0, 2.0]), np.ones(1), damping=1.0)
+        counts.append(problem.evaluations)
+    assert counts[1] <= 4 < counts[0]
+
+
+@pytest.mark.usefixtures("_in_a_valley")
+def test_one_step_ends_at_the_optimum_of_the_parabola() -> None:
+    problem: Any = Valley([-9.0, 0.3], rest=2.0)
+    problem.rows = 23  # the rank and two parameters less, twenty of half a unit
+    start = np.array([0.9, 0.9])
+    cost, gradient, normal = problem.of(start)
+    step = -np.linalg.solve(normal, gradient)
+    p, misfit = one_step(problem, start)
+    np.testing.assert_allclose(p, start + step, rtol=1e-6)
+    assert misfit == pytest.approx((cost + gradient @ step) / 10)
+    problem.layout.lowest[1], problem.rows = 1.5, 3
+    p, misfit = one_step(problem, start)
+    assert p[1] == 1.5
+    assert misfit == pytest.approx(cost + gradient @ step)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_misfit_is_the_cost_over_that_of_noise(moves: bool) -> None:
+    """Less the free friction and the parameters, of which the prior has its share."""
+    r, H, n = 4, 3, 2
+    used, known = np.ones((r, n), bool), np.ones((r, H), bool)
+    used[0, 1], known[2, 2] = False, False
+    group, main = np.broadcast_to(np.arange(H), (r, H)), np.array([True, moves, False])
+    weight, normal = np.diag([3.0, 0.0, 8.0]), np.array([[4.0, 1.0, 0.0], [1.0, 9.0, 0.0], [0, 0, 4.0]])
+    problem: Any = SimpleNamespace(
+        used=used, known=known, group=group, main=main, rows=2 * (7 + 7 + 5), ends=moves or None,
+        by_group=lambda values: values.sum(axis=0, dtype=float),
+        prior_residual=lambda p: (0 * p, weight),
+    )  # fmt: skip
+    by_harmonic = np.array([1.5, 0.9, 9.0])
+    residual: Any = SimpleNamespace(
+        at=SimpleNamespace(problem=problem), cost=40.0,
+        projection=SimpleNamespace(rank=lambda: 5), misfit_by_harmonic=lambda rank: by_harmonic.copy(),
+    )  # fmt: skip
+    found = Misfit.of(residual, np.zeros(3), normal)
+    # The prior has 0.5·3·9/35 of the first parameter, nothing of the second and all of the third.
+    determined = 3 - (0.5 * 3 * 9 / 35 + 1)
+    assert (found.cost, found.rank) == (40.0, 5)
+    assert found.expected_cost == pytest.approx((38 - 5 - determined) / 2)
+    rows = np.array([14, 14, 10]) * (1 - 5 / 38)
+    measured = rows[main].sum()
+    left = measured - determined
+    corrected = np.where(main, by_harmonic * measured / left, by_harmonic)
+    assert found.fundamental == pytest.approx((corrected[main] @ rows[main] / measured, left))
+    worse = corrected > 1
+    if moves:  # a band of few equations may have it by chance
+        worse &= chdtrc(rows, corrected * rows) < 1e-3
+        assert worse.tolist() == [False, False, True]
+    scale = np.where(worse, corrected, 1.0)
+    np.testing.assert_allclose(found.scale, np.tile(scale, (r, 1)))
+    few = Misfit.of(residual, np.zeros(3), 1e9 * normal)
+    problem.main = np.zeros(H, bool)
+    assert Misfit.of(residual, np.zeros(3), normal).fundamental == (1.0, 0.0)
+    assert few.expected_cost == pytest.approx((38 - 5 - 3) / 2, rel=1e-6)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from plants import exact_phasors
 from scipy.special import chdtri
 
 from jointid.errors import JointIdError
-from jointid.estimation import candidates
+from jointid.estimation import candidates, model_fits, model_search
 from jointid.estimation.candidates import Fits, Model, dissipates, fundamental_chance
+from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.model_average import _fundamentals_are_alike, spread, spread_of_modes
+from jointid.estimation.model_search import Search
 
 PLAIN = Model(None, delay=False)
 RUBBING, FREE = Model(0.0, delay=False), Model(0.03, delay=False)
@@ -91,6 +95,14 @@ def test_a_criterion_is_the_cost_with_a_penalty_for_parameters() -> None:
     tried[RUBBING].misfit = 0.5  # below noise, it is 1
     assert fits.criterion()[PLAIN] == pytest.approx(200 + 2 * LN)
     assert Fits((), ROWS).least_misfit == np.inf
+
+
+def test_of_models_without_a_significant_part_the_cheapest_is_taken() -> None:
+    late, lagging = Model(None, delay=True), PLAIN.with_part("lag")
+    tried = {lagging: estimate(lagging, cost=80.0, lag=0.1), late: estimate(late, cost=50.0, delay=0.1)}
+    fits = Fits(("delay", "lag"), ROWS, tried)
+    assert set(fits.criterion().values()) == {np.inf}
+    assert fits.least([lagging, late]) == fits.least([late, lagging]) == late
 
 
 @pytest.mark.parametrize(
@@ -243,3 +255,346 @@ def test_a_link_mode_lacks_its_further_terms(c: float, missing: float) -> None:
     np.testing.assert_allclose(spread_of_modes(found, prior), np.outer(shift, shift))
     found.covariance[0, 2] = np.inf
     assert not spread_of_modes(found, prior).any()
+
+
+# --- the search
+
+
+def search_of(
+    tried: dict[Model, Any] | None = None,
+    optional: tuple[str, ...] = (),
+    phasors: Any = None,
+    poses: int = 1,
+    **parts: Any,
+) -> Search:
+    """A search with these models, in phasors of sines."""
+    prior: Any = SimpleNamespace(M2=np.zeros(poses), of_rows=lambda rows: ("prior", rows.tolist()))
+    noise: Any = Noise(np.zeros((24, 1, 4, 4), complex), np.arange(24.0))
+    start: Any = parts.pop("start", None)
+    return Search(phasors, prior, start, noise, PLAIN, Fits(optional, ROWS, tried or {}), **parts)
+
+
+def sines(frequencies: np.ndarray, joints: int = 2) -> Any:
+    none = np.ones((frequencies.size, joints), complex)
+    return exact_phasors(frequencies, none, none)
+
+
+@pytest.mark.parametrize(
+    ("count", "each", "kept"), [(29, 1, 29), (30, 1, 20), (60, 1, 20), (32, 2, 20), (40, 4, 20)]
+)
+def test_a_model_is_sought_in_ten_records_per_joint(count: int, each: int, kept: int) -> None:
+    """Of evenly spread frequencies, with all of their records; in all if there are several poses."""
+    frequencies = np.repeat(np.geomspace(1, 30, count // each), each)[::-1]
+    phasors = sines(frequencies)
+    rows = search_of(phasors=phasors).few_rows()
+    assert rows.size == kept
+    chosen = frequencies[rows]
+    assert {chosen.max(), chosen.min()} == {frequencies.max(), frequencies.min()}
+    assert all(np.count_nonzero(chosen == f) == each for f in chosen)
+    steps = np.diff(np.unique(np.searchsorted(np.unique(frequencies), np.unique(chosen))))
+    assert np.ptp(steps) <= 1
+    assert search_of(phasors=phasors, poses=2).few_rows().size == count
+    assert search_of(phasors=phasors).few_rows(100).size == count
+
+
+def test_a_search_in_some_rows_has_their_noise_and_equations() -> None:
+    search = search_of(phasors=sines(np.arange(1.0, 25)), optional=("lag",), first=(RUBBING,))
+    few = search.of_rows(np.array([3, 5, 9]))
+    assert few.phasors.frequency_found_hz.tolist() == [4.0, 6.0, 10.0]
+    assert few.noise.degrees_of_freedom.tolist() == [3.0, 5.0, 9.0]
+    assert few.prior == ("prior", [3, 5, 9])
+    assert (few.fits.rows, few.fits.optional) == (ROWS * 3 // 24, ("lag",))
+    assert (few.base, few.first) == (PLAIN, (RUBBING,))
+    search.starts[PLAIN], search.slow_fits = 1, 3
+    again = search.again("elsewhere")  # type: ignore[arg-type]
+    assert (again.start, again.starts, again.slow_fits) == ("elsewhere", {}, 0)
+    assert again.fits.tried == {}
+
+
+def test_a_search_ends_after_24_fits_and_a_model_after_two_starts() -> None:
+    search = search_of({PLAIN: estimate(misfit=99.0), RUBBING: estimate(RUBBING, misfit=101.0)})
+    assert search.is_open(RUBBING)
+    assert not search.is_open(PLAIN)  # it converged
+    assert search.is_open(FREE)
+    search.starts = {RUBBING: 1}
+    assert search.is_open(RUBBING)
+    search.starts = {RUBBING: 2, PLAIN: 21}
+    assert not search.is_open(RUBBING)
+    assert not search.is_spent
+    search.starts[PLAIN] = 22
+    assert search.is_spent
+    assert not search.is_lost
+    search.fits.tried[PLAIN].misfit = 100.0
+    assert search.is_lost
+    assert search_of().is_lost
+
+
+@pytest.mark.parametrize(
+    ("misfit", "chance", "moves", "richer"),
+    [
+        (1.1, 1.1e-3, False, False),
+        (1.11, 0.5, False, True),
+        (1.0, 0.9e-3, False, True),
+        (1.3, 1e-9, True, False),
+        (1.31, 0.5, True, True),
+    ],
+)
+def test_a_model_may_be_richer_where_noise_does_not_explain_it(
+    misfit: float, chance: float, moves: bool, richer: bool
+) -> None:
+    phasors: Any = SimpleNamespace(motion=np.array([moves]))
+    found = estimate(misfit=misfit, chance=chance)
+    assert search_of(phasors=phasors).may_be_richer(found) == richer
+
+
+@pytest.mark.parametrize(("cost", "little"), [(14.2, False), (14.6, True)])
+def test_a_fit_that_leaves_a_third_of_the_torques_explains_little(cost: float, little: bool) -> None:
+    """The squares of the torques are 130 times their noise; those without noise do not count."""
+    phasors = sines(np.array([1.0]))
+    z = np.array([[[1.0, 1.0, 4.0, 3j], [1.0, 1.0, 2.0, 5.0]]])
+    variance = np.array([[1.0, 1, 0.2, 0.2], [1, 1, 0.8, 0.0]])
+    covariance = (variance[..., None] * np.eye(4))[None].astype(complex)
+    phasors = replace(phasors, harmonics=z, harmonic_covariance=covariance)
+    tried = {PLAIN: estimate(cost=cost, misfit=5.0), RUBBING: estimate(RUBBING, cost=1e9, misfit=6.0)}
+    assert search_of(tried, phasors=phasors).explains_little == little
+    assert not search_of(phasors=phasors).explains_little
+    assert not search_of({PLAIN: JointIdError("")}, phasors=phasors).explains_little
+
+
+@pytest.mark.parametrize(
+    ("part", "moves", "share", "worth"),
+    [
+        ("arm_viscous", False, 0.0, True),  # a quick fit
+        ("arm_viscous", True, 0.49, False),
+        ("arm_viscous", True, 0.51, True),
+        ("cubic", False, 0.14, False),
+        ("cubic", False, 0.16, True),
+        ("lag", True, 0.14, False),
+        ("lag", True, 0.16, True),
+    ],
+)
+def test_a_slow_part_far_from_the_data_must_explain_much(
+    monkeypatch: pytest.MonkeyPatch, part: str, moves: bool, share: float, worth: bool
+) -> None:
+    phasors: Any = SimpleNamespace(motion=np.array([moves]))
+    search = search_of({PLAIN: estimate(cost=200.0, misfit=101.0)}, phasors=phasors)
+    monkeypatch.setattr(Search, "scores", lambda *_: {part: SimpleNamespace(gain=share * 200.0)})
+    assert search.may_explain(PLAIN, part) == worth
+    monkeypatch.setattr(Search, "scores", lambda *_: {})
+    assert search.may_explain(PLAIN, part) == (share == 0)
+    search.fits.tried[PLAIN].misfit = 99.0
+    assert search.may_explain(PLAIN, part)
+    assert search.may_explain(RUBBING, part)
+
+
+def test_laws_start_from_regressions_that_leave_least(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slopes imitate other laws: they count twice."""
+    left = {"cubic": 0.3, "backlash": 0.2, "piecewise": 0.14}
+    monkeypatch.setattr(model_search, "by_regression", lambda law, *_: (f"by {law}", left[law]))
+    found = search_of(optional=("cubic", "backlash")).regressed_laws
+    assert found == [("backlash", "by backlash", 0.2), ("piecewise", "by piecewise", 0.28),
+                     ("cubic", "by cubic", 0.3)]  # fmt: skip
+    assert [law for law, *_ in search_of(optional=("backlash",)).regressed_laws] == ["backlash"]
+    monkeypatch.setattr(model_search, "by_regression", lambda *_: None)
+    assert search_of(optional=("cubic", "backlash")).regressed_laws == []
+
+
+def test_uncertain_parts_are_left_out_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = Model(0.0, delay=False, effects=("lag", "gravity"))
+    certain = {"coulomb": True, "friction": False, "lag": False, "gravity": True}
+    monkeypatch.setattr(Fits, "is_certain", lambda self, model, part: certain[part])
+    search = search_of(optional=("friction", "lag", "gravity"))
+    without = [model.without("friction"), model.without("lag")]
+    assert list(search._narrower(model)) == without
+    certain["coulomb"] = False
+    assert list(search._narrower(model)) == [model.with_part("viscous"), *without]
+    search.fits.optional += ("delay",)
+    certain["lag"] = True
+    late = model.without("lag").with_part("delay")
+    assert list(search._narrower(model)) == [model.with_part("viscous"), without[0], late]
+    search.fits.optional = ("gravity",)
+    assert list(search._narrower(model)) == []
+
+
+# --- fits of one model
+
+
+@pytest.mark.parametrize(
+    ("optional", "changed", "found"),
+    [
+        (("friction", "delay", "lag"), {}, Model(0.03, delay=False, effects=("lag",))),
+        (("friction", "delay"), {}, Model(0.03, delay=True)),
+        (("friction",), {}, Model(0.03, delay=False)),
+        (("delay", "lag"), {}, PLAIN),
+        (("friction", "delay", "lag"), {"joints": 1}, Model(0.03, delay=True)),
+        (("friction", "delay", "lag"), {"moves": True}, Model(0.03, delay=True)),
+        (("friction", "delay", "lag"), {"H": 1}, PLAIN),
+        (("friction", "lag"), {"base": Model(None, delay=True)}, Model(0.03, delay=True)),
+    ],
+)
+def test_the_freest_model_has_free_friction_and_delays(
+    optional: tuple[str, ...], changed: dict[str, Any], found: Model
+) -> None:
+    """Lags of sines with several joints; nothing free without harmonics."""
+    harmonics = np.zeros((2, changed.get("H", 3), 4))
+    motion = np.array([False, changed.get("moves", False)])
+    phasors: Any = SimpleNamespace(harmonics=harmonics, n=changed.get("joints", 2), motion=motion)
+    assert model_fits.freest(phasors, changed.get("base", PLAIN), optional) == found
+
+
+@pytest.mark.parametrize(
+    ("misfits", "taken", "fitted"),
+    [
+        ({"given": 2.9, "free": 1.0}, 2.9, ["given"]),
+        ({"given": 3.1, "free": 1.0}, 1.0, ["given", "free"]),
+        ({"given": 3.1, "free": 4.0}, 3.1, ["given", "free"]),
+        ({"free": 4.0}, 4.0, ["given", "free"]),
+        ({}, None, ["given", "free"]),
+    ],
+)
+def test_a_fit_starts_without_the_given_inertias_where_they_do_not_explain_the_data(
+    monkeypatch: pytest.MonkeyPatch, misfits: dict[str, float], taken: float | None, fitted: list[str]
+) -> None:
+    tried = []
+
+    def fit(*arguments: Any) -> Any:
+        tried.append(start := arguments[2])
+        if start not in misfits:
+            raise JointIdError("no fit")
+        return SimpleNamespace(misfit=misfits[start])
+
+    monkeypatch.setattr(model_fits, "fit_model", fit)
+    monkeypatch.setattr(model_fits, "without_inertias", lambda *_: "free")
+    one: Any = None
+    found = model_fits.fit_without_inertias(one, one, "given", one, PLAIN)  # type: ignore[arg-type]
+    assert (None if found is None else found.misfit) == taken
+    assert tried == fitted
+    monkeypatch.setattr(model_fits, "without_inertias", lambda *_: None)
+    tried.clear()
+    model_fits.fit_without_inertias(one, one, "given", one, PLAIN)  # type: ignore[arg-type]
+    assert tried == ["given"]
+
+
+def fits_of(
+    monkeypatch: pytest.MonkeyPatch, costs: dict[Any, tuple[float, float]]
+) -> list[tuple[Model, Any]]:
+    """Replace fits by costs and misfits of their starts; returns the list of those that were made."""
+    made: list[tuple[Model, Any]] = []
+
+    def fit(*arguments: Any) -> Any:
+        start, model = arguments[2], arguments[4]
+        made.append((model, start))
+        if start not in costs:
+            raise JointIdError("no fit")
+        cost, misfit = costs[start]
+        named = SimpleNamespace(start=start)
+        return SimpleNamespace(
+            cost=cost, misfit=misfit, named=named, whole_cost=lambda misfit: cost / misfit
+        )
+
+    monkeypatch.setattr(model_search, "fit_model", fit)
+    monkeypatch.setattr(Search, "waveforms", lambda *_: None)
+    monkeypatch.setattr(model_search, "other_laws", lambda *_, is_near: ())
+    monkeypatch.setattr(model_search, "by_regression", lambda *_: None)
+    monkeypatch.setattr(model_search, "with_one_bend", lambda _: None)
+    return made
+
+
+def test_of_two_starts_the_better_fit_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = fits_of(monkeypatch, {"a": (50.0, 1.0), "b": (40.0, 1.0), "c": (60.0, 1.0)})
+    search = search_of(phasors=sines(np.ones(1)))
+    for start, cost in (("a", 50.0), ("c", 50.0), ("b", 40.0), ("none", 40.0)):
+        search.fit(PLAIN, start)  # type: ignore[arg-type]
+        assert search.fits.estimate(PLAIN).cost == cost  # type: ignore[union-attr]
+    assert search.starts[PLAIN] == len(made) == 4
+    search.fit(RUBBING, "none")  # type: ignore[arg-type]
+    assert search.fits.estimate(RUBBING) is None
+    assert RUBBING in search.fits.tried
+
+
+@pytest.mark.parametrize(
+    ("law", "misfit", "tried"),
+    [
+        ("cubic", 2.9, []),
+        ("cubic", 3.1, ["far", "near"]),
+        ("cubic", 9.9, ["far", "near"]),
+        ("cubic", 10.1, ["far"]),
+        ("hysteresis", 1.09, []),
+        ("hysteresis", 1.11, ["far", "near"]),
+    ],
+)
+def test_a_doubtful_law_starts_again_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, law: str, misfit: float, tried: list[str]
+) -> None:
+    costs = {"start": (100.0, misfit), "far": (120.0, misfit), "near": (99.0, misfit)}
+    made, model = fits_of(monkeypatch, costs), PLAIN.with_part(law)
+    monkeypatch.setattr(
+        model_search, "other_laws", lambda *_, is_near: ("near",) if is_near else ("far",)
+    )
+    search = search_of(phasors=sines(np.ones(1)))
+    search.fit(model, "start")  # type: ignore[arg-type]
+    assert [start for _, start in made] == ["start", *tried]
+    best = search.fits.estimate(model)
+    assert best is not None
+    assert best.cost == (99.0 if "near" in tried else 100.0)
+
+
+@pytest.mark.parametrize(
+    ("misfit", "tried"), [(3.0, []), (3.1, ["regression"]), (100.0, ["regression"]), (101.0, [])]
+)
+def test_a_law_starts_from_its_regression_once(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, tried: list[str]
+) -> None:
+    made = fits_of(monkeypatch, {"start": (100.0, misfit), "regression": (90.0, 1.0)})
+    monkeypatch.setattr(model_search, "by_regression", lambda law, *_: ("regression", 0.1))
+    model = PLAIN.with_part("cubic")
+    for moves in (False, True):
+        phasors = sines(np.ones(1))
+        still = [SimpleNamespace()] if moves else []
+        search = search_of(phasors=replace(phasors, segments=tuple(still)), optional=("cubic",))
+        made.clear()
+        search.fit(model, "start")  # type: ignore[arg-type]
+        assert [start for _, start in made] == ["start", *(tried if not moves else [])]
+        search.fit(model, "start")  # type: ignore[arg-type]
+        assert len(made) == 2 + len(tried) * (not moves)
+
+
+@pytest.mark.parametrize(
+    ("misfit", "cost", "taken"), [(2.9, 103.9, True), (2.9, 104.1, False), (3.1, 50.0, False)]
+)
+def test_one_change_of_slope_is_taken_at_about_the_same_cost(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, cost: float, taken: bool
+) -> None:
+    fits_of(monkeypatch, {"start": (100.0, misfit), "apart": (cost, misfit)})
+    monkeypatch.setattr(model_search, "with_one_bend", lambda _: "apart")
+    search, model = search_of(phasors=sines(np.ones(1))), PLAIN.with_part("piecewise")
+    search.fit(model, "start")  # type: ignore[arg-type]
+    found = search.fits.estimate(model)
+    assert found is not None
+    assert found.cost == (cost if taken else 100.0)
+
+
+def test_fits_of_gear_laws_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twelve of sines; nine of motions, with four sets of laws and slopes in addition."""
+    made = fits_of(monkeypatch, {"start": (100.0, 1.0)})
+    laws = [("cubic",), ("backlash",), ("hysteresis",), ("cubic", "backlash"), ("cubic", "hysteresis")]
+    for moves, most in ((False, 12), (True, 9)):
+        phasors = replace(sines(np.ones(1)), segments=(SimpleNamespace(),) if moves else ())
+        search = search_of(phasors=phasors)
+        made.clear()
+        for _ in range(14):
+            search.fit(PLAIN.with_part("cubic"), "start")  # type: ignore[arg-type]
+            search.fit(PLAIN, "start")  # type: ignore[arg-type]
+        assert sum(model.is_slow for model, _ in made) == most
+        search.fit(Model(0.0, delay=False, effects=("backlash",)), "start", compares=False)  # type: ignore[arg-type]
+        assert sum(model.is_slow for model, _ in made) == most + (not moves)
+        search, _ = search_of(phasors=phasors), made.clear()
+        for effects in laws:
+            search.fit(Model(None, delay=False, effects=effects), "start")  # type: ignore[arg-type]
+        assert len(made) == (4 if moves else 5)
+        refused = search.fits.tried[Model(None, delay=False, effects=laws[4])]
+        assert isinstance(refused, JointIdError) == moves
+        search.fit(PLAIN.with_part("piecewise"), "start")  # type: ignore[arg-type]
+        assert made[-1][0] == PLAIN.with_part("piecewise")
+        search.fit(Model(None, delay=True, effects=("cubic",)), "start")  # type: ignore[arg-type]
+        assert made[-1][0].delay  # beside the same laws

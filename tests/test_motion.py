@@ -188,6 +188,13 @@ def test_a_joint_at_rest_is_refused_by_name() -> None:
         identify_motion(still, GIVEN)
 
 
+def test_two_joints_at_rest_are_no_columns_of_the_same_samples() -> None:
+    time = np.arange(600) / 200.0
+    torque = np.random.default_rng(0).standard_normal((600, 2))
+    with pytest.raises(JointIdError, match="Joint 1 is not excited"):
+        identify_motion([MotionRecord(time, np.full((600, 2), 0.5), torque)], GIVEN)
+
+
 def test_a_joint_that_creeps_by_encoder_steps_is_named() -> None:
     """Friction holds it: its torque holds no information on the stiffness."""
     step = 2 * np.pi / 65536

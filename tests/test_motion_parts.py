@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,15 +10,35 @@ import numpy as np
 import pytest
 from plants import exact_phasors
 
-from jointid import JointIdError, MotionRecord
+from jointid import Inertia, JointIdError, MotionRecord
+from jointid.estimation import motion_noise
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.identify_motion import _few, _lines
+from jointid.estimation.motion_noise import noise_differs, with_torque_noise
+from jointid.estimation.motion_start import _flanks
+from jointid.gears.motor_motion import MotorMotion
+from jointid.motion.arm_motion import DrivenArms
 from jointid.motion.band import proposed_band
 from jointid.motion.complement import Waveforms
 from jointid.motion.end_terms import EndTerms, row_groups
-from jointid.motion.friction import _WIDTHS, GRID, _hats, _reversals, friction_waveforms
+from jointid.motion.free_friction import FreeFriction
+from jointid.motion.friction import (
+    _WIDTHS,
+    GRID,
+    _hats,
+    _reversals,
+    friction_waveforms,
+    gear_torque_of,
+    with_load,
+)
+from jointid.motion.noise import _non_negative
 from jointid.motion.reversals import _stretches, _transforms
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
 from jointid.motion.spectral_lines import SpectralLines, _continued, _gain
-from jointid.phasors.periods import phasors_of
+from jointid.phasors.periods import phasors_of, samples_of
+from jointid.phasors.segment import Motors, Segment
+from jointid.small_matrices import whitener
 
 T = 0.01
 
@@ -305,3 +326,351 @@ def test_bins_of_motions_share_misfits_in_bands_of_150_equations() -> None:
     np.testing.assert_array_equal(group[0], np.arange(200))
     np.testing.assert_array_equal(group[1], 200 + np.repeat(np.arange(2), 100))
     assert np.flatnonzero(of_fundamental).tolist() == [0, 200, 201]
+
+
+# --- torques through gears, and noise, of a segment
+
+
+def segment_of(velocity: np.ndarray, torque: np.ndarray, step_s: float, **changed: Any) -> Segment:
+    """A whole record without noise, unless changed."""
+    none = np.zeros(len(velocity))
+    whole = [0, step_s, velocity, velocity, torque, False, 0, velocity.shape[1], *[none] * 7, 5, 60]
+    return replace(Segment(*whole), **changed)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_the_torque_through_a_gear_is_what_the_motor_leaves(held: bool) -> None:
+    """Of two motors, late by stated delays; a share of what the gear passes on is friction."""
+    step, N, s = 1e-3, 2000, 2j * np.pi * np.array([3.0, 7.0])
+    t, v = step * np.arange(N), np.array([[2.0, 0.0], [0.0, 1.0]])
+    gear = np.array([[0.5, 0.1j], [0.3, -0.2]])
+    motors = Motors(
+        *np.array([[2e-3, 1e-3], [0.03, 0], [0.01, 0.02], [0, 0.2], [1.3e-3, -2e-3], [1.1, 1]])
+    )
+    velocity, through = (np.einsum("jk,kt->jt", x, np.exp(np.outer(s, t))).imag for x in (v, gear))
+    rate = np.einsum("jk,kt->jt", v * s, np.exp(np.outer(s, t))).imag
+    direction = np.sign(velocity)
+    whole = through + motors.M[:, None] * rate + motors.viscous[:, None] * velocity
+    whole += (motors.coulomb[:, None] + motors.load[:, None] * np.abs(through)) * direction
+    # The log is early by the lag, over the scale; a held one is on average that before, half a step.
+    logged = np.stack(
+        [
+            np.interp(t + lag + 0.5 * step * held, t, own, period=N * step)
+            for lag, own in zip(motors.lag_s, whole, strict=True)
+        ]
+    )
+    segment = segment_of(velocity, logged / motors.torque_scale[:, None], step, held=held)
+    found = segment.gear_torque(motors, direction)
+    inside = slice(40, -40)
+    size = np.abs(through).max()
+    assert np.abs(found - through)[:, inside].mean() < 0.01 * size
+    turns = np.diff(direction, axis=1) != 0
+    at = np.sqrt((turns * through[:, 1:] ** 2).sum(axis=1) / turns.sum(axis=1))
+    np.testing.assert_allclose(
+        segment.friction_at_reversals(motors), motors.coulomb + motors.load * at, rtol=0.03
+    )
+    plain = motors._replace(load=np.zeros(2))
+    np.testing.assert_array_equal(segment.friction_at_reversals(plain), motors.coulomb)
+
+
+def test_arms_follow_their_motors_by_the_equation() -> None:
+    """Two coupled arms with gravity and friction, from a start in the middle of their motion."""
+    step, N, s = 1e-3, 500, 2j * np.pi * np.array([5.0, 17.0])
+    K, D, v = np.array([50.0, 20.0]), np.array([0.1, 0.05]), np.array([0.02, 0.01])
+    M2, G = np.array([[4e-3, 1e-3], [1e-3, 2e-3]]), np.array([[2.0, 0.5], [0.5, 1.0]])
+    motor, push = np.array([[0.1, 0.03j], [0.05j, -0.04]]), np.array([[0.2, 0.1], [0.1j, 0.0]])
+    arm = np.stack(
+        [
+            np.linalg.solve(
+                x * x * M2 + G + np.diag(x * v + K + x * D), (K + x * D) * motor[:, k] - push[:, k]
+            )
+            for k, x in enumerate(s)
+        ],
+        axis=1,
+    )
+    waves = np.exp(np.outer(s, step * np.arange(N)))
+    angle, speed, friction, gear, moved = (
+        (each @ waves).imag
+        for each in (motor, motor * s, push, (K[:, None] + D[:, None] * s) * (motor - arm), arm * s)
+    )
+    arms = DrivenArms(K, D, np.zeros(2), v, M2, G)
+    offset = np.array([[0.3], [-0.2]])  # of the torque sensors, which is none of the gears'
+    torque, found = arms._driven(angle, speed, friction, gear + offset, step)
+    np.testing.assert_allclose(found, moved, atol=2e-3 * np.abs(moved).max())
+    np.testing.assert_allclose(torque, gear + offset, atol=2e-3 * np.abs(gear).max())
+    by_torque = arms._by_torque(speed, gear, step)[:, 100:-1]
+    np.testing.assert_allclose(by_torque, moved[:, 100:-1], atol=0.02 * np.abs(moved).max())
+
+
+def test_noise_of_motions_is_within_its_limits_and_shared_by_records() -> None:
+    """And the friction that brakes a motor shows how late it turns back."""
+    velocity = np.stack([np.sin(np.linspace(0, 9, 300)), np.cos(np.linspace(0, 9, 300))])
+    limits = {
+        "least_torque_variance": np.array([1e-4, 1e-4]),
+        "most_torque_variance": np.array([4e-4, 1]),
+    }
+    limits |= {"angle_variance": np.array([1e-9, 2e-9]), "velocity_blur_s": np.array([1e-4, 0.1])}
+    segments = [segment_of(velocity, velocity, 0.01, record=k, **limits) for k in (0, 1, 4)]
+    z = np.ones((4, 3, 4), complex)
+    phasors = replace(
+        exact_phasors(np.ones(4), z[:, 0, :2], z[:, 0, 2:]),
+        harmonics=z, harmonic_covariance=np.zeros((4, 3, 4, 4), complex), segments=(None, *segments),
+    )  # fmt: skip
+    prior = InertiaPrior.of(Inertia([0.1, 0.2], np.eye(2)), 4, 2)
+    one, none = np.ones(2), np.zeros(2)
+    motors = [Motors(prior.M[0], np.array([0.3, 0.4]), none, none, none, 2 * one)] * 4
+    torques = {0: np.array([2e-4, 3e-4]), 1: np.array([9e-4, 1e-5])}
+    found = with_torque_noise(phasors, prior, torques, motors)
+    kept = [[2e-4, 3e-4], [4e-4, 1e-4], [4e-4, 1.55e-4]]  # as given, limited, and the mean of both
+    for row, (variance, each) in enumerate(zip(kept, found.segments[1:], strict=True), start=1):
+        whole = 4 / 300 * np.diag([1e-9, 2e-9, *variance])
+        np.testing.assert_allclose(found.harmonic_covariance[row], np.tile(whole, (3, 1, 1)), rtol=1e-9)
+        np.testing.assert_allclose(each.torque_variance, variance)
+        np.testing.assert_allclose(each.unknown_Nm, [0.15, 0.2])
+        largest = np.abs(velocity[1]).max()
+        np.testing.assert_allclose(each.turn_rad_s, [3e-4, 0.2 * largest])
+    assert not found.harmonic_covariance[0].any()
+    louder = np.where(np.arange(4) < 3, 1.0, 1.3)[None, None]  # one joint's torque
+    other = replace(found, harmonic_covariance=found.harmonic_covariance * louder[..., None])
+    for one_of, two in ((found, other), (other, found)):
+        assert noise_differs(one_of, two, 0.29)
+        assert not noise_differs(one_of, two, 0.31)
+
+
+def test_lines_of_a_fit_are_the_bins_of_motions_and_the_fundamentals_of_sines() -> None:
+    z = np.arange(1, 37).reshape(3, 3, 4) * (1 + 1j)
+    z[1, 2] = 0.0  # outside the band
+    rows = exact_phasors(np.array([5.0, 0.5, 0.25]), z[:, 0, :2] + 9, z[:, 0, 2:] + 9)
+    still = segment_of(np.ones((2, 9)), np.ones((2, 9)), 0.1)
+    rows = replace(rows, harmonics=z, harmonic_covariance=np.zeros((3, 3, 4, 4), complex))
+    rows = replace(rows, segments=(None, still, still), harmonic_rounding=np.zeros((3, 3, 4)))
+    noise = Noise(np.arange(3 * 3 * 16).reshape(3, 3, 4, 4).astype(complex), np.ones(3))
+    estimate: Any = SimpleNamespace(phasors=rows, inertias="abc")
+    lines, inertias = _lines(estimate, rows, noise)
+    np.testing.assert_allclose(lines.frequency_found_hz, [5.0, 0.5, 1.0, 0.25, 0.5, 0.75])
+    np.testing.assert_allclose(lines.omega, 2 * np.pi * lines.frequency_found_hz)
+    place = [1, 1, 2, 2, 2], [0, 1, 0, 1, 2]
+    np.testing.assert_array_equal(lines.z, np.concatenate([rows.z[:1], z[place]]))
+    np.testing.assert_array_equal(lines.harmonics[:, 0], lines.z)
+    covariance = np.concatenate([noise.covariance[:1, 0], noise.covariance[place]])
+    np.testing.assert_array_equal(lines.covariance, covariance)
+    np.testing.assert_array_equal(lines.harmonic_covariance[:, 0], covariance)
+    assert "".join(inertias) == "abbccc"
+    assert not lines.motion.any()
+
+
+def test_flanks_of_backlash_are_in_contact_from_a_fifth_of_the_torque(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Between the flanks the contact changes uniformly; the ends have that of the nearest load."""
+    torque = np.array([[0.1, 0.21, 1.0, 0.19, 0.0, -0.19, -0.21, -0.5, 0.0]])
+    asked = []
+
+    def balance(*parameters: np.ndarray) -> np.ndarray:
+        asked.append(parameters)
+        return torque.copy()
+
+    motors = SimpleNamespace(balance=balance, bins=lambda flank, shape: (flank, shape))
+    monkeypatch.setattr(MotorMotion, "of", lambda *_, loops: motors)
+    phasors: Any = SimpleNamespace(segments=(1,), harmonics=np.zeros((1, 3, 2)))
+    prior = InertiaPrior.of(Inertia([0.1], [[1.0]]), 1, 1)
+    flank: Any
+    flank, shape = _flanks(phasors, prior)
+    np.testing.assert_allclose(flank[0], [1, 1, 1, 0.5, 0, -0.5, -1, -1, -1])
+    assert shape == (1, 3)
+    assert [float(each[0]) for each in asked[0]] == [1.0, 0.1, 0.0, 0.0]
+
+
+def test_the_errors_of_two_variances_are_those_of_their_powers() -> None:
+    """Each in bands of its own: exponential powers of which neighbours through a window are one."""
+    rng, count = np.random.default_rng(7), np.full(20, 40.0)
+    gains = np.kron(np.eye(2), np.ones((10, 1))) * rng.uniform(0.5, 2, (20, 1))
+    true = np.array([3e-6, 0.4])
+    power = gains @ true * (1 + 0.1 * rng.standard_normal(20))
+    found, error = _non_negative(gains, power, count)
+    np.testing.assert_allclose(found, true, rtol=0.15)
+    np.testing.assert_allclose(error, found * np.sqrt(2 / 400), rtol=1e-6)
+    negative = _non_negative(np.array([[1.0, 2.0], [1.0, 1.0]]), np.array([3.0, 1.0]), count[:2])
+    assert negative[0].min() == 0.0
+
+
+def test_a_model_is_sought_in_segments_of_every_joint_s_motion() -> None:
+    """Evenly spread, two of each joint where six are enough, beside all sines; of several poses all."""
+    moves = np.repeat([0, 1, 2, 0], [8, 9, 3, 6])  # the joint that moves most, of 26 segments
+    size = np.where(moves[:, None] == np.arange(3), 1.0, 0.2) * [1e-3, 5.0, 0.3]
+    z = np.zeros((28, 4, 6), complex)
+    z[2:, 1:, :3] = size[:, None]
+    still = segment_of(np.ones((3, 9)), np.ones((3, 9)), 0.1)
+    rows = replace(
+        exact_phasors(np.ones(28), z[:, 0, :3], z[:, 0, 3:]),
+        harmonics=z, harmonic_covariance=np.zeros((28, 4, 6, 6), complex),
+        segments=(None, None, *[still] * 26), harmonic_rounding=np.zeros((28, 4, 6)),
+    )  # fmt: skip
+    one = InertiaPrior.of(Inertia(np.ones(3), np.eye(3)), 28, 3)
+    every = [2 + np.flatnonzero(moves == j)[::step] for j, step in enumerate((7, 5, 2))]
+    assert _few(rows, one).tolist() == [0, 1, *sorted(np.concatenate(every).tolist())]
+    poses = [Inertia(np.ones(3), (1 + k % 2) * np.eye(3)) for k in range(28)]
+    assert _few(rows, InertiaPrior.of(poses, 28, 3)).tolist() == list(range(28))
+    few = rows.select(np.arange(8))
+    assert _few(few, one).tolist() == list(range(8))
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_the_torque_through_a_gear_in_sines_is_what_the_motor_leaves(filtered: bool) -> None:
+    """Under travel and a constant load; a lag and a scale of the log, and a filter of the positions."""
+    H, points, lag = 30, GRID, np.array([1e-3, -5e-4])
+    omega = 2 * np.pi * np.array([4.0, 9.0])
+    s = 1j * omega[:, None, None] * np.arange(1, H + 1)[:, None]
+    q, gear = np.zeros((2, 2, H, 2), complex)
+    q[:, 0], q[:, 1:3] = [[0.2, 0.1j], [0.1, -0.2]], 0.003  # of seen harmonics only
+    gear[:, 0], gear[:, 1] = [[1.0, 0.5j], [0.5, 0.4]], [[0.2, 0.0], [0.0, 0.1j]]
+    drift, mean = np.array([[0.5, 0.0], [0.0, -1.0]]), np.array([[0.3, 0.1], [0.0, -0.2]])
+    M, coulomb, viscous = np.array([[2e-3, 1e-3], [0.05, 0.02], [0.01, 0.03]])
+    load, scale = np.array([0.1, 0.0]), np.array([1.2, 0.9])
+    T = np.array([2e-4, 0.0]) * filtered
+    through = mean[..., None] + samples_of(gear.swapaxes(1, 2), points)
+    sign = np.sign(samples_of((s * q).swapaxes(1, 2), points) + drift[..., None])
+    rubbing = (coulomb[:, None] + load[:, None] * np.abs(through)) * sign
+    whole = gear + s * (s * M + viscous) * q + phasors_of(rubbing, H).swapaxes(1, 2)
+    tau, z_mean = whole * np.exp(s * lag) / scale, mean + viscous * drift + rubbing.mean(axis=2)
+    z = np.concatenate([q / (1 + s * T), tau], axis=2)
+    phasors = replace(
+        exact_phasors(omega / (2 * np.pi), z[:, 0, :2], tau[:, 0]), drift=drift, harmonics=z,
+        harmonic_covariance=np.zeros((2, H, 4, 4), complex), mean_torque=z_mean / scale,
+        harmonic_rounding=np.zeros(z.shape),
+    )  # fmt: skip
+    friction = friction_waveforms(phasors, None, position_filter=T if filtered else None)
+    motors = [Motors(M, coulomb, viscous, load, lag, scale)] * 2
+    found = gear_torque_of(friction, phasors, motors, loaded=True)
+    size = np.abs(through).max()
+    assert np.abs(found.sines - through).mean() < 0.01 * size
+    waves = with_load(friction, phasors, found).further["load"]
+    true = phasors_of(np.abs(through) * sign, H).swapaxes(1, 2)
+    np.testing.assert_allclose(waves[:, 0], true[:, 0], atol=0.02 * size)
+    np.testing.assert_allclose(waves, true, atol=0.05 * size)
+
+
+# --- projection of free friction
+
+
+@pytest.mark.parametrize("ends", [False, True])
+@pytest.mark.parametrize("bounded", [False, True])
+def test_free_friction_is_that_of_generalised_least_squares(bounded: bool, ends: bool) -> None:
+    """Rows, weighted residuals, friction and its size, against one large real system per record."""
+    rng = np.random.default_rng(8)
+    r, H, n, counts = 3, 6, 2, ((2, 1), (0, 3), (1, 1))
+    root = complex_noise(rng, r, H, n, n)
+    V = root @ root.conj().swapaxes(2, 3) + 0.5 * np.eye(n)
+    sizes = rng.uniform(0.5, 2, (r, n))
+    records = [
+        Waveforms(
+            [complex_noise(rng, H, k) for k in own],
+            [complex_noise(rng, H, 2 * bounded) for _ in own],
+            np.ones((H, n), bool),
+        )
+        for own in counts
+    ]
+    free = FreeFriction.of(records, sizes, H)
+    assert bool(free.bases) == bounded
+    assert free.shapes == 8
+    at_ends, further = np.array([0, 2]), complex_noise(rng, 2, H, n, 3)
+    projection = (free.with_columns(at_ends, further) if ends else free).projection(whitener(V), V)
+    values = complex_noise(rng, r, H, n, 1)
+    rows = projection.rows(values)
+    weighted = projection.W.conj().swapaxes(2, 3) @ projection.whitened(rows)
+    explained, first = projection.explained(values), projection.first_sizes(values, 2)
+
+    def real(columns: np.ndarray) -> np.ndarray:
+        flat = columns.reshape(H * n, -1)
+        return np.concatenate([flat.real, flat.imag])
+
+    def placed(waves: np.ndarray, j: int) -> np.ndarray:
+        return real(waves[:, None] * np.eye(n)[j][:, None])
+
+    for k, own in enumerate(records):
+        whole = np.zeros((H, n, H, n), complex)
+        whole[range(H), :, range(H)] = V[k]
+        whole = whole.reshape(H * n, H * n)
+        noise = np.block([[whole.real, -whole.imag], [whole.imag, whole.real]])
+        C, columns = noise.copy(), [placed(own.free[j], j) for j in range(n)]
+        for j in range(n):  # rows of noise have half of its variance
+            shapes = sizes[k, j] * placed(own.bounded[j], j)
+            C += 2 * shapes @ shapes.T
+        if ends and k in at_ends:
+            columns.append(real(further[at_ends.tolist().index(k)]))
+        F, y, inverse = np.concatenate(columns, axis=1), real(values[k])[:, 0], np.linalg.inv(C)
+        amplitudes = np.linalg.solve(F.T @ inverse @ F, F.T @ inverse @ y)
+        left = inverse @ (y - F @ amplitudes)
+        assert (rows[k] ** 2).sum() == pytest.approx(y @ left, rel=1e-6)
+        np.testing.assert_allclose(real(weighted[k])[:, 0], left, atol=1e-6)
+        np.testing.assert_allclose(real(explained[k])[:, 0], y - noise @ left, atol=1e-6)
+        at = amplitudes[-3:-1] if ends and k in at_ends else [0.0, 0.0]
+        np.testing.assert_allclose(first[k], at, atol=1e-6)
+    assert projection.rank() == 8 + 6 * ends
+    if not bounded:
+        kept = projection.noise_left(np.full((r, 1), 2.0 * H)).sum(axis=1)
+        np.testing.assert_allclose(kept, 2 * H * n - np.array([3, 3, 2]) - ends * np.array([3, 0, 3]))
+
+
+def test_free_friction_moves_and_scales_with_the_record() -> None:
+    """The columns times a phase of every bin, and bounded torques of another size."""
+    rng, H, n = np.random.default_rng(9), 5, 2
+    for bounded in (0, 1):
+        shapes = [[complex_noise(rng, H, k) for _ in range(n)] for k in (2, bounded)]
+        turn = np.exp(1j * rng.uniform(0, 6, (1, H, n)))
+        V, known = np.tile(np.eye(n).astype(complex), (1, H, 1, 1)), np.ones((H, n), bool)
+        size, scale = np.array([[1.0, 2.0]]), np.array([0.5, 3.0])
+        free = FreeFriction.of([Waveforms(*shapes, known)], size, H)
+        moved = [[own * turn[0, :, j, None] for j, own in enumerate(each)] for each in shapes]
+        values = complex_noise(rng, 1, H, n, 1)
+        for found, own, std in (
+            (free.moved(turn), moved, size),
+            (free.scaled(scale), shapes, size * scale),
+        ):
+            true = FreeFriction.of([Waveforms(*own, known)], std, H)
+            costs = [(each.projection(V, V).rows(values) ** 2).sum() for each in (found, true)]
+            assert costs[0] == pytest.approx(costs[1])
+
+
+def test_noise_is_sought_where_free_friction_leaves_equations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A segment shows it from 30 % of its equations on, or if it has the largest share, above 2 %."""
+    r, H, n = 4, 3, 3
+    z = np.ones((r, H, 2 * n), complex)
+    z[1, 2] = 0.0
+    still = segment_of(np.ones((n, 9)), np.ones((n, 9)), 0.1)
+    phasors = replace(
+        exact_phasors(np.ones(r), z[:, 0, :n], z[:, 0, n:]), segments=(None, still, still, still),
+        harmonics=z, harmonic_covariance=np.zeros((r, H, 2 * n, 2 * n), complex),
+    )  # fmt: skip
+    share = np.array([[0.9, 0.9, 0.9], [0.29, 0.1, 0.01], [0.31, 0.2, 0.015], [0.9, 0.15, 0.9]])
+    used = np.ones((r, n), bool)
+    used[3, 2] = False
+    asked = []
+
+    def noise_left(rows: np.ndarray) -> np.ndarray:
+        asked.append(rows[:, 0].tolist())
+        return share * rows
+
+    spread, whole = np.array([0.0, 1.0, 3.0]), np.array([4.0, 4.0, 4.0])
+    at = SimpleNamespace(
+        r=np.full((r, H, n), 5.0 + 0j), V=np.tile(np.diag(whole).astype(complex), (r, H, 1, 1)), E="E",
+        p=None, problem=SimpleNamespace(used=used),
+    )  # fmt: skip
+    residual = SimpleNamespace(
+        at=at, free_friction=lambda: 2.0, projection=SimpleNamespace(noise_left=noise_left)
+    )
+    monkeypatch.setattr(motion_noise, "evaluated", lambda *_: residual)
+    monkeypatch.setattr(motion_noise, "noise_of_rows", lambda *_: None)
+    monkeypatch.setattr(motion_noise, "unknown_friction", lambda *_: np.tile(spread, (r, H, 1)))
+    monkeypatch.setattr(motion_noise, "sensor_noise", lambda phasors, left, E: (left, E))
+    monkeypatch.setattr(motion_noise, "with_torque_noise", lambda phasors, prior, torques, _: torques)
+    prior: Any = SimpleNamespace(motors=lambda *_: None)
+    estimate: Any = SimpleNamespace(named=None)
+    left: Any = motion_noise.with_noise(phasors, prior, None, estimate)  # type: ignore[arg-type]
+    assert asked == [[6.0, 4.0, 6.0, 6.0]]
+    shown = np.array([[True] * 3, [False, False, False], [True, True, False], [True, False, False]])
+    expected = np.where(shown, 3.0 * np.sqrt((1 - spread / whole) / share), np.nan)
+    np.testing.assert_allclose(left[0][:, 0].real, expected)
+    assert left[1] == "E"
+    sines = phasors.select(np.array([0]))
+    assert motion_noise.with_noise(sines, prior, None, estimate) is sines  # type: ignore[arg-type]

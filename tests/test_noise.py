@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from plants import BAND_HZ, PAPER, SERIAL, campaign, plant_phasors
 from scipy.special import digamma
 
 from jointid.estimation.estimators.noise import (
@@ -12,6 +15,7 @@ from jointid.estimation.estimators.noise import (
     _prior_degrees_of_freedom,
     _sensor_variances,
     floored,
+    moderated_noise,
 )
 
 
@@ -87,3 +91,37 @@ def test_weights_from_estimated_covariances_cost_variance() -> None:
     noise = Noise(np.eye(4, dtype=complex)[None, None], np.array([9.0]))
     assert noise.inverse_bias == pytest.approx([9 / 7])
     assert noise.weight_penalty == pytest.approx([81 / 48])
+
+
+def test_noise_as_modelled_stays_as_it_is() -> None:
+    """Sensors of known variance, some in proportion to the torque, beside known rounding."""
+    base = plant_phasors(SERIAL, PAPER, *campaign(BAND_HZ, 2))
+    r, rng = base.omega.size, np.random.default_rng(6)
+    z = np.stack([base.z, 0.1 * base.z[:, ::-1]], axis=1)
+    duration, size = rng.uniform(1, 9, r), np.abs(base.tau) / np.abs(base.tau).max(axis=0)
+    sensors = np.array([[3e-9, 1e-8, 4e-5, 1e-5], [1e-9, 2e-9, 2e-5, 3e-5]])
+    density = np.tile(sensors, (r, 1, 1))
+    density[..., 2:] += np.array([[2e-4, 3e-4], [1e-4, 5e-4]]) * size[:, None] ** 2
+    rounding = rng.uniform(1e-10, 2e-10, density.shape)
+    variance = density / duration[:, None, None] + rounding
+    phasors = replace(
+        base,
+        harmonics=z,
+        harmonic_covariance=variance[..., None] * np.eye(4).astype(complex),
+        harmonic_rounding=rounding,
+        degrees_of_freedom=np.full(r, 20.0),
+        duration_s=duration,
+    )
+    M, arm = np.tile(SERIAL.M, (r, 1)), np.tile(np.linalg.inv(SERIAL.M2), (r, 1, 1))
+    noise = moderated_noise(phasors, M, arm, PAPER.K, PAPER.D)
+    found = np.einsum("rhjj->rhj", noise.covariance).real
+    np.testing.assert_allclose(found, variance, rtol=1e-4)
+    assert np.abs(noise.covariance * (1 - np.eye(4))).max() < 1e-12 * variance.max()
+    np.testing.assert_allclose(noise.degrees_of_freedom, 1020.0)
+    # Of few degrees of freedom, a record has those of the model; correlations of its own weigh little.
+    coupled = phasors.harmonic_covariance.copy()
+    own = np.sqrt(density[..., 0] * density[..., 2]) / duration[:, None]
+    coupled[..., 0, 2] = coupled[..., 2, 0] = 0.5 * own
+    some = moderated_noise(replace(phasors, harmonic_covariance=coupled), M, arm, PAPER.K, PAPER.D)
+    share = 20.0 / some.degrees_of_freedom
+    np.testing.assert_allclose(some.covariance[..., 0, 2].real, share[:, None] * 0.5 * own, rtol=1e-9)

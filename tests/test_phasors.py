@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from plants import BAND_HZ, PAPER, SERIAL, campaign, motion, steady_records
+from plants import BAND_HZ, PAPER, SERIAL, campaign, motion, scaled, steady_records
 from random_cases import examples
 
 from jointid import JointIdError, SineRecord, extract_phasors
@@ -248,6 +249,35 @@ def test_motors_at_rest_do_not_contradict_the_frequency() -> None:
     time = np.arange(2000) / 1000.0
     locked = SineRecord(5.0, time, np.full(2000, 0.7), np.sin(2 * np.pi * 5 * time))
     assert extract_phasors([locked]).frequency_found_hz[0] == pytest.approx(5.0)
+
+
+def test_phasors_of_records_in_other_units_are_in_other_units() -> None:
+    """Of a coarse encoder, with distorted torques; every part scales with its signal."""
+    time, rng = np.arange(3000) / 1000.0, np.random.default_rng(2)
+    sines = np.array([np.sin(2 * np.pi * 7 * time + phase) for phase in (0.3, 2.0)])
+    angle = np.rint((0.1 * sines + 0.2) * 2**7) / 2**7
+    torque = sines[::-1] + 0.2 * np.sign(sines) + 0.3 + 1e-3 * rng.standard_normal(sines.shape)
+    scale, n = np.array([4.0, 0.5, -2.0, 0.125]), 2
+
+    def phasors(size: np.ndarray) -> Phasors:
+        both = (size[:, None] * np.concatenate([angle, torque])).T
+        return extract_phasors([SineRecord(7.0, time, both[:, :n], both[:, n:], torque_hold=True)])
+
+    plain, other = phasors(np.ones(4)), phasors(scale)
+    assert plain.harmonic_rounding[..., :n].all()
+    expected = scaled(plain, scale)
+    expected = replace(
+        expected,
+        harmonic_rounding=plain.harmonic_rounding * scale**2,
+        drift=plain.drift * scale[:n],
+        mean_angle=plain.mean_angle * scale[:n],
+        mean_torque=plain.mean_torque * scale[n:],
+    )
+    for field in fields(Phasors):
+        if field.name not in ("labels", "segments"):
+            mine, true = getattr(other, field.name), getattr(expected, field.name)
+            size = np.abs(np.nan_to_num(true)).max()
+            np.testing.assert_allclose(mine, true, rtol=1e-6, atol=1e-9 * size, err_msg=field.name)
 
 
 def test_order_labels_and_selection_are_kept() -> None:

@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants import BAND_HZ, ROBOTS, campaign, exact_phasors, plant_phasors
+from plants import BAND_HZ, ROBOTS, campaign, circular, exact_phasors, noisy, plant_phasors
 
-from jointid import Elasticity
+from jointid import Elasticity, Inertia
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.estimators.problem import Problem
 from jointid.estimation.model_growth import _is_passed_over
+from jointid.estimation.motion_start import regressed
 from jointid.estimation.start_values import (
     _least_squares,
     at_resonances,
@@ -73,6 +74,37 @@ def test_inertias_follow_from_the_records_where_they_are_physical(n: int) -> Non
     equations = (4 * n + 2) // 2  # of as many real numbers as unknowns and more
     few = phasors.select(np.arange(phasors.omega.size) < equations - 1)
     assert without_inertias(few, prior) is None
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("rubs", [False, True])
+def test_the_equation_of_the_arm_gives_stiffness_friction_and_payload(n: int, rubs: bool) -> None:
+    """Exactly; the payload also loads the arm by gravity. The misfit grows with unstated noise."""
+    inertia, elasticity = ROBOTS[n]
+    shared, weight = 0.2 * inertia.M2, 0.5 * np.eye(n)
+    loaded = Inertia(inertia.M, inertia.M2 + 0.7 * shared, gravity=0.7 * weight)
+    phasors = plant_phasors(loaded, elasticity, *campaign(BAND_HZ, n))
+    waves = friction_waveforms(phasors, None).coulomb[:, 0]
+    s, levels = 1j * phasors.omega[:, None], np.array([0.05, 0.02, 0.03])[:n]
+    tau = phasors.tau + rubs * (levels * waves + 0.2 * levels * s * phasors.q)
+    phasors = replace(phasors, tau=tau, harmonics=np.zeros(0))
+    given = Inertia(inertia.M, inertia.M2, shared=shared, shared_gravity=weight)
+    prior = InertiaPrior.of(given, *phasors.q.shape)
+    start, misfit = regressed(phasors, prior)
+    np.testing.assert_allclose(start.K, elasticity.K, rtol=1e-6)
+    np.testing.assert_allclose(start.D, elasticity.D, rtol=1e-5)
+    np.testing.assert_allclose(prior.symmetric(start["M2"])[0], loaded.M2, rtol=1e-6)
+    assert ("coulomb" in start.layout) == rubs
+    if rubs:
+        np.testing.assert_allclose(start["coulomb"], levels, rtol=1e-5)
+        np.testing.assert_allclose(start["viscous"], 0.2 * levels, rtol=1e-5)
+    assert misfit == 1.0
+    rng, variance = np.random.default_rng(n), np.full(2 * n, 1e-10) * np.abs(phasors.z).max(axis=0) ** 2
+    stated = np.tile(np.diag(variance).astype(complex), (len(phasors.q), 1, 1))
+    error = circular(rng, stated, 1)[0]
+    misfits = [regressed(noisy(phasors, stated, size * error), prior)[1] for size in (3, 6)]
+    assert misfits[1] / misfits[0] == pytest.approx(4.0, rel=0.25)
+    assert 1.2 < misfits[0] < 4.5  # rows are real and imaginary parts, with half of the variance each
 
 
 def test_undetermined_equations_have_no_solution() -> None:

@@ -19,6 +19,7 @@ from plants import (
     plant_phasors,
     random_covariance,
     rubbing,
+    scaled,
     steady_records,
 )
 from random_cases import tries
@@ -109,7 +110,7 @@ def test_scaling_law_of_the_influences(method: str) -> None:
     mean = np.concatenate([values.ravel() for values, _ in fit.prior.blocks().values()])
     total = found.shift @ (mean / found.std) / fit.estimate
     up = 1e-3
-    stronger = phasors.scaled(np.array([1, 1, 1 + up, 1 + up]))
+    stronger = scaled(phasors, np.array([1, 1, 1 + up, 1 + up]))
     other = fitted(stronger, SERIAL, method, inertia_std=0.02)
     by_torque = np.log(other.estimate / fit.estimate) / np.log(1 + up)
     assert np.allclose(total + by_torque, 1, atol=0.02)

@@ -11,16 +11,32 @@ import pytest
 from plants import BAND_HZ, ROBOTS, campaign, exact_phasors, plant_phasors
 from scipy.stats import chi2
 
-from jointid import JointIdError, Motion, MotionRecord, identify_elasticity
+from jointid import (
+    Elasticity,
+    Inertia,
+    JointIdError,
+    Motion,
+    MotionRecord,
+    identify_elasticity,
+    motor_response,
+)
+from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.parameters import EFFECTS, ParameterLayout
 from jointid.gears.gear import Gear
 from jointid.gears.torsion_curve import TorsionCurve
+from jointid.motion.friction import friction_waveforms
 from jointid.simulation.experiment import Measurement, MotorFriction
 from jointid.uncertainty import motion_plan
 from jointid.uncertainty.answer_tables import PriorRow
+from jointid.uncertainty.chosen_model import chosen_friction
+from jointid.uncertainty.information import PlanningModel
 from jointid.uncertainty.motion_plan import MotionLimits, largest_motion
+from jointid.uncertainty.plan import _best_trial, _candidate_frequencies, _patterns, _speed
+from jointid.uncertainty.planned_records import PlannedRecords, phase_deg, phasor_text
 from jointid.uncertainty.poses import PoseFits, fits_by_pose
 from jointid.uncertainty.resampling import Bootstrap
+from jointid.uncertainty.validation import _same_motion, rival_laws
 
 # --- plans of motions
 
@@ -251,3 +267,141 @@ def test_a_torsion_curve_shows_its_stiffness_and_noise() -> None:
     beside = curve.noise_beside(Gear(K=40.0))
     np.testing.assert_allclose(beside[1], np.hypot(0.016, 0.012))
     np.testing.assert_allclose(beside[0], 2e-3)
+
+
+# --- planned records
+
+
+def test_noise_between_two_frequencies_is_that_of_both_by_the_logarithm() -> None:
+    """Per length of the record; beyond the measured frequencies it is that of the nearest."""
+    density = np.stack([np.eye(2), 3 * np.eye(2), 9 * np.eye(2)]).astype(complex)
+    model: Any = SimpleNamespace(omega=np.array([1.0, 100.0, 400.0]), density=density)
+    omega, length = np.array([[0.1, 1.0, 10.0], [200.0, 400.0, 1e4]]), np.array([[1.0], [4.0]])
+    found = PlanningModel.noise(model, omega, np.broadcast_to(length, omega.shape))
+    np.testing.assert_allclose(found[..., 0, 0], [[1.0, 1.0, 2.0], [1.5, 2.25, 2.25]])
+    assert not found[..., 0, 1].any()
+
+
+def test_the_best_record_lowers_the_largest_error_or_determines_most() -> None:
+    errors = np.array([[0.1, 0.5], [0.3, 0.4], [0.2, 0.6]])
+    information = np.tile(np.eye(2), (3, 1, 1))
+    assert _best_trial(errors, information) == 1
+    errors[[1, 2], 0] = np.inf
+    assert _best_trial(errors, information) == 0  # the only one with finite errors
+    errors[0, 1] = np.inf  # all leave one: that with most information in all directions
+    information[1], information[2] = [[4.0, 1.9], [1.9, 1.0]], [[2.0, 0.0], [0.0, 0.0]]
+    assert _best_trial(errors, information) == 0
+    information[1] = [[4.0, 1.0], [1.0, 2.0]]
+    assert _best_trial(errors, information) == 1
+    errors[0] = np.inf
+    assert _best_trial(errors, information[[2, 1, 0]]) == 1
+
+
+def test_every_joint_moves_alone_and_with_the_others_in_every_phase() -> None:
+    np.testing.assert_array_equal(_patterns(1), [[1]])
+    found = _patterns(3)
+    np.testing.assert_array_equal(found[:3], np.eye(3))
+    assert len(found) == 9
+    np.testing.assert_allclose(np.abs(found[3:]), 1)
+    turns = np.degrees(np.angle(found[3:, 1] / found[3:, 0])) % 360
+    np.testing.assert_allclose(turns, 60 * np.arange(6), atol=1e-9)
+    np.testing.assert_allclose(found[3:, 2], found[3:, 1] ** 2)
+
+
+def test_speeds_are_those_of_the_faster_of_motor_and_arm() -> None:
+    """A motor in front of its resonance and beyond it, by equation (1)."""
+    inertia, elasticity = Inertia([0.0025], [[0.0041]]), Elasticity([43.0], [0.1])
+    omega = 2 * np.pi * np.array([5.0, 13.0, 60.0])
+    tau = np.array([[1.0], [2.0j], [1.0]])
+    q = motor_response(omega, inertia, elasticity) @ tau[..., None] / -(omega[:, None, None] ** 2)
+    spring = 43.0 + 0.1j * omega
+    arm = q[:, 0, 0] * spring / (spring - 0.0041 * omega**2)
+    true = omega * np.maximum(np.abs(q[:, 0, 0]), np.abs(arm))
+    np.testing.assert_allclose(_speed(omega, q[..., 0], tau, [inertia] * 3)[:, 0], true)
+    assert abs(arm[1]) > abs(q[1, 0, 0])
+    assert abs(arm[2]) < abs(q[2, 0, 0])
+
+
+@pytest.mark.parametrize("highest", [None, 20.0, 60.0])
+def test_candidates_span_the_band_and_the_resonances(highest: float | None) -> None:
+    """From a tenth of the lowest frequency, or a period, to ten times the highest, or as given."""
+    inertia = Inertia([1.0], [[1.0]])
+
+    def band(K: float, duration_s: float = 100.0) -> tuple[float, float]:
+        fit: Any = SimpleNamespace(elasticity=Elasticity([K], [0.0]))
+        phasors: Any = SimpleNamespace(omega=2 * np.pi * np.array([4.0, 30.0]))
+        found = _candidate_frequencies(phasors, inertia, fit, duration_s, highest)
+        assert found.size == 24
+        np.testing.assert_allclose(np.diff(np.log(found)), np.log(found[1] / found[0]))
+        return float(found[0]), float(found[-1])
+
+    def stiffness(hz: float) -> float:
+        return (2 * np.pi * hz) ** 2 / 2
+
+    top = max(highest or 300.0, 30.0)
+    assert band(stiffness(15.0)) == pytest.approx((4.0, 30.0))
+    assert band(stiffness(5.0)) == pytest.approx((1.5, 30.0))
+    assert band(stiffness(5.0), 0.5) == pytest.approx((2.002, 30.0))
+    assert band(stiffness(1.0)) == pytest.approx((0.4, 30.0))
+    assert band(stiffness(50.0)) == pytest.approx((4.0, min(65.0, top)))
+    assert band(stiffness(500.0)) == pytest.approx((4.0, top))
+
+
+def test_relative_phases_are_those_to_the_first_driven_joint() -> None:
+    torque = np.array([[2j, 1.0], [1e-9, 3j]])
+    plan = PlannedRecords(np.array([1.0, 2.0]), torque, torque / 10, np.ones(2))
+    torques, angles = plan.relative
+    np.testing.assert_allclose(torques, [[2.0, -1j], [0.0, 3.0]], atol=1e-15)
+    np.testing.assert_allclose(angles, [[0.2, -0.1j], [-1e-10j, 0.3]], atol=1e-15)
+    np.testing.assert_allclose(plan.velocity_rad_s, np.abs(torque) / 10 * 2 * np.pi * [[1], [2]])
+    turns = np.exp(1j * np.radians([0.0, 359.4, 359.6, -90.0]))
+    np.testing.assert_allclose(phase_deg(turns), [0.0, 359.4, 0.0, 270.0], atol=1e-9)
+    assert (phasor_text(0), phasor_text(1.94 * turns[3])) == ("0", "1.94 ∠ 270°")
+
+
+@pytest.mark.parametrize(("behind", "rivals"), [(9.9, ("hardening",)), (10.1, ())])
+def test_laws_within_ten_of_the_criterion_are_rivals(behind: float, rivals: tuple[str, ...]) -> None:
+    def candidate(name: str, criterion: float, *, chosen: bool = False) -> Any:
+        return SimpleNamespace(name=name, criterion=criterion, chosen=chosen)
+
+    names = {law: EFFECTS[law].name for law in ("cubic", "backlash", "hysteresis")}
+    fit: Any = SimpleNamespace(
+        parameters=SimpleNamespace(layout={"backlash": 0}),
+        candidates=[
+            candidate("elasticity + " + names["backlash"], 5.0, chosen=True),
+            candidate("elasticity + friction + " + names["cubic"], 5.0 + behind),
+            candidate("elasticity + " + names["hysteresis"], 30.0),
+            candidate("elasticity + gravity stiffness", 6.0),
+        ],
+    )
+    assert rival_laws(fit) == tuple(names["cubic"] for _ in rivals)
+
+
+def test_records_of_one_frequency_and_proportion_are_compared() -> None:
+    """Joints of very different sizes, in records of any amplitude and phase."""
+    one = np.array([1.0, 1e-4])
+    turned, other = np.array([1.0, 1e-4 * np.exp(0.2j)]), np.array([1.0, 5e-5 * np.exp(1j)])
+    deflection = np.stack([one, 0.3j * one, other, turned, one, -2 * other])
+    omega = np.array([10.0, 10.0, 10.0, 10.0, 20.0, 10.0])
+    groups = [group.tolist() for group in _same_motion(omega, deflection)]
+    assert groups == [[0, 1, 3], [2, 5], [4]]
+
+
+def test_friction_of_a_fit_without_candidates_has_sharp_reversals() -> None:
+    phasors = plant_phasors(*ROBOTS[2], *campaign(BAND_HZ, 2))
+    layout = ParameterLayout.of(2, friction=True)
+    p = layout.named(layout.pack(K=1.0, D=1.0, coulomb=0.1))
+    fit: Any = SimpleNamespace(parameters=p, candidates=(), prior=None)
+    found, sharp = chosen_friction(phasors, fit), friction_waveforms(phasors, 0.0)
+    assert found is not None
+    np.testing.assert_array_equal(found.coulomb, sharp.coulomb)
+    assert found.curve.shape[3] == 0
+    assert found.free.shapes == 0
+    fit.candidates = (SimpleNamespace(chosen=True, model=Model(0.1, delay=False, curve=True)),)
+    free = chosen_friction(phasors, fit)
+    assert free is not None
+    assert free.free.shapes > 0
+    assert free.curve.shape[3] == 3
+    layout = ParameterLayout.of(2)
+    fit.parameters = layout.named(layout.pack(K=1.0, D=1.0))
+    assert chosen_friction(phasors, fit) is None

@@ -656,7 +656,9 @@ def test_hysteresis_below_the_steps_of_the_encoder_is_named(
     )
     gear = Gear(K=10.0, hysteresis_Nm=0.1, presliding_rad=presliding_rad)
     evidence = SimpleNamespace(sines=[record], fit=SimpleNamespace(gears=(gear,)))
-    assert [found.level for found in loop_below_steps(evidence)] == levels  # type: ignore[arg-type]
+    found = list(loop_below_steps(evidence))  # type: ignore[arg-type]
+    assert [finding.level for finding in found] == levels
+    assert [finding.weight for finding in found] == [10.03] * len(levels)
 
 
 @pytest.mark.parametrize("counts", [4096, 2**22])

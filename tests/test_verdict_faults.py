@@ -111,6 +111,9 @@ def test_each_hypothesis_corrects_its_own_fault() -> None:
     n, square = 2, phasors.omega[:, None] ** 2
     spring_torque = phasors.tau + square * SERIAL.M * phasors.q
     arm_angle = -np.linalg.solve(SERIAL.M2, spring_torque.T).T / square
+    rate = np.where(np.arange(2 * n) < n, 1j * phasors.omega[:, None], 1.0)
+    noise = phasors.covariance * rate[:, :, None] * rate[:, None].conj()
+    velocities = replace(phasors, q=rate[:, :n] * phasors.q, covariance=noise)
     one, gear = np.ones(n), np.array([100.0, 90.0])
     plain = Hypothesis.of("arm angle", one, one)
     exchanged = replace(plain, kind="exchanged", order=np.array([1, 0, 2, 3]))
@@ -121,6 +124,7 @@ def test_each_hypothesis_corrects_its_own_fault() -> None:
         (exchanged, replace(phasors, q=phasors.q[:, ::-1]), SERIAL),
         (plain, replace(phasors, q=arm_angle), SERIAL),
         (replace(plain, kind="gear torque"), replace(phasors, tau=spring_torque), SERIAL),
+        (replace(plain, kind=VELOCITY), velocities, SERIAL),
         (
             replace(plain, kind="inertia", gear=gear),
             phasors,
@@ -599,7 +603,112 @@ def test_a_record_is_off_only_where_all_others_agree() -> None:
     assert one_off(measured(), Inertia(SERIAL.M, 1.3 * SERIAL.M2)) is None
 
 
+def test_damping_may_be_negative_by_four_errors_of_what_a_fit_leaves() -> None:
+    """Of torques with three times the stated noise."""
+    omega, M2, rng, error = 2 * np.pi * BAND_HZ, 3.0, np.random.default_rng(1), 1e-4
+    deflection, one = np.full(BAND_HZ.size, 1e-3 + 0j), np.ones(1)
+    sigma = error / np.sqrt(2 * (omega**2 * np.abs(deflection) ** 2).sum())
+    covariance = np.tile(np.diag([0.0, error**2]).astype(complex), (BAND_HZ.size, 1, 1))
+    seen = []
+    for _ in range(40):
+        torque = (20.0 - 12j * omega * sigma) * deflection
+        q = deflection - torque / (omega**2 * M2)
+        tau = torque - omega**2 * 0.01 * q + 3 * circular(rng, covariance[:, 1:, 1:], 1)[0, :, 0]
+        phasors = exact_phasors(BAND_HZ, q[:, None], tau[:, None], covariance)
+        scorer = Scorer.of(phasors, [Inertia([0.01], [[M2]])] * BAND_HZ.size)
+        scores = scorer.scores([Hypothesis.of("", one, one)])
+        size = scores.D[0, 0] / (sigma * np.sqrt(scores.misfit[0]))
+        if abs(size + 4) > 0.2:
+            seen.append(size > -4)
+            assert np.isfinite(scores.cost[0]) == seen[-1]
+    assert 5 < sum(seen) < 35
+
+
+def test_suspects_are_the_record_that_spoils_the_fit_and_that_of_most_residual() -> None:
+    phasors = logged([2.0, 1.0], row=3)
+    scorer, residual = Scorer.of(phasors, [SERIAL] * 14), np.ones((14, 2))
+    residual[8], residual[5] = [3.0, 3.0], [4.0, 0.0]
+    fit = SimpleNamespace(prior=SimpleNamespace(inertia_std=0.05), residual=residual)
+    fit.residual_noise = np.ones((14, 2))
+    evidence: Any = SimpleNamespace(phasors=phasors, fit=fit)
+    assert rules_outlier._suspects(evidence, scorer) == [3, 8]
+    fit.residual_noise[8], fit.residual_noise[3, 0] = 10.0, 0.0
+    assert rules_outlier._suspects(evidence, scorer) == [3]
+    fit.residual[3] = 0.0  # over no noise
+    assert rules_outlier._suspects(evidence, scorer) == [3, 5]
+    fit.prior.inertia_std = 0.0
+    assert rules_outlier._suspects(evidence, scorer) == []
+
+
+@pytest.mark.parametrize(
+    ("n", "count", "sought"), [(2, 5, True), (2, 4, False), (4, 6, True), (4, 5, False)]
+)
+def test_an_outlier_is_sought_among_four_others_or_one_more_than_joints(
+    monkeypatch: pytest.MonkeyPatch, n: int, count: int, sought: bool
+) -> None:
+    asked = []
+    monkeypatch.setattr(rules_outlier, "Scorer", SimpleNamespace(of=lambda *_: "scorer"))
+    monkeypatch.setattr(rules_outlier, "_record_off", lambda *_: asked.append(1))
+    none = np.zeros((count, n), complex)
+    one_off(exact_phasors(np.ones(count), none, none))
+    assert bool(asked) == sought
+
+
 def test_the_stiffness_of_other_records_may_be_negative_with_the_wrong_one() -> None:
     found = one_off(logged([1, 33.0], row=3))
     assert found is not None
     assert found[1].detail.startswith("With it, the fit has no positive stiffness; without it")
+
+
+@pytest.mark.parametrize(
+    ("left", "corrected", "title"),
+    [
+        (8.0, 23.9, "The torque in b looks reversed in sign"),
+        (8.0, 24.1, "b contradicts all other records"),
+        (0.1, 9.9, "The torque in b looks reversed in sign"),
+        (0.1, 10.1, "b contradicts all other records"),
+        (10.1, 30.0, "The torque in b looks reversed in sign"),
+        (10.1, 30.4, None),  # the others do not fit either
+    ],
+)
+def test_a_correction_leaves_three_times_the_residual_without_the_record(
+    monkeypatch: pytest.MonkeyPatch, left: float, corrected: float, title: str | None
+) -> None:
+    count, scale = 6, np.array([1.0, 1.0, -1.0, -1.0])
+
+    def scores(_: Any, use: Any = None) -> Any:
+        if use is None:
+            return SimpleNamespace(cost=np.array([1e6]), misfit=np.array([1e6]))
+        cost = np.where(np.arange(count) == 1, left, 1e6)
+        return SimpleNamespace(cost=cost, K=np.ones((count, 2)), D=np.ones((count, 2)))
+
+    def corrected_by(record: int, of: np.ndarray) -> Any:
+        assert (record, of.tolist()) == (1, scale.tolist())
+        return SimpleNamespace(scores=lambda _: SimpleNamespace(cost=np.array([corrected])))
+
+    scorer: Any = SimpleNamespace(
+        as_logged=str, scores=scores, omega=np.ones(count), corrected=corrected_by
+    )
+    monkeypatch.setattr(rules_outlier, "_corrections", lambda *_: [scale])
+    evidence: Any = SimpleNamespace(phasors=SimpleNamespace(omega=np.ones(count), labels="abcdef"))
+    found = rules_outlier._record_off(evidence, scorer)
+    assert (None if found is None else (found[0], found[1].title)) == (title and (1, title))
+
+
+@pytest.mark.parametrize(("free", "tried"), [(1, 17), (2, 17**2), (3, 1)])
+def test_ratios_of_up_to_two_joints_are_sought_on_a_grid(free: int, tried: int) -> None:
+    """Within a factor of 1.27 each; of more joints, from those at low frequency."""
+    asked = []
+
+    def scores(hypotheses: list[Hypothesis]) -> Any:
+        asked.append([each.scale[3:] for each in hypotheses])
+        return SimpleNamespace(cost=np.array([((h.scale[3:] - 5) ** 2).sum() for h in hypotheses]))
+
+    factor = np.where(np.arange(3) < free, 5.5, 1.0)
+    hypothesis = Hypothesis.of("torque", np.ones(3), factor)
+    found = wrong_data._refined(hypothesis, SimpleNamespace(n=3, scores=scores))  # type: ignore[arg-type]
+    assert len(asked[0]) == tried
+    np.testing.assert_array_equal(asked[0][0], factor)  # as it is
+    most = np.exp(0.24) if free < 3 else 1.0
+    assert np.max(asked[0]) == pytest.approx(5.5 * most)
+    np.testing.assert_allclose(found.scale[3:], np.where(factor > 1, 5.0, 1.0), rtol=0.02)

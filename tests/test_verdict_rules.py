@@ -401,6 +401,17 @@ def test_a_record_with_five_times_the_misfit_of_the_others_is_named(
     assert not changes
 
 
+def test_the_odd_motion_is_that_of_all_its_lines() -> None:
+    """Without a proposal to leave it out; a sine has one line."""
+    fit = limited(9.0, 0.1)
+    fit.residual = fit.residual_noise * np.sqrt([1.0, 1.0, 8.0, 10.0, 2.0, 1.0])[:, None]
+    fit.phasors = case(labels=tuple("aabbcc"))
+    text, changes = rules_model._odd_record(case(fit=fit, has_motions=True))
+    assert f"in b: {evidence.times_noise(9.0)}; in the others up to {evidence.times_noise(1.5)}" in text
+    assert not changes
+    assert rules_model._odd_record(case(fit=fit, has_motions=False)) == ("", [])
+
+
 def test_usual_causes_are_friction_or_what_a_record_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     def remedy(odd: float, **parts: Any) -> str:
         monkeypatch.setattr(rules_model, "distortion", lambda _: odd)
@@ -413,8 +424,8 @@ def test_usual_causes_are_friction_or_what_a_record_shows(monkeypatch: pytest.Mo
     for drift, reverses in ((0.3, False), (0.9, True), (1.9, True), (2.1, False)):
         moving = case(
             is_superposed=True,
-            omega=np.array([2.0]),
-            q=np.array([[1.0, 1.0j]]),
+            omega=np.array([4.0]),
+            q=np.array([[0.5, 0.5j]]),
             drift=np.full((1, 2), -drift),
         )
         assert ("Joints reverse slowly" in remedy(1.0, friction=case(), phasors=moving)) == reverses
@@ -871,6 +882,14 @@ def test_a_known_factor_of_one_joint_is_no_cause_beside_a_bad_fit(after: float, 
     fault = Hypothesis.of("torque", np.ones(2), np.array([1 / (2 * np.pi), 0.3]))
     found = cause_findings.finding_of(fault, 1e7, after, str, 10.0, np.ones(2))
     assert ("revolutions" in found.title) == named
+
+
+def test_a_factor_weighs_by_its_logarithm() -> None:
+    """The largest of all joints, on top of one; that of a problem is 100 more."""
+    for factor, weight in (([50.0, 1.0], np.log10(50)), ([1 / 300, 40.0], np.log10(300))):
+        fault = Hypothesis.of("torque", np.ones(2), np.array(factor))
+        found = cause_findings.finding_of(fault, 1e7, 1.0, str, 10.0, np.ones(2))
+        assert found.weight == pytest.approx(101 + weight)
 
 
 def test_every_sign_and_pair_of_channels_is_a_hypothesis() -> None:

@@ -194,22 +194,6 @@ class Phasors:
         most = max(group.size for group in groups)
         return [np.array([g[k] for g in groups if g.size > k]) for k in range(most)]
 
-    def scaled(self, scale: Floats) -> Phasors:
-        """Return the phasors with z times a factor, shape (2n,) or (r, 2n)."""
-        both = scale[..., :, None] * scale[..., None, :]
-        z = self.z * scale
-        return replace(
-            self,
-            q=z[:, : self.n],
-            tau=z[:, self.n :],
-            mean_angle=self.mean_angle * scale[..., : self.n],
-            mean_torque=self.mean_torque * scale[..., self.n :],
-            covariance=self.covariance * both,
-            harmonics=self.harmonics * scale[..., None, :],
-            harmonic_covariance=self.harmonic_covariance * both[..., None, :, :],
-            harmonic_rounding=self.harmonic_rounding * scale[..., None, :] ** 2,
-        )
-
     def select(self, records: Sequence[int] | np.ndarray) -> Phasors:
         """Return the phasors of some records only, by index or boolean mask."""
         index = np.arange(self.omega.size)[np.asarray(records)]

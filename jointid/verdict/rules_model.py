@@ -266,9 +266,7 @@ def _odd_record(evidence: Evidence) -> tuple[str, list[Change]]:
         f" Most of it is in {labels[worst]}: {times_noise(each[worst])}; in the others "
         f"up to {times_noise(each[others[-1]])}."
     )
-    return text, [] if evidence.has_motions else [
-        Change("leave out", (int(np.argmax(of_row == worst)),))
-    ]
+    return text, [] if evidence.has_motions else [Change("leave out", (worst,))]
 
 
 def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
