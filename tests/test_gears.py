@@ -1290,3 +1290,28 @@ def test_rows_are_multiplied_by_the_matrix_of_their_pose() -> None:
     matrices, rows = rng.standard_normal((3, 2, 2)), rng.standard_normal((4, 2, 6))
     true = np.einsum("kij,cjk->cik", matrices[pose], rows)
     np.testing.assert_allclose(by_pose(matrices, rows, pose), true)
+
+
+def test_gears_without_a_solution_end_after_a_limit_of_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows of eight steps that hardly converge took 25 Newton steps each, minutes for a motion."""
+    steps, original = [0], DrivenGears._stepped
+
+    def counted(self: DrivenGears) -> DrivenGears:
+        steps[0] += 1
+        return original(self)
+
+    def solves_short(self: DrivenGears, largest: np.ndarray) -> np.ndarray:
+        return np.full(self.delta.shape[1], steps[0] % 25 == 0 and self.delta.shape[1] < 20)
+
+    step, N, none = 1e-3, 4000, np.zeros((1, 1))
+    angle = np.sin(2 * np.pi * 5 * step * np.arange(N))[None]
+    motors = moving(angle, step, 50 * angle)
+    pair, inertia = (none, none), np.array([[[0.004]]])
+    laws = GearLaws.made(none + 50, none, none + 0.01, none, none, pair, pair)
+    gears = DrivenGears(
+        motors, laws, 0 * angle, 0 * angle, np.array([0.01]), inertia, 0 * inertia, angle, np.ones(1)
+    )
+    monkeypatch.setattr(DrivenGears, "_stepped", counted)
+    monkeypatch.setattr(DrivenGears, "_solves", solves_short)
+    assert not np.isfinite(gears._followed(gears, np.ones((1, 1))).delta).any()
+    assert steps[0] <= 2500

@@ -37,9 +37,9 @@ backlash over the largest linear deflection adds: an arm that often leaves its f
 _FIRST, _STARTS = 6, 3
 """Steps at the start of a motion whose smoothed velocity is inaccurate, and Gauss-Newton steps for its
 state."""
-_WHOLE, _WINDOW, _SHORTEST = 10, 2000, 8
+_WHOLE, _WINDOW, _SHORTEST, _MOST = 10, 2000, 8, 1200
 """Newton steps over the whole motion; after them, it is solved in windows of that many steps, or of
-fewer where they do not converge."""
+fewer where they do not converge; the most for each window: far hardening took over 600."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ class DrivenGears:
         """Solution window by window: Newton steps diverge where the kinks lie elsewhere."""
         wrong = ~self._solves(largest)
         delta, loop, N = self.delta.copy(), self.loop.copy(), wrong.size
-        at, count = int(wrong.argmax()), _WINDOW
+        at, count, left = int(wrong.argmax()), _WINDOW, _MOST * -(-N // _WINDOW)
         delta[:, at:], loop[:, at:] = guess.delta[:, at:], guess.loop[:, at:]
         while at < N:
             used = slice(max(at - 2, 0), min(at + count, N))
@@ -164,9 +164,9 @@ class DrivenGears:
             for _ in range(_NEWTON):
                 if part._solves(largest).all():
                     break
-                part = part._stepped()
+                part, left = part._stepped(), left - 1
             if not part._solves(largest).all():
-                if count <= _SHORTEST:  # it has no solution, nor have the steps that follow
+                if count <= _SHORTEST or left <= 0:  # it has no solution, nor have the steps that follow
                     return replace(self, delta=np.full(delta.shape, np.nan))
                 count = max(count // 8, _SHORTEST)
                 continue
