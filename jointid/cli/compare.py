@@ -42,7 +42,8 @@ def compare(
     if unit:
         found = [each.shown_in(unit) for each in found]
     names = [each.study.name or file.name for each, file in zip(found, files, strict=True)]
-    rows = compare_fits(found[0].fit, found[1].fit, units=common_units(found[0].unit, found[1].unit))
+    units = common_units(found[0].unit, found[1].unit)
+    rows = compare_fits(found[0].fit, found[1].fit, units=units)
     usable = all(each.state != NOT_USABLE for each in found)
     if as_json:
         _print_json(names, found, rows, usable)
@@ -55,7 +56,7 @@ def compare(
         columns["difference"] = [signed_percent(100 * row.relative) for row in rows]
         columns["significant"] = [row.significance for row in rows]
     print_columns(columns, right=(1, 2, 3))
-    print(f"K and D {found[0].unit.side}." + usable * f" {INDEPENDENT_ERRORS}")
+    print(f"K and D {units[0].side}." + usable * f" {INDEPENDENT_ERRORS}")
 
 
 def _print_heading(

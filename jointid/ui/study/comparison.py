@@ -113,7 +113,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     columns[names[0]] = [row.first.shown[0] for row in rows]
     columns[names[1]] = [row.second.shown[0] for row in rows]
     show_text_table(columns)
-    other_unit = "" if units[0] is first.unit else ": one of the studies has no gear ratios"
+    other_unit = "" if units == (first.unit, second.unit) else ": one of the studies has no gear ratios"
     caption = f"K and D {units[0].side}{other_unit}."
     if not unusable:
         caption += " Difference: second study minus first. "
