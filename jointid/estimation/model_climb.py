@@ -90,7 +90,7 @@ def fit_hanging(search: Search) -> None:
         if search.is_lost:
             search.fit(model.with_part("gravity"), each, compares=False)
     if starts:
-        _freed(search, model.with_part("gravity"))
+        freed(search, model.with_part("gravity"))
 
 
 def fit_regressed(search: Search, most_left: float = _BENT) -> None:
@@ -149,7 +149,7 @@ def _fit_law(search: Search, wider: Model, start: Parameters) -> None:
     if near and leads and search.may_have_friction and rubs not in fits.tried:
         search.fit(rubs, near.named)
     if search.is_lost:
-        _freed(search, wider)
+        freed(search, wider)
     fit_slopes(search, wider)
 
 
@@ -188,10 +188,10 @@ def fit_complete(search: Search) -> None:
         for start in (*_regressed(search, model), *[search.start] * (model not in fits.tried)):
             if fits.misfit(model) > DOUBTFUL:
                 search.fit(model, start, compares=False)
-        if fits.misfit(model) < POOR and fits.misfit(_freed(search, model)) < EXPLAINED:
+        if fits.misfit(model) < POOR and fits.misfit(freed(search, model)) < EXPLAINED:
             break
     if models:
-        nearest = _freed(search, min(models, key=fits.misfit))
+        nearest = freed(search, min(models, key=fits.misfit))
         for each in (nearest, *fit_slopes(search, nearest)):
             if fits.misfit(each) < LOST:
                 search.pruned(each)
@@ -222,7 +222,7 @@ def fit_slopes(search: Search, model: Model) -> list[Model]:
     return [slopes]
 
 
-def _freed(search: Search, model: Model) -> Model:
+def freed(search: Search, model: Model) -> Model:
     """A model off the data, or the same with free reversals of its friction if it comes nearer.
 
     What sticking leaves looks like further parts.
@@ -296,7 +296,7 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
         wider += slopes or fit_slopes(search, min(wider, key=fits.misfit))
         plain = fits.criterion(judged=False)
         nearest = min(wider, key=lambda each: plain.get(each, np.inf))
-        nearest = _freed(search, nearest)
+        nearest = freed(search, nearest)
         there, least = fits.estimate(nearest), min(least, fits.misfit(nearest))
         gains = [score.gain for score in search.scores(nearest).values()]
         promises = there and max(gains, default=0.0) > NEARLY_ALL * there.cost

@@ -11,7 +11,7 @@ from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, Model
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import PERIODIC_EFFECTS, Parameters
 from jointid.estimation.estimators.score_tests import PerTurnScores, scores_per_turn
-from jointid.estimation.model_climb import fit_hanging
+from jointid.estimation.model_climb import fit_hanging, freed
 from jointid.estimation.model_search import DOUBTFUL, Search
 from jointid.motion.per_turn import PerTurn
 
@@ -21,8 +21,6 @@ _SHARE = 0.5
 """Share of the misfit beyond noise that an effect must explain to be tried."""
 _LEAST_MISFIT = 1.5
 """Misfit from which the effects are sought: deviations of a simulated sampling left 1.2."""
-_HARDLY = 0.7
-"""Ratio of misfits above which free reversals do not explain what sharp ones leave."""
 _LEADING = 2.0
 """Score, over the highest of the other parts, from which it is tried."""
 _STRAIGHT = 0.9
@@ -72,12 +70,14 @@ def _with_simple_parts(search: Search, nearest: Model) -> Model:
         if search.is_lost:
             search.fit(nearest.with_part("gravity"), found.named)
         nearest = min(fits.tried, key=fits.misfit)
-    found, free = fits.estimate(nearest), replace(nearest, reversal=0.03)
-    if found and found.misfit > _LEAST_MISFIT and nearest.reversal == 0 and free not in fits.tried:
-        search.fit(free, found.named)
-        if fits.misfit(free) > _HARDLY * found.misfit:
-            del fits.tried[free]  # further fits shall not start there
-    return min(nearest, free, key=fits.misfit)
+    if fits.misfit(nearest) < _LEAST_MISFIT:
+        return nearest
+    tried = set(fits.tried)
+    free = freed(search, nearest)
+    if free == nearest:  # further fits shall not start there
+        for each in fits.tried.keys() - tried:
+            del fits.tried[each]
+    return free
 
 
 def _clearest(search: Search, model: Model, found: LikelihoodEstimate) -> PerTurn | None:
