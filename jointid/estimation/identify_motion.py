@@ -153,7 +153,8 @@ def _identified(
         phasors, prior, rows, motion_start(*whole), many=many, gives_up=gives_up
     )
     few, own = phasors.select(rows), prior.of_rows(rows)
-    choice = search(few, own, start, noise=noise_of_rows(few, own), first=first if many else ())
+    known = [each for each in first if many or each.delay]
+    choice = search(few, own, start, noise=noise_of_rows(few, own), first=known)
     same, left = (
         SAME_OF_MANY if many and (choice.model,) == first else SAME,
         rows.size < phasors.omega.size,
@@ -222,6 +223,12 @@ def _with_first_noise(
             if found is not None and (richer.misfit > _BETTER * found.misfit or not dissipates(richer)):
                 break
             model, found = each, richer
+    if found is not None:
+        with contextlib.suppress(JointIdError):  # of a torque whose hold is not declared, for example
+            late = replace(model, delay=True)
+            richer = fit_model(few, own, found.named, noise, late)
+            if richer.misfit < _FAR_BETTER * found.misfit:
+                model, found = late, richer
     is_poor = found is None or found.misfit >= _POOR
     if is_poor and "coulomb" in start.layout and not gives_up():
         for other in at_resonances(few, own, friction=start):

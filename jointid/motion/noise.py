@@ -27,6 +27,9 @@ _ALIKE = 1e-5
 """Insignificant difference of such correlations."""
 _SURE = 3.0
 """Standard errors above its estimate that a variance may have."""
+_LARGE = 0.1
+"""Noise over the torque above which that of the logged torque is the limit: where an encoder rounds the
+same way again and again, as at rest, the balance takes what it leaves for noise of the torque."""
 _LEAST_POWER = 1e-60
 """Least power of a joint that moves, (N·m)²."""
 _FLOOR = 1e-10
@@ -53,6 +56,10 @@ def sensor_variances(
         if power.max() > _LEAST_POWER:
             variance[[j, n + j]], error = _non_negative(gains.T, power, count)
             most[j] = variance[n + j] + _SURE * error[1]
+            logged = np.concatenate([_means(np.abs(A[j]) ** 2) for _, A, _ in spectra])
+            logged = logged / gains[1] * (1 + _SURE * np.sqrt(2 / count))
+            large = _LARGE**2 * np.mean([(part.tau[j] ** 2).mean() for part in parts])
+            variance[n + j] = min(variance[n + j], max(logged.min(), large))
         steps = [quantum(part.theta[j]) for part in parts]
         size = np.max([np.abs([part.theta[j], part.tau[j]]).max(axis=1) for part in parts], axis=0)
         variance[j] = max(variance[j], max(steps) ** 2 / 12, (_FLOOR * size[0]) ** 2)
