@@ -719,6 +719,7 @@ def test_noise_of_torques_is_what_neighbouring_lines_do_not_explain() -> None:
 
     alike = found(sigma, slice(100, 120))
     assert alike[0] == alike[1] == pytest.approx([0.09], rel=0.15)
+    assert np.isnan(found(sigma, slice(400))[0])
     apart = found(np.array([0.3, 3.0]))
     assert apart[0] == pytest.approx([0.09], rel=0.3)
     assert apart[1] == pytest.approx([9.0], rel=0.3)

@@ -466,6 +466,29 @@ def test_the_band_of_joints_that_stick_ends_with_their_motion() -> None:
     assert coherent_band(only)[1] < 60
 
 
+def test_a_torque_whose_hold_is_not_declared_lags_in_the_first_fit() -> None:
+    """At 250 Hz by 2 ms: as noise it left D1 undetermined in a motion with rests."""
+    rubs = replace(CELL, coulomb=[0.06, 0.012], viscous=[2e-3, 4e-4])
+    moves = Motion("moves", 2, 5.0, 250.0, (2.0, 30.0), 12.0, encoder_counts=2**14, declare_hold=False)
+    fit = identify_motion(simulate([(rubs, moves)])[0], GIVEN, inertia_std=0.05)
+    assert fit.parameters.delay == pytest.approx(2e-3, rel=0.05)
+    assert np.all(relative_error(fit) < [0.015, 0.01, 0.05, 0.01])
+    assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
+    assert fit.standard_error[2] < 0.1 * TRUE[2]
+
+
+def test_repeated_rounding_is_no_noise_of_the_torque() -> None:
+    """A slow encoder steps in every period alike, and the balance of the rotor shows harmonics."""
+    rng, step = np.random.default_rng(3), 2 * np.pi / 4096
+    t = np.arange(8000) * 1e-3
+    theta = step * np.round(8 * np.sin(2 * np.pi * 0.5 * t) * (np.sin(2 * np.pi * 0.25 * t) > 0))
+    tau = 0.1 * np.sin(2 * np.pi * 5 * t) + 1e-3 * rng.standard_normal(t.size)
+    variance, _ = sensor_variances(
+        [UniformPart(0, 1e-3, theta[None], tau[None], True)], 20.0, np.ones(1)
+    )
+    assert np.sqrt(variance[1]) < 0.11 * tau.std()
+
+
 def test_joints_that_move_in_turn_with_friction() -> None:
     """The joint at rest sticks and slips, its reversals hidden by the encoder; friction is bounded."""
     rubs = replace(CELL, coulomb=[0.05, 0.01], viscous=[2e-3, 4e-4])

@@ -420,6 +420,11 @@ def test_noise_of_motions_is_within_its_limits_and_shared_by_records() -> None:
     one, none = np.ones(2), np.zeros(2)
     motors = [Motors(prior.M[0], np.array([0.3, 0.4]), none, none, none, 2 * one)] * 4
     torques = {0: np.array([2e-4, 3e-4]), 1: np.array([9e-4, 1e-5])}
+    unseen = {number: np.array([np.nan, np.nan]) for number in torques}
+    kept = with_torque_noise(phasors, prior, unseen, motors).segments[1:]
+    for one, before in zip(kept, segments, strict=True):
+        limited = np.clip(before.torque_variance, [1e-4, 1e-4], [4e-4, 1])
+        np.testing.assert_array_equal(one.torque_variance, limited)
     found = with_torque_noise(phasors, prior, torques, motors)
     kept = [[2e-4, 3e-4], [4e-4, 1e-4], [4e-4, 1.55e-4]]  # as given, limited, and the mean of both
     for row, (variance, each) in enumerate(zip(kept, found.segments[1:], strict=True), start=1):

@@ -53,7 +53,7 @@ def with_torque_noise(
 ) -> Phasors:
     """Phasors with the noise of the torques of each motion record, the usual one of those not given.
 
-    ``torques`` are variances (n,).
+    ``torques`` are variances (n,); NaN leaves that of the segments.
     """
     usual: Floats = np.mean([*torques.values()], axis=0)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
@@ -61,6 +61,7 @@ def with_torque_noise(
         if segment is not None:
             least, most = segment.least_torque_variance, segment.most_torque_variance
             torque = torques.get(segment.record, usual)
+            torque = np.where(np.isnan(torque), segment.torque_variance, torque)
             torque = np.clip(torque, least, np.maximum(most, least))
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)

@@ -256,8 +256,11 @@ def _require_rows(problem: Problem, p: Floats) -> None:
     residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
     if problem.rows < residual.projection.rank() + 2 * p.size:
         raise JointIdError(
-            "The records hold too few frequencies to separate friction from elasticity: sample faster, "
-            "or record motions of a wider band."
+            "The motors rest for so long that friction cannot be separated from elasticity: record "
+            "faster motions, or such with fewer rests and reversals."
+            if problem.ends is not None
+            else "The records hold too few frequencies to separate friction from elasticity: sample "
+            "faster, or record motions of a wider band."
         )
 
 

@@ -110,8 +110,8 @@ def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes) -> dict[int, F
     coefficients, is no noise but an error of the model; a smooth part is that of the ends. Noise is the
     rest (local polynomial method; Pintelon and Schoukens, 2012, section 7.2). All records share it,
     unless the likelihood ratio shows that of a record to be its own: a slow one may hold an aliased
-    torque. ``left``, shape (r, H, n), is the residual of a fitted model, NaN where free friction hides
-    the noise; ``E``, shape (r, H, n, 2n), its derivative by the signals.
+    torque. NaN where no line shows it. ``left``, shape (r, H, n), is the residual of a fitted model, NaN
+    where free friction hides the noise; ``E``, shape (r, H, n, 2n), its derivative by the signals.
     """
     n = phasors.n
     columns = 2 * n + 2
@@ -140,10 +140,12 @@ def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes) -> dict[int, F
         others.append(gain[..., :n] @ segment.angle_variance)
         records += [segment.record] * count
     numbers = {segment.record for segment in phasors.segments if segment is not None}
-    found = {number: np.zeros(n) for number in numbers}
+    found = {number: np.full(n, np.nan) for number in numbers}
     for j in joints if powers else ():
         of_joint = np.stack([np.concatenate(each)[:, j] for each in (powers, gains, others)])
         seen = np.isfinite(of_joint[0])
+        if not seen.any():
+            continue
         common = _further_variance(*of_joint[:, seen])
         for number in numbers:
             power, own, known = each = of_joint[:, seen & (np.array(records) == number)]
