@@ -48,7 +48,8 @@ the data: a fit takes seconds."""
 def grown(search: Search, best: Model) -> Model:
     """The best of a model and those with one more part, pruned."""
     fits, extensions = search.fits, _extensions(search, best)
-    found = [best, *(each for each in extensions if not search.is_open(each))]  # fitted before
+    before = [each for each in extensions if each in fits.tried and not search.is_open(each)]
+    found = [best, *before]
     for wider in sorted(filter(search.is_open, extensions), key=lambda each: _order(search, each, best)):
         leading = fits.least(found)
         if search.is_spent:
