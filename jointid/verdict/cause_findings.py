@@ -61,11 +61,11 @@ def finding_of(
         whose, columns = _joints(wrong, factor.size), _columns(what, wrong)
         return problem(
             f"The sign of the {what} of {whose} looks reversed",
-            f"At low frequency the torque is −1 times the value from M and M2. {proof}",
+            f"At low frequency the torque is opposite in sign to the value from M and M2. {proof}",
             f"Set the direction of the {what} of {whose} to reversed on import, give the gear ratio the "
             "other sign if motor and joint turn in opposite directions, or reverse the sign of "
-            f"{columns} in the study's tables: a positive torque then accelerates the motor to positive "
-            "positions.",
+            f"{columns} in the study's tables: a positive torque then accelerates the motor towards "
+            "positive positions.",
             1.0,
             "edit mapping",
             *_changes(hypothesis),
@@ -76,7 +76,7 @@ def finding_of(
     groups: dict[Cause | None, list[int]] = {}
     for j in wrong.tolist():
         groups.setdefault(known_cause(float(factor[j]), CLOSE if good else ROUGH), []).append(j)
-    if None in groups and not good:  # inertias that are off as well may make a known factor by chance
+    if None in groups and not good:  # with wrong inertias, a factor may match by chance
         groups = {None: wrong.tolist()}
     if list(groups) == [None]:
         return _unknown_cause(factor, wrong, proof, effect, side())
@@ -112,7 +112,7 @@ def finding_of(
         columns = _columns(cause.signal, joints)
         minus = " Reverse its sign as well." if reversed_too else ""
         remedies.append(f"{cause.remedy.format(whose)} ({columns} in a study's tables).{minus}")
-    remedies.append(  # either may be of this size by chance
+    remedies.append(  # a factor may match a unit by chance
         "If the units are right, check the gear ratio and the rated torque or torque constant."
     )
     title = capitalised("; ".join(titles))
@@ -123,13 +123,13 @@ def finding_of(
 
 _EXPECTED = "the value from M and M2"
 _MOST_OF_INERTIAS = 10.0
-"""Factor from which M and M2 are no likely cause."""
+"""Factor from which M and M2 are an unlikely cause."""
 _WHOLE: dict[str, tuple[str, str, str, Action]] = {
     "inertia": (
         "M2 seems to be given at the joint side",
-        "With gear ratios of about {gears}, M2 would fit the torques at low frequency.",
-        "Enter M2 as a joint-side value, or divide element ij of M2 in study.toml by the gear "
-        "ratios n_i·n_j.",
+        "Converted with gear ratios of about {gears}, M2 fits the torques at low frequency.",
+        "Enter M2 as a joint-side value, or divide element ij of M2 in study.toml by N_i·N_j, the gear "
+        "ratios of the joints i and j.",
         "edit inertias",
     ),
     "arm angle": (
@@ -209,7 +209,7 @@ def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
 
 
 def _proof(before: float, after: float) -> str:
-    """Effect of the correction on the residual, and a hint at a second fault."""
+    """Residual before and after the correction, with a hint at a second fault."""
     logged = times_noise(before) if np.isfinite(before) else "no fit with positive stiffness"
     proof = f"Residual as logged: {logged}; corrected: {times_noise(after)} (1 is ideal)."
     if after <= GOOD:
@@ -287,7 +287,7 @@ def _unknown_remedy(factor: Floats, joints: Iterable[int]) -> str:
 
 
 def _is_common(factor: Floats, of_cause: float) -> bool:
-    """Whether a common cause is behind the factors of all joints, alone or with a scale of each."""
+    """Whether a common cause explains the factors of all joints, alone or with a scale per joint."""
     if np.any(factor <= 0):
         return False
     rest = factor / of_cause
