@@ -332,7 +332,7 @@ class TestStudy:
         widget(at, "selectbox", "Torque between").set_value("held until the next sample")
         at = shown(at.run())
         assert head(at, "3 Drive data").endswith("to confirm")
-        said = [m.value for m in at.markdown if "accelerates to positive" in m.value]
+        said = [m.value for m in at.markdown if "accelerates towards positive" in m.value]
         assert ["Direction of position and torque of joints 1 and 2" in text for text in said] == [True]
         at = confirm(at)
         assert (assumed(at), opened(at)) == ("", ["5 Inertias"])

@@ -39,7 +39,7 @@ from jointid.records import MotionRecord, SineRecord, require_torques
 from jointid.small_matrices import one_thread
 
 _BETTER = 0.9
-"""Ratio of misfits from which a richer friction model is the better one."""
+"""Ratio of misfits from which a richer friction model is better."""
 _POOR, _FAR_BETTER = 1.5, 0.3
 """Misfit above which friction of motors at rest may bias the start; ratio that shows a better one."""
 _EQUAL = 10.0
@@ -253,7 +253,7 @@ def _equals(choice: Choice) -> tuple[Model, ...]:
 
 
 def _are_many(phasors: Phasors) -> bool:
-    """Whether segments of many joints are enough to find the model, and all would take long."""
+    """Whether some segments of many joints suffice to find the model, and all would be slow."""
     return phasors.n > 2 and bool(2 * np.count_nonzero(phasors.harmonics[..., : phasors.n]) > _MANY)
 
 
@@ -280,7 +280,7 @@ def _lines(
     row, bins = np.nonzero(known)
     z = np.where(phasors.motion[row, None], clean.harmonics[row, bins], clean.z[row])
     covariance = noise.covariance[row, bins]
-    short = {  # without the many others, of which each row would have a copy
+    short = {  # a copy in each row would be large
         name: getattr(clean, name)[:, :1]
         for name in ("harmonics", "harmonic_covariance", "harmonic_rounding")
     }

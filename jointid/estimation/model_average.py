@@ -1,4 +1,4 @@
-"""Spread of K and D over the models that explain the same data as well: the error by their choice."""
+"""Spread of K and D over the models that explain the same data equally well: the error of the choice."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -30,7 +30,7 @@ _DRAWS = 1024
 _RIDGE = 1e-12
 """Added relative variance, below that of any part."""
 _RICHER_LAW = {"cubic"}, {"piecewise"}
-"""A law, and that of more parameters that imitates it."""
+"""A law, and one with more parameters that imitates it."""
 _ORDERS, _ORDERS_IF_STICKING = 60.0, 150.0
 """Cost beyond that of the best orders of periodic effects, over the misfit, below which others count:
 noise made wrong ones better by up to 45, and free friction by up to 60."""
@@ -169,7 +169,7 @@ def spread_of_modes(found: LikelihoodEstimate, prior: InertiaPrior) -> Floats:
 
 
 def _in_place_of_delay(p: Parameters, name: str, score: Score) -> Score:
-    """Score of filters in place of a part of a delay or of lags, along one direction.
+    """Score of filters that replace a part of a delay or of lags, along one direction.
 
     Filters of the position and of the logged torque change the amplitudes in opposite directions, by the
     square of a time constant, which is roughly a joint's delay.

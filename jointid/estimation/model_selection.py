@@ -105,12 +105,12 @@ def choose_model(
     gives_up : callable
         Asked where the first models are far from the data; True, as for wrong data, ends the search.
     first : sequence of Model, optional
-        Models that an earlier search could not tell apart, which are fitted first. The start values are
+        Models that an earlier search could not distinguish, which are fitted first. The start values are
         those of the first one.
     most : float, optional
-        Misfit above which the choice has no use: the search ends where some records show it.
+        Misfit above which the choice is useless: the search ends once some records show it.
     is_lost : bool
-        Whether an earlier search found no model near the data: there is none if the first one is not.
+        Whether an earlier search found no model near the data; then only the first one is tried.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
@@ -243,9 +243,9 @@ def _other_start(search: Search) -> Search:
 
 
 def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
-    """Search in some records; what comes near those is the start for all, and grows.
+    """Search in some records; a model near those is the start for all, and grows.
 
-    A model leaves at least as much of all records as the best one leaves of some.
+    If no model explains some records, none explains all.
     """
     fits, few = search.fits, search.of_rows(rows)
     choice = _searched(few)
@@ -267,7 +267,7 @@ def _best(search: Search) -> Model:
     """Grow and prune from the best model that is fitted already."""
     fits = search.fits
     if not search.is_lost and fits.misfit(fits.least(list(fits.tried))) > LOST:
-        # What explains the data has a part that is not significant: fit it without.
+        # The model that explains the data has an insignificant part: fit it without.
         search.pruned(min(fits.tried, key=fits.misfit))
     best = fits.least(list(fits.tried))
     lost = search.is_lost

@@ -1,6 +1,6 @@
 """Start values for a fit that does not converge from those of the linear estimator.
 
-Friction biases it: if it is half of the torque, K may be ten times too small. ``friction_start``
+Friction biases that one: if it is half of the torque, K may be ten times too small. ``friction_start``
 compares the torque of the model, Z(K, D) q, with the measured one at the fundamental, in relative terms
 and with a loss that is robust to outliers; friction is linear in it and is eliminated (variable
 projection; Golub and Pereyra, SIAM Journal on Numerical Analysis 10, 1973).

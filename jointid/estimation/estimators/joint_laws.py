@@ -35,7 +35,7 @@ from jointid.phasors.segment import Segment
 _CLEAR = 3.0
 """Standard deviations from which a harmonic of the torque counts; the others are noise."""
 _POINTS = 8
-"""Samples over a period for each harmonic."""
+"""Samples per period for each harmonic."""
 _FINE = 250
 """Number of samples from which half as many per harmonic suffice."""
 _LEAST_HARMONICS = 16

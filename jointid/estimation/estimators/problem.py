@@ -68,7 +68,7 @@ class Problem:
     motion: Complexes | None = None  # (2, r, H, n), velocity and acceleration of motions
     repeated: Floats | None = None  # (r, n), part of the angles' variance that adds up over periods
     free_torque: Complexes | float = 0.0  # (r, H, n), not through nonlinear gears: free friction
-    law_noise: tuple[Complexes, Floats] | None = None  # of w by noise, ``with_law_noise``, (r, H, n)
+    law_noise: tuple[Complexes, Floats] | None = None  # w by noise, ``with_law_noise``, (r, H, n)
 
     @property
     def n(self) -> int:

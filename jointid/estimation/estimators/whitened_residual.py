@@ -27,11 +27,11 @@ _RESOLVED = 1.0
 _CLEAR = 4.0
 """Standard deviations from which a harmonic counts as a signal."""
 _CHANCE, _CHANCE_OF_MOTIONS = 1e-4, 0.05
-"""Probability that the scatter widens the errors of a right model; motions have many segments."""
+"""Probability that the scatter widens the errors of a correct model; motions have many segments."""
 _MOST_LEVERAGE = 0.999
 """Largest share of a direction's information from one record; its residual there is rounding."""
 _LEAST_RECORDS = 4
-"""Fewest records that show a scatter."""
+"""Fewest records from which a scatter is computed."""
 POOR = 10.0
 """Misfit of a model that does not explain the data."""
 _EVALUATIONS = 2

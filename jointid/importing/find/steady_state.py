@@ -22,7 +22,7 @@ SEED_FRAMES = 5
 """Fewest frames whose phasors show that they are constant."""
 
 _MIN_MOTION = 0.02  # phasor over the largest of its quantity, below which a joint counts as at rest
-_MAX_NOISE_CHANGE = 0.4  # relative change beyond which noise is no excuse
+_MAX_NOISE_CHANGE = 0.4  # relative change beyond which noise is no explanation
 _LINE_RESOLUTION = 1.5  # frame length × distance of the closest lines; 1 is the limit of resolution
 _MULTISINE_PERIODS = 2.0  # of the lowest line in a frame
 _ROUNDING_SHARE = 0.15  # of its step by which rounding may shift the phasor of a sine
