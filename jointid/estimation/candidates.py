@@ -153,7 +153,7 @@ def dissipates(estimate: LikelihoodEstimate) -> bool:
 def _of_springs(estimate: LikelihoodEstimate) -> Floats:
     """Variances of K beside those by torque scales that are fitted, shape (n,).
 
-    NaN where nothing determines the scale: the records determine ratios only.
+    NaN if the torque scale is undetermined: the records then give ratios only.
     """
     C, own = estimate.covariance, np.arange(estimate.named.K.size)
     if "torque_scale" not in estimate.layout:
@@ -267,7 +267,7 @@ class Fits:
 
         Free friction absorbs many small effects that are not friction; this rejects them.
         """
-        if part == "friction" and set(FRICTION_EFFECTS).intersection(model.effects):  # judged themselves
+        if part == "friction" and set(FRICTION_EFFECTS).intersection(model.effects):  # tested separately
             rest, known = estimate.layout["coulomb"], np.diag(estimate.covariance)
             level = estimate.p[rest] + estimate.named.effect("motor_presliding")
             return bool(np.all(level > -_SIGNIFICANT * np.sqrt(known[rest])))
@@ -284,9 +284,9 @@ class Fits:
         beyond_noise = own > EXPLAINED and simpler is not None and part != "friction"
         if beyond_noise and simpler and simpler.misfit - own < WORTH * (simpler.misfit - 1):
             return False
-        if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
+        if simpler and part in EFFECTS:  # its standard error may come from an uncertain inertia
             least = _SIGNIFICANT**2 + size.size
-            least *= 1 + estimate.repeated  # such errors lower the cost of any part
+            least *= 1 + estimate.repeated  # repeated errors favour any part
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
         if part == "transmission" and np.any(model.ratio_error(estimate) > _MOST_RATIO_ERROR):
             return False

@@ -49,8 +49,8 @@ _MOVES = 4.0
 _FEW = 6
 """Segments of motions for the first estimates of noise and model, from which the whole fit starts."""
 _MANY, _NOISES = 10_000, 4
-"""Equations of many joints above which the first segments also give the model, and number of noise
-estimates from them."""
+"""Number of equations above which the model of many joints also comes from the first segments, and
+number of noise estimates from them."""
 _SEARCHES, _TWICE = 3, 1.0
 """Most further searches with the noise that the chosen model leaves, and the change of its variance,
 over the smaller one, that asks for more than one: with twice the noise, a wrong minimum may pass."""
@@ -235,7 +235,7 @@ def _with_first_noise(
     phasors = with_noise(phasors, prior, model, found)
     for _ in range(_NOISES if many else 1):
         before = phasors
-        with contextlib.suppress(JointIdError):  # the earlier fit had wrong weights
+        with contextlib.suppress(JointIdError):  # the weights of the earlier fit were wrong
             found = replace(
                 found, p=stepped(phasors, prior, found, noise_of_rows(phasors, prior), model)[0]
             )

@@ -47,7 +47,7 @@ _USUAL = {"loss_factor": 0.05, "hysteresis": 0.05}
 def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[str, Score]) -> Floats:
     """Covariance of K and D by the choice between models, shape (2n, 2n).
 
-    The weight of a model is exp(−½ difference of the criterion) to the best. Unlikely ones are left out
+    The weight of a model is exp(−Δ/2), Δ its criterion above the best one. Unlikely models are left out
     (Occam's window; Madigan and Raftery, Journal of the American Statistical Association 89, 1994). A
     part that was not fitted counts in full where its score is nearly significant, sooner where it would
     move K or D far: with uncertain inertias, a part that the records hardly show may. One that was
@@ -194,8 +194,8 @@ def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> F
     (Kass and Raftery, Journal of the American Statistical Association 90, 1995): the covariance is the
     mean square shift times the part's probability, at even prior odds, unless the evidence against the
     part is "worth more than a bare mention" on their scale, a factor of 3.
-    Records that could not show a part of usual size in any direction say nothing of it: K and D then
-    are those of the joint with this part, as of a gear and a link in series.
+    Records that could not show a part of usual size in any direction carry no information on it: K and D
+    then include this part, such as gear and link in series.
 
     ``score`` is that of the part, at the estimate without it; ``wide``, shape (count,), are the standard
     deviations of its prior in a fit, which the score contains, ``std`` those of the normal prior before

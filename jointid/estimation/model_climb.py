@@ -211,7 +211,7 @@ def _linear_misfit(search: Search) -> float:
 def fit_slopes(search: Search, model: Model) -> list[Model]:
     """Fit three slopes in place of a cubic law that comes near the data of sines, but not near enough.
 
-    It suggests the bends from which their fit starts.
+    The cubic law gives the changes of slope from which their fit starts.
     """
     found, slopes = search.fits.estimate(model), model.without("cubic").with_part("piecewise")
     if "cubic" not in model.effects or search.has_motions or not search.may_start_again(slopes):

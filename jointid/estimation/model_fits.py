@@ -43,7 +43,7 @@ def filters_before_friction(model: Model, p: Parameters | None) -> Floats | None
 def model_waveforms(
     phasors: Phasors, model: Model, p: Parameters | None = None
 ) -> FrictionWaveforms | None:
-    """Friction waveforms of a model, with the position filters of some parameters; None without."""
+    """Friction waveforms of a model, with the position filters of ``p``; None without friction."""
     if model.reversal is None:
         return None
     return friction_waveforms(

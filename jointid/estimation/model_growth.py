@@ -38,8 +38,8 @@ _CLIMB = 0.7
 _TRIED_LAWS = 2
 """The most nonlinear laws that are fitted for each part added."""
 _INIMITABLE = 5e3
-"""Squared cubic stiffness over its variance beyond which slopes in its place leave more than noise: they
-explain 99.5 % of its effect."""
+"""Squared cubic stiffness over its variance beyond which three slopes in its place leave a residual
+above the noise: they explain 99.5 % of its effect."""
 _MANY_ROWS = 15_000
 """Equations, those of six joints in 40 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""

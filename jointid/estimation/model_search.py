@@ -87,7 +87,7 @@ class Search:
     laws: list[list[str]] = field(default_factory=list)
     """Laws of the gears in these fits; of motions, other parts beside the same laws do not count."""
     has_two_laws: bool = False
-    """Whether two laws of the gears were fitted at once, which gives the same again."""
+    """Whether two laws of the gears were fitted at once; a second time would give the same."""
     may_be_periodic: bool = False
     """Whether effects of the motors' positions are sought."""
     regressed: set[tuple[str, Model]] = field(default_factory=set)

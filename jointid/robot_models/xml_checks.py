@@ -1,4 +1,4 @@
-"""Checks that robot descriptions in XML share; each error names the file and the element."""
+"""Checks for URDF and MJCF; each error names the file and the element."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -176,7 +176,7 @@ def of_records(evidence: Evidence) -> list[Finding]:
 
 
 def ranked(found: Sequence[Finding], fit: ElasticityFit) -> tuple[Finding, ...]:
-    """Findings, most important first; one states that no action is needed if none is a doubt."""
+    """Findings, most important first, with a "good" one if none is a problem or warning."""
     if not any(finding.level in ("problem", "warning") for finding in found):
         found = [*found, _all_well(fit)]
     return tuple(sorted(found, key=lambda finding: -finding.weight))

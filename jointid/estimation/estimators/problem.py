@@ -37,7 +37,7 @@ _SHARPEST, _SLOWEST = 1e-4, 2.0
 _LARGEST = 4.0
 """Upper bound on backlash and hysteresis over the largest linear deflection and torque."""
 _FLATTEST = 0.1
-"""Least slope of a piecewise linear gear, over K."""
+"""Smallest slope of a piecewise linear gear, over K."""
 LOWEST_LINK = 4.0
 """Lowest link mode of the prior, over the joint's resonance: −s⁴c does not describe lower ones."""
 _FILTER_SHARE, _LEAST_FILTER = 0.3, 0.05

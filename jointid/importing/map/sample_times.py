@@ -166,7 +166,7 @@ def _copies(time: Floats, signals: Sequence[Floats], late: Bools) -> Bools:
 
 _FEWEST = 8
 _TOGETHER = 0.5
-"""Share of the slowest signal's samples that have all signals, above which they share one clock."""
+"""Share of the slowest signal's samples with values of all signals, above which these share a clock."""
 _LONGEST_STEP = 2.5  # step in usual steps of a signal, above which it is not interpolated
 
 

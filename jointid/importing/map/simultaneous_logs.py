@@ -99,7 +99,7 @@ def _run_in(words: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def rows_in_common(parts: Sequence[JointLog]) -> list[slice]:
-    """Rows of each log that have the same times in all; none where their times differ."""
+    """Rows of each log at the times common to all; empty if no times agree."""
     near = _SAME_TIME * float(np.median(np.diff(parts[0].time)))
     start, stop = max(p.time[0] for p in parts) - near, min(p.time[-1] for p in parts) + near
     rows = [slice(*np.searchsorted(part.time, [start, stop]).tolist()) for part in parts]
