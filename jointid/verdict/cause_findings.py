@@ -111,7 +111,7 @@ def finding_of(
             )
         columns = _columns(cause.signal, joints)
         minus = " Reverse its sign as well." if reversed_too else ""
-        remedies.append(f"{cause.remedy.format(whose)} ({columns} in a study's tables).{minus}")
+        remedies.append(f"{cause.remedy.format(whose)} ({columns} in the study's tables).{minus}")
     remedies.append(  # a factor may match a unit by chance
         "If the units are right, check the gear ratio and the rated torque or torque constant."
     )
@@ -135,21 +135,21 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
     "arm angle": (
         "The positions seem to be measured at the arm, not at the motors",
         "Read as positions behind the gears, they give K of about {K}.",
-        "Choose the columns of the motors' encoders as positions ({q} in a study's tables). An encoder "
-        "behind the gear does not show the motion of the motor, whatever the gear ratio.",
+        "Choose the columns of the motors' encoders as positions ({q} in the study's tables). An "
+        "encoder behind the gear does not show the motion of the motor, whatever the gear ratio.",
         "edit mapping",
     ),
     VELOCITY: (
         "The positions seem to be velocities",
         "Read as velocities in {unit}, they give K of about {K}.",
-        "Choose the columns of the motors' positions ({q} in a study's tables), or integrate the "
+        "Choose the columns of the motors' positions ({q} in the study's tables), or integrate the "
         "velocities before the import.",
         "edit mapping",
     ),
     "gear torque": (
         "The torques seem to be measured behind the gears, not at the motors",
         "Read as torques behind the gears, which exclude the rotors, they give K of about {K}.",
-        "Choose the columns of the motors' torques ({tau} in a study's tables), or add M times the "
+        "Choose the columns of the motors' torques ({tau} in the study's tables), or add M times the "
         "motor's acceleration to them.",
         "edit mapping",
     ),
@@ -188,7 +188,7 @@ def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
         remedy = "Check that M, M2 and the columns have the same order of joints."
         if what != "inertias":
             columns = _columns(what[:-1], joints)
-            remedy = f"Swap the columns of these {what} on import ({columns} in a study's tables)."
+            remedy = f"Swap the columns of these {what} on import ({columns} in the study's tables)."
         remedies.append(remedy)
     for j in np.flatnonzero(hypothesis.scale[:n] < 0).tolist():
         which, others = ("1 or joint 2", "other") if n == 2 else (f"{j + 1}", "others")
@@ -281,8 +281,8 @@ def _unknown_remedy(factor: Floats, joints: Iterable[int]) -> str:
     return (
         "On import, check the side of the gear, the gear ratio and the unit of position and torque: a "
         "torque in % needs the rated torque, one in amperes the torque constant. "
-        f"The data would fit with the torque multiplied by {each} ({_columns('torque', indices)} in a "
-        "study's tables)." + (f" Similar factors: {'; '.join(near)}." if near else "")
+        f"The data would fit with the torque multiplied by {each} ({_columns('torque', indices)} in "
+        "the study's tables)." + (f" Similar factors: {'; '.join(near)}." if near else "")
     )
 
 
