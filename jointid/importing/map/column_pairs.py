@@ -140,7 +140,7 @@ def _join_by_order(best: _Groups, complete: _Groups) -> set[str]:
 
 
 def _join_by_number(best: _Groups, complete: _Groups) -> set[str]:
-    """Pair unpaired positions and torques that share a number, in both; return the new keys."""
+    """Pair single positions and torques of one number, in both arguments; return the new keys."""
     lone: dict[str, dict[int, list[str]]] = {role: {} for role in _OTHER}
     for key, group in best.items():
         number = next(iter(group.values())).number
