@@ -85,9 +85,9 @@ def fit_model(
     *,
     is_near: bool = False,
 ) -> LikelihoodEstimate:
-    """Fit one model; its friction waveforms may be given, the start be the estimate from few records.
+    """Fit one model; its friction waveforms may be given, and the start may come from few records.
 
-    Raises JointIdError when the model does not fit, or its parameters have left the range of numbers.
+    Raises JointIdError when the model does not fit, or its parameters overflow.
     """
     waveforms = waveforms or model_waveforms(phasors, model)
     if not isinstance(start, Parameters):

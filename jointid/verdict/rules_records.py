@@ -128,8 +128,8 @@ def few_periods(evidence: Evidence) -> Iterator[Finding]:
         names = some([evidence.phasors.labels[i] for i in short])
         yield note(
             "Some records are only a few periods long",
-            f"{names}: {number(periods[short].min(), 2)} periods. Their noise is assumed white, since "
-            "slow disturbances cannot be separated from the sine.",
+            f"{names}: {'at least ' * (short.size > 1)}{number(periods[short].min(), 2)} periods. Their "
+            "noise is assumed white, since slow disturbances cannot be separated from the sine.",
             "Record five periods or more at every frequency.",
             1e-3 + 0.5 * _worst_error(evidence),
         )
