@@ -8,7 +8,9 @@ from collections.abc import Container, Iterable, Sequence
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _MOST_DIGITS = 7
 """Most significant digits shown, whatever the standard error."""
-_WITHIN_NUMBER = re.compile(r"(?<=\d) (?=[%°±]|m[ms]\b|Hz\b|rad\b|N·m|kg·m)|(?<=±) ")
+_WITHIN_NUMBER = re.compile(
+    r"(?<=\d) (?=[%°±×]|[mµ]m\b|ms\b|Hz\b|rad\b|N·m|kg·m)|(?<=[±×]) |(?<=\b[KD]\d) (?=\d)"
+)
 _RANGE = re.compile(r"(?<=\d)–(?=\d)")
 UNDETERMINED = "not determined"
 """In place of a value whose standard error is infinite."""
@@ -173,7 +175,7 @@ def _fixed(value: float, place: int) -> str:
 
 
 def unbroken(text: str) -> str:
-    """Keep every number or range, its error and its unit on one line, for a phone's width."""
+    """Keep every number or range, its name, error and unit on one line, for a phone's width."""
     return _RANGE.sub("–\N{WORD JOINER}", _WITHIN_NUMBER.sub("\N{NO-BREAK SPACE}", text))
 
 

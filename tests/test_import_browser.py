@@ -48,7 +48,7 @@ def rotors(page: Page) -> Locator:
 
 
 def held(page: Page) -> Locator:
-    return page.get_by_role("combobox", name="Torque between samples")
+    return page.get_by_role("radio", name="held until the next sample")
 
 
 def near_the_truth(page: Page) -> None:
@@ -115,11 +115,7 @@ def upload(page: Page, log: Log) -> None:
 
 def hold_torque(page: Page) -> None:
     """Say that the torque is held, and confirm what no log states."""
-    tab_to(page, held(page))
-    with answered(page):
-        page.keyboard.type("held until")
-        expect(page.get_by_role("option").first).to_have_text("held until the next sample")
-        page.keyboard.press("Enter")
+    press(page, held(page))
     press(page, page.get_by_role("button", name="Confirm the drive data"))
 
 
@@ -131,7 +127,7 @@ def entries_are_there(page: Page) -> None:
     page.keyboard.press("Enter")
     for name, text in ENTRIES.items():
         expect(page.get_by_role("textbox", name=name)).to_have_value(text)
-    expect(held(page)).to_have_value("held until the next sample")
+    expect(held(page)).to_be_checked()
     expect(rotors(page)).to_have_value(M)
 
 

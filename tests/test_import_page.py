@@ -89,7 +89,7 @@ def widget(at: AppTest, kind: str, label: str, nth: int = 0) -> Any:
 def head(at: AppTest, step: str) -> str:
     """What the head of a step says beside its name."""
     labels = [e.label for e in at.expander if step in e.label]
-    return labels[0].partition("[")[2].rpartition("]")[0]
+    return labels[0].partition("[")[2].rpartition("]")[0].replace("\xa0", " ")
 
 
 def opened(at: AppTest) -> list[str]:
@@ -231,7 +231,7 @@ class TestMapping:
         at = shown(at.run())
         assert not at.error
         assert widget(at, "text_input", "Gear ratios").value == "-50"
-        assert widget(at, "selectbox", "Torque between").value == "held until the next sample"
+        assert widget(at, "button_group", "Torque between").value == "held until the next sample"
 
     def test_a_missing_torque_is_reported_and_a_column_is_proposed(self, page: AppTest) -> None:
         lines = cell_log().decode("latin-1").split("\r\n")
@@ -317,7 +317,7 @@ class TestStudy:
         assert "torque constant 1 N·m/A (joint 1); gear ratio 1 (joint 1)" in assumed(at)
         widget(at, "text_input", "Gear ratios").set_value("50")
         widget(at, "text_input", "Torque constant").set_value("0.3")
-        widget(at, "selectbox", "Torque between").set_value("held until the next sample")
+        widget(at, "button_group", "Torque between").set_value("held until the next sample")
         at = shown(at.run())
         assert "torque constant" not in assumed(at)
         assert "gear ratio" not in assumed(at)
@@ -329,10 +329,10 @@ class TestStudy:
         assert opened(at) == ["3 Drive data"]
         for label, text in (("Gear ratios", "101; -93,5"), ("Rated torque", "8.2, 2.1")):
             widget(at, "text_input", label).set_value(text)
-        widget(at, "selectbox", "Torque between").set_value("held until the next sample")
+        widget(at, "button_group", "Torque between").set_value("held until the next sample")
         at = shown(at.run())
         assert head(at, "3 Drive data").endswith("to confirm")
-        said = [m.value for m in at.markdown if "accelerates to positive" in m.value]
+        said = [m.value for m in at.markdown if "accelerates towards positive" in m.value]
         assert ["Direction of position and torque of joints 1 and 2" in text for text in said] == [True]
         at = confirm(at)
         assert (assumed(at), opened(at)) == ("", ["5 Inertias"])
@@ -356,7 +356,7 @@ class TestStudy:
         assert seen[-1]["assumed"] == ("gear ratio 1 (joint 2)", "torque not held between samples")
         assert seen[-1]["gear_ratio"] is None
         widget(at, "text_input", "Gear ratios").set_value("101, -93.5")
-        widget(at, "selectbox", "Torque between").set_value("held until the next sample")
+        widget(at, "button_group", "Torque between").set_value("held until the next sample")
         at.text_input(key="import gear temperature").set_value("24 °C")
         at.text_input(key="import note").set_value("after two hours")
         at = send(confirm(shown(at.run())), "0.001, 0.002", "0.01, 0; 0, 0.01")

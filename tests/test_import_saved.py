@@ -83,7 +83,7 @@ def test_logs_and_entries_are_there_in_another_session(kept: Store) -> None:
     at = drop(begun(place_of(first)), ("two.csv", long_log(ratio=2.0)))
     widget(at, "text_input", "Gear ratios").set_value("-93.5")
     widget(at, "selectbox", "Unit of position 1").set_value("deg")
-    widget(at, "selectbox", "Torque between").set_value("held until the next sample")
+    widget(at, "button_group", "Torque between").set_value("held until the next sample")
     at.text_input(key="import M").set_value("0.001")
     at.text_input(key="import name").set_value("Cell 7")
     at.selectbox(key="import inertia std").set_value("unknown")
@@ -94,7 +94,7 @@ def test_logs_and_entries_are_there_in_another_session(kept: Store) -> None:
     assert any("Still open: one.csv, two.csv" in caption.value for caption in again.caption)
     assert widget(again, "text_input", "Gear ratios").value == "-93.5"
     assert widget(again, "selectbox", "Unit of position 1").value == "deg"
-    assert widget(again, "selectbox", "Torque between").value == "held until the next sample"
+    assert widget(again, "button_group", "Torque between").value == "held until the next sample"
     assert again.text_input(key="import M").value == "0.001"
     assert again.text_input(key="import name").value == "Cell 7"
     assert again.selectbox(key="import inertia std").value == "unknown"

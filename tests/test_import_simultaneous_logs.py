@@ -249,7 +249,7 @@ def test_the_page_joins_them_and_can_leave_it(
     assert joints(at) == 1
     next(box for box in at.checkbox if box.label.startswith("Join")).check()
     at = shown(at.run())
-    next(b for b in at.selectbox if b.label.startswith("Torque between")).set_value(
+    next(b for b in at.button_group if b.label.startswith("Torque between")).set_value(
         "held until the next sample"
     )
     at = shown(at.run())

@@ -87,6 +87,24 @@ class TestErrorBars:
         assert list(shifts["Quantity"]) == names
         assert "%" not in "".join(shifts.iloc[:, 1:].to_numpy().ravel())
 
+    def test_equations_and_correlations_are_shown_joint_by_joint(
+        self, app: AppTest, analyses: dict[int, Analysis], joints: int
+    ) -> None:
+        at = opened(app, ELASTICITY, joints, details="Matrix A")
+        fit = analyses[joints].fit
+        if joints > 1:
+            at = shown(at.button_group(key="details_joint").set_value(joints - 1).run())
+        A, b = fit.equations.matrix()
+        rows = A[:, -1] != 0
+        (table,) = (frame.value for frame in at.dataframe if "Row" in frame.value)
+        assert list(table.columns) == ["Row", f"D{joints}", f"K{joints}", "b"]
+        expected = np.column_stack([A[rows, -2:], b[rows]])
+        assert table.iloc[:, 1:].map(number).to_numpy() == pytest.approx(expected, rel=1e-4)
+        assert not A[rows, :-2].any()
+        shares = [number(text) for text in column(at, f"D{joints}")]
+        assert shares == pytest.approx(fit.correlation[:, -1].tolist(), abs=0.01)
+        assert any("the strongest is that of" in each.value for each in at.markdown)
+
     def test_closed_panels_are_not_computed_and_open_ones_show_their_figures(
         self, app: AppTest, joints: int
     ) -> None:

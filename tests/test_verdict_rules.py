@@ -1179,7 +1179,7 @@ def test_torques_that_lack_the_frequency_of_the_motion_are_foreign(
     found = foreign(**settings)
     assert [f.title for f in found] == ["The torques do not belong to the motions"] * told
     for finding in found:
-        assert finding.detail.startswith("In 2 of 4 records, the torque lacks the frequency at which")
+        assert finding.detail.startswith("In 2 of 4 records, the torque lacks the frequency of the")
         assert (finding.weight, finding.changes) == (103.0, ())
 
 
@@ -1223,8 +1223,8 @@ def test_a_peak_that_h_lacks_is_that_of_the_controller() -> None:
     (found,) = peaks_of_controllers(1.5)
     assert found.title == "The peak of joint 2 at 3 Hz comes from the controller of joint 1"
     assert found.detail == (
-        "In the single record r2, acceleration over torque peaks there at 1.5 times H22, which has no "
-        "peak there. The elastic resonance is the peak of H22 at 6 Hz."
+        "In the single record r2, acceleration over torque is 1.5 times H22, which has no peak at this "
+        "frequency. The elastic resonance is the peak of H22 at 6 Hz."
     )
     assert (found.level, found.weight) == ("note", 0.3)
     for nothing in (
@@ -1401,7 +1401,7 @@ def test_a_lag_is_reported_where_it_changes_the_answer(monkeypatch: pytest.Monke
     (found,) = lagging(monkeypatch, 5e-4, 0.0101)
     assert found.title == "The torque lags by 0.5 ms"
     assert found.detail == (
-        "That is 0.500 ± 0.010 samples; the fit includes it. Without it, K2 would be about 1.0 % "
+        "The lag is 0.500 ± 0.010 samples; the fit includes it. Without it, K2 would be about 1.0 % "
         "too high."
     )
     assert "add 0.5 ms to the torque's delay on import, or 0.0005 s to torque_delay_s" in found.remedy
@@ -1410,7 +1410,7 @@ def test_a_lag_is_reported_where_it_changes_the_answer(monkeypatch: pytest.Monke
     assert [(c.kind, c.values) for c in found.changes] == [("delay", (5e-4,))]
     (leads,) = lagging(monkeypatch, -5e-4, -0.02, alike={"lag": "a lag"}, hold=("Hold.", ["change"]))
     assert leads.title == "The torque leads by 0.5 ms, or there is a lag"
-    assert leads.detail.startswith("The records cannot distinguish these. That is 0.500")
+    assert leads.detail.startswith("The records cannot distinguish these. The lead is 0.500")
     assert leads.detail.endswith("K2 would be about 2.0 % too low.")
     assert (leads.remedy, leads.changes) == ("Hold.", ("change",))
     assert lagging(monkeypatch, 5e-4, -1.01)[0].detail.endswith("K2 would be negative.")
@@ -1458,8 +1458,8 @@ def test_axes_are_exchanged_or_reversed_where_a_fit_says_so(monkeypatch: pytest.
     (found,) = axes(monkeypatch, [100.0, 69.0, 90, 90], 2.0, before=5.0, misfit=100.0)
     assert found.title == "Joint 1 or joint 2 looks reversed relative to the other"
     assert found.detail == (
-        "Residual as given: 10 × noise and inertias up to 5 standard deviations from the given ones; "
-        "corrected: 1.0 × noise and inertias up to 2 standard deviations from the given ones."
+        "Residual as given: 10 × noise with inertias up to 5 standard deviations from the given ones; "
+        "corrected: 1.0 × noise with inertias up to 2 standard deviations from the given ones."
     )
     (swapped,) = axes(monkeypatch, [100.0, 69.0, 60, 90], 2.0, before=0.0, misfit=100.0)
     assert swapped.title == "The inertias of joints 1 and 2 look swapped"

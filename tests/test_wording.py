@@ -102,4 +102,6 @@ def test_a_number_stays_with_its_error_and_unit() -> None:
     assert unbroken("joint 2 is 6 ± 3 % stiffer") == "joint 2 is 6\xa0±\xa03\xa0% stiffer"
     assert unbroken("1.752 ms after 2 rad") == "1.752\xa0ms after 2\xa0rad"
     assert unbroken("0.4 mm per joint") == "0.4\xa0mm per joint"
+    assert unbroken("D1 0.14 %, D2 0.047 %") == "D1\xa00.14\xa0%, D2\xa00.047\xa0%"
+    assert unbroken("1.2 × noise, K1 of all") == "1.2\xa0×\xa0noise, K1 of all"
     assert unbroken("4–28 Hz") == "4–\N{WORD JOINER}28\xa0Hz"

@@ -1,7 +1,7 @@
 """Candidate models, and the comparison of their fits to the same data.
 
 Models are compared by an information criterion with the cost over the best model's misfit, so that a
-misfitting model does not buy spurious parts; a part must also be significant and physical.
+large misfit does not favour spurious parts; a part must also be significant and physical.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ NEEDED = 3.0
 _SIGNIFICANT = 5.0
 """Standard errors by which an optional part must differ from zero."""
 WORTH = 0.2
-"""Share of the misfit beyond 1 that a part must explain where the model leaves more than noise: every
-wrong part explains something."""
+"""Share of the misfit beyond 1 that a part must explain where the residual exceeds the noise: any wrong
+part explains a little."""
 CHANCE = 1e-3
 """Probability of a misfit of the fundamentals, or of the score of any part, that leads to a richer model
 on an ideal robot."""
 _USUAL = 0.05
-"""Probability of a misfit of the fundamentals that calls for no slow fit."""
+"""Probability of a misfit of the fundamentals above which no slow fit is needed."""
 _BEND = 4.0
 """Largest ratio of two slopes of a gear; catalogues have up to 2."""
 _MOST_RATIO_ERROR = 0.1
@@ -89,7 +89,7 @@ class Model:
         return replace(base, effects=tuple(e for e in EFFECTS if e in (*base.effects, part)))
 
     def without(self, part: str) -> Model:
-        """The model with one part less."""
+        """The model without one part."""
         if part == "friction":
             rest = tuple(e for e in self.effects if e not in FRICTION_EFFECTS)
             return replace(self, reversal=None, curve=False, effects=rest)
@@ -153,7 +153,7 @@ def dissipates(estimate: LikelihoodEstimate) -> bool:
 def _of_springs(estimate: LikelihoodEstimate) -> Floats:
     """Variances of K beside those by torque scales that are fitted, shape (n,).
 
-    NaN where nothing determines the scale: the records determine ratios only.
+    NaN if the torque scale is undetermined: the records then give ratios only.
     """
     C, own = estimate.covariance, np.arange(estimate.named.K.size)
     if "torque_scale" not in estimate.layout:
@@ -224,9 +224,9 @@ class Fits:
         return criterion
 
     def is_behind(self, narrow: Model, model: Model) -> bool:
-        """Whether another model stays better than one that lacks parts of a fitted one.
+        """Whether another model is better than ``narrow``, which lacks parts of the fitted ``model``.
 
-        The cost cannot fall without them.
+        The cost of ``narrow`` is at least that of ``model``.
         """
         found, lost = self.estimate(model), set(model.parts).difference(narrow.parts)
         if found is None or "friction" in lost or set(narrow.parts).difference(model.parts):
@@ -263,11 +263,11 @@ class Fits:
         )
 
     def part_is_significant(self, model: Model, estimate: LikelihoodEstimate, part: str) -> bool:
-        """By its standard error and, for effects, by the likelihood ratio.
+        """Whether a part is significant, by its standard error and, for effects, the likelihood ratio.
 
         Free friction absorbs many small effects that are not friction; this rejects them.
         """
-        if part == "friction" and set(FRICTION_EFFECTS).intersection(model.effects):  # judged themselves
+        if part == "friction" and set(FRICTION_EFFECTS).intersection(model.effects):  # tested separately
             rest, known = estimate.layout["coulomb"], np.diag(estimate.covariance)
             level = estimate.p[rest] + estimate.named.effect("motor_presliding")
             return bool(np.all(level > -_SIGNIFICANT * np.sqrt(known[rest])))
@@ -284,9 +284,9 @@ class Fits:
         beyond_noise = own > EXPLAINED and simpler is not None and part != "friction"
         if beyond_noise and simpler and simpler.misfit - own < WORTH * (simpler.misfit - 1):
             return False
-        if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
+        if simpler and part in EFFECTS:  # its standard error may come from an uncertain inertia
             least = _SIGNIFICANT**2 + size.size
-            least *= 1 + estimate.repeated  # such errors lower the cost of any part
+            least *= 1 + estimate.repeated  # repeated errors favour any part
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
         if part == "transmission" and np.any(model.ratio_error(estimate) > _MOST_RATIO_ERROR):
             return False

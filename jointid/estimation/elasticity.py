@@ -242,9 +242,9 @@ def likelihood_fit(
 
 
 def _sliding_torque(size: Floats, braked: Floats) -> Floats:
-    """Median torque of every joint, (n,), of sizes (r, n), in the records where it exceeds its friction.
+    """Median torque of every joint, (n,), of sizes (r, n), where it exceeds the joint's friction.
 
-    In the others friction holds the joint: they contribute nothing to its K and D.
+    In the other records friction holds the joint, so that they carry no information on its K and D.
     """
     slides = size > braked
     slides |= ~slides.any(axis=0)
@@ -274,7 +274,7 @@ def made_fit(
     prior: InertiaPrior,
     curves: tuple[TorsionCurve, ...],
 ) -> ElasticityFit:
-    """Result of any estimator, without the parts of the error beyond its own."""
+    """Result of any estimator, with the error by noise and prior only."""
     K, D = estimate.named.K, estimate.named.D
     squared = equations.omega[:, None] ** 2
     noise = np.sqrt(np.abs(np.einsum("rjj->rj", equations.residual_covariance(K, D))))

@@ -39,7 +39,7 @@ from jointid.records import MotionRecord, SineRecord, require_torques
 from jointid.small_matrices import one_thread
 
 _BETTER = 0.9
-"""Ratio of misfits from which a richer friction model is the better one."""
+"""Ratio of misfits from which a richer friction model is better."""
 _POOR, _FAR_BETTER = 1.5, 0.3
 """Misfit above which friction of motors at rest may bias the start; ratio that shows a better one."""
 _EQUAL = 10.0
@@ -49,8 +49,8 @@ _MOVES = 4.0
 _FEW = 6
 """Segments of motions for the first estimates of noise and model, from which the whole fit starts."""
 _MANY, _NOISES = 10_000, 4
-"""Equations of many joints above which the first segments also give the model, and number of noise
-estimates from them."""
+"""Number of equations above which the model of many joints also comes from the first segments, and
+number of noise estimates from them."""
 _SEARCHES, _TWICE = 3, 1.0
 """Most further searches with the noise that the chosen model leaves, and the change of its variance,
 over the smaller one, that asks for more than one: with twice the noise, a wrong minimum may pass."""
@@ -242,7 +242,7 @@ def _with_first_noise(
     phasors = with_noise(phasors, prior, model, found)
     for _ in range(_NOISES if many else 1):
         before = phasors
-        with contextlib.suppress(JointIdError):  # the earlier fit had wrong weights
+        with contextlib.suppress(JointIdError):  # the weights of the earlier fit were wrong
             found = replace(
                 found, p=stepped(phasors, prior, found, noise_of_rows(phasors, prior), model)[0]
             )
@@ -260,7 +260,7 @@ def _equals(choice: Choice) -> tuple[Model, ...]:
 
 
 def _are_many(phasors: Phasors) -> bool:
-    """Whether segments of many joints are enough to find the model, and all would take long."""
+    """Whether some segments of many joints suffice to find the model, and all would be slow."""
     return phasors.n > 2 and bool(2 * np.count_nonzero(phasors.harmonics[..., : phasors.n]) > _MANY)
 
 
@@ -287,7 +287,7 @@ def _lines(
     row, bins = np.nonzero(known)
     z = np.where(phasors.motion[row, None], clean.harmonics[row, bins], clean.z[row])
     covariance = noise.covariance[row, bins]
-    short = {  # without the many others, of which each row would have a copy
+    short = {  # a copy in each row would be large
         name: getattr(clean, name)[:, :1]
         for name in ("harmonics", "harmonic_covariance", "harmonic_rounding")
     }

@@ -1,4 +1,4 @@
-"""Spread of K and D over the models that explain the same data as well: the error by their choice."""
+"""Spread of K and D over the models that explain the same data equally well: the error of the choice."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -30,7 +30,7 @@ _DRAWS = 1024
 _RIDGE = 1e-12
 """Added relative variance, below that of any part."""
 _RICHER_LAW = {"cubic"}, {"piecewise"}
-"""A law, and that of more parameters that imitates it."""
+"""A law, and one with more parameters that imitates it."""
 _ORDERS, _ORDERS_IF_STICKING = 60.0, 150.0
 """Cost beyond that of the best orders of periodic effects, over the misfit, below which others count:
 noise made wrong ones better by up to 45, and free friction by up to 60."""
@@ -47,7 +47,7 @@ _USUAL = {"loss_factor": 0.05, "hysteresis": 0.05}
 def spread(fits: Fits, best: Model, found: LikelihoodEstimate, scores: Mapping[str, Score]) -> Floats:
     """Covariance of K and D by the choice between models, shape (2n, 2n).
 
-    The weight of a model is exp(−½ difference of the criterion) to the best. Unlikely ones are left out
+    The weight of a model is exp(−Δ/2), Δ its criterion above the best one. Unlikely models are left out
     (Occam's window; Madigan and Raftery, Journal of the American Statistical Association 89, 1994). A
     part that was not fitted counts in full where its score is nearly significant, sooner where it would
     move K or D far: with uncertain inertias, a part that the records hardly show may. One that was
@@ -169,7 +169,7 @@ def spread_of_modes(found: LikelihoodEstimate, prior: InertiaPrior) -> Floats:
 
 
 def _in_place_of_delay(p: Parameters, name: str, score: Score) -> Score:
-    """Score of filters in place of a part of a delay or of lags, along one direction.
+    """Score of filters that replace a part of a delay or of lags, along one direction.
 
     Filters of the position and of the logged torque change the amplitudes in opposite directions, by the
     square of a time constant, which is roughly a joint's delay.
@@ -194,8 +194,8 @@ def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> F
     (Kass and Raftery, Journal of the American Statistical Association 90, 1995): the covariance is the
     mean square shift times the part's probability, at even prior odds, unless the evidence against the
     part is "worth more than a bare mention" on their scale, a factor of 3.
-    Records that could not show a part of usual size in any direction say nothing of it: K and D then
-    are those of the joint with this part, as of a gear and a link in series.
+    Records that could not show a part of usual size in any direction carry no information on it: K and D
+    then include this part, such as gear and link in series.
 
     ``score`` is that of the part, at the estimate without it; ``wide``, shape (count,), are the standard
     deviations of its prior in a fit, which the score contains, ``std`` those of the normal prior before

@@ -1,4 +1,4 @@
-"""First fits of a model search, and its way to the data where no simple model comes near them."""
+"""First fits of a model search, and the addition of parts where no simple model is near the data."""
 
 from dataclasses import replace
 from functools import partial
@@ -33,9 +33,9 @@ first models, where wrong data gave 0.4 and more, and gravity beside friction 0.
 
 
 def fit_first(search: Search) -> None:
-    """Fit friction first where the start or harmonics show it, else the base.
+    """Fit friction first where the start or harmonics show it, else the base model.
 
-    Heavy friction biases the plain fit.
+    Heavy friction biases a fit without friction.
     """
     fits, start, base = search.fits, search.start, search.base
     sliding, free = replace(base, reversal=0.0), replace(base, reversal=0.03)
@@ -64,7 +64,7 @@ def fit_first(search: Search) -> None:
     of_sliding = fits.estimate(sliding)
     seeks_parts = search.is_lost and not search.has_motions
     if seeks_parts and of_sliding and NEEDED * of_sliding.misfit < fits.misfit(base) < np.inf:
-        search.fit(free, of_sliding.named)  # what sticking leaves hides further parts
+        search.fit(free, of_sliding.named)  # the residual of sticking hides further parts
     if of_sliding is None or of_sliding.misfit <= DOUBTFUL or not search.has_motions:
         return
     for part in FRICTION_EFFECTS:
@@ -137,7 +137,7 @@ def fit_laws(search: Search) -> None:
             wider = model.with_part(law)
             _fit_law(search, wider, begin(search.phasors, search.prior))
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
-                del fits.tried[wider]  # growth beside a law that explains nothing takes long
+                del fits.tried[wider]  # growth is slow beside a law that explains nothing
 
 
 def _fit_law(search: Search, wider: Model, start: Parameters) -> None:
@@ -154,7 +154,7 @@ def _fit_law(search: Search, wider: Model, start: Parameters) -> None:
 
 
 def fit_complete(search: Search) -> None:
-    """Fit two laws of the gears at once, beside friction, where growth part by part stays off.
+    """Fit two laws of the gears at once, beside friction, where growth part by part stays far off.
 
     Every model on the way to several laws and friction may be far from the data, and a wrong part may
     come nearer than a right one. The complete model still converges from the first start values; its
@@ -211,7 +211,7 @@ def _linear_misfit(search: Search) -> float:
 def fit_slopes(search: Search, model: Model) -> list[Model]:
     """Fit three slopes in place of a cubic law that comes near the data of sines, but not near enough.
 
-    It suggests the bends from which their fit starts.
+    The cubic law gives the changes of slope from which their fit starts.
     """
     found, slopes = search.fits.estimate(model), model.without("cubic").with_part("piecewise")
     if "cubic" not in model.effects or search.has_motions or not search.may_start_again(slopes):
@@ -223,9 +223,9 @@ def fit_slopes(search: Search, model: Model) -> list[Model]:
 
 
 def freed(search: Search, model: Model) -> Model:
-    """A model off the data, or the same with free reversals of its friction if it comes nearer.
+    """A model far from the data, or the same with free friction reversals if that is nearer.
 
-    What sticking leaves looks like further parts.
+    The residual of sticking looks like further parts.
     """
     found, free = search.fits.estimate(model), replace(model, reversal=0.03)
     if found is None or search.has_motions or model.reversal != 0 or found.misfit <= EXPLAINED:

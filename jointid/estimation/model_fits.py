@@ -43,7 +43,7 @@ def filters_before_friction(model: Model, p: Parameters | None) -> Floats | None
 def model_waveforms(
     phasors: Phasors, model: Model, p: Parameters | None = None
 ) -> FrictionWaveforms | None:
-    """Friction waveforms of a model, with the position filters of some parameters; None without."""
+    """Friction waveforms of a model, with the position filters of ``p``; None without friction."""
     if model.reversal is None:
         return None
     return friction_waveforms(
@@ -85,9 +85,9 @@ def fit_model(
     *,
     is_near: bool = False,
 ) -> LikelihoodEstimate:
-    """Fit one model; its friction waveforms may be given, the start be the estimate from few records.
+    """Fit one model; its friction waveforms may be given, and the start may come from few records.
 
-    Raises JointIdError when the model does not fit, or its parameters have left the range of numbers.
+    Raises JointIdError when the model does not fit, or its parameters overflow.
     """
     waveforms = waveforms or model_waveforms(phasors, model)
     if not isinstance(start, Parameters):

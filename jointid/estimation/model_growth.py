@@ -38,8 +38,8 @@ _CLIMB = 0.7
 _TRIED_LAWS = 2
 """The most nonlinear laws that are fitted for each part added."""
 _INIMITABLE = 5e3
-"""Squared cubic stiffness over its variance beyond which slopes in its place leave more than noise: they
-explain 99.5 % of its effect."""
+"""Squared cubic stiffness over its variance beyond which three slopes in its place leave a residual
+above the noise: they explain 99.5 % of its effect."""
 _MANY_ROWS = 15_000
 """Equations, those of six joints in 40 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
@@ -85,7 +85,7 @@ def _order(search: Search, wider: Model, best: Model) -> tuple[bool, bool]:
 
 
 def _is_passed_over(search: Search, wider: Model, best: Model, leading: Model) -> bool:
-    """Whether a fit is not worth its time since another extension of the best model leads."""
+    """Whether a fit is not worth its time because another extension of the best model is ahead."""
     fits = search.fits
     if leading == best:
         return False
@@ -93,7 +93,7 @@ def _is_passed_over(search: Search, wider: Model, best: Model, leading: Model) -
     if fits.misfit(leading) < EXPLAINED < fits.misfit(best) and not added.isdisjoint(LAWS):
         return True
     if fits.is_explained(leading) and (wider.is_slow or wider.parts == leading.parts):
-        return True  # the score of a slow part decides again
+        return True  # the score decides on a slow part
     if search.has_motions and wider.is_slow and fits.misfit(leading) < _CLIMB * fits.misfit(best):
         return True
     # Richer friction first: other parts absorb some of it.
@@ -139,7 +139,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         clear = [part for part in clear if part != "cubic"]
     may_be_richer = search.may_be_richer(found)
     if search.first and search.has_motions and model.reversal is not None and not may_be_richer:
-        # Filters and lags would absorb what sticking leaves.
+        # Filters and lags would absorb the residual of sticking.
         clear = [part for part in clear if scored[part].gain > _LARGE * found.cost]
     explained = found.misfit <= EXPLAINED
     laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]
@@ -196,8 +196,8 @@ def _friction_varies_with_speed(search: Search, model: Model, found: LikelihoodE
 def _clear_parts(search: Search, model: Model, found: LikelihoodEstimate) -> list[str]:
     """Absent parts with a significant score that is not far below the highest, best first.
 
-    What friction with sharp reversals leaves looks like other parts: where it explains the data, the
-    part must be significant beside free reversals, too.
+    The residual of friction with sharp reversals looks like other parts: where friction explains the
+    data, a part must also be significant beside free reversals.
     """
     fits, scored = search.fits, search.scores(model)
     chance = CHANCE / max(len(fits.optional), 1)

@@ -46,7 +46,7 @@ _LITTLE = 1 / 3
 """Residual over the torques from which two laws of the gears do not explain them: up to 0.3 where one of
 them is fitted; 0.35 to 4 with wrong signs, units and columns."""
 _SAME_COST = 4.0
-"""Cost that a superfluous change of slope may have saved."""
+"""Largest decrease of the cost by a superfluous change of slope."""
 _REGRESSED = {"cubic": 1.0, "backlash": 1.0, "piecewise": 2.0}
 """Laws with a regression of the deflection, and factors on the squares that they leave: slopes imitate
 the others."""
@@ -87,7 +87,7 @@ class Search:
     laws: list[list[str]] = field(default_factory=list)
     """Laws of the gears in these fits; of motions, other parts beside the same laws do not count."""
     has_two_laws: bool = False
-    """Whether two laws of the gears were fitted at once, which gives the same again."""
+    """Whether two laws of the gears were fitted at once; a second time would give the same."""
     may_be_periodic: bool = False
     """Whether effects of the motors' positions are sought."""
     regressed: set[tuple[str, Model]] = field(default_factory=set)
@@ -241,7 +241,7 @@ class Search:
         try:
             waveforms = self.waveforms(model, start)
             estimate = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)
-            # A loop without width at one joint spoils little of the fit.
+            # A loop without width at one joint hardly affects the fit.
             doubtful = EXPLAINED if "hysteresis" in model.effects else DOUBTFUL
             for is_near, bound in ((False, np.inf), (True, POOR)):
                 for other in other_laws(

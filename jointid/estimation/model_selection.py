@@ -52,13 +52,13 @@ from jointid.phasors.passivity import least_misfit
 LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 _BETTER, _FAR_BETTER = 0.1, 0.01
-"""Ratio of misfits from which other start values are the right ones, and from which no further ones are
-tried and free inertias in place of exact ones are right."""
+"""Ratio of misfits from which other start values are better, and from which no further ones are tried
+and free inertias in place of exact ones are better."""
 _LEFT = 0.03
 """Score over the cost of the last model from which complete models are fitted: up to 0.03 beside linear
 gears with friction, 0.05 and more where the growth has missed a law."""
 _EXCHANGES = 3
-"""Most parts that are exchanged one after the other."""
+"""Upper limit of parts that are exchanged one after another."""
 FAR = 10.0
 """Misfit of the first models from which the data may be wrong."""
 _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
@@ -105,12 +105,12 @@ def choose_model(
     gives_up : callable
         Asked where the first models are far from the data; True, as for wrong data, ends the search.
     first : sequence of Model, optional
-        Models that an earlier search could not tell apart, which are fitted first. The start values are
+        Models that an earlier search could not distinguish, which are fitted first. The start values are
         those of the first one.
     most : float, optional
-        Misfit above which the choice has no use: the search ends where some records show it.
+        Misfit above which the choice is useless: the search ends once some records show it.
     is_lost : bool
-        Whether an earlier search found no model near the data: there is none if the first one is not.
+        Whether an earlier search found no model near the data; then only the first one is tried.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
@@ -232,7 +232,7 @@ def _inertias_are_wrong(search: Search, loosened: LikelihoodEstimate | None) -> 
 
 
 def _other_start(search: Search) -> Search:
-    """The search from the other start values from which a model with much freedom comes nearest."""
+    """The search from those further start values from which a flexible model comes nearest."""
     probe, others = freest(search.phasors, search.base, search.fits.optional), []
     for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
         others.append(search.again(start))
@@ -243,9 +243,9 @@ def _other_start(search: Search) -> Search:
 
 
 def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
-    """Search in some records; what comes near those is the start for all, and grows.
+    """Search in some records; a model near those is the start for all, and grows.
 
-    A model leaves at least as much of all records as the best one leaves of some.
+    If no model explains some records, none explains all.
     """
     fits, few = search.fits, search.of_rows(rows)
     choice = _searched(few)
@@ -254,11 +254,11 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
         return _choice(search, fits.least(list(fits.tried)))
     if isinstance(choice.estimate, LikelihoodEstimate):
         search.fit(choice.model, choice.estimate.named, compares=False)
-        if "piecewise" in choice.model.effects and search.is_lost:  # the few may not reach all slopes
+        if "piecewise" in choice.model.effects and search.is_lost:  # they may not reach all slopes
             cubic = choice.model.without("piecewise").with_part("cubic")
             search.fit(cubic, choice.estimate.named, compares=False)
             fit_slopes(search, cubic)
-    if search.is_lost:  # several parts explained the few
+    if search.is_lost:  # several parts explained these records
         climb_from_nearest(search, NEARLY_ALL)
     return _choice(search, fits.least(list(fits.tried)) if search.is_lost else _best(search))
 
@@ -267,14 +267,14 @@ def _best(search: Search) -> Model:
     """Grow and prune from the best model that is fitted already."""
     fits = search.fits
     if not search.is_lost and fits.misfit(fits.least(list(fits.tried))) > LOST:
-        # What explains the data has a part that is not significant: fit it without.
+        # The model that explains the data has an insignificant part: fit it without.
         search.pruned(min(fits.tried, key=fits.misfit))
     best = fits.least(list(fits.tried))
     lost = search.is_lost
     if lost:
         best = climbed(search, best)
     if not search.is_lost and (lost or best.reversal is not None):
-        # Parts that only the start values, or gears, suggest.
+        # Parts that only start values or gear laws suggest.
         best = search.pruned(best)
     best = _grown(search, best)
     if not (lost or search.has_motions or search.is_spent) and fits.misfit(best) > POOR:

@@ -1,4 +1,4 @@
-"""Noise of motions: what a fitted model leaves in them, and that of sines beside them."""
+"""Noise of motions, from the residual of a fitted model, and of sines beside them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,7 +31,7 @@ wrong unit, with which all of the motion would be a reversal."""
 def with_noise(
     phasors: Phasors, prior: InertiaPrior, model: Model, estimate: LikelihoodEstimate | JointIdError
 ) -> Phasors:
-    """Phasors with the noise of motions that a fitted model leaves in them."""
+    """Phasors with the noise of motions from the residual of a fitted model."""
     if not phasors.motion.any() or isinstance(estimate, JointIdError):
         return phasors
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])

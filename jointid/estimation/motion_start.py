@@ -26,7 +26,7 @@ _SLOWEST = 2.0
 _RIDGE = 1e-10
 """Added to the normal matrix of unit diagonal."""
 _ROUNDING = 1e-9
-"""Share of the largest torque that is no information, for records without noise."""
+"""Torque error over the largest torque, for records without noise."""
 _LOADED = 0.2
 """Torque over its largest from which a flank is in contact."""
 _EXPLAINED = 2.0

@@ -1,4 +1,4 @@
-"""Effects that repeat with the turns of a motor: their periods, found in what a model leaves."""
+"""Effects that repeat with the turns of a motor: their periods, found in the residual of a model."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -38,7 +38,7 @@ _MOST_STEPS = 4
 
 
 def fit_periodic(search: Search, nearest: Model) -> bool:
-    """Fit torque ripple and transmission error where they clearly explain what a model leaves.
+    """Fit torque ripple and transmission error where they clearly explain the residual of a model.
 
     Returns whether one was fitted.
     """
@@ -62,7 +62,7 @@ def fit_periodic(search: Search, nearest: Model) -> bool:
 
 
 def _with_simple_parts(search: Search, nearest: Model) -> Model:
-    """The model nearest to sines after fits of what looks like the effects: gravity and sticking."""
+    """The model nearest to sines after fits of gravity and sticking, which look like these effects."""
     fits, found = search.fits, search.fits.estimate(nearest)
     gravity = search.scores(nearest).get("gravity") if search.is_lost else None
     if found and gravity and gravity.gain > _SHARE * found.cost:
@@ -74,7 +74,7 @@ def _with_simple_parts(search: Search, nearest: Model) -> Model:
         return nearest
     tried = set(fits.tried)
     free = freed(search, nearest)
-    if free == nearest:  # further fits shall not start there
+    if free == nearest:  # no further fit starts there
         for each in fits.tried.keys() - tried:
             del fits.tried[each]
     return free
@@ -131,7 +131,7 @@ def _fit_orders(search: Search, model: Model, effect: PerTurn, near: Parameters)
             break
         near = _without(found, effect)
         if found.misfit > DOUBTFUL and model.reversal == 0 and not search.has_motions:
-            free = replace(model, reversal=0.03)  # what sticking leaves hides the order
+            free = replace(model, reversal=0.03)  # the residual of sticking hides the order
             freed = _fitted(search, free, effect, near)
             if freed and NEEDED * freed.misfit < found.misfit:
                 model, found, near = free, freed, _without(freed, effect)

@@ -1,6 +1,6 @@
 """Start values for a fit that does not converge from those of the linear estimator.
 
-Friction biases it: if it is half of the torque, K may be ten times too small. ``friction_start``
+Friction biases that one: if it is half of the torque, K may be ten times too small. ``friction_start``
 compares the torque of the model, Z(K, D) q, with the measured one at the fundamental, in relative terms
 and with a loss that is robust to outliers; friction is linear in it and is eliminated (variable
 projection; Golub and Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
@@ -26,7 +26,7 @@ _LEAST_SHARE = 1e-3
 _DAMPED = 0.05
 """D ω over K of a start."""
 _ROUGH = 0.1
-"""At the start of a fit of gear laws damping over stiffness, and hysteresis over the largest torque and
+"""Start values of a fit of gear laws: damping over stiffness, and hysteresis over the largest torque and
 deflection."""
 _WIDE, _NARROW, _SHARP = 0.3, 0.03, 2e-3
 """Width of a loop, over the largest deflection, for a spring, a usual loop and mere friction, and the
@@ -34,10 +34,10 @@ levels of the last two over the largest torque."""
 _KNEES = (0.5, 0.3), (0.2, 0.3)
 """Deflections at changes of slope over the largest: other starts of a gear with three slopes."""
 _COINCIDE, _APART = 0.05, 0.5
-"""Ratio of the deflections to the first and between two changes of slope at which one is superfluous;
-and for a start."""
+"""Ratio of two deflections, up to the first change of slope and from there to the second, below which
+one change is superfluous; and ratio for a start."""
 _UNEXPLAINED = 0.1
-"""Relative residual of the linear estimate from which friction is looked for."""
+"""Relative residual of the linear estimate from which friction is tried."""
 _OUTLIER = 0.1
 """Relative residual from which a record counts less."""
 _BETTER = 0.5
@@ -94,7 +94,7 @@ def by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
 def other_laws(
     phasors: Phasors, prior: InertiaPrior, start: Parameters, p: Parameters, *, is_near: bool
 ) -> tuple[Parameters, ...]:
-    """Further start values for a law of the gears, from the fit ``p``; whether it is near the data.
+    """Further start values for a law of the gears, from a fit ``p`` that ``is_near`` the data or not.
 
     A hysteresis loop as wide as the deflection acts like a spring, one without width like friction, and
     the width of a flat loop has no effect: such fits do not reach an optimum with small loops, which
@@ -159,9 +159,9 @@ def with_delay(p: Parameters) -> Parameters:
 
 
 def by_regression(law: str, phasors: Phasors, prior: InertiaPrior) -> tuple[Parameters, float] | None:
-    """K, D, Coulomb friction and a law by regression of the deflection; None where it gives none.
+    """K, D, Coulomb friction and a law by regression of the deflection, and its squared residual.
 
-    With the squares that the law leaves, over those of linear gears.
+    The latter is relative to that of linear gears. None if the regression fails.
     """
     found = law_by_regression(law, phasors, prior.M[prior.rotor], prior.M2[prior.pose])
     if found is None:
@@ -180,7 +180,7 @@ def without_inertias(phasors: Phasors, prior: InertiaPrior) -> Parameters | None
     linear in M_j and in the products with K_j and D_j. Poses differ in M2, hence only for one.
     """
     n = phasors.n
-    if phasors.motion.any():  # (8) has terms of the ends there
+    if phasors.motion.any():  # where (8) has end terms
         return None
     several = len(prior.M) > 1 or len(prior.M2) > 1
     if several or prior.added.any() or prior.gravity.any() or 2 * phasors.omega.size < 4 * n + 1:
@@ -332,7 +332,7 @@ def friction_start(
 
 
 def _size(residual: Floats) -> float:
-    """Typical size: outliers do not count; what overflows is infinite."""
+    """Typical size without outliers; infinite on overflow."""
     size = np.nan_to_num(np.abs(residual), nan=np.inf, posinf=np.inf)
     return float(np.median(size)) if size.size else np.inf
 

@@ -1,4 +1,4 @@
-"""Description of a robot in a file, with its payload and the balancer of its arm."""
+"""Description of a robot in a file, with its payload and counterbalance."""
 
 from dataclasses import dataclass, field
 
@@ -71,9 +71,9 @@ class Counterbalance:
     anchor_m: float = 0.8
     crank_m: float = 0.2
     area_m2: float = float(np.pi * (0.055**2 - 0.03**2) / 4)
-    """Of the piston, without its rod."""
+    """Area of the piston without its rod."""
     gas_volume_m3: float = 2 * 0.00048
-    """Of the gas with the cylinder at its shortest."""
+    """Volume of the gas with the cylinder at its shortest."""
     gas_energy_J: float = 1.01 * 296.8 * 328 * 2 * 0.0795
     """Pressure times volume of the gas."""
 

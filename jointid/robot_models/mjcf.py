@@ -1,7 +1,7 @@
 """Robots as MJCF, read by MuJoCo from text without meshes and file references.
 
-The text is rebuilt of known elements and attributes, so that MuJoCo opens no file; the checks here
-precede it.
+The text is rebuilt from known elements and attributes after the checks here, so that MuJoCo opens no
+file.
 """
 
 from typing import Any
@@ -45,7 +45,7 @@ _IGNORED = {
     "autolimits", "meshdir", "texturedir", "assetdir", "strippath", "discardvisual", "usethread",
     "fusestatic",
 }  # fmt: skip
-"""Settings of the compiler that leave the masses alone."""
+"""Settings of the compiler that do not change the masses."""
 _NO_GEAR = 1e-300
 """Gear of an actuator that states none."""
 _WITHOUT_MESHES = " Meshes are not read: a body made of meshes needs an <inertial>."
@@ -120,7 +120,7 @@ def _gears(file: str, names: tuple[str, ...], model: Any) -> Floats:
 
 
 def _require_readable(file: str, root: Element) -> None:
-    """Refuse what is left out below although it moves the robot, or its masses."""
+    """Refuse parts that change the motion or the masses and are not read."""
     if root.find(".//include") is not None:
         raise xml_error(file, "<include>: other files are not read. Insert the included text.")
     if any(root.find(f"equality/{tie}") is not None for tie in ("connect", "weld", "joint")):
@@ -153,7 +153,7 @@ def _require_readable(file: str, root: Element) -> None:
 
 
 def _plain(root: Element) -> Element:
-    """Copy of a file with what is read of it; actuators without a gear have that of ``_NO_GEAR``."""
+    """Copy of the parts of a file that are read; actuators without a gear get ``_NO_GEAR``."""
     plain = _copy(root)
     plain.insert(0, Element("default"))
     SubElement(plain[0], "general", gear=f"{_NO_GEAR}")

@@ -49,7 +49,7 @@ def read_urdf(file: str, data: bytes) -> RobotDescription:
     pin = import_optional("pinocchio", "pin", "URDF", "robot")
     try:
         model = pin.buildModelFromXML(tostring(root, "unicode"))
-    except Exception as error:  # pinocchio raises what its C++ libraries raise
+    except Exception as error:  # pinocchio passes on any exception of its C++ libraries
         reason = str(error).split("message:")[-1].strip()
         raise xml_error(file, f"pinocchio cannot read this robot: {reason:.200}.") from error
     names = tuple(model.names)[1:]
@@ -116,7 +116,7 @@ def _require_urdf(file: str, root: Element) -> None:
 
 
 def _require_spelling(file: str, root: Element) -> None:
-    """Refuse what pinocchio leaves out: macros, other spellings, and all but one of several parts."""
+    """Refuse parts that pinocchio ignores: macros, other spellings, repeated parts."""
     for part in root.iter():
         known = part.tag.lower()
         if known.startswith("xacro:"):

@@ -1,4 +1,4 @@
-"""Checks that robot descriptions in XML share; each error names the file and the element."""
+"""Checks for URDF and MJCF; each error names the file and the element."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ def require_numeric(file: str, root: Element, known: dict[str, dict[str, range]]
 
 
 def require_physical(file: str, names: Sequence[str], links: RigidBodies) -> None:
-    """Refuse inertias that no body has."""
+    """Refuse inertias that no rigid body can have."""
     for name, tensor in zip(names, links.inertia, strict=True):
         if not np.isfinite(tensor).all():
             raise xml_error(

@@ -61,11 +61,11 @@ def finding_of(
         whose, columns = _joints(wrong, factor.size), _columns(what, wrong)
         return problem(
             f"The sign of the {what} of {whose} looks reversed",
-            f"At low frequency the torque is −1 times the value from M and M2. {proof}",
+            f"At low frequency the torque is opposite in sign to the value from M and M2. {proof}",
             f"Set the direction of the {what} of {whose} to reversed on import, give the gear ratio the "
             "other sign if motor and joint turn in opposite directions, or reverse the sign of "
-            f"{columns} in the study's tables: a positive torque then accelerates the motor to positive "
-            "positions.",
+            f"{columns} in the study's tables: a positive torque then accelerates the motor towards "
+            "positive positions.",
             1.0,
             "edit mapping",
             *_changes(hypothesis),
@@ -76,7 +76,7 @@ def finding_of(
     groups: dict[Cause | None, list[int]] = {}
     for j in wrong.tolist():
         groups.setdefault(known_cause(float(factor[j]), CLOSE if good else ROUGH), []).append(j)
-    if None in groups and not good:  # inertias that are off as well may make a known factor by chance
+    if None in groups and not good:  # with wrong inertias, a factor may match by chance
         groups = {None: wrong.tolist()}
     if list(groups) == [None]:
         return _unknown_cause(factor, wrong, proof, effect, side())
@@ -111,8 +111,8 @@ def finding_of(
             )
         columns = _columns(cause.signal, joints)
         minus = " Reverse its sign as well." if reversed_too else ""
-        remedies.append(f"{cause.remedy.format(whose)} ({columns} in a study's tables).{minus}")
-    remedies.append(  # either may be of this size by chance
+        remedies.append(f"{cause.remedy.format(whose)} ({columns} in the study's tables).{minus}")
+    remedies.append(  # a factor may match a unit by chance
         "If the units are right, check the gear ratio and the rated torque or torque constant."
     )
     title = capitalised("; ".join(titles))
@@ -123,33 +123,33 @@ def finding_of(
 
 _EXPECTED = "the value from M and M2"
 _MOST_OF_INERTIAS = 10.0
-"""Factor from which M and M2 are no likely cause."""
+"""Factor from which M and M2 are an unlikely cause."""
 _WHOLE: dict[str, tuple[str, str, str, Action]] = {
     "inertia": (
         "M2 seems to be given at the joint side",
-        "With gear ratios of about {gears}, M2 would fit the torques at low frequency.",
-        "Enter M2 as a joint-side value, or divide element ij of M2 in study.toml by the gear "
-        "ratios n_i·n_j.",
+        "Converted with gear ratios of about {gears}, M2 fits the torques at low frequency.",
+        "Enter M2 as a joint-side value, or divide element ij of M2 in study.toml by N_i·N_j, the gear "
+        "ratios of the joints i and j.",
         "edit inertias",
     ),
     "arm angle": (
         "The positions seem to be measured at the arm, not at the motors",
         "Read as positions behind the gears, they give K of about {K}.",
-        "Choose the columns of the motors' encoders as positions ({q} in a study's tables). An encoder "
-        "behind the gear does not show the motion of the motor, whatever the gear ratio.",
+        "Choose the columns of the motors' encoders as positions ({q} in the study's tables). An "
+        "encoder behind the gear does not show the motion of the motor, whatever the gear ratio.",
         "edit mapping",
     ),
     VELOCITY: (
         "The positions seem to be velocities",
         "Read as velocities in {unit}, they give K of about {K}.",
-        "Choose the columns of the motors' positions ({q} in a study's tables), or integrate the "
+        "Choose the columns of the motors' positions ({q} in the study's tables), or integrate the "
         "velocities before the import.",
         "edit mapping",
     ),
     "gear torque": (
         "The torques seem to be measured behind the gears, not at the motors",
         "Read as torques behind the gears, which exclude the rotors, they give K of about {K}.",
-        "Choose the columns of the motors' torques ({tau} in a study's tables), or add M times the "
+        "Choose the columns of the motors' torques ({tau} in the study's tables), or add M times the "
         "motor's acceleration to them.",
         "edit mapping",
     ),
@@ -188,7 +188,7 @@ def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
         remedy = "Check that M, M2 and the columns have the same order of joints."
         if what != "inertias":
             columns = _columns(what[:-1], joints)
-            remedy = f"Swap the columns of these {what} on import ({columns} in a study's tables)."
+            remedy = f"Swap the columns of these {what} on import ({columns} in the study's tables)."
         remedies.append(remedy)
     for j in np.flatnonzero(hypothesis.scale[:n] < 0).tolist():
         which, others = ("1 or joint 2", "other") if n == 2 else (f"{j + 1}", "others")
@@ -209,7 +209,7 @@ def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
 
 
 def _proof(before: float, after: float) -> str:
-    """Effect of the correction on the residual, and a hint at a second fault."""
+    """Residual before and after the correction, with a hint at a second fault."""
     logged = times_noise(before) if np.isfinite(before) else "no fit with positive stiffness"
     proof = f"Residual as logged: {logged}; corrected: {times_noise(after)} (1 is ideal)."
     if after <= GOOD:
@@ -281,13 +281,13 @@ def _unknown_remedy(factor: Floats, joints: Iterable[int]) -> str:
     return (
         "On import, check the side of the gear, the gear ratio and the unit of position and torque: a "
         "torque in % needs the rated torque, one in amperes the torque constant. "
-        f"The data would fit with the torque multiplied by {each} ({_columns('torque', indices)} in a "
-        "study's tables)." + (f" Similar factors: {'; '.join(near)}." if near else "")
+        f"The data would fit with the torque multiplied by {each} ({_columns('torque', indices)} in "
+        "the study's tables)." + (f" Similar factors: {'; '.join(near)}." if near else "")
     )
 
 
 def _is_common(factor: Floats, of_cause: float) -> bool:
-    """Whether a common cause is behind the factors of all joints, alone or with a scale of each."""
+    """Whether a common cause explains the factors of all joints, alone or with a scale per joint."""
     if np.any(factor <= 0):
         return False
     rest = factor / of_cause

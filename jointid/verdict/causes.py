@@ -8,15 +8,15 @@ from jointid.verdict.evidence import Action
 
 DEGREES = np.pi / 180
 CLOSE, ROUGH, NEAR = 1.03, 1.1, 1.35
-"""Ratio within which a factor is a known one: of a good fit, where more is wrong, for a hint."""
+"""Ratio within which a factor counts as a known one: of a good fit, beside another fault, for a hint."""
 GOOD = 10.0
-"""Misfit above which something is left to be explained."""
+"""Misfit below which a fit explains the records."""
 VELOCITY_UNITS = {1.0: "rad/s", DEGREES: "°/s", np.pi / 30: "rpm"}
 """Units of a velocity that may be taken for a position, by their size in rad/s."""
 LARGEST_GEAR_RATIO = 1000.0
-"""Larger ratios, and less than one over it, are no gears."""
+"""Largest plausible gear ratio; its inverse is the smallest."""
 ALIKE = 0.02
-"""Difference of logarithms within which the factors of all joints come from time."""
+"""Spread of the factors' logarithms up to which one cause, such as time, explains all joints."""
 
 
 class Cause(NamedTuple):
@@ -94,12 +94,12 @@ CAUSES = (
 )  # fmt: skip
 """Wrong units by their factor."""
 SUBTLE = (np.sqrt(0.5), np.sqrt(2))
-"""Factors that wrong inertias may cause as well."""
+"""Factors that wrong inertias may also cause."""
 OTHER_CAUSES = {
     1e-3: "M and M2 seem to be in g·m²",
     1e-6: "The position of all joints seems to be in µrad",
 }
-"""Cause of the same factor in all joints, in place of that in the table."""
+"""Alternative cause of a factor that is the same in all joints."""
 
 
 def known_cause(factor: float, close: float) -> Cause | None:

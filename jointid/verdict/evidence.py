@@ -20,12 +20,12 @@ Action = Literal["", "edit columns", "edit mapping", "edit runs", "edit inertias
 
 
 Code = Literal["", "model limits"]
-"""Identity of a finding that other parts ask for."""
+"""Identifier of a finding that other modules look up."""
 ChangeKind = Literal["start", "frequency", "leave out", "delay", "hold", "scale", "order", "inertias"]
 
 
 _MOST_TIMES = 1000.0
-"""Multiple of the noise beyond which the number is meaningless: the records hardly have noise."""
+"""Multiple of the noise beyond which the number is meaningless: the records contain hardly any noise."""
 
 
 @dataclass(frozen=True, eq=False)

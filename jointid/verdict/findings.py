@@ -57,7 +57,7 @@ __all__ = ["Evidence", "Finding", "findings"]
 
 
 _WIDE = 0.03
-"""Relative standard error of K or D whose main cause is worth a sentence."""
+"""Relative standard error of K or D from which its main cause is stated."""
 _FAR = 4.0
 """Difference of a fitted from a given inertia, in standard deviations, from which units may be wrong."""
 
@@ -114,14 +114,14 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
         scales = wrong_columns(judged, evidence.phasors, evidence.inertias)
         if not scales and _physical_misfit(judge) >= GOOD:
             scales = tuple(motors_take_power(evidence))
-    if scales:  # what notes advise on, such as amplitudes, is only known of the right data
+    if scales:  # the advice of notes, such as on amplitudes, requires correct data
         found = [finding for finding in found if finding.level != "note"]
     found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
         wrong = list(inertias_look_wrong(judged))
         found += wrong
-        if not wrong:  # wrong inertias would pass for these
+        if not wrong:  # wrong inertias cause these, too
             causes = [*poses_disagree(evidence), *depends_on_amplitude(evidence)]
             doubts = [finding for rule in _OF_ITS_PRECISION for finding in rule(evidence)]
             found += causes + [each for each in doubts if not causes or each.level == "problem"]
@@ -129,7 +129,7 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
 
 
 def is_wrong(evidence: Evidence) -> bool:
-    """Whether signs, units or columns are wrong, or torques are damaged, by a linear fit."""
+    """Whether a linear fit shows wrong signs, units or columns, or torques are damaged."""
     damaged = any(foreign_torques(evidence))
     return damaged or bool(wrong_data(evidence.phasors, evidence.inertias))
 
@@ -152,7 +152,7 @@ def _best_fit(evidence: Evidence) -> ElasticityFit:
 def wrong_columns(
     evidence: Evidence, phasors: Phasors, inertias: Sequence[Inertia]
 ) -> tuple[Finding, ...]:
-    """Wrong units, signs, columns and axes, by phasors of the records with an inertia for each."""
+    """Wrong units, signs, columns and axes, from phasors and one inertia per record."""
     if not may_be_wrong(evidence):
         return ()
     found = wrong_data(phasors, inertias)
@@ -176,14 +176,14 @@ def of_records(evidence: Evidence) -> list[Finding]:
 
 
 def ranked(found: Sequence[Finding], fit: ElasticityFit) -> tuple[Finding, ...]:
-    """Findings, most important first, with the one that no action is needed if they leave no doubt."""
+    """Findings, most important first, with a "good" one if none is a problem or warning."""
     if not any(finding.level in ("problem", "warning") for finding in found):
         found = [*found, _all_well(fit)]
     return tuple(sorted(found, key=lambda finding: -finding.weight))
 
 
 def _all_well(fit: ElasticityFit) -> Finding:
-    """The finding that no action is needed."""
+    """The finding that the model explains the data."""
     share = relative(fit.standard_error, fit.estimate)
     errors = ", ".join(
         f"{name} {percent(s)}" for name, s in zip(elasticity_labels(fit.n), share, strict=True)

@@ -1,4 +1,4 @@
-"""Findings on studies with records of motions that are no sines."""
+"""Findings on studies with motion records."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -23,11 +23,12 @@ from jointid.verdict.wrong_data import wrong_data
 from jointid.wording import counted, percent
 
 _RESTS, _LOOSELY = 0.35, 0.01
-"""A joint is reported from this share of the time at rest and this relative standard error of K."""
+"""Share of the time at rest and relative standard error of K from which a joint is reported."""
 _SURE = 1e4
 """Degrees of freedom of the covariance of transfer matrices."""
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
-"""Time in which a motor moves, s; the quantile of its moves that counts as fast; a rest over it."""
+"""Interval of a move, s; quantile of the moves that counts as fast; largest move at rest, relative to
+it."""
 
 
 def motion_findings(
@@ -83,8 +84,8 @@ def wrong_motions(
 ) -> tuple[Finding, ...]:
     """Find torques that are clipped or lack their sign, and wrong signs, units, gear ratios and columns.
 
-    The latter by transfer matrices, as ``wrong_data`` does. Friction that holds a motor is like another
-    inertia: none of them is found where a motor rests.
+    The latter by ``wrong_data`` from transfer matrices, unless a motor rests: friction that holds it
+    acts like another inertia.
     """
     motions = [record for record in records if isinstance(record, MotionRecord)]
     damaged = tuple(damaged_torques(motions))
@@ -142,7 +143,7 @@ def _rests(motions: Sequence[MotionRecord]) -> Floats:
 
 
 def _joints_at_rest(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
-    """Joints that friction holds so long that their own torques hardly show the spring."""
+    """Joints at rest for so long that their own torques carry little information on K."""
     if fit.friction is None:
         return
     known = fit.errors.K / np.abs(fit.K)
@@ -151,13 +152,13 @@ def _joints_at_rest(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
         j = int(joints[np.argmax(known[joints])])
         result = f"do not determine K{j + 1}."
         if np.isfinite(known[j]):
-            result = f"determine K{j + 1}: one standard error is {percent(known[j])}."
+            result = f"determine K{j + 1} with a standard error of {percent(known[j])}."
         make = problem if np.any(undetermined(fit)[joints]) else warning
         yield make(
             f"{some([f'Joint {k + 1}' for k in joints])} rest{'s' * (joints.size == 1)} for much of the "
             "motion",
             f"Motor {j + 1} hardly moves for {percent(shares[j])} of the time. While friction holds "
-            "it, its torque carries no information on K. The other joints and the short moves " + result,
+            "it, its torque carries no information on K. The other joints and its short moves " + result,
             f"Move joint {j + 1} faster or farther, with torques well above its friction, so that it "
             "reverses without a rest.",
             float(min(known[j], 1.0)),

@@ -25,7 +25,7 @@ from jointid.verdict.evidence import (
 from jointid.wording import decimal_place, enumerated, percent, with_error
 
 CLEAR = 4.0
-"""Standard errors that are not by chance."""
+"""Standard errors from which a difference is significant."""
 
 
 def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
@@ -120,8 +120,8 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     rounded = _rounded(lag, fit.delay_error)
     yield note(
         f"{title}, or there is {others}" if others else title,
-        f"{CANNOT_TELL if others else ''}That is {samples} samples; the fit includes it. Without it, "
-        f"{elasticity_labels(fit.n)[worst]} would be {without}.",
+        f"{CANNOT_TELL if others else ''}The {'lag' if lag > 0 else 'lead'} is {samples} samples; the "
+        f"fit includes it. Without it, {elasticity_labels(fit.n)[worst]} would be {without}.",
         remedy
         or f"If the drive has such a delay, add {_as_text(1e3 * rounded)} ms to the torque's delay on "
         f"import, or {_as_text(rounded)} s to torque_delay_s under [timing] in study.toml.",
@@ -143,11 +143,11 @@ def _as_text(value: float) -> str:
 
 CANNOT_TELL = "The records cannot distinguish these. "
 _EQUAL = 6.0
-"""Difference of the information criterion between models that explain the data alike, 2 ln 20."""
+"""Difference of the criterion up to which two models explain the data equally well, 2 ln 20."""
 
 
 def alternatives(fit: ElasticityFit, part: str) -> dict[str, str]:
-    """Parts, with their names, that explain the data as well as a part of the model, such as a delay."""
+    """Parts, with their names, that explain the data as well as the given part of the model."""
     chosen = next((c for c in fit.candidates if c.chosen), None)
     if chosen is None:
         return {}

@@ -119,7 +119,7 @@ def _orders(fit: ElasticityFit, name: str) -> dict[int, int]:
 
 
 def _value(fit: ElasticityFit, found: Quantity, per_turn: dict[int, int]) -> str:
-    """Value of an effect at its joint; of backlash also in arc minutes and over the deflection.
+    """Value of an effect at its joint; backlash also in arc minutes and relative to the deflection.
 
     Of periodic effects it is the amplitude.
     """
@@ -144,7 +144,7 @@ _TIMES = ("lag", "position_filter", "torque_filter")
 
 
 def _settled_by(evidence: Evidence) -> str:
-    """Range of torque that was tried, and the records that settle a doubt between two laws."""
+    """Largest torques in the records, and the record that would distinguish two gear laws."""
     fit = evidence.fit
     tried = enumerated(
         [f"{significant(gear.tried_Nm, 2)} N·m (joint {j})" for j, gear in enumerate(fit.gears, start=1)]

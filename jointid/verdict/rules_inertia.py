@@ -45,10 +45,10 @@ from jointid.wording import capitalised, percent, plain, significant, with_error
 _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
 _ABSURD = 10.0
-"""Difference from a given inertia, in its standard deviations, from which the answer is not usable."""
+"""Difference from a given inertia, in standard deviations, from which the answer is not usable."""
 _FAR_OFF, _SURE = 0.2, 2.0
-"""Relative error of K or D by inertias given as exact, beside a large misfit, of the same answer, and
-its standard errors beyond that."""
+"""Relative error of K or D from inertias given as exact, from which an answer with a large misfit is not
+usable, and standard errors by which it must be exceeded."""
 _LOWER, _FAR_LOWER, _NEARER = 0.7, 0.3, 0.5
 """Misfit of a linear fit, that of one with free friction, and difference from the given inertias in
 standard deviations, over those as logged, from which axes look swapped or reversed."""
@@ -57,7 +57,7 @@ _FAR, _SURELY = np.log(2.0), 0.2
 50 %), and largest relative error of the fitted rotor inertias that show it."""
 _Probe = tuple[Model | None, Estimate]
 _CHANCE = 5e-4
-"""Probability that any right value differs as far from the given one, and that all together do."""
+"""Probability that a correct value differs this far from the given one: any value, or all together."""
 
 
 def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
@@ -70,7 +70,7 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
 
 
 def axes_exchanged(evidence: Evidence, scorer: Scorer | None = None) -> Iterator[Finding]:
-    """Exchanged or reversed axes, by a whole fit: friction and gears hide them from a linear one.
+    """Exchanged or reversed axes, by a complete fit: friction and gears hide them from a linear one.
 
     ``scorer`` compares the hypotheses on sines; motions have a regression with friction.
     """
@@ -96,7 +96,7 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer | None = None) -> Iterator
         return
     texts = [
         times_noise(each.misfit)
-        + f" and inertias up to {number(off, 2)} standard deviations from the given ones" * (before > 0)
+        + f" with inertias up to {number(off, 2)} standard deviations from the given ones" * (before > 0)
         for each, off in ((fit, before), (other, after))
     ]
     proof = f"Residual as given: {texts[0]}; corrected: {texts[1]}."
@@ -153,7 +153,7 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     own_inertias = dict(zip(evidence.poses, own.inertias, strict=True))
     if absurd:
         accounts += (
-            " So large an error indicates a wrong unit, a wrong torque constant or the inertias of "
+            " So large a difference indicates a wrong unit, a wrong torque constant or the inertias of "
             "another robot."
         )
     sure = change - relative(_SURE * own.standard_error, fit.estimate)
@@ -246,7 +246,7 @@ def _significance(row: PriorRow, exact: bool) -> float:
 
 
 def _far_off(evidence: Evidence) -> Iterator[Finding]:
-    """At low frequency the torques are (M + M2) q̈, which shows inertias of another pose or drive."""
+    """Inertias of another pose or drive: at low frequency the torques are (M + M2) q̈."""
     fit = evidence.fit
     if fit.misfit < 100 or distortion(evidence) > 0.02:
         return
@@ -274,7 +274,7 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
             )
         elif (
             off[i, j] > _FAR_OFF > _unexplained(fit.phasors.select(index), measured)
-        ):  # no change of scale
+        ):  # the measured inertia explains the torques, the given one does not
             element = f"J_m{i + 1} + J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}"
             yield problem(
                 f"The inertias look wrong{where}",

@@ -48,9 +48,9 @@ _ODD = 5.0
 _LOWEST = 0.1
 """Lowest suggested frequency over the lowest of the records."""
 _GAP = 1.4
-"""Factor within which a frequency covers a resonance."""
+"""Largest ratio of a resonance to a frequency that covers it."""
 _SEEN, _CERTAIN = 2.0, 4.0
-"""Standard errors below zero from which a damping is called negative, and certainly negative."""
+"""Standard errors below zero from which a damping is probably negative, and certainly negative."""
 _FINE = 0.01
 """Relative standard error of K and D that needs no further frequency."""
 
@@ -161,7 +161,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     make = problem if (contradicts(fit) or loaded) and fit.method not in LINEAR else warning
     parts = fitted_parts(fit) if make is problem else []
     if parts:
-        left += f". Fitting {enumerated(parts)} does not reduce the residual to the noise"
+        left += f". Fitting {enumerated(parts)} does not reduce the residual to the noise level"
     finding = make(
         "The model does not explain the data" if make is problem else MODEL_LIMITS,
         f"{left}.{odd_record}",
@@ -207,13 +207,13 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
     if odd_record:
         return (
             "Check the columns, the load and the sample rate of this record, or leave it out. Without "
-            "an anti-alias filter, a record of low sample rate contains aliased torque."
+            "an anti-aliasing filter, a record with a low sample rate contains aliased torque."
         )
     if fit.prior is not None and np.any(fit.prior.added) and fit.prior.torque_std == 0:
         return (
-            "The fit takes the torque constants as exact, and the known payload contradicts wrong ones. "
-            "State how well they are known, for instance std = 0.05 under [torque] in study.toml: the "
-            "payload then determines the torque scale. Check its inertia too."
+            "The fit takes the torque constants as exact; if they are wrong, they contradict the known "
+            "payload. State how well they are known, for instance std = 0.05 under [torque] in "
+            "study.toml: the payload then determines the torque scale. Check the payload's inertia too."
         )
     if fit.friction is not None and fit.phasors.is_superposed:
         speed = fit.phasors.omega[:, None] * np.abs(fit.phasors.q)
@@ -286,7 +286,7 @@ def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
 
 
 def one_frequency(evidence: Evidence) -> Iterator[Finding]:
-    """Records of one frequency, which some K and D always fit."""
+    """Records at a single frequency, which some K and D always fit."""
     f, count, n = evidence.frequency_hz, len(evidence.records), evidence.fit.n
     if f.max() > f.min() * (1 + 1e-6):
         return

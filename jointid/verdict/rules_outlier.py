@@ -1,7 +1,7 @@
 """Rules of the verdict on records that contradict all others, and on torques of other motions.
 
-Wrong inertias, friction and wrong units of all records affect every record. Here the others fit well
-without a single record. A factor on its angles or torques that corrects it names its fault.
+Wrong inertias, friction and wrong units of all records affect every record. An outlier is a single
+record without which the others fit well. A factor that corrects its angles or torques names its fault.
 """
 
 from collections.abc import Iterator
@@ -30,10 +30,10 @@ from jointid.verdict.steady_state import joint_share
 from jointid.wording import capitalised, counted, percent
 
 _LEFT = 0.02
-"""Largest share of the misfit without the record; by noise alone, one record changes little."""
+"""Largest misfit without the outlier, over that with it; with noise alone, no record matters as much."""
 
 _OTHERS_LEFT = 0.2
-"""Smallest share of the misfit without another record: one record is wrong, not a part of the band."""
+"""The same without any other record, smallest: one record is wrong, not a part of the band."""
 
 _FEWEST = 4
 """Fewest other records, so that they can contradict each other as well."""
@@ -48,13 +48,13 @@ _FAULTS: dict[tuple[int, float], Cause | None] = {(1, -1.0): None, (0, -1.0): No
 _CLEAR = 4.0
 """Amplitude of a torque over its noise below which there may be no sine."""
 _LOST, _EXPECTED, _MANY = 0.5, 0.1, 0.25
-"""Share of the torque's variance at the frequency of the motion and its multiples below which the rest
-is another signal, that of the rotor's own torque which cannot be missed, and share of such records from
-which they are reported."""
+"""Share of the torque's variance at the frequency of the motion and its multiples, below which the
+torque belongs to another motion; share of the rotor's own torque above which that is certain; share of
+such records from which they are reported."""
 _MOVES = 0.2
 """Amplitude over the joint's largest at the same frequency from which a record moves it."""
 _SURE = 5.0
-"""Standard errors of a power."""
+"""Standard errors from which an absorbed power is significant."""
 _FOREIGN = (
     "The torques do not belong to the motions",
     "Check that positions and torques of each record come from the same run and clock, and check the "
@@ -77,7 +77,7 @@ _CUT, _FAR_MORE = 0.1, 4.0
 that at any smaller one: 2.4 for a sine in coarse steps."""
 AT_LIMIT = f"more than {percent(_CUT)} of the samples are at the largest torque"
 _RESONANCE = 1.5
-"""Ratio of frequencies beyond which no resonance, which needs hardly any torque, explains its lack."""
+"""Ratio of frequencies beyond which a resonance, which needs hardly any torque, is not the cause."""
 
 _LEAVE_OUT = "untick its run on import, or delete its [[records]] entry in study.toml"
 
@@ -101,7 +101,7 @@ def one_record_off(evidence: Evidence) -> tuple[int, Finding] | None:
 
 
 def _suspects(evidence: Evidence, scorer: Scorer) -> list[int]:
-    """Rows without which the given inertias leave least, and of which the fit leaves most."""
+    """Rows that may be wrong: the smallest misfit without it, or the largest residual of the fit."""
     fit, count = evidence.fit, evidence.phasors.omega.size
     if fit.prior is None or not fit.prior.inertia_std:
         return []
@@ -166,9 +166,9 @@ def _record_off(evidence: Evidence, scorer: Scorer) -> tuple[int, Finding] | Non
 def _corrections(scorer: Scorer, record: int, spring: Complexes) -> list[Floats]:
     """Logged over true angles, then torques, of a record: known faults first, then any factor.
 
-    The coupling of the joints shows which signal of one joint is scaled. One factor for all joints does
-    not separate angle from torque: the usual signal is assumed. ``spring`` is K + iωD of the other
-    records, shape (n,); each scale has shape (2n,).
+    The coupling of the joints shows which signal of one joint is scaled. A factor of all joints may
+    belong to angle or torque: the usual signal is assumed. ``spring`` is K + iωD of the other records,
+    shape (n,); each scale has shape (2n,).
     """
     n, z = scorer.n, scorer.z[record]
     found: list[Floats] = []
@@ -228,7 +228,7 @@ def _outlier_text(label: str, scale: Floats) -> tuple[str, str, str, bool]:
 
 
 def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
-    """Torques that are clipped, lack their sign, or the frequency at which the motor moves."""
+    """Torques that are clipped, or lack their sign or the frequency of the motion."""
     phasors, n = evidence.phasors, evidence.phasors.n
     noise = np.sqrt(np.einsum("rjj->rj", phasors.harmonic_covariance[:, 0, n:, n:]).real)
     moves = joint_share(phasors)[:, :n] > _MOVES
@@ -251,7 +251,7 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
     found[0, list(off_frequency(evidence))] = False
     lacking = phasors.omega[found[0]]
     if found[0].mean() > _MANY and (poor or lacking.max() > _RESONANCE * lacking.min()):
-        yield _foreign(evidence, found[0], "the torque lacks the frequency at which the motor moves")
+        yield _foreign(evidence, found[0], "the torque lacks the frequency of the motion")
     elif found[2].mean() > _MANY:
         why = (
             "the torque reaches zero but keeps its sign, with a component at twice the frequency of "

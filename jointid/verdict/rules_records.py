@@ -25,7 +25,7 @@ from jointid.verdict.steady_state import decimals, joint_share, steady_from, uns
 from jointid.wording import counted, percent
 
 _HELD = 0.05
-"""Amplitude over the joint's largest at the same frequency below which a record holds the joint."""
+"""Amplitude over the joint's largest at the same frequency below which the joint counts as held."""
 _STARTS = 3
 """Records for which a later start is searched, worst first."""
 _COUNTS = 3.0
@@ -39,11 +39,11 @@ _EXAMINED = 4096
 _ODD = np.uint64(0x9E3779B97F4A7C15)
 """Odd multiplier of the digest of a sample: 2⁶⁴ over the golden ratio."""
 _SHARED = 0.5
-"""Share of the samples of a motion that another one has as well, from which it is counted twice."""
+"""Share of the samples of a motion that are also in another one, from which it is counted twice."""
 
 
 def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
-    """The motor angle has another frequency than stated."""
+    """The frequency of the motor angle differs from the stated one."""
     phasors, stated = evidence.phasors, evidence.frequency_hz
     concerned = off_frequency(evidence)
     if concerned:
@@ -69,11 +69,11 @@ def off_frequency(evidence: Evidence) -> tuple[int, ...]:
     off = np.abs(found / evidence.frequency_hz - 1)
     return tuple(
         int(i) for i in np.flatnonzero(off > 2e-3) if _turns_at(evidence.sines[i], found[i])
-    )  # noise has a frequency as well
+    )  # noise has a largest line, too
 
 
 def still_settling(evidence: Evidence) -> Iterator[Finding]:
-    """The beginning of a record differs from its end significantly."""
+    """The beginning of a record differs significantly from its end."""
     phasors = evidence.phasors
     moving = unsettled(phasors)
     worst = int(np.argmax(moving))
@@ -128,8 +128,8 @@ def few_periods(evidence: Evidence) -> Iterator[Finding]:
         names = some([evidence.phasors.labels[i] for i in short])
         yield note(
             "Some records are only a few periods long",
-            f"{names}: {number(periods[short].min(), 2)} periods. Their noise is assumed white, since "
-            "slow disturbances cannot be separated from the sine.",
+            f"{names}: {'at least ' * (short.size > 1)}{number(periods[short].min(), 2)} periods. Their "
+            "noise is assumed white, since slow disturbances cannot be separated from the sine.",
             "Record five periods or more at every frequency.",
             1e-3 + 0.5 * _worst_error(evidence),
         )
@@ -191,7 +191,7 @@ def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
         yield make(
             f"Joint {j + 1} hardly moves in {len(names)} of {counted(len(phasors.labels), 'record')}",
             f"In {some(names)}, joint {j + 1} moves less than its noise or sticks most of the time: "
-            f"friction of {number(fit.friction.coulomb[j], 2)} N·m carries the torque.",
+            f"friction of {number(fit.friction.coulomb[j], 2)} N·m balances its torque.",
             "Move all joints in every record, with different relative phases, or superpose a constant "
             "velocity.",
             0.02 * share,

@@ -34,7 +34,7 @@ def rejected(evidence: Evidence) -> Iterator[Finding]:
 
 
 def foreign_peak(evidence: Evidence) -> Iterator[Finding]:
-    """As in Figures 3 and 4: a peak in the response of one record that H does not have."""
+    """As in the paper's Figures 3 and 4: a peak in the response of one record that H does not have."""
     fit = evidence.fit
     if fit.n == 1 or np.any(fit.K <= 0) or fit.misfit > 100:
         return
@@ -75,7 +75,7 @@ def _controller_peak(
     true = _peaks(H)
     of_model = [int(np.argmin(np.abs(np.log(frequency / f)))) for f in own_hz]
     foreign = [p for p in _peaks(alone) if all(abs(p - t) > 1 for t in [*true, *of_model])]
-    elastic = [t for t in true if any(abs(t - m) <= 1 for m in of_model)]  # others are of friction
+    elastic = [t for t in true if any(abs(t - m) <= 1 for m in of_model)]  # others come from friction
     if not foreign or not elastic:
         return None
     worst = max(foreign, key=lambda p: alone[p] / H[p])
@@ -85,8 +85,8 @@ def _controller_peak(
         f"The peak of joint {j + 1} at {number(frequency[worst])} Hz comes from the controller "
         f"of {whose}",
         f"In the single record {evidence.phasors.labels[records[worst]]}, acceleration over torque "
-        f"peaks there at {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak "
-        f"there. The elastic resonance is the peak of H{j + 1}{j + 1} at "
+        f"is {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak at this "
+        f"frequency. The elastic resonance is the peak of H{j + 1}{j + 1} at "
         f"{some([f'{number(frequency[t])} Hz' for t in elastic])}.",
         "No action needed: K and D are fitted jointly. Do not read them off the response of a single "
         "record.",

@@ -1,4 +1,4 @@
-"""Score of hypotheses on wrong data: K and D by a linear fit to the records as each one corrects them.
+"""Score of hypotheses on wrong data: a linear fit of K and D to the records corrected by each one.
 
 A hypothesis changes the matrices that map the logged phasors z = [q; τ] to a and b of the joint
 equations (K_j + iωD_j) a_j = b_j. The noise of z is the same for all of them, and many are fitted at
@@ -35,7 +35,7 @@ class Hypothesis:
     scale: Floats
     """Logged over true angles, then torques, shape (2n,)."""
     gear: Floats
-    """By which M2 is to be divided on both sides, shape (n,)."""
+    """Gear ratios by which M2 is to be divided on both sides, shape (n,)."""
     order: np.ndarray
     """Column of z that holds the angle, then the torque, of each joint, shape (2n,)."""
 
@@ -60,7 +60,7 @@ class Hypothesis:
 
 
 def simplest(cost: Floats) -> int:
-    """Index of the first cost, that of the simplest hypothesis, near the least one or that of noise."""
+    """Index of the first hypothesis, hence the simplest, with a cost near the least or that of noise."""
     return int(np.argmax(cost <= 2 * max(cost.min(), 1.0)))
 
 
@@ -124,7 +124,7 @@ class Scorer:
         return replace(self, z=self.z * factor, noise=noise)
 
     def as_logged(self) -> Hypothesis:
-        """Nothing is wrong."""
+        """Return the hypothesis that nothing is wrong."""
         return Hypothesis.of("", np.ones(self.n), np.ones(self.n))
 
     def scores(self, hypotheses: Sequence[Hypothesis], use: Floats | None = None) -> Scores:

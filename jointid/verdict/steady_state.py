@@ -71,7 +71,7 @@ def steady_from(record: SineRecord) -> float | None:
         return None
     change, noise = phasors.settling, phasors.settling_noise
     clear = change > np.maximum(_SIGNIFICANT * noise, _NEGLIGIBLE)
-    # A drift over the whole record decreases in proportion to the rest: it is no settling.
+    # A change in proportion to the remaining length is a drift of the whole record, no settling.
     left = phasors.duration_s[:, None] / phasors.duration_s[0]
     goes_on = (change > np.maximum(0.5 * left * change[0], _NEGLIGIBLE)) & clear[0]
     steady = np.asarray(~(clear | goes_on).any(axis=1) & np.isfinite(change).all(axis=1))

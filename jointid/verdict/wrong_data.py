@@ -24,14 +24,12 @@ from jointid.verdict.evidence import Finding
 from jointid.verdict.scorer import VELOCITY, Hypothesis, Scorer, simplest
 
 _SNAP = 1.35  # a factor this close to a known one is taken for it
-_RIGHT = 1.8  # a factor within this is that of inertias that are somewhat off
+_RIGHT = 1.8  # a factor up to this may come from inaccurate inertias
 _BETTER = 0.1  # share of the misfit that corrected data may leave
 _GRID, _GRID_POINTS, _FARTHEST = 0.24, 17, 0.5  # logarithms around a rough ratio
 _LARGEST_FACTOR = 5e3  # degrees taken for radians twice, and a little more
-_SHORTEST_S = (
-    0.01  # shortest record that a wrong unit of time may leave; the times as logged last longer
-)
-_ABSORBED = 100.0  # misfit by power that the motors would absorb, from which it alone shows a sign
+_SHORTEST_S = 0.01  # shortest plausible length of the longest record with corrected times
+_ABSORBED = 100.0  # misfit by absorbed power, from which the power alone proves a wrong sign
 _MOST_JOINTS = 4  # above, the combinations of hypotheses are too many
 _FACTORS = tuple(cause.factor for cause in CAUSES)
 
@@ -71,7 +69,7 @@ def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, 
             found[found > _BETTER * cost.min()] = np.inf  # a free ratio always reduces the misfit
             tried, cost = [*tried, *possible], np.concatenate([cost, found])
     shortest = _SHORTEST_S / float(phasors.duration_s.max())
-    cost[[bool(np.all(h.factor > shortest**-2.0)) for h in tried]] = np.inf  # motors that stand still
+    cost[[bool(np.all(h.factor > shortest**-2.0)) for h in tried]] = np.inf  # too short
     absorbed = least_misfit(phasors.omega, phasors.z, phasors.covariance)
     if absorbed > GOOD:
         for k in np.flatnonzero(cost < bar):
@@ -92,7 +90,7 @@ def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, 
 def _reversed_by_power(phasors: Phasors, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The reversed sign of one joint's angle or torque without which the motors would absorb power.
 
-    Beside friction and wrong inertias no hypothesis explains the torques, and the power still shows it.
+    With friction and wrong inertias no hypothesis explains the torques, but the power shows the sign.
     """
     signs = [h for h in tried if h.kind in ("angle", "torque") and np.all(np.abs(h.scale) == 1)]
     found = [h for h in signs if _supplies_power(phasors, h)]
@@ -101,7 +99,7 @@ def _reversed_by_power(phasors: Phasors, tried: Sequence[Hypothesis]) -> list[Hy
 
 
 def _supplies_power(phasors: Phasors, hypothesis: Hypothesis) -> bool:
-    """Whether the corrected records take no power from the motors; angles of the arm do not show it."""
+    """Whether the motors absorb no power in the corrected records; always true for angles of the arm."""
     order = hypothesis.order
     scale: Complexes = np.asarray(hypothesis.scale + np.zeros(phasors.z.shape, complex))
     if hypothesis.kind == VELOCITY:
@@ -180,7 +178,7 @@ def _on_sides(factor: Floats) -> list[Hypothesis]:
     if np.all(factor == 1):
         return []
     found = [Hypothesis.of("torque", one, factor), Hypothesis.of("angle", 1 / factor, one)]
-    if np.all(factor > 0):  # a ratio that is applied twice makes no sign
+    if np.all(factor > 0):  # a ratio applied twice reverses no sign
         wrong = np.flatnonzero(factor != 1)[1:_MOST_JOINTS]
         for signs in product((1.0, -1.0), repeat=wrong.size):
             root = np.sqrt(factor)
@@ -211,7 +209,7 @@ def _refined(hypothesis: Hypothesis, scorer: Scorer) -> Hypothesis:
     free = np.flatnonzero(np.any(logs != 0, axis=0))
     if hypothesis.kind in ("arm angle", "gear torque", "exchanged", VELOCITY) or not free.size:
         return hypothesis
-    # A ratio that scales both, angle and torque, is one number.
+    # One ratio scales both angle and torque.
     turn = np.sign(logs) * np.sign(np.abs(logs).sum(axis=0))
 
     def scaled(x: Floats) -> Hypothesis:
@@ -226,7 +224,7 @@ def _refined(hypothesis: Hypothesis, scorer: Scorer) -> Hypothesis:
         least, most = 1e-300, 1e300
         return float(np.log(np.clip(scorer.scores([scaled(x)]).cost[0], least, most)))
 
-    # Beside the valley of the right ratios lie others, where springs are negative.
+    # Other local minima, with negative springs, are near that of the right ratios.
     axis = np.linspace(-_GRID, _GRID, _GRID_POINTS) if free.size < 3 else np.zeros(1)
     grid = np.array(sorted(product(axis, repeat=free.size), key=lambda x: float(np.square(x).sum())))
     start = grid[int(np.argmin(scorer.scores([scaled(x) for x in grid]).cost))]

@@ -1,1 +1,1 @@
-"""Estimators of K, D and all that is fitted with them: linear least squares and maximum likelihood."""
+"""Estimators of K, D and the parameters fitted with them: linear least squares, maximum likelihood."""

@@ -41,7 +41,7 @@ class HeldTorque:
     def of(cls, s: Complexes, hold_s: Floats, delay_s: Floats) -> HeldTorque:
         """Images of records at s, shape (r, H), with hold and delay of shape (r,).
 
-        Of no order where no torque is held.
+        There are none where no torque is held.
         """
         hold = hold_s[:, None, None]
         turn = np.abs(s[..., None]) * hold

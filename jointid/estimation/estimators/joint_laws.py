@@ -35,7 +35,7 @@ from jointid.phasors.segment import Segment
 _CLEAR = 3.0
 """Standard deviations from which a harmonic of the torque counts; the others are noise."""
 _POINTS = 8
-"""Samples over a period for each harmonic."""
+"""Samples per period for each harmonic."""
 _FINE = 250
 """Number of samples from which half as many per harmonic suffice."""
 _LEAST_HARMONICS = 16
@@ -191,7 +191,7 @@ class JointLaws:
         beyond = np.zeros((r, n, 1 + H), complex)
         of_sines: WoundGears | None = None
         of_motions: DrivenGears | None = None
-        with np.errstate(all="ignore"):  # parameters far off are refused by their cost
+        with np.errstate(all="ignore"):  # far-off parameters are rejected by their cost
             if rows.size:
                 by_torque, further = (self.low / stiffness)[rows], self._beyond_measured(p)
                 drive = np.where(self.low[rows], by_torque * torque[rows], moved[rows])
@@ -220,8 +220,8 @@ class JointLaws:
     def _beyond_measured(self, p: Parameters) -> Complexes:
         """Deflection over torque beyond K δ at the next harmonics of sines, (r, T, n).
 
-        The edges of backlash reach further than the harmonics of the records. There the controller does
-        nothing, and the gear moves motor and arm apart.
+        The edges of backlash have harmonics beyond those of the records. The controller has no effect
+        there: the gear moves motor and arm against each other.
         """
         H = self.s.shape[1]
         count = H * ("backlash" in p.layout or "piecewise" in p.layout)

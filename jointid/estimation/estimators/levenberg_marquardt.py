@@ -15,7 +15,7 @@ _EVALUATIONS, _LAW_EVALUATIONS = 150, 24
 _LEAST_DAMPING = 1e-12
 """Added to the diagonal of the normalised normal matrix, so that rounding does not make it singular."""
 _IDLE, _MOST_IDLE = 0.02, 3
-"""Negligible decrease of the cost over the misfit; such steps in a row that end the iteration."""
+"""Negligible decrease of the cost over the misfit, and consecutive such steps that end the fit."""
 _MOTION_IDLE = 0.1
 """Negligible decrease for motions with a gear law."""
 _STUCK = 3e-3
@@ -44,7 +44,7 @@ def minimised(
     slow = any(name in problem.layout for name in GEAR_LAWS)
     left, stuck = (_LAW_EVALUATIONS, _LAW_STUCK) if slow else (_EVALUATIONS, _STUCK)
     harder = 10
-    if slow and problem.motion is not None:  # their evaluations are the slowest
+    if slow and problem.motion is not None:  # these evaluations are the slowest
         harder, least = 100, max(least, _MOTION_IDLE)
     for _ in range(_ITERATIONS):
         # Hold parameters at their bounds (Bertsekas, SIAM Journal on Control and Optimization 20, 1982).

@@ -46,7 +46,7 @@ from jointid.small_matrices import (
 _FAR, _NEAR = 1e-3, 1e-6
 """Initial damping of the iteration: from start values, and from an estimate near the optimum."""
 _CHANCE = 1e-3
-"""Probability of the misfit of a band by noise from which it is the model's."""
+"""Probability of a band's misfit by noise alone, below which it counts as an error of the model."""
 _HELD = 3.0
 """Strength of the observer of gears in motions for the first part of a fit from far off."""
 _DOUBTFUL = 3.0
@@ -72,7 +72,7 @@ class LikelihoodEstimate(Estimate):
     rests_in_noise: bool
     """Whether ``covariance`` has the unknown friction at the reversals of motions as noise."""
     prior_covariance: Floats
-    """The part of ``covariance`` that the prior makes, shape (P, P); noise makes the rest."""
+    """The part of ``covariance`` that comes from the prior, shape (P, P); the rest comes from noise."""
     inertias: tuple[Inertia, ...]
     """Fitted inertia of each record; the given one where it is exact."""
     scale: Floats
@@ -162,7 +162,7 @@ def maximum_likelihood(
     normal = fitted.information() + given
     covariance = 0.5 * determined_covariance(normal, given)
     for name in ("coulomb", "curve"):
-        if name in problem.layout:  # a motor that never reverses shows none
+        if name in problem.layout:  # not determined by a motor that never reverses
             own = np.arange(p.size)[problem.layout[name]]
             covariance[own, own] = np.where(np.diag(normal)[own] > 0, covariance[own, own], 0.0)
     if np.any(scale > 1):
@@ -265,7 +265,7 @@ def _require_rows(problem: Problem, p: Floats) -> None:
 
 
 def _prior_part(problem: Problem, p: Floats, covariance: Floats) -> Floats:
-    """The part of the covariance that the prior makes, shape (P, P).
+    """The part of the covariance that comes from the prior, shape (P, P).
 
     With the information A of the data and B of the prior, C = (A + B)⁻¹ = C A C + C B C.
     """

@@ -1,6 +1,6 @@
 """Named blocks of the parameter vector: stiffness, damping, friction, effects, inertias.
 
-``PARAMETERS`` is the one table of what they are called and measured in.
+``PARAMETERS`` is the one table of their names and units.
 
 The effects are deviations of real robots from equation (1), each of one or two numbers per joint.
 """
@@ -130,7 +130,7 @@ LAWS = (*GEAR_LAWS, "arm_coulomb", "motor_presliding")
 
 
 class Meaning(NamedTuple):
-    """What the numbers of a block are, on the motor side."""
+    """Name, symbol and unit of the numbers of a block, motor side."""
 
     name: str
     unit: str

@@ -37,7 +37,7 @@ _SHARPEST, _SLOWEST = 1e-4, 2.0
 _LARGEST = 4.0
 """Upper bound on backlash and hysteresis over the largest linear deflection and torque."""
 _FLATTEST = 0.1
-"""Least slope of a piecewise linear gear, over K."""
+"""Smallest slope of a piecewise linear gear, over K."""
 LOWEST_LINK = 4.0
 """Lowest link mode of the prior, over the joint's resonance: −s⁴c does not describe lower ones."""
 _FILTER_SHARE, _LEAST_FILTER = 0.3, 0.05
@@ -68,7 +68,7 @@ class Problem:
     motion: Complexes | None = None  # (2, r, H, n), velocity and acceleration of motions
     repeated: Floats | None = None  # (r, n), part of the angles' variance that adds up over periods
     free_torque: Complexes | float = 0.0  # (r, H, n), not through nonlinear gears: free friction
-    law_noise: tuple[Complexes, Floats] | None = None  # of w by noise, ``with_law_noise``, (r, H, n)
+    law_noise: tuple[Complexes, Floats] | None = None  # w by noise, ``with_law_noise``, (r, H, n)
 
     @property
     def n(self) -> int:

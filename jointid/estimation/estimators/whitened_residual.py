@@ -27,18 +27,18 @@ _RESOLVED = 1.0
 _CLEAR = 4.0
 """Standard deviations from which a harmonic counts as a signal."""
 _CHANCE, _CHANCE_OF_MOTIONS = 1e-4, 0.05
-"""Probability that the scatter widens the errors of a right model; motions have many segments."""
+"""Probability that the scatter widens the errors of a correct model; motions have many segments."""
 _MOST_LEVERAGE = 0.999
 """Largest share of a direction's information from one record; its residual there is rounding."""
 _LEAST_RECORDS = 4
-"""Fewest records that show a scatter."""
+"""Fewest records from which a scatter is computed."""
 POOR = 10.0
 """Misfit of a model that does not explain the data."""
 _EVALUATIONS = 2
 """Evaluations of the free friction beside gear laws: the torque through the gears changes it little."""
 _STICKING = 1000.0
-"""Misfit from which it is not evaluated: with it backlash beside motors that stick fits, which left 15
-to 500 without."""
+"""Misfit from which it is not evaluated; backlash with sticking motors fits with it, and has a misfit of
+15 to 500 without."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,11 +205,11 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
 
     At the optimum the gradients g of the records cancel. Their scatter gives the sandwich covariance A⁻¹
     (Σ ggᵀ) A⁻¹, with the leverage correction CR2 (Bell and McCaffrey, Survey Methodology 28, 2002). It
-    holds whatever makes the residuals as long as that differs by record, as sticking friction does. The
+    holds for any cause of residuals that differs between records, such as sticking friction. The
     scatter of few records is inaccurate: it counts if that of K and D is significant, and then widens
     the noise of each parameter by the ratio of both standard errors, if that is above 1. ``residual`` is
     that at the estimate; ``prior_part`` of its covariance, both shape (P, P), comes from the prior, the
-    rest by noise.
+    rest from noise.
     """
     finite = finite_part(covariance)
     noise = finite - prior_part

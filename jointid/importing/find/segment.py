@@ -12,7 +12,7 @@ from jointid.phasors.fitted_sine import sine_basis
 from jointid.wording import listed
 
 FEWEST_PERIODS = 5
-"""Fewest periods of a segment that is found automatically, of its lowest line."""
+"""Fewest periods, of the lowest line, of a segment that is found automatically."""
 HARMONICS = 3
 """Highest harmonic fitted to a single sine, so that friction does not shift its frequency."""
 MIN_SNR = 5.0
@@ -23,7 +23,7 @@ _ODD_HARMONIC = 0.25  # torque or acceleration over the fundamental's, below whi
 _IN_A_SERIES = 0.5  # the same where the torque falls to the next odd multiple as that of friction does
 _FALL = 1.1  # ratio of both torques, over that of a square wave, below which it does
 _OTHER_HARMONIC = 0.1  # the same at even multiples, and beside lines that are no multiples
-_SEVERAL = 4  # lines that friction cannot have made from one
+_SEVERAL = 4  # fewest lines that friction cannot cause from one
 _MIN_MOTION = 0.02  # motion of a joint over the largest, below which its lines are ignored
 _FLOOR_BINS = 20  # spectral bins to each side of a line that give its noise floor
 

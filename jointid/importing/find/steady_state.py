@@ -22,13 +22,13 @@ SEED_FRAMES = 5
 """Fewest frames whose phasors show that they are constant."""
 
 _MIN_MOTION = 0.02  # phasor over the largest of its quantity, below which a joint counts as at rest
-_MAX_NOISE_CHANGE = 0.4  # relative change beyond which noise is no excuse
+_MAX_NOISE_CHANGE = 0.4  # relative change beyond which noise is no explanation
 _LINE_RESOLUTION = 1.5  # frame length × distance of the closest lines; 1 is the limit of resolution
 _MULTISINE_PERIODS = 2.0  # of the lowest line in a frame
 _ROUNDING_SHARE = 0.15  # of its step by which rounding may shift the phasor of a sine
 _NOISE_SIGMAS = 3.0  # times the noise of all signals that a frame may deviate
 _OUTLIER_SIGMAS = 3.5  # standard deviations
-_SETTLED_SIGMAS = 2.0  # standard errors: to cut a period too many costs little
+_SETTLED_SIGMAS = 2.0  # standard errors; an unnecessary cut of a period costs little
 _MEDIAN_OVER_RMS = 0.83  # of the magnitude of a complex normal number
 _SPLIT_GAIN = 10.0  # ratio of squared misfits, one sine over two, that proves a change of frequency
 _SPLIT_PHASE_RAD = 0.3  # least phase difference of the two over the shorter one
@@ -142,7 +142,7 @@ def grown(
     first = low + int(np.argmin(misfit))
     last = first + SEED_FRAMES
     size = float(np.linalg.norm(_mean_phasors(y[first:last])[0]))
-    # A relative change, or what noise excuses.
+    # A relative change, or a deviation within the noise.
     tolerance = max(change * size, min(_NOISE_SIGMAS * noise, _MAX_NOISE_CHANGE * size))
     if misfit.min() * size > tolerance:
         return 0, 0

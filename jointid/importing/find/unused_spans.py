@@ -16,7 +16,7 @@ from jointid.wording import listed, significant
 _MIN_BEND_RAD = 0.015  # of the phase of a run, above which its frequency drifts: 0.4 % in 5 periods
 _BEND_SIGMAS = 5.0  # standard errors of the bend
 _EVIDENCE = 6.0  # twice the log-likelihood ratio of a sweep over steady sines
-_FOUND_BEND = 0.5  # of the bend of a sweep that pieces have: the search prefers those that bend less
+_FOUND_BEND = 0.5  # of the bend of a sweep in its pieces: the search prefers those that bend less
 _RATE_ERROR = 0.3  # relative error of the bend that the neighbours predict
 _MOST_OF_ONE = 9.0  # evidence of one run
 _LONE_SIGMAS = 3.0  # standard errors of the bend of a lone run amid other motion
@@ -67,7 +67,7 @@ def without_sweeps(
 
 
 def _chains(log: MappedLog, segments: Sequence[Segment]) -> list[list[int]]:
-    """Indices of runs between which the motion goes on without a rest."""
+    """Indices of consecutive runs without a rest between them."""
     chains: list[list[int]] = []
     for k, segment in enumerate(segments):
         if k and _moves(log, segment, segments[k - 1].stop_s, segment.start_s):

@@ -11,7 +11,7 @@ from jointid.importing.map.reasons import Reason
 from jointid.wording import counted
 
 NO_COLUMN = LogColumn("", np.zeros(0))
-"""In the place of a column that nothing indicates."""
+"""Placeholder for a column that neither name nor unit indicates."""
 _OTHER = {"position": "torque", "torque": "position"}
 _CLEAR = 1.5  # score of a position whose name or unit says so
 _MAX_LESS_CLEAR = 0.5  # score below the least clear pair, up to which an unpaired column is reported
@@ -26,7 +26,7 @@ Pair = tuple[LogColumn, LogColumn]
 
 
 def pairs_by_name(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[Pair]:
-    """Position and torque of each joint, joints in the order of their numbers, else of the file."""
+    """Position and torque of each joint, in the order of the joints' numbers, else of the file."""
     best: _Groups = {}
     behind = {id(entry) for entry in behind_gear(columns)}
     for entry in columns:
@@ -140,7 +140,7 @@ def _join_by_order(best: _Groups, complete: _Groups) -> set[str]:
 
 
 def _join_by_number(best: _Groups, complete: _Groups) -> set[str]:
-    """Pair unpaired positions and torques that share a number, in both; return the new keys."""
+    """Pair single positions and torques of one number, in both arguments; return the new keys."""
     lone: dict[str, dict[int, list[str]]] = {role: {} for role in _OTHER}
     for key, group in best.items():
         number = next(iter(group.values())).number

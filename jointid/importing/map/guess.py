@@ -1,6 +1,6 @@
 """Guess which columns are positions and torques, each guess with its reason.
 
-Those without names are told apart by their roughness and order.
+Columns without names are distinguished by their roughness and order.
 """
 
 import re
@@ -41,7 +41,7 @@ from jointid.importing.map.mapping import (
 from jointid.importing.map.reasons import Reason
 from jointid.importing.map.unwrap import unwrapped
 
-_ALIKE = 0.9  # range of one position over that of another from which they move alike
+_ALIKE = 0.9  # ratio of the ranges of two positions from which they move alike
 _Said = tuple[str, bool, str]
 """A guess, whether the file states it, and why."""
 _ODRIVE = re.compile(r"(?i)\bpos_(?:rel|abs|estimate)\b|odrive")
@@ -50,7 +50,7 @@ _NO_RATIO = (
     "Logs do not state it. Give motor turns per joint turn, negative if they turn in opposite "
     "directions; 1 is assumed."
 )
-_NO_SIGN = "Logs do not state it. Assumed: a positive torque accelerates to positive positions."
+_NO_SIGN = "Logs do not state it. Assumed: a positive torque accelerates towards positive positions."
 
 
 @dataclass(frozen=True)
@@ -252,9 +252,9 @@ _NO_NAME = re.compile(
 )
 _NUMBER = re.compile(r"[ _\[(]*\d+[\])]?$")
 _CLEAR = 0.05  # difference in log-roughness per joint above which a layout is clear
-_MAX_SAMPLES = 200_000  # of which the roughness is taken
+_MAX_SAMPLES = 200_000  # for the roughness
 _DERIVATIVE = 0.1
-"""Relative difference below which a column is the derivative of another, in its own unit per second."""
+"""Relative difference below which a column is the derivative of another, in that one's unit per s."""
 
 
 def pairs_by_shape(
@@ -288,7 +288,7 @@ def pairs_by_shape(
         best = 0  # the usual order
     at_q, at_t = np.array(layouts[best]).T
     if n > 1 and rough[at_q].max() > rough[at_t].min():
-        return []  # further quantities, such as currents, are among them
+        return []  # the columns include further quantities, such as currents
     for number, (q, t) in enumerate(layouts[best], start=1):
         for role, k, how in (("position", q, "smoother"), ("torque", t, "rougher")):
             why = f"it is the {how} one" if gains[best] >= _CLEAR else "of its place"
@@ -298,7 +298,7 @@ def pairs_by_shape(
 
 
 def _unnamed(columns: Sequence[LogColumn]) -> bool:
-    """Whether names say nothing, or are those of one array: "log 1", "log 2" of a variable log."""
+    """Whether names have no meaning, or are those of one array: "log 1", "log 2" of a variable log."""
     stems = {_NUMBER.sub("", column.name) for column in columns}
     one = len(stems) == 1 and not states_quantity(columns[0])
     return one or all(_NO_NAME.fullmatch(column.name) for column in columns)
@@ -314,9 +314,9 @@ def _without_velocities(
     if seconds.size < 50 or np.any(np.diff(seconds) <= 0) or not np.isfinite(values).all():
         return [*columns]
     sizes = np.abs(values).max(axis=0)
-    values = values / sizes  # squares of damage overflow
+    values = values / sizes  # squares of damaged values overflow
     slopes = np.gradient(values, seconds, axis=0)
-    with np.errstate(all="ignore"):  # a slope of 0 or of infinite power explains nothing
+    with np.errstate(all="ignore"):  # a constant or overflowing slope explains nothing
         factors = slopes.T @ values / (slopes**2).sum(axis=0)[:, None]
         left = 1 - factors * (slopes.T @ values) / (values**2).sum(axis=0)
         of_slope = np.abs(factors * sizes / sizes[:, None] - 1) < _DERIVATIVE

@@ -69,7 +69,7 @@ def _time_unit(column: LogColumn) -> str:
 
 
 def _late_rows(values: Floats, *, named: bool) -> int | None:
-    """Number of steps back; None for a column that is no time. Only a named time may have any."""
+    """Number of steps back; None if the column is not a time. Only one named as time may have any."""
     if values.size < 2:
         return None
     steps = np.diff(values)
@@ -80,7 +80,7 @@ def _late_rows(values: Floats, *, named: bool) -> int | None:
 
 
 def _is_coarse(table: LogTable, column: LogColumn) -> bool:
-    """Whether rows that differ share a time, so that a clock does not order them."""
+    """Whether different rows share a time: the clock is too coarse to order them."""
     again = np.flatnonzero(np.diff(column.values) == 0)
     many = again.size > MAX_REPEATED * table.rows
     return many and any(np.diff(np.nan_to_num(c.values))[again].any() for c in table.columns)
@@ -108,7 +108,7 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
 
 
 def is_clock_like(values: Floats) -> bool:
-    """Whether values rise over a log of some length, or by one step and back: no joint moves so."""
+    """Whether values rise throughout a long log, or by one step and back, unlike a joint's position."""
     if values.size < 50:
         return False
     with np.errstate(over="ignore", invalid="ignore"):  # damaged values of 1e308

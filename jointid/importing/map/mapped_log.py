@@ -18,7 +18,7 @@ from jointid.wording import counted, listed
 class MappedLog(JointRecord):
     """A log in SI units, motor side; it may have gaps, so its interval is the median one.
 
-    Raises JointIdError as the records that are cut from it do.
+    Raises JointIdError for the same faults as a record.
     """
 
     name: str = ""

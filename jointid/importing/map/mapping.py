@@ -76,7 +76,7 @@ class Channel:
 class JointMapping:
     """Position and torque of one joint.
 
-    Raises JointIdError when a unit, scale, side, sign or the ratio cannot be.
+    Raises JointIdError when a unit, scale, side, sign or the ratio is invalid.
     """
 
     position: Channel

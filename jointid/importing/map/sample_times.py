@@ -1,4 +1,4 @@
-"""Increasing times from logged ones, and one clock for signals with times of their own."""
+"""Increasing times from logged ones, and one clock for signals with separate clocks."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -21,7 +21,7 @@ GAP = 10.5
 """Pause in sample intervals above which a log is split."""
 MAX_REPEATED = 0.01
 """Share of rows that may repeat a time with other values."""
-_CLOCKS_S = (86400.0, 3600.0, 60.0)  # at which clocks begin anew
+_CLOCKS_S = (86400.0, 3600.0, 60.0)  # periods after which clocks restart
 
 
 def sample_times(
@@ -130,7 +130,7 @@ class _LoggedTimes:
         return f"{counted(at.size, 'row')} {why} left out: {which}."
 
     def _error(self, at: int) -> JointIdError:
-        """Error for the row at which a step back begins; the rows after it are late as well."""
+        """Error for the row at which a step back begins; later rows may also be late."""
         value, before = float(self.time[at]), float(self.time[at - 1])
         fault = "repeats" if value == before else "goes back from"
         remedy = "Times must increase: choose another time column, or cut the log there."
@@ -166,7 +166,7 @@ def _copies(time: Floats, signals: Sequence[Floats], late: Bools) -> Bools:
 
 _FEWEST = 8
 _TOGETHER = 0.5
-"""Share of the slowest signal's samples that have all signals, above which they share one clock."""
+"""Share of the slowest signal's samples with values of all signals, above which these share a clock."""
 _LONGEST_STEP = 2.5  # step in usual steps of a signal, above which it is not interpolated
 
 
@@ -177,7 +177,7 @@ def on_one_clock(mapping: Mapping, time: Floats, signals: Sequence[Floats]) -> t
     are in the order of the mapping's columns, and NaN where they were not sampled. A held torque keeps
     its last value; all others follow a cubic spline, positions of single-turn encoders after
     unwrapping. Returns the signals, finite at the times of the slowest, or the given ones if they share
-    a clock; and a sentence on the choice, "" for nothing.
+    a clock; and a sentence on the interpolation, "" without one.
     """
     known = [np.isfinite(time) & np.isfinite(signal) for signal in signals]
     if min(int(k.sum()) for k in known) < _FEWEST:
@@ -211,7 +211,7 @@ def on_one_clock(mapping: Mapping, time: Floats, signals: Sequence[Floats]) -> t
     ]
     how = " (cubic; a held torque by its last value)" if mapping.torque_hold else " (cubic)"
     return found, (
-        f"Signals have times of their own. Interpolated{how} at the {at.size} times of the slowest, "
+        f"Signals have separate clocks. Interpolated{how} at the {at.size} times of the slowest, "
         f'"{names[slowest]}": {listed(others)}.{"".join(notes)}'
     )
 

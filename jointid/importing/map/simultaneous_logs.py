@@ -24,7 +24,7 @@ _SAME_TIME = 0.05  # share of the sample interval within which two times are equ
 _REPEATED = 0.1  # difference of two signals over their size, below which they are repetitions of one run
 _MIN_OVERLAP = 0.5  # least share of the shorter log that both cover
 _MIN_POWER = 1e-3  # least power of a common line over the largest
-_ABSOLUTE_START = 3.0  # start of an absolute clock, over the duration of the log
+_ABSOLUTE_START = 3.0  # start of an absolute clock, over the duration of the log, at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class JointLog:
     signals: tuple[Floats, Floats]
     """Position and torque."""
     joint: str
-    """The joint that the name states, as in "axis1"; "" for none."""
+    """The joint in the name, as in "axis1"; "" without one."""
     rest: tuple[str, ...]
     """The other words of its name."""
 
@@ -99,7 +99,7 @@ def _run_in(words: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def rows_in_common(parts: Sequence[JointLog]) -> list[slice]:
-    """Rows of each log that have the same times in all; none where their times differ."""
+    """Rows of each log at the times common to all; empty if no times agree."""
     near = _SAME_TIME * float(np.median(np.diff(parts[0].time)))
     start, stop = max(p.time[0] for p in parts) - near, min(p.time[-1] for p in parts) + near
     rows = [slice(*np.searchsorted(part.time, [start, stop]).tolist()) for part in parts]
@@ -113,7 +113,7 @@ def rows_in_common(parts: Sequence[JointLog]) -> list[slice]:
 
 
 def _is_absolute(part: JointLog) -> bool:
-    """Whether the clock ran long before the log: two of those agree only in simultaneous logs."""
+    """Whether the clock started long before the log: two such clocks agree only in simultaneous logs."""
     return bool(part.time_column) and float(part.time[0]) > _ABSOLUTE_START * float(np.ptp(part.time))
 
 

@@ -10,7 +10,7 @@ from jointid.wording import counted
 
 _TURN = {"rad": 2 * np.pi, "mrad": 2e3 * np.pi, "deg": 360.0, "rev": 1.0}
 _COUNTERS = tuple(2.0**bits for bits in range(8, 33))
-"""Overflow of counters of 8 to 32 bits, whatever the counts per turn."""
+"""Ranges of counters of 8 to 32 bits, at which they overflow whatever the counts per turn."""
 _MAX_POSITION = 1e12  # larger values are damage
 _MAX_MOTION = 0.2  # motion in one sample that a wrap may contain, in turns
 _MAX_STEPS = 20.0  # the same in usual steps of the motion (90 % quantile)

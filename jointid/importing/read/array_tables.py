@@ -74,7 +74,7 @@ def tables_of(file: str, arrays: Iterable[NamedArray], otherwise: str) -> tuple[
 
 
 def _timed_signals(arrays: Iterable[NamedArray]) -> list[Signal]:
-    """Signals of structs with a field of times and one of values, as MATLAB's timeseries have."""
+    """Signals of structs with a field of times and one of values, such as MATLAB timeseries."""
     parts: dict[str, dict[str, NamedArray]] = {}
     for array in arrays:
         *path, field = re.split(r"[./]", f"{array.group}/{array.name}".removeprefix("/"))

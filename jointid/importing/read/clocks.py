@@ -1,4 +1,4 @@
-"""Signals with times of their own, put into tables."""
+"""Signals with separate clocks, put into tables."""
 
 import re
 from collections.abc import Sequence
@@ -47,7 +47,7 @@ def tables_of_signals(
     time: tuple[str, str] = ("time", "s"),
     otherwise: str = "",
 ) -> tuple[LogTable, ...]:
-    """Put signals into a table of all, and one for each clock if there are several.
+    """Put signals into one table, and one more for each clock if there are several.
 
     Signals without a finite value are left out. Time is in seconds from the first sample of all. In a
     table of several clocks a signal is NaN at the times of the others; ``apply_mapping`` interpolates.
@@ -81,7 +81,7 @@ def tables_of_signals(
         known = np.isfinite(ticks)
         column[np.searchsorted(times, ticks[known])] = signal.values[known]
         together.append(replace(signal, time_s=times * _SAME_S, values=column))
-    note = f"Its signals have {counted(len(groups), 'clock')}: each keeps its own times."
+    note = f"Its signals have {counted(len(groups), 'clock')}; each keeps its own times."
     return _table(file, together, (*notes, note), time), *most_first(file, tables)
 
 

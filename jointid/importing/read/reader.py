@@ -40,7 +40,7 @@ def text_matches(pattern: str) -> Callable[[bytes], bool]:
 
 
 def text_of(data: bytes) -> str:
-    """Decode a text, or the beginning of one; bytes that are not text become other characters."""
+    """Decode a text, or the beginning of one; invalid bytes become replacement characters."""
     encoding = stated_encoding(data)
     try:  # the beginning of a file may end within a character
         text = codecs.getincrementaldecoder(encoding or "utf-8")().decode(data)

@@ -86,7 +86,7 @@ def _tables(header: dict[str, Any], body: bytes) -> tuple[LogTable, ...]:
 def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[str, Any], bytes]:
     """Read one file; return the description of its tables with all columns, or an error."""
     kind, name, path = request["kind"], request["name"], request["path"]
-    tempfile.tempdir = request["scratch"]  # what libraries leave there goes with the parent's folder
+    tempfile.tempdir = request["scratch"]  # removed by the parent
     try:
         tables = readers()[kind].read(name, path)
         if not tables:

@@ -48,7 +48,7 @@ _UNSUPPORTED = (
     (b"MZ", "a Windows program"),
     (b"\x7fELF", "a Linux program"),
 )
-"""First bytes of binary files that no reader takes."""
+"""First bytes of binary files without a reader."""
 _TEXT_MAGIC = (b"%PDF", b"DIAEXTENDED")
 _UNSUPPORTED_ENDINGS = {"svdx": "a TwinCAT Scope recording", "r64": "a KUKA trace"}
 
@@ -97,7 +97,7 @@ def kind_of(name: str, head: bytes) -> str:
     ending = name.lower().rpartition(".")[2]
     named = _UNSUPPORTED_ENDINGS.get(ending) if b"\0" in head else None
     for magic, what in _UNSUPPORTED:
-        # Text is no such file, though it may begin with the same letters.
+        # A text may begin with the same letters.
         if head.startswith(magic) and (not magic.isascii() or b"\0" in head or magic in _TEXT_MAGIC):
             named = what
     if named:

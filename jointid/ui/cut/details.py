@@ -16,7 +16,7 @@ from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import NO_POSE, choose_segment, side_by_side
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.wording import length_with_error, minus, plain, significant, three_digits
+from jointid.wording import length_with_error, minus, plain, significant, three_digits, unbroken
 
 
 def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> None:
@@ -102,7 +102,7 @@ def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where
     values, directions = of.principal
     errors = of.standard_error(covariance)
     texts = [length_with_error(force * x, force * e) for x, e in zip(values, errors, strict=True)]
-    st.write(f"**A force of {force:.0f} N moves the tool by up to {texts[0]}** ({where}).")
+    st.write(unbroken(f"**A force of {force:.0f} N moves the tool by up to {texts[0]}** ({where})."))
     show_text_table(
         {
             f"Direction ({', '.join('xyz'[: len(directions)])})": [
@@ -115,5 +115,5 @@ def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where
     lowest = three_digits(of.resonances_hz[:3])
     st.caption(
         f"Directions are in {'world' if len(directions) == 3 else 'base'} axes; a force along one of "
-        f"them moves the tool along it. Lowest natural frequencies: {lowest} Hz."
+        f"them moves the tool along it. Lowest natural frequencies: {unbroken(f'{lowest} Hz')}."
     )

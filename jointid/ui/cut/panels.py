@@ -193,7 +193,7 @@ def show_assumptions() -> None:
         r"""\begin{gathered}
         \mathbf u = \mathbf M_2(\mathbf q)\,\ddot{\mathbf q}
             + \mathbf c(\mathbf q, \dot{\mathbf q}) \\
-        \hat D_j\,\dot x_j + \hat K_j\,x_j = u_j, \qquad \theta_j = q_j + x_j
+        \hat D_j\,\dot x_j + \hat K_j\,x_j = u_j, \quad \theta_j = q_j + x_j
         \end{gathered}"""
     )
     st.markdown(

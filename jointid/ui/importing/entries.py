@@ -22,7 +22,7 @@ from jointid.wording import capitalised, plain
 
 _NO_COLUMN = "no column: number the rows"
 _NO_SENSOR = "none"
-_HELD = {True: "held until the next sample", False: "not held: measured, or interpolated"}
+_HELD = {True: "held until the next sample", False: "not held"}
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """First parts of the names of entries from the drive's data sheet, not the file."""
 _SIDE_HELP = "Robot controllers often log values at the joint, drives those at their motor."
@@ -225,11 +225,10 @@ class Entries:
     def _torque_timing(self, left: DeltaGenerator, right: DeltaGenerator) -> tuple[bool | None, float]:
         """Whether the torque is held, None if not stated; and its delay in seconds."""
         known = None if "torque hold" in self.base.assumed else self.base.torque_hold
-        held = left.selectbox(
+        held = left.pills(
             "Torque between samples",
             list(_HELD.values()),
-            index=None if known is None else list(_HELD).index(known),
-            placeholder="choose",
+            default=None if known is None else _HELD[known],
             help="Held: a logged command or set point of a digital controller. Not held: a logged "
             "actual torque or current, measured or interpolated. A torque lag of half a sample in the "
             "verdict means that this entry is wrong.",

@@ -95,9 +95,9 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
     summary = st.empty()
     _table(rows, labels, key)
     st.caption(
-        "Untick a run to leave it out, correct its times, or add one in the empty last row. Without "
-        "a frequency, all lines of the span are estimated; a span without a steady line becomes a "
-        "motion record."
+        "Untick a run to leave it out, correct its times (s) or frequency f (Hz), or add one in the "
+        "empty last row. Without a frequency, all lines of the span are estimated; a span without a "
+        "steady line becomes a motion record."
     )
     for log, part in found.items():
         for note in getattr(part, "notes", ()):
@@ -217,10 +217,11 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
     number = column.NumberColumn
     columns: dict[str, Any] = {_USE: np.array([row.use for row in rows], bool)}
     settings: dict[str, Any] = {
-        _USE: column.CheckboxColumn(default=True, width="small"),
-        _START: number(format="%.3f", required=True),
-        _STOP: number(format="%.3f", required=True),
-        _HERTZ: number(format="%.5g", help="Leave it empty to estimate it."),
+        # Narrow: a phone shows these four.
+        _USE: column.CheckboxColumn(default=True, width=58),
+        _START: number("Start", width=80, help=_START, format="%.3f", required=True),
+        _STOP: number("Stop", width=80, help=_STOP, format="%.3f", required=True),
+        _HERTZ: number("f", width=66, help=f"{_HERTZ}. Leave it empty to estimate it.", format="%.5g"),
     }
     if len(labels) > 1:
         columns[_LOG] = [labels[row.log] for row in rows]

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import streamlit as st
 
 from jointid.ui.shared.messages import markdown_escape
+from jointid.wording import unbroken
 
 _STEPS = {
     "Logs": "",
@@ -38,7 +39,7 @@ class Steps:
         opened, version = st.session_state.get(_OPEN, (LOGS, 0))
         done, text = self._shown.get(name, (False, ""))
         colour = "gray" if done else "orange"
-        state = f" &nbsp; :{colour}[{markdown_escape(text)}]" if text else ""
+        state = f" &nbsp; :{colour}[{unbroken(markdown_escape(text))}]" if text else ""
         with st.expander(
             f"**{STEPS.index(name) + 1} {name}**{state}",
             expanded=name == opened,

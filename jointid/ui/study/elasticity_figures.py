@@ -23,7 +23,6 @@ from jointid.figures.response_curves import removed_effects
 from jointid.figures.stiffness import ColourBy, drawn_records
 from jointid.figures.uncertainty import left_out_prediction, normalised_residuals
 from jointid.ui.shared.charts import (
-    FEW_JOINTS,
     NO_POSE,
     choose_joint,
     choose_segment,
@@ -284,7 +283,7 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
         + HARMONICS
     )
     joints: Sequence[int] = range(analysis.fit.n)
-    if len(joints) > FEW_JOINTS:
+    if len(joints) > 1:
         joints = [choose_joint(joints, "details_joint")]
     table({"Record": list(analysis.phasors.labels)} | harmonic_columns(content, joints))
 

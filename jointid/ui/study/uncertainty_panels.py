@@ -77,15 +77,21 @@ def show_matrix(fit: ElasticityFit) -> None:
         "determine K and D independently."
     )
     A, b = fit.equations.matrix()
-    rows_of = [label + f", joint {j}" * (fit.n > 1) for label in fit.phasors.labels for j in joints]
-    columns = {"Row": [f"{part} {row}" for row in rows_of for part in ("Re", "Im")]}
-    columns |= {name: [significant(float(x), 5) for x in A[:, k]] for k, name in enumerate(names)}
-    table(columns | {"b": [significant(float(x), 5) for x in b]}, height=300)
-    st.write("Correlation of the estimates:")
-    order = list(elasticity_labels(fit.n))
-    rows = [[significant(float(x), 2) for x in row] for row in fit.correlation]
-    columns = {name: [row[k] for row in rows] for k, name in enumerate(order)}
-    show_text_table({"": order} | columns)
+    joint = choose_joint(range(fit.n), "details_joint") if fit.n > 1 else 0
+    rows = np.arange(b.size).reshape(-1, fit.n, 2)[:, joint].ravel()
+    columns = {"Row": [f"{part} {row}" for row in fit.phasors.labels for part in ("Re", "Im")]}
+    for name, values in (*zip(names, A.T, strict=True), ("b", b)):
+        if name in (f"D{joint + 1}", f"K{joint + 1}", "b"):
+            columns[name] = [significant(float(x), 5) for x in values[rows]]
+    table(columns, height=300)
+    if fit.n > 1:
+        st.caption(f"In the rows of joint {joint + 1}, all other columns of A are zero.")
+    order, C = elasticity_labels(fit.n), fit.correlation
+    i, k = np.unravel_index(np.abs(np.triu(C, 1)).argmax(), C.shape)
+    strongest = f"{order[i]} and {order[k]}, {significant(float(C[i, k]), 2)}"
+    st.write(f"Correlation of the estimates; the strongest is that of {strongest}.")
+    columns = {order[k]: [significant(float(x), 2) for x in C[:, k]] for k in (joint, joint + fit.n)}
+    show_text_table({"": list(order)} | columns)
 
 
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300

@@ -30,7 +30,8 @@ _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:
     """Read the columns of numbers of a Parquet or Arrow file.
 
-    A list of m numbers per row is m columns. Few rows of long lists are a run each: one table per row.
+    A list of m numbers per row gives m columns. With few rows of long lists, each row is a run and gives
+    a table.
     """
     with pa.memory_map(path) as source:
         table, left_out = _parquet(file, source) if open_as == "parquet" else _arrow(file, source)

@@ -18,7 +18,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read a capture: names and values side by side (older versions), or a header and semicolons."""
     first, *rest = file_text(path).split("\n")
     found = _HEAD.match(first)
-    assert found is not None  # that is how it was recognised
+    assert found is not None  # recognised by it
     period_s = int(found[1]) * 1e-9
     lines = ["" if row.startswith("#") else row for row in rest]
     head = next((k for k, row in enumerate(lines) if row.strip()), len(lines))

@@ -1,7 +1,7 @@
 """HDF5 files, including MATLAB 7.3: groups of arrays, and tables of compound type.
 
 HDF5 can take a dataset's values from any file of the computer: by external storage, a virtual dataset or
-an external link. ``_own_object`` looks up every object and refuses such ones before their shape is read.
+an external link. ``_own_object`` looks up every object and refuses these before their shape is read.
 """
 
 from collections.abc import Iterator, Sequence
@@ -127,10 +127,10 @@ class _Reader:
 
 
 def _own_object(h5py: Any, file: str, group: Any, key: Any) -> Any:
-    """Object that a group holds under a name (bytes if not UTF-8), or that a reference leads to.
+    """Object under a name in a group (bytes if not UTF-8), or the target of a reference.
 
-    None where there is nothing, or a soft link: a second name of an object that the file holds under
-    another name, or a way through an external link. Raises JointIdError when it is a link to another
+    None if there is none, and for a soft link, which is a second name of an object in the file, or
+    leads through an external link. Raises JointIdError when it is a link to another
     file, or a dataset whose values lie in one or need a plugin.
     """
     if not isinstance(key, h5py.Reference):

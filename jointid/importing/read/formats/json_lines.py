@@ -15,7 +15,7 @@ from jointid.wording import counted
 
 _DEEPEST = 6
 _MOST_VALUES = 8_000_000
-"""Values of a file; each takes some 100 bytes of memory while it is read."""
+"""Upper limit of values in a file; each takes some 100 bytes of memory while it is read."""
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:

@@ -37,7 +37,7 @@ def read_lvm(file: str, path: str) -> tuple[LogTable, ...]:
         raise JointIdError(f'{file}: Decimal_Separator = "{decimal:.5}"; expected a point or a comma.')
     has_times = main.get("X_Columns", "One").strip() != "No"
     runs: list[list[list[Signal]]] = []
-    # A segment's header ends as that of the file does; its rows, where the next header begins.
+    # A segment's header ends like that of the file, its rows at the next header.
     segments = zip(starts, ends[1:], [*starts[1:], len(lines)], strict=False)
     for number, (start, end, stop) in enumerate(segments, start=1):
         top = next((k for k in range(end + 1, stop) if lines[k].strip()), stop)

@@ -60,7 +60,7 @@ def _has_formula(conversion: Any) -> bool:
 
 
 def _refuse(*_: object) -> None:
-    raise TypeError("formulas are not run")  # upon which asammdf computes polynomials by itself
+    raise TypeError("formulas are not run")  # asammdf then computes polynomials itself
 
 
 READERS = {"mdf": Reader("an MDF file", begins_with(b"MDF     ", b"UnFinMF "), read, ("mf4", "mdf"))}

@@ -1,4 +1,4 @@
-"""NumPy files (.npz, .npy), without Python objects: those could run programs."""
+"""NumPy files (.npz, .npy), without Python objects, which could run programs."""
 
 import zipfile
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ _BYTES = 8
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read the arrays of a NumPy file; those of equal length are a table."""
     if zipfile.is_zipfile(path):
-        with zipfile.ZipFile(path) as archive:  # what it unpacks to
+        with zipfile.ZipFile(path) as archive:  # its unpacked size
             require_few_values(file, sum(part.file_size for part in archive.infolist()) // _BYTES)
     with open(path, "rb") as source:
         found: Any = np.load(source, allow_pickle=False)

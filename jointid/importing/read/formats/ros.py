@@ -32,8 +32,8 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
 
     Columns are "<joint> position", "<joint> effort" and so on, NaN where a message omits the joint. The
     time is the header's stamp, or the time of recording if no stamp is set. Messages of numbers without
-    names, such as Float64MultiArray, have a column for each field; with them, the first table holds all
-    topics at their times of recording, unless the joint states have efforts.
+    names, such as Float64MultiArray, have a column for each field; in a bag with such messages the first
+    table holds all topics at their times of recording, unless the joint states have efforts.
     """
     _require_plain_names(file, Path(path))
     version = 1 if path.endswith(".bag") and Path(path).is_file() else 2

@@ -48,7 +48,7 @@ class _Layout:
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read a long table; every signal keeps its own times."""
     tables = long_tables(file, file_text(path))
-    assert tables is not None  # that is how it was recognised
+    assert tables is not None  # recognised by it
     return tables
 
 
@@ -140,7 +140,7 @@ def _layout(head: str) -> _Layout | None:
 def _described(
     first: int, separator: str, decimal: str, header: tuple[str, ...], rows: list[list[str]]
 ) -> _Layout | None:
-    """Layout of rows if they have a time, names and numbers, and the names need them; else None."""
+    """Layout of a long table, with a time, names and numbers; None for other rows."""
     words = [set(words_of(split_unit(cell)[0])) for cell in header]
     time, name, value, unit = (
         next((k for k, w in enumerate(words) if w & wanted and len(w) <= 2), -1)

@@ -27,7 +27,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read a TwinCAT Scope export; every channel keeps its own clock."""
     text = file_text(path)
     head = _HEAD.match(text)
-    assert head is not None  # that is how it was recognised
+    assert head is not None  # recognised by it
     separator = head[1]
     rows = text.split("\n")
     start, about = _channel_rows(rows, separator)

@@ -27,7 +27,7 @@ class _Entry:
         count, odd = divmod(len(payload), size)
         self.width = self.width or count
         if odd or count != self.width or not count or (count > 1 and not self.is_array):
-            return  # an array that changes its length is no row of a table
+            return  # an array of varying length gives no columns
         self.stamps.append(stamp)
         self.values.extend(struct.unpack(f"<{count}{self.code}", payload))
 

@@ -49,8 +49,8 @@ class ClockCells:
     def seconds(self, of_day: Floats) -> Floats:
         """Return seconds from the first row, for all rows read.
 
-        Every new date counts as the next day, whatever the order of its parts: so a log continues over
-        midnight, and only the length of a pause of several days is lost.
+        Every new date counts as the next day, whatever the order of its parts: a log may continue over
+        midnight, but a pause of several days is counted as one.
         """
         time = of_day + _DAY_S * np.asarray(self._codes)
         known = time[np.isfinite(time)]

@@ -87,8 +87,8 @@ def decoded(file: str, data: bytes) -> str:
             head_of = data[:4096].decode(other, "ignore")
             if in_other_script(head_of):
                 return unix_lines(data.decode(other, "replace"))
-        # What Windows programs of western Europe write; Latin-1 never fails.
-        # Control characters of Latin-1 are signs in Windows' encoding.
+        # The usual encoding of Windows in western Europe; Latin-1 never fails.
+        # Control characters of Latin-1 are printable in Windows' encoding.
         is_windows = any(byte in data for byte in (0x80, 0x85, 0x91, 0x92, 0x93, 0x94, 0x96, 0x97))
         text = data.decode("cp1252", errors="ignore") if is_windows else data.decode("latin-1")
     text = unix_lines(text.removeprefix("\ufeff"))
@@ -222,7 +222,7 @@ def _body(cells: Sequence[list[str]], decimal: str, thousands: str) -> tuple[int
 
 
 def _is_numbering(cells: Sequence[str], width: int) -> bool:
-    """Whether a line only counts the columns from 0 or 1, as programs write in place of names."""
+    """Whether a line only numbers the columns from 0 or 1, as some programs do in place of names."""
     counts = [cell for cell in cells if cell]
     of_columns = [[str(k) for k in range(first, first + len(counts))] for first in (0, 1)]
     return counts in of_columns and len(counts) > max(2, width - 2)
@@ -282,7 +282,7 @@ def _header(
 
 
 def _header_cells(line: str, separator: str, width: int) -> list[str] | None:
-    """Cells of a header line, padded or stripped of empty cells to the width; None if it has another."""
+    """Cells of a header line, with empty cells added or removed to the width; None if that fails."""
     for candidate in (line, _COMMENT.sub("", line)):
         if separator == BLANKS:
             choices = [

@@ -52,7 +52,7 @@ def read_text_table(file: str, data: bytes) -> LogTable:
     columns = []
     for k, column in zip(wanted, values, strict=True):
         if np.isnan(column).all() and not layout.names[k]:
-            continue  # an effect of a separator at the end of every line
+            continue  # from a separator at the end of every line
         unit = "s" if layout.clock[k] else layout.units[k]
         columns.append(LogColumn(names[k], numbers(column), unit))
     left_out = [name for k, name in enumerate(names) if k not in wanted]
@@ -166,7 +166,7 @@ def _value(cell: str, layout: TextLayout) -> float | None:
 
 
 _NULLS = ["NaN", " ", *(f for word in sorted(NO_NUMBER) for f in (word, word.upper(), word.title()))]
-"""Cells that denote a missing value, as pyarrow takes them."""
+"""Cells that denote a missing value, in pyarrow's form."""
 
 
 def columns_of(
@@ -181,11 +181,11 @@ def columns_of(
 ) -> list[Floats]:
     """Return a column for each of ``names`` from lines of numbers; blank lines are skipped.
 
-    Missing cells at the end of a line are NaN, others than those of ``names`` dropped. The ``decimal``
+    Missing cells at the end of a line are NaN; cells beyond ``names`` are dropped. The ``decimal``
     mark is by default a comma where the first lines have commas that separate no columns. Columns of
     large ``integers`` are int64: FILETIME ticks lose digits as float64. ``first_line`` is the number of
-    the first of the lines in the file. Raises JointIdError, with line and column, when a cell is no
-    number; or when there are too many.
+    the first of the lines in the file. Raises JointIdError, with line and column, when a cell is not
+    a number; also when there are too many.
     """
     width = len(names)
     decimal = decimal or ("," if separator != "," and any("," in x for x in lines[:2000]) else ".")
