@@ -65,12 +65,14 @@ def fit_first(search: Search) -> None:
     seeks_parts = search.is_lost and not search.has_motions
     if seeks_parts and of_sliding and NEEDED * of_sliding.misfit < fits.misfit(base) < np.inf:
         search.fit(free, of_sliding.named)  # the residual of sticking hides further parts
-    if of_sliding is None or of_sliding.misfit <= DOUBTFUL or not search.has_motions:
+    known = next((model for model in search.first[:1] if model.reversal == 0), sliding)
+    found = fits.estimate(known)
+    if found is None or found.misfit <= DOUBTFUL or not search.has_motions:
         return
     for part in FRICTION_EFFECTS:
-        if part in fits.optional and search.may_explain(sliding, part):
+        if part in fits.optional and search.may_explain(known, part):
             # Coulomb friction may be insignificant, and hence left out, until these are known.
-            search.fit(sliding.with_part(part), of_sliding.named)
+            search.fit(known.with_part(part), found.named)
 
 
 def fit_hanging(search: Search) -> None:
