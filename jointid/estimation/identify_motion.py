@@ -14,7 +14,6 @@ from jointid.estimation.candidates import Choice, Model, dissipates
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import Parameters
@@ -168,7 +167,7 @@ def _identified(
         same, left = _TWICE, False
         phasors = again
         if isinstance(found, LikelihoodEstimate):
-            search = partial(search, first=_equals(choice), is_lost=found.misfit >= LOST)
+            search = partial(search, first=_equals(choice), earlier_misfit=found.misfit)
             start = found.named
         choice = search(phasors, prior, start, noise=noise_of_rows(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):

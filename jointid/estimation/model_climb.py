@@ -132,7 +132,8 @@ def fit_laws(search: Search) -> None:
         laws += [(base, "hysteresis", by_motion)]
     if search.may_have_friction:
         laws += [(sliding, law, by_motion) for law in ("hysteresis", "backlash")]
-    if search.has_motions and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
+    is_new = search.has_motions and not search.is_repeated
+    if is_new and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
         laws.append((fits.least(list(fits.tried)), "backlash", partial(motion_start, backlash=True)))
     for model, law, begin in laws:
         if (search.is_lost or search.has_motions) and law in fits.optional:

@@ -36,7 +36,7 @@ is that of the residual, which a missing part raises."""
 _CLIMB = 0.7
 """Ratio of misfits of motions below which further laws wait for the scores beside the leading model."""
 _TRIED_LAWS = 2
-"""The most nonlinear laws that are fitted for each part added."""
+"""The most nonlinear laws that are fitted for each part added, and parts beside a law in motions."""
 _INIMITABLE = 5e3
 """Squared cubic stiffness over its variance beyond which three slopes in its place leave a residual
 above the noise: they explain 99.5 % of its effect."""
@@ -146,6 +146,8 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     tried = [part for part in clear if part in laws or part not in LAWS]
     if explained and fits.rows > _MANY_ROWS:
         tried = tried[:1]
+    if search.has_motions and model.is_slow:
+        tried = tried[:_TRIED_LAWS]
     wider = [model.with_part(part) for part in tried if _is_promising(search, model, scored[part], part)]
     if model.is_slow and found.misfit >= LOST:  # another part may explain the data without the law
         bare = replace(model, effects=tuple(e for e in model.effects if e not in GEAR_LAWS))

@@ -77,6 +77,8 @@ class Search:
     fits: Fits
     first: tuple[Model, ...] = ()
     """Models of an earlier search, whose noise motions then have; that of the start values first."""
+    is_repeated: bool = False
+    """Whether an earlier search compared models of the same records."""
     most: float = np.inf
     """Misfit above which a model is not considered."""
     gives_up: Callable[[], bool] = bool

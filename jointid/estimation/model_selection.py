@@ -88,7 +88,7 @@ def choose_model(
     gives_up: Callable[[], bool] = bool,
     first: Sequence[Model] = (),
     most: float = np.inf,
-    is_lost: bool = False,
+    earlier_misfit: float | None = None,
 ) -> Choice:
     """Fit models from simple to rich until no further part is significant, and choose the best.
 
@@ -109,8 +109,9 @@ def choose_model(
         those of the first one.
     most : float, optional
         Misfit above which the choice is useless: the search ends once some records show it.
-    is_lost : bool
-        Whether an earlier search found no model near the data; then only the first one is tried.
+    earlier_misfit : float, optional
+        That of the model an earlier search chose. If it was far from the data, there is no near one
+        unless the first one is; and backlash that it rejected in motions is not fitted again.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
@@ -137,9 +138,10 @@ def choose_model(
         first=tuple(first),
         most=most,
         gives_up=gives_up,
+        is_repeated=earlier_misfit is not None,
         may_be_periodic=(friction or "friction" in optional) and not (exactly or phasors.is_superposed),
     )
-    if is_lost and first:
+    if first and earlier_misfit is not None and earlier_misfit >= LOST:
         search.fit(first[0], linear)
         if LOST <= search.fits.misfit(first[0]) < np.inf:
             return _given_up(search) if gives_up() else _choice(search, first[0])
