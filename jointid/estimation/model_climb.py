@@ -286,9 +286,11 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
         for each in wider:  # a delay, lags and filters are similar, which their cost distinguishes
             if not (each.is_slow and least < _CLIMB * found.misfit):
                 search.fit(each, found.named, compares=False)
-                if not each.is_slow and fits.misfit(each) >= _CLIMB * found.misfit:
-                    search.fit(each, search.start)  # the model without the part may have diverged
-                elif each.is_slow and not search.has_motions and POOR < fits.misfit(each) < LOST:
+                bends = each.is_slow and not search.has_motions
+                bar = POOR if bends else np.inf if each.is_slow else _CLIMB * found.misfit
+                if fits.misfit(each) >= bar:  # the model without the part may have diverged
+                    search.fit(each, search.start, compares=False)
+                if bends and POOR < fits.misfit(each) < LOST:
                     slopes += fit_slopes(search, each)
                     if min(map(fits.misfit, slopes), default=np.inf) > POOR:
                         search.fit(each, by_motion(search.phasors, search.prior), compares=False)

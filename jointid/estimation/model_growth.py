@@ -42,7 +42,7 @@ _INIMITABLE = 5e3
 explain 99.5 % of its effect."""
 _MANY_ROWS = 15_000
 """Equations, those of six joints in 40 records, from which one part is tried where the model explains
-the data: a fit takes seconds."""
+the data, as beside a law of the gears: a fit takes seconds."""
 
 
 def grown(search: Search, best: Model) -> Model:
@@ -143,7 +143,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     explained = found.misfit <= EXPLAINED
     laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]
     tried = [part for part in clear if part in laws or part not in LAWS]
-    if explained and fits.rows > _MANY_ROWS:
+    if explained and (model.is_slow or fits.rows > _MANY_ROWS):
         tried = tried[:1]
     wider = [model.with_part(part) for part in tried if _is_promising(search, model, scored[part], part)]
     if model.is_slow and found.misfit >= LOST:  # another part may explain the data without the law
