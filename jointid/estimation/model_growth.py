@@ -167,7 +167,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     if search.has_motions:
         curved &= found.misfit < LOST
     elif curved:
-        curved = may_be_richer or not fits.is_certain(model, "cubic", _INIMITABLE)
+        curved = not (explained and fits.is_certain(model, "cubic", _INIMITABLE))
     if curved:
         plain = model.without("cubic")  # slopes may explain as well as it, with another K
         others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
