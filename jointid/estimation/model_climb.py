@@ -288,12 +288,12 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
                 search.fit(each, found.named, compares=False)
                 bends = each.is_slow and not search.has_motions
                 bar = POOR if bends else np.inf if each.is_slow else _CLIMB * found.misfit
-                if fits.misfit(each) >= bar:  # the model without the part may have diverged
-                    search.fit(each, search.start, compares=False)
                 if bends and POOR < fits.misfit(each) < LOST:
                     slopes += fit_slopes(search, each)
                     if min(map(fits.misfit, slopes), default=np.inf) > POOR:
                         search.fit(each, by_motion(search.phasors, search.prior), compares=False)
+                if fits.misfit(each) >= bar:  # the model without the part may have diverged
+                    search.fit(each, search.start, compares=False)
                 least = min(least, fits.misfit(each))
         wider += slopes or fit_slopes(search, min(wider, key=fits.misfit))
         plain = fits.criterion(judged=False)
