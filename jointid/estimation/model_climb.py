@@ -253,10 +253,13 @@ def climb_from_first(search: Search) -> None:
 
 def _climb_from(search: Search, model: Model, share: float, ratio: float) -> None:
     found, scored = search.fits.estimate(model), search.scores(model)
-    gains = sorted((each.gain for each in scored.values()), reverse=True)
-    if not (found and len(gains) > 1):
+    if not (found and len(scored) > 1):
         return
-    if gains[0] > share * found.cost or gains[0] > max(_LEADING * found.cost, _ALONE * gains[1]):
+    first = max(scored, key=lambda part: scored[part].gain)
+    alike = GEAR_LAWS if first in GEAR_LAWS else (first,)  # they imitate each other
+    further = max((each.gain for part, each in scored.items() if part not in alike), default=0.0)
+    gain = scored[first].gain
+    if gain > share * found.cost or gain > max(_LEADING * found.cost, _ALONE * further):
         climbed(search, model, ratio)
 
 
