@@ -1254,7 +1254,7 @@ def test_signals_of_the_laws_are_those_of_the_robot() -> None:
     assert laws.peak == pytest.approx([2.0])
     assert laws.locked == pytest.approx([np.sqrt(K / 0.0041)])
     assert laws.free == pytest.approx([1 / 0.0025 + 1 / 0.0041])
-    np.testing.assert_array_equal(laws.low, (np.abs(s) < np.sqrt(K / 0.0041))[..., None])
+    np.testing.assert_array_equal(laws.low, (np.abs(s) < 3 * np.sqrt(K / 0.0041))[..., None])
     np.testing.assert_allclose(
         laws.angle, samples_of(angle.swapaxes(1, 2), laws.angle.shape[2]), atol=1e-12
     )

@@ -256,10 +256,13 @@ def climb_from_first(search: Search) -> None:
 
 def _climb_from(search: Search, model: Model, share: float, ratio: float) -> None:
     found, scored = search.fits.estimate(model), search.scores(model)
-    gains = sorted((each.gain for each in scored.values()), reverse=True)
-    if not (found and len(gains) > 1):
+    if not (found and len(scored) > 1):
         return
-    if gains[0] > share * found.cost or gains[0] > max(_LEADING * found.cost, _ALONE * gains[1]):
+    first = max(scored, key=lambda part: scored[part].gain)
+    alike = GEAR_LAWS if first in GEAR_LAWS else (first,)  # they imitate each other
+    further = max((each.gain for part, each in scored.items() if part not in alike), default=0.0)
+    gain = scored[first].gain
+    if gain > share * found.cost or gain > max(_LEADING * found.cost, _ALONE * further):
         climbed(search, model, ratio)
 
 
@@ -289,12 +292,14 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
         for each in wider:  # a delay, lags and filters are similar, which their cost distinguishes
             if not (each.is_slow and least < _CLIMB * found.misfit):
                 search.fit(each, found.named, compares=False)
-                if not each.is_slow and fits.misfit(each) >= _CLIMB * found.misfit:
-                    search.fit(each, search.start)  # the model without the part may have diverged
-                elif each.is_slow and not search.has_motions and POOR < fits.misfit(each) < LOST:
+                bends = each.is_slow and not search.has_motions
+                bar = POOR if bends else np.inf if each.is_slow else _CLIMB * found.misfit
+                if bends and POOR < fits.misfit(each) < LOST:
                     slopes += fit_slopes(search, each)
                     if min(map(fits.misfit, slopes), default=np.inf) > POOR:
                         search.fit(each, by_motion(search.phasors, search.prior), compares=False)
+                if fits.misfit(each) >= bar:  # the model without the part may have diverged
+                    search.fit(each, search.start, compares=False)
                 least = min(least, fits.misfit(each))
         wider += slopes or fit_slopes(search, min(wider, key=fits.misfit))
         plain = fits.criterion(judged=False)

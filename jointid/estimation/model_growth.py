@@ -42,7 +42,7 @@ _INIMITABLE = 5e3
 above the noise: they explain 99.5 % of its effect."""
 _MANY_ROWS = 15_000
 """Equations, those of six joints in 40 records, from which one part is tried where the model explains
-the data: a fit takes seconds."""
+the data, as beside a law of the gears: a fit takes seconds."""
 
 
 def grown(search: Search, best: Model) -> Model:
@@ -144,7 +144,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     explained = found.misfit <= EXPLAINED
     laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]
     tried = [part for part in clear if part in laws or part not in LAWS]
-    if explained and fits.rows > _MANY_ROWS:
+    if explained and (model.is_slow or fits.rows > _MANY_ROWS):
         tried = tried[:1]
     if search.has_motions and model.is_slow:
         tried = tried[:_TRIED_LAWS]
@@ -170,7 +170,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     if search.has_motions:
         curved &= found.misfit < LOST
     elif curved:
-        curved = may_be_richer or not fits.is_certain(model, "cubic", _INIMITABLE)
+        curved = not (explained and fits.is_certain(model, "cubic", _INIMITABLE))
     if curved:
         plain = model.without("cubic")  # slopes may explain as well as it, with another K
         others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]

@@ -287,7 +287,7 @@ def _best(search: Search) -> Model:
             if best == before:
                 break
     found = fits.estimate(best)
-    if found and search.may_be_richer(found) and not (search.is_lost or search.is_full(best)):
+    if found and found.misfit > EXPLAINED and not (search.is_lost or search.is_full(best)):
         highest = max((score.gain for score in search.scores(best).values()), default=0.0)
         if highest > _LEFT * found.cost and not search.explains_little:
             further = replace(search, starts={}, slow_fits=0)

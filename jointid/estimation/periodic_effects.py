@@ -54,7 +54,9 @@ def fit_periodic(search: Search, nearest: Model) -> bool:
             break
         search.add_per_turn(effect)
         nearest = replace(nearest, per_turn=(*nearest.per_turn, effect))
-        _fit_orders(search, replace(nearest, reversal=nearest.reversal or 0.0), effect, found.named)
+        sliding = replace(nearest, reversal=nearest.reversal or 0.0)
+        for each in dict.fromkeys((sliding, sliding.without("gravity"))):  # which may be an imitation
+            _fit_orders(search, each, effect, found.named)
         if effect.effect == "ripple" and "gravity" in fits.optional:
             search.fit(nearest.with_part("gravity"), found.named)
         nearest, fitted = min(fits.tried, key=fits.misfit), True
@@ -185,7 +187,7 @@ def _fitted(
         same = [(each.effect, each.orders) for each in tried.per_turn] == orders
         if same and replace(tried, per_turn=wider.per_turn) == wider:
             return found if isinstance(found, LikelihoodEstimate) else None
-    search.fit(wider, near)
+    search.fit(wider, near, compares=False)
     return search.fits.estimate(wider)
 
 

@@ -40,6 +40,10 @@ _FINE = 250
 """Number of samples from which half as many per harmonic suffice."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where the phasors hold fewer."""
+_BY_TORQUE = 3.0
+"""Frequency, over the resonance with the motor locked, up to which the deflection follows from the
+torque. Noise alone asks for 1. Beyond it the deflection is computed from M2 and gravity: if they are
+wrong at the start, fits of strongly coupled arms end at local minima. From 5 on, M hides the torque."""
 _STILL = 1e-12
 """Deflection and torque below which a gear transmits no torque, rad and N·m."""
 _LEAST_ANGLE = 1e-30
@@ -71,7 +75,7 @@ class JointLaws:
     angle: Floats
     """Motor angles over a period, shape (r, n, t), rad."""
     locked: Floats
-    """Resonance with the motor locked, below which the deflection follows from the torque, rad/s."""
+    """Resonance with the motor locked, rad/s."""
     free: Floats
     """1/M + M2⁻¹ of each joint, shape (n,)."""
     sines: np.ndarray
@@ -143,23 +147,18 @@ class JointLaws:
 
     @property
     def low(self) -> np.ndarray:
-        """Harmonics below the locked resonance, shape (r, H, n)."""
-        return np.asarray(np.abs(self.s)[..., None] < self.locked)
+        """Harmonics at which the deflection follows from the torque, shape (r, H, n)."""
+        return np.asarray(np.abs(self.s)[..., None] < _BY_TORQUE * self.locked)
 
     def units(self, p: Parameters) -> dict[str, Floats]:
         """Value of each parameter at which its law is as large as the linear gear, each shape (n,)."""
         wind_up = np.maximum(self.peak / p.K, _STILL)
         return {
-            "K": p.K,
+            **dict.fromkeys(("K", "piecewise", "second_bend"), p.K),
+            **dict.fromkeys(("backlash", "presliding", "knee", "second_knee"), wind_up),
             "D": p.K / np.abs(self.s).max(),
             "cubic": p.K / wind_up**2,
-            "backlash": wind_up,
             "hysteresis": np.maximum(self.peak, _STILL),
-            "presliding": wind_up,
-            "piecewise": p.K,
-            "knee": wind_up,
-            "second_bend": p.K,
-            "second_knee": wind_up,
             "arm_coulomb": self.peak,
             "bristle": np.abs(self.angle).max(axis=(0, 2)),
         }

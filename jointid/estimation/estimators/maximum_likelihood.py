@@ -49,6 +49,8 @@ _CHANCE = 1e-3
 """Probability of a band's misfit by noise alone, below which it counts as an error of the model."""
 _HELD = 3.0
 """Strength of the observer of gears in motions for the first part of a fit from far off."""
+_SETTLED = 0.7
+"""Ratio of costs from which free friction in the torque of the gears needs no further fit."""
 _DOUBTFUL = 3.0
 """Misfit of a model with a law of the gears that is not fitted again with weights by harmonic; of
 motions without one, ``LOST``."""
@@ -124,12 +126,13 @@ def maximum_likelihood(
             # Arms that leave their flanks have many local minima.
             p, _ = minimised(held, p, scale, damping=_FAR)
     p, normal = minimised(problem, p, scale, damping=_NEAR if is_near else _FAR)
-    free = with_free_torque(problem, p)
-    if free is not problem:
+    while (free := with_free_torque(problem, p)) is not problem:
         near, there = minimised(free, p, scale, damping=_NEAR)
         costs = [WhitenedResidual.of(*each, scale).cost for each in ((free, near), (problem, p))]
         if costs[0] < costs[1]:
             problem, p, normal = free, near, there
+        if costs[0] > _SETTLED * costs[1]:
+            break
     problem = with_law_noise(problem, p)
     fitted = WhitenedResidual.of(problem, p, scale)
     misfit = first = Misfit.of(fitted, p, normal)

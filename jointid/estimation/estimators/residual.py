@@ -105,10 +105,10 @@ class Residual:
         q = q - free_deflection(problem, p)  # from here on that of the gear
         law, wound, turns = (np.zeros_like(q), np.zeros_like(q)), None, None
         if problem.laws is not None:
-            if "arm_coulomb" in problem.layout:
-                turns = problem.laws.arm_friction(p["arm_coulomb"], torque, arm)
-                law = law[0], turns.level * turns.sign
             through = torque - problem.free_torque
+            if "arm_coulomb" in problem.layout:
+                turns = problem.laws.arm_friction(p["arm_coulomb"], through, arm)
+                law = law[0], turns.level * turns.sign
             apart = q - (arm @ (through - law[1])[..., None])[..., 0]
             both = problem.arm_inertia(p), problem.gravity(p)
             wound = problem.laws.wound(through, apart, gear, p, both, problem.rotor_inertia(p)[0])

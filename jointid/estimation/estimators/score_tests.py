@@ -14,12 +14,15 @@ from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import (
     EFFECTS,
     FILTERS,
-    GEAR_LAWS,
     PERIODIC_EFFECTS,
     Parameters,
 )
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
-from jointid.estimation.estimators.whitened_residual import WhitenedResidual, with_law_signals
+from jointid.estimation.estimators.whitened_residual import (
+    DRIVEN_LAWS,
+    WhitenedResidual,
+    with_law_signals,
+)
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms, gear_torque_of
 from jointid.motion.per_turn import turn_waves
 from jointid.phasors.extract import Phasors
@@ -91,7 +94,7 @@ def scores(
     layout = fitted_layout(prior, friction, delay, effects)
     problem = make_problem(phasors, prior, layout, estimate.named, friction, noise)
     p = problem.start(estimate.named, _FILTER)
-    if any(name in fitted for name in GEAR_LAWS):
+    if any(name in fitted for name in DRIVEN_LAWS):
         problem = with_law_signals(problem, p)
     with np.errstate(all="ignore"):
         try:

@@ -22,6 +22,8 @@ from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.motion.free_friction import FreeFriction, Projection
 from jointid.small_matrices import finite_part, inverse, whitener
 
+DRIVEN_LAWS = (*GEAR_LAWS, "arm_coulomb")
+"""Laws that follow from the torque through the gears."""
 _RESOLVED = 1.0
 """Dynamic stiffness of the arm over K from which a motion's torsion curve has a line of its spectrum."""
 _CLEAR = 4.0
@@ -249,12 +251,12 @@ def repeated_covariance(residual: WhitenedResidual, covariance: Floats) -> tuple
 
 
 def with_free_torque(problem: Problem, vector: Floats) -> Problem:
-    """The problem without free friction in the torque that deflects nonlinear gears.
+    """The problem without free friction in the torque that moves arms and nonlinear gears.
 
-    It stays fixed in a fit. Linear gears need no such correction: it is a part of the projection.
+    It stays fixed in a fit. Linear joints need no such correction: it is a part of the projection.
     """
     may_rub = problem.motion is None and problem.free.shapes > 0
-    for _ in range(_EVALUATIONS * may_rub * any(name in problem.layout for name in GEAR_LAWS)):
+    for _ in range(_EVALUATIONS * may_rub * any(name in problem.layout for name in DRIVEN_LAWS)):
         residual = WhitenedResidual.of(problem, vector, np.ones(problem.s.shape[1]))
         if not residual.cost < _STICKING * problem.rows / 2:
             break
