@@ -250,8 +250,13 @@ def test_errors_of_five_and_twenty_per_cent_by_noise_are_large(
 def test_few_degrees_of_freedom_are_reported(freedom: float, detail: str | None) -> None:
     hz = np.array([3.0, 3.1])
     fit = two_joints(fundamental=(1.0, freedom))
-    found = list(rules_model.hardly_tested(case(fit=fit, frequency_hz=hz, records=[0, 1])))
+    given = case(fit=fit, frequency_hz=hz, records=[0, 1], has_motions=False)
+    found = list(rules_model.hardly_tested(given))
     assert [detail in finding.detail for finding in found] == ([True] if detail else [])
+    assert levels(found) == ["warning"] * (detail is not None)
+    given.has_motions = True  # whose noise is that of the residual
+    level = "problem" if freedom < 1 else "warning"
+    assert levels(rules_model.hardly_tested(given)) == [level] * (detail is not None)
     for other in (hz, np.array([3.0, 3.0 + 1e-8])):
         linear = two_joints(fundamental=(1.0, 0.0), method="weighted" if other is hz else "auto")
         given = case(fit=linear, frequency_hz=other, records=[0, 1])

@@ -202,7 +202,9 @@ def _with_first_noise(
     many: bool,
     gives_up: Callable[[], bool],
 ) -> tuple[Phasors, Floats | Parameters, tuple[Model, ...]]:
-    """Phasors with the noise from a fit of some rows with simple friction, and its parameters and model.
+    """Phasors with the noise from a fit of some rows, and its parameters and model.
+
+    The model has friction, where the records show it, and a delay, where it explains far more.
 
     With ``many`` equations the noise is estimated several times. Resonances are further start values
     where the fit stays far from the data.

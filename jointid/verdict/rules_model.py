@@ -275,7 +275,9 @@ def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
     _, freedom = fit.fundamental
     if fit.method in LINEAR or len(set(evidence.frequency_hz.round(6))) == 1 or freedom >= 2 * fit.n:
         return
-    yield warning(
+    # The noise of motions is that of the residual: without freedom, the error bars are unknown, too.
+    make = problem if evidence.has_motions and freedom < 1 else warning
+    yield make(
         "The records hardly test the model",
         f"{counted(len(evidence.records), 'record')} give "
         + ("no" if freedom < 1 else f"only {number(np.floor(freedom))}")
