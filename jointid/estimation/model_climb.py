@@ -1,17 +1,23 @@
 """First fits of a model search, and the addition of parts where no simple model is near the data."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from jointid.estimation.candidates import EXPLAINED, NEEDED, Model
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.model_growth import NEARLY_ALL
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.motion_start import motion_start
 from jointid.estimation.start_values import at_resonances, by_motion, friction_start
+from jointid.phasors.extract import Phasors
+
+Start = Callable[[Phasors, InertiaPrior], Parameters]
+"""Start values for some records."""
 
 _BENT = 0.7
 """Squares of a regression over those of linear gears below which its law is tried before other parts."""
@@ -25,6 +31,8 @@ three slopes, mostly more with wrong data."""
 _LEADING, _ALONE = 0.1, 2.0
 """Score over the cost, and over the next score, from which a part is fitted far from the data: gravity
 beside friction has 0.13 to 0.28, further parts 0.02; of wrong data several parts are alike."""
+_RIVAL = 0.3
+"""Score over the highest from which a law with start values of its own is fitted to motions."""
 _FEWEST = 3
 """Records per joint that show whether two laws of the gears come near the data."""
 _CLIMB, _STEEP = 0.7, 0.3
@@ -127,20 +135,34 @@ def fit_laws(search: Search) -> None:
     needs_friction = NEEDED * _linear_misfit(search) < plain < np.inf
     if search.is_lost:
         fit_regressed(search, np.inf)
-    laws = []
+    laws: list[tuple[Model, str, Start]] = []
     if not (needs_friction or search.has_motions or search.first):
         laws += [(base, "hysteresis", by_motion)]
     if search.may_have_friction:
         laws += [(sliding, law, by_motion) for law in ("hysteresis", "backlash")]
-    is_new = search.has_motions and not search.is_repeated
-    if is_new and POOR < fits.least_misfit < np.inf:  # wide backlash looks like hardening
-        laws.append((fits.least(list(fits.tried)), "backlash", partial(motion_start, backlash=True)))
+    if search.has_motions and not search.is_repeated and POOR < fits.least_misfit < np.inf:
+        laws = _laws_of_motions(search, fits.least(list(fits.tried)))
     for model, law, begin in laws:
-        if (search.is_lost or search.has_motions) and law in fits.optional:
+        is_far = fits.least_misfit > POOR if search.has_motions else search.is_lost
+        if is_far and law in fits.optional:
             wider = model.with_part(law)
             _fit_law(search, wider, begin(search.phasors, search.prior))
             if search.has_motions and fits.misfit(wider) > _CLIMB * fits.misfit(model):
                 del fits.tried[wider]  # growth is slow beside a law that explains nothing
+
+
+def _laws_of_motions(search: Search, model: Model) -> list[tuple[Model, str, Start]]:
+    """Laws with start values of their own that the scores of a model do not rule out, the best first.
+
+    Wide backlash looks like hardening, and hysteresis with a delay does.
+    """
+    gains = {part: score.gain for part, score in search.scores(model).items()}
+    order = sorted(gains, key=lambda part: -gains[part])
+    starts: dict[str, Start] = {"backlash": partial(motion_start, backlash=True)}
+    if order and order[0] in GEAR_LAWS:  # friction at the arm resembles hysteresis
+        starts["hysteresis"] = motion_start
+    rivals = [part for part in order if part in starts and gains[part] > _RIVAL * gains[order[0]]]
+    return [(model, part, starts[part]) for part in rivals]
 
 
 def _fit_law(search: Search, wider: Model, start: Parameters) -> None:
