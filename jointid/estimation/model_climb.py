@@ -324,6 +324,10 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
                     search.fit(each, search.start, compares=False)
                 least = min(least, fits.misfit(each))
         wider += slopes or fit_slopes(search, min(wider, key=fits.misfit))
+        if "piecewise" in model.effects and least > DOUBTFUL:  # beside the missing part they imitated
+            cubic = wider[0].without("piecewise").with_part("cubic")
+            search.fit(cubic, found.named, compares=False)
+            wider.append(cubic)
         plain = fits.criterion(judged=False)
         nearest = min(wider, key=lambda each: plain.get(each, np.inf))
         nearest = freed(search, nearest)
