@@ -124,6 +124,34 @@ def test_joints_whose_torque_hardly_varies_or_that_rest_are_refused() -> None:
     assert np.isfinite(found.K[2])
 
 
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_a_joint_that_hardly_moves_in_a_record_leaves_the_others(share: float) -> None:
+    """Its deflection may exceed its motion; beside a record in which it moves, it only rests."""
+    given = record()
+    assert given.arm_rad is not None
+    still, theta, arm = 1e-4 * np.sin(given.time_s), given.theta_rad.copy(), given.arm_rad.copy()
+    theta[:, 0], arm[:, 0] = still * ROBOT.gear_ratio[0], share * still
+    hardly = replace(given, theta_rad=theta, arm_rad=arm)
+    both = identify_arm_side([given, hardly], ROBOT)
+    assert np.all(np.abs(both.K[:SENSORS] - TRUTH.K) < 3 * both.standard_error[:SENSORS])
+    alone = identify_arm_side(hardly, ROBOT)
+    assert np.isnan(alone.K[0])
+    assert np.isfinite(alone.K[1:SENSORS]).all()
+
+
+def test_a_joint_without_torque_is_refused() -> None:
+    massless = (
+        b"[[link]]\na = 0.5\nd = 0\nalpha_deg = 0\ngear_ratio = 100\nrotor_inertia = 1e-3\nmass = 0\n"
+    )
+    massless += b"center = [0, 0, 0]\ninertia = [0, 0, 0, 0, 0, 0]\n"
+    t = 0.004 * np.arange(2500)
+    arm = np.sin(2 * t)[:, None]
+    given = MotionRecord(time_s=t, theta_rad=100 * arm, tau_Nm=arm, arm_rad=arm)
+    found = identify_arm_side(given, RobotModel.parse("massless.toml", massless))
+    assert np.isnan(found.K[0])
+    assert "no torque loads it" in found.reasons[0]
+
+
 def test_without_gravity_a_few_moves_do_not_show_stiffness() -> None:
     """A move there and back accelerates at the same positions, as a transmission error does."""
     quiet = Truth(TRUTH.K, TRUTH.skew_s, 150.0, eccentricity=2, ripple=1, teeth=2, vibration=0.3)
@@ -188,6 +216,8 @@ def test_the_filter_is_exact_on_parabolas_and_shifts_sines() -> None:
     np.testing.assert_allclose(
         later[inner], gain * np.sin(2 * np.pi * 2 * (t + 0.0031))[inner], atol=1e-4
     )
+    # Over seconds of motion: 4 µs were missing.
+    np.testing.assert_allclose(lowpass(3 * t, later_s=0.0031)[inner], 3 * (t + 0.0031)[inner], rtol=1e-9)
 
 
 def test_the_torque_of_a_jumping_motor_is_the_filtered_torque_of_the_links() -> None:

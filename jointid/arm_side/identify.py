@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jointid.arm_side.band_limited import BandLimited, band_limited, joint_angles
+from jointid.arm_side.band_limited import BandLimited, band_limited
 from jointid.arm_side.candidates import Average, Scale, average, clear_moves, noise_of, over_own_move
 from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
@@ -37,8 +37,9 @@ _PARTS = (6, 10)
 """Numbers of parts of the time, each left out in turn: the same part of every record."""
 _FEWEST = 60
 _FIRST_COMPLIANCE = 2e-7
-_ALIKE = 2.0
-"""Largest ratio of the motions on both sides of a gear."""
+_ALIKE, _MOST_DEFLECTION_RAD = 2.0, 2e-3
+"""Largest ratio of the motions on both sides of a gear, and largest deflection: of a joint that hardly
+moves, it may exceed the motion."""
 _ROUNDS = 3
 _SLOW_RAD_S, _SLOW_FRICTION_RAD = 0.02, 1.5e-5
 """Velocity of a joint below which friction in the gear still changes with it (Stribeck), and the
@@ -127,17 +128,20 @@ def _distinct(given: Sequence[MotionRecord]) -> list[MotionRecord]:
     return found
 
 
-def _require_alike(record: MotionRecord, robot: RobotModel) -> None:
+def _share(motion: BandLimited, j: int) -> float:
+    """Motion of a sensor over that of its motor, through the gear; NaN for a joint at rest."""
+    q = motion.raw[:, j]
+    if np.ptp(q) < _LEAST_RAD:
+        return np.nan
+    moves = q - q.mean()
+    return float(moves @ (q - motion.raw_deflection[:, j])) / float(moves @ moves)
+
+
+def _require_alike(record: MotionRecord, motion: BandLimited) -> None:
     """Refuse a sensor that does not move as its motor does: another unit, sign or joint."""
-    if record.arm_rad is None:
-        return
-    q, arm = joint_angles(record, robot)[record.start :], record.arm_rad[record.start :]
-    for j in np.flatnonzero(np.isfinite(arm).all(axis=0)).tolist():
-        if np.ptp(q[:, j]) < _LEAST_RAD:
-            continue
-        moves = q[:, j] - q[:, j].mean()
-        share = float(moves @ arm[:, j]) / float(moves @ moves)
-        if not 1 / _ALIKE < share < _ALIKE:
+    for j in np.flatnonzero(np.ptp(motion.raw_deflection, axis=0) > _MOST_DEFLECTION_RAD).tolist():
+        share = _share(motion, j)
+        if not (np.isnan(share) or 1 / _ALIKE < share < _ALIKE):
             raise JointIdError(
                 f"{record.label or 'A record'}: the sensor of joint {j + 1} moves {share:.3g} times as "
                 "far as its motor and the gear ratio imply. Give its angles in rad at the joint, and "
@@ -148,9 +152,9 @@ def _require_alike(record: MotionRecord, robot: RobotModel) -> None:
 def _identified(
     given: list[MotionRecord], robot: RobotModel, band_hz: float | None, torque_std: float
 ) -> ArmSideFit:
-    for record in given:
-        _require_alike(record, robot)
     motions = [band_limited(record, robot, band_hz) for record in given]
+    for record, motion in zip(given, motions, strict=True):
+        _require_alike(record, motion)
     elastic = [np.zeros_like(m.q) for m in motions]
     joints: list[JointDeflection | None] = [None] * robot.n
     mean: Floats = np.zeros(4)
@@ -240,10 +244,12 @@ def _joint(
     round_: int,
 ) -> JointDeflection | None:
     sensed = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
-    seen = [k for k in sensed if np.ptp(motions[k].raw[:, j]) >= _LEAST_RAD]
+    seen = [k for k in sensed if 1 / _ALIKE < _share(motions[k], j) < _ALIKE]
     if not seen:
         return None
     fastest = max(np.abs(motions[k].dq[:, j]).max() for k in seen)
+    own = {k: over_own_move(motions[k].dq[:, j], fastest) for k in seen}
+    seen = [k for k in seen if own[k][motions[k].inner].max() > _SLIP]
     angle = np.concatenate([motions[k].raw[motions[k].inner, j] for k in seen])
     above = np.concatenate([motions[k].above_band[motions[k].inner, j] for k in seen])
     ripple = near.ripple if near else Ripple.over(angle, tooth_orders(angle, above))
@@ -258,7 +264,7 @@ def _joint(
         every.append((m.deflection[m.inner, j], terms.columns[m.inner]))
         y.append(m.deflection[rows, j])
         columns.append(np.hstack([terms.columns[rows], offset]))
-        speed.append(over_own_move(m.dq[:, j], fastest)[rows])
+        speed.append(own[k][rows])
         source.append(np.full(rows.size, i))
         moving = np.cumsum(speed[-1] > _SLIP)
         progress.append((moving - 1) / max(1, moving[-1]))
@@ -269,7 +275,7 @@ def _joint(
     record, ratio, part_of = np.concatenate(source), np.concatenate(speed), np.concatenate(progress)
     interval, groups = step * m.lowpass.interval_s, terms.groups
     used = ratio > _SLIP
-    if used.sum() < _FEWEST:
+    if used.sum() < _FEWEST or not data.columns[used, 0].any():
         return None
 
     def fitted(rows: NDArray[np.bool_], noise: float | None = None) -> Average:
@@ -321,7 +327,7 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool) -> str:
     if not sensor:
         return "No sensor behind the gear in these records."
     if joint is None:
-        return "The joint moves too little: give a record in which it moves."
+        return "The joint moves too little, or no torque loads it: give a record in which it moves."
     relative = joint.compliance_std / abs(joint.compliance)
     if joint.compliance <= 0 or relative > LARGEST_ERROR:
         return (
