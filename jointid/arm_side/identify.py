@@ -62,9 +62,9 @@ def identify_arm_side(
     """Identify the stiffness of every joint with a sensor behind its gear.
 
     Torques come from the rigid model at the measured motion. The fit includes the skew between the
-    encoders, transmission error, friction and damping in the gear, offsets and the payload. The error
-    includes the choice of these terms (an average over all sensible sets, weighted by evidence) and the
-    change when any part of the records is left out (jackknife): noise does not reveal a single
+    encoders, transmission error, friction and damping in the gear, offsets, drifts and the payload. The
+    error includes the choice of these terms (an average over all sensible sets, weighted by evidence)
+    and the change when any part of the records is left out (jackknife): noise does not reveal a single
     disturbance that dominates the result.
 
     Parameters
@@ -245,11 +245,11 @@ def _joint(
 ) -> JointDeflection | None:
     sensed = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
     seen = [k for k in sensed if 1 / _ALIKE < _share(motions[k], j) < _ALIKE]
-    if not seen:
-        return None
-    fastest = max(np.abs(motions[k].dq[:, j]).max() for k in seen)
+    fastest = max((float(np.abs(motions[k].dq[:, j]).max()) for k in seen), default=0.0)
     own = {k: over_own_move(motions[k].dq[:, j], fastest) for k in seen}
     seen = [k for k in seen if own[k][motions[k].inner].max() > _SLIP]
+    if not seen:
+        return None
     angle = np.concatenate([motions[k].raw[motions[k].inner, j] for k in seen])
     above = np.concatenate([motions[k].above_band[motions[k].inner, j] for k in seen])
     ripple = near.ripple if near else Ripple.over(angle, tooth_orders(angle, above))
@@ -259,11 +259,11 @@ def _joint(
         terms = joint_terms(j, m, torque[k], payload[k], motor, ripple)
         step = max(1, int(1 / (8 * m.lowpass.band_hz * m.lowpass.interval_s)))
         rows = np.arange(len(m.q))[m.inner][::step]
-        offset = np.zeros((rows.size, len(seen)))
-        offset[:, i] = 1.0
-        every.append((m.deflection[m.inner, j], terms.columns[m.inner]))
+        offset = np.zeros((len(m.q), 2 * len(seen)))
+        offset[:, i], offset[:, len(seen) + i] = 1.0, np.linspace(-1.0, 1.0, len(m.q))
+        every.append((m.deflection[m.inner, j], np.hstack([terms.columns, offset])[m.inner]))
         y.append(m.deflection[rows, j])
-        columns.append(np.hstack([terms.columns[rows], offset]))
+        columns.append(np.hstack([terms.columns, offset])[rows])
         speed.append(own[k][rows])
         source.append(np.full(rows.size, i))
         moving = np.cumsum(speed[-1] > _SLIP)
@@ -292,7 +292,7 @@ def _joint(
         spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
         variance = variance + np.sum(spread**2, axis=0) / (1 + len(_OTHER_SLIPS))
     if round_ == _ROUNDS - 1:
-        rest = [deflection - X @ beta[: X.shape[1]] for deflection, X in every]
+        rest = [deflection - X @ beta for deflection, X in every]
         slow = np.concatenate([each - np.median(each) for each in rest])
         left = position_map(angle, slow, above, ripple.orders)
     jackknife = np.zeros(2)
