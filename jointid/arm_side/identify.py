@@ -193,7 +193,10 @@ def _identified(
         for j in range(robot.n)
     ]
     sensors = np.any([np.isfinite(m.deflection).all(axis=0) for m in motions], axis=0)
-    reasons = tuple(_reason(joint, bool(sensors[j]), bool(shown[j])) for j, joint in enumerate(joints))
+    reasons = tuple(
+        _reason(joint, bool(sensors[j]), bool(shown[j]), bool(robot.is_coupled[j]))
+        for j, joint in enumerate(joints)
+    )
     K, error, skew, skew_error, residual = np.full((5, robot.n), np.nan)
     for j, joint in enumerate(joints):
         if joint is None:
@@ -323,9 +326,11 @@ def _joint(
     )
 
 
-def _reason(joint: JointDeflection | None, sensor: bool, shown: bool) -> str:
+def _reason(joint: JointDeflection | None, sensor: bool, shown: bool, coupled: bool) -> str:
     if not sensor:
         return "No sensor behind the gear in these records."
+    if coupled:
+        return "The gears couple this joint with others: their torques, too, deflect it."
     if joint is None:
         return "The joint moves too little, or no torque loads it: give a record in which it moves."
     relative = joint.compliance_std / abs(joint.compliance)
