@@ -16,8 +16,8 @@ _RIPPLE_RAD = tuple(a * _ARC_SECOND for a in (0.1, 3.0))
 """Expected size of each wave of the gear's ripple and of the harmonics of the motor."""
 _TEETH_RAD = 10 * _ARC_SECOND
 """Expected size of a periodic error that the deflection shows above the band."""
-_FRICTION_RAD = 20 * _ARC_SECOND
-"""Expected deflection by friction in the gear."""
+_FRICTION_RAD = np.array([20.0, 10.0]) * _ARC_SECOND
+"""Expected deflection by friction in the gear that builds up over the way, and with the velocity."""
 _FRICTION_LOAD_NM = 3000.0
 """Torque at which friction by load is expected to equal the constant friction."""
 _DRIFT_RAD = 3 * _ARC_SECOND
