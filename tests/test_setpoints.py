@@ -21,6 +21,7 @@ from jointid import (
     Motion,
     MotionRecord,
     MotorFriction,
+    RobotModel,
     Study,
     analyse,
     identify_motion,
@@ -39,6 +40,7 @@ from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml
 from jointid.setpoints.simulated_experiment import SimulatedExperiment, simulate_experiment
 from jointid.uncertainty.motion_plan import PlannedMotion
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
+from tests.robots import SIX_AXES
 
 RATIO = np.array([100.0, -90.0])
 START_DEG = np.array([10.0, -90.0, 90.0, 0.0, 45.0, -30.0])
@@ -468,6 +470,20 @@ def test_a_format_refuses_unsupported_motions() -> None:
 
 
 # ------------------------------------------------------------------------- limits as a file
+
+
+def test_gears_that_contradict_the_study_are_refused() -> None:
+    """Its set points would move the motors otherwise than planned."""
+    study = Study([simulate_motion(PARALLELOGRAM, PAPER, records=1)[0]], PARALLELOGRAM)
+    WIDE.require_gears_of(study)
+    WIDE.require_gears_of(replace(study, gear_ratio=RATIO * 1.0001))
+    with pytest.raises(JointIdError, match="contradicts the study's"):
+        WIDE.require_gears_of(replace(study, gear_ratio=-RATIO))
+    toml = SIX_AXES.split("[[link]]")
+    coupled = RobotModel.parse("two.toml", "[[link]]".join(toml[:3]).encode())
+    C = coupled.coupling + 1e-3 * np.eye(2, k=-1)
+    with pytest.raises(JointIdError, match="Gears couple axis 1 and axis 2"):
+        WIDE.require_gears_of(replace(study, robot_model=replace(coupled, coupling=C)))
 
 
 def test_limits_are_read_from_toml() -> None:

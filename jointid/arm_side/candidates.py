@@ -16,10 +16,12 @@ _RIPPLE_RAD = tuple(a * _ARC_SECOND for a in (0.1, 3.0))
 """Expected size of each wave of the gear's ripple and of the harmonics of the motor."""
 _TEETH_RAD = 10 * _ARC_SECOND
 """Expected size of a periodic error that the deflection shows above the band."""
-_FRICTION_RAD = 20 * _ARC_SECOND
-"""Expected deflection by friction in the gear."""
+_FRICTION_RAD = np.array([20.0, 10.0]) * _ARC_SECOND
+"""Expected deflection by friction in the gear that builds up over the way, and with the velocity."""
 _FRICTION_LOAD_NM = 3000.0
 """Torque at which friction by load is expected to equal the constant friction."""
+_DRIFT_RAD = 3 * _ARC_SECOND
+"""Expected drift of gear or encoder from the middle of a record to its end."""
 _DAMPING_S = 3e-3
 """Expected ratio of damping and stiffness of a joint."""
 _MEMORY_S = 0.5
@@ -46,10 +48,14 @@ class TermSet:
     friction: bool
 
     def std(self, groups: dict[str, slice], size: int, scale: Scale) -> Floats:
-        """Prior standard deviations of all coefficients, shape (size,); offsets come last, free."""
+        """Prior standard deviations of all coefficients, shape (size,).
+
+        Offsets and drifts of the records come last; offsets are free.
+        """
         compliance = scale.compliance
         std = np.zeros(size)
-        std[max(group.stop for group in groups.values()) :] = np.inf
+        last = max(group.stop for group in groups.values())
+        std[last:] = np.repeat([np.inf, _DRIFT_RAD], (size - last) // 2)
         std[groups["compliance"]] = np.inf
         std[groups["skew"]] = scale.skew_std_s
         std[groups["payload"]] = compliance

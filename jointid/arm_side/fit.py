@@ -107,7 +107,11 @@ class ArmSideFit:
                     terms = joint_terms(j, motion, torque, payload, motor, joint.ripple)
                     beta, offsets = np.split(joint.beta, [terms.columns.shape[1]])
                     elastic[:, j] = terms.columns @ beta
-                    found[:, j] = elastic[:, j] + motion.by_skew(j, elastic[:, j]) + offsets.mean()
+                    found[:, j] = (
+                        elastic[:, j]
+                        + motion.by_skew(j, elastic[:, j])
+                        + offsets[: offsets.size // 2].mean()
+                    )
             elastic -= elastic.mean(axis=0)
         result = np.full(record.theta_rad.shape, np.nan)
         for j in map(int, np.flatnonzero(np.isfinite(found).all(axis=0))):

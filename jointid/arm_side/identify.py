@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jointid.arm_side.band_limited import BandLimited, band_limited, joint_angles
+from jointid.arm_side.band_limited import BandLimited, band_limited
 from jointid.arm_side.candidates import Average, Scale, average, clear_moves, noise_of, over_own_move
 from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
@@ -37,8 +37,9 @@ _PARTS = (6, 10)
 """Numbers of parts of the time, each left out in turn: the same part of every record."""
 _FEWEST = 60
 _FIRST_COMPLIANCE = 2e-7
-_ALIKE = 2.0
-"""Largest ratio of the motions on both sides of a gear."""
+_ALIKE, _MOST_DEFLECTION_RAD = 2.0, 2e-3
+"""Largest ratio of the motions on both sides of a gear, and largest deflection: of a joint that hardly
+moves, it may exceed the motion."""
 _ROUNDS = 3
 _SLOW_RAD_S, _SLOW_FRICTION_RAD = 0.02, 1.5e-5
 """Velocity of a joint below which friction in the gear still changes with it (Stribeck), and the
@@ -61,9 +62,9 @@ def identify_arm_side(
     """Identify the stiffness of every joint with a sensor behind its gear.
 
     Torques come from the rigid model at the measured motion. The fit includes the skew between the
-    encoders, transmission error, friction and damping in the gear, offsets and the payload. The error
-    includes the choice of these terms (an average over all sensible sets, weighted by evidence) and the
-    change when any part of the records is left out (jackknife): noise does not reveal a single
+    encoders, transmission error, friction and damping in the gear, offsets, drifts and the payload. The
+    error includes the choice of these terms (an average over all sensible sets, weighted by evidence)
+    and the change when any part of the records is left out (jackknife): noise does not reveal a single
     disturbance that dominates the result.
 
     Parameters
@@ -127,17 +128,20 @@ def _distinct(given: Sequence[MotionRecord]) -> list[MotionRecord]:
     return found
 
 
-def _require_alike(record: MotionRecord, robot: RobotModel) -> None:
+def _share(motion: BandLimited, j: int) -> float:
+    """Motion of a sensor over that of its motor, through the gear; NaN for a joint at rest."""
+    q = motion.raw[:, j]
+    if np.ptp(q) < _LEAST_RAD:
+        return np.nan
+    moves = q - q.mean()
+    return float(moves @ (q - motion.raw_deflection[:, j])) / float(moves @ moves)
+
+
+def _require_alike(record: MotionRecord, motion: BandLimited) -> None:
     """Refuse a sensor that does not move as its motor does: another unit, sign or joint."""
-    if record.arm_rad is None:
-        return
-    q, arm = joint_angles(record, robot)[record.start :], record.arm_rad[record.start :]
-    for j in np.flatnonzero(np.isfinite(arm).all(axis=0)).tolist():
-        if np.ptp(q[:, j]) < _LEAST_RAD:
-            continue
-        moves = q[:, j] - q[:, j].mean()
-        share = float(moves @ arm[:, j]) / float(moves @ moves)
-        if not 1 / _ALIKE < share < _ALIKE:
+    for j in np.flatnonzero(np.ptp(motion.raw_deflection, axis=0) > _MOST_DEFLECTION_RAD).tolist():
+        share = _share(motion, j)
+        if not (np.isnan(share) or 1 / _ALIKE < share < _ALIKE):
             raise JointIdError(
                 f"{record.label or 'A record'}: the sensor of joint {j + 1} moves {share:.3g} times as "
                 "far as its motor and the gear ratio imply. Give its angles in rad at the joint, and "
@@ -148,9 +152,9 @@ def _require_alike(record: MotionRecord, robot: RobotModel) -> None:
 def _identified(
     given: list[MotionRecord], robot: RobotModel, band_hz: float | None, torque_std: float
 ) -> ArmSideFit:
-    for record in given:
-        _require_alike(record, robot)
     motions = [band_limited(record, robot, band_hz) for record in given]
+    for record, motion in zip(given, motions, strict=True):
+        _require_alike(record, motion)
     elastic = [np.zeros_like(m.q) for m in motions]
     joints: list[JointDeflection | None] = [None] * robot.n
     mean: Floats = np.zeros(4)
@@ -189,7 +193,10 @@ def _identified(
         for j in range(robot.n)
     ]
     sensors = np.any([np.isfinite(m.deflection).all(axis=0) for m in motions], axis=0)
-    reasons = tuple(_reason(joint, bool(sensors[j]), bool(shown[j])) for j, joint in enumerate(joints))
+    reasons = tuple(
+        _reason(joint, bool(sensors[j]), bool(shown[j]), bool(robot.is_coupled[j]))
+        for j, joint in enumerate(joints)
+    )
     K, error, skew, skew_error, residual = np.full((5, robot.n), np.nan)
     for j, joint in enumerate(joints):
         if joint is None:
@@ -240,10 +247,12 @@ def _joint(
     round_: int,
 ) -> JointDeflection | None:
     sensed = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
-    seen = [k for k in sensed if np.ptp(motions[k].raw[:, j]) >= _LEAST_RAD]
+    seen = [k for k in sensed if 1 / _ALIKE < _share(motions[k], j) < _ALIKE]
+    fastest = max((float(np.abs(motions[k].dq[:, j]).max()) for k in seen), default=0.0)
+    own = {k: over_own_move(motions[k].dq[:, j], fastest) for k in seen}
+    seen = [k for k in seen if own[k][motions[k].inner].max() > _SLIP]
     if not seen:
         return None
-    fastest = max(np.abs(motions[k].dq[:, j]).max() for k in seen)
     angle = np.concatenate([motions[k].raw[motions[k].inner, j] for k in seen])
     above = np.concatenate([motions[k].above_band[motions[k].inner, j] for k in seen])
     ripple = near.ripple if near else Ripple.over(angle, tooth_orders(angle, above))
@@ -253,12 +262,12 @@ def _joint(
         terms = joint_terms(j, m, torque[k], payload[k], motor, ripple)
         step = max(1, int(1 / (8 * m.lowpass.band_hz * m.lowpass.interval_s)))
         rows = np.arange(len(m.q))[m.inner][::step]
-        offset = np.zeros((rows.size, len(seen)))
-        offset[:, i] = 1.0
-        every.append((m.deflection[m.inner, j], terms.columns[m.inner]))
+        offset = np.zeros((len(m.q), 2 * len(seen)))
+        offset[:, i], offset[:, len(seen) + i] = 1.0, np.linspace(-1.0, 1.0, len(m.q))
+        every.append((m.deflection[m.inner, j], np.hstack([terms.columns, offset])[m.inner]))
         y.append(m.deflection[rows, j])
-        columns.append(np.hstack([terms.columns[rows], offset]))
-        speed.append(over_own_move(m.dq[:, j], fastest)[rows])
+        columns.append(np.hstack([terms.columns, offset])[rows])
+        speed.append(own[k][rows])
         source.append(np.full(rows.size, i))
         moving = np.cumsum(speed[-1] > _SLIP)
         progress.append((moving - 1) / max(1, moving[-1]))
@@ -269,7 +278,7 @@ def _joint(
     record, ratio, part_of = np.concatenate(source), np.concatenate(speed), np.concatenate(progress)
     interval, groups = step * m.lowpass.interval_s, terms.groups
     used = ratio > _SLIP
-    if used.sum() < _FEWEST:
+    if used.sum() < _FEWEST or not data.columns[used, 0].any():
         return None
 
     def fitted(rows: NDArray[np.bool_], noise: float | None = None) -> Average:
@@ -286,7 +295,7 @@ def _joint(
         spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
         variance = variance + np.sum(spread**2, axis=0) / (1 + len(_OTHER_SLIPS))
     if round_ == _ROUNDS - 1:
-        rest = [deflection - X @ beta[: X.shape[1]] for deflection, X in every]
+        rest = [deflection - X @ beta for deflection, X in every]
         slow = np.concatenate([each - np.median(each) for each in rest])
         left = position_map(angle, slow, above, ripple.orders)
     jackknife = np.zeros(2)
@@ -317,11 +326,13 @@ def _joint(
     )
 
 
-def _reason(joint: JointDeflection | None, sensor: bool, shown: bool) -> str:
+def _reason(joint: JointDeflection | None, sensor: bool, shown: bool, coupled: bool) -> str:
     if not sensor:
         return "No sensor behind the gear in these records."
+    if coupled:
+        return "The gears couple this joint with others: their torques, too, deflect it."
     if joint is None:
-        return "The joint moves too little: give a record in which it moves."
+        return "The joint moves too little, or no torque loads it: give a record in which it moves."
     relative = joint.compliance_std / abs(joint.compliance)
     if joint.compliance <= 0 or relative > LARGEST_ERROR:
         return (

@@ -49,11 +49,12 @@ class Regression:
     def estimate(self, noise: float, std: Floats) -> Estimate:
         """Estimate coefficients in noise of one standard deviation.
 
-        ``std``, shape (p,), are prior ones; infinite without a prior, 0 leaves a column out.
+        ``std``, shape (p,), are prior ones; infinite without a prior, 0 leaves a column out. A column of
+        zeros without a prior is left out as well.
         """
-        used = std > 0
-        prior = std[used]
         gram, moment, energy = self._moments
+        used = (std > 0) & (np.isfinite(std) | (np.diag(gram) > 0))
+        prior = std[used]
         gram, moment = gram[np.ix_(used, used)] / noise**2, moment[used] / noise**2
         scale = np.where(np.isfinite(prior), prior, np.diag(gram).clip(1e-300) ** -0.5)
         gram, moment = gram * np.outer(scale, scale), moment * scale

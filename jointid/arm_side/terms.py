@@ -13,6 +13,8 @@ from jointid.robot_models.model import RobotModel
 
 _PRESLIDING_RAD = 3e-4
 """Motion after a reversal in which friction in the gear builds up."""
+_SLIDING_RAD_S = 5e-3
+"""Velocity at which friction in the gear builds up, where it does so by velocity instead."""
 SLOW_HARMONICS = (1, 2, 3, 4)
 """Harmonics of the joint angle: eccentric gear wheels and encoder discs."""
 MOTOR_HARMONICS = (1, 2)
@@ -107,7 +109,8 @@ def joint_terms(
     the motor's angle, rad.
     """
     lowpass, raw = motion.lowpass, motion.raw[:, j]
-    friction = lowpass(dahl(raw[None], np.array([[1 / _PRESLIDING_RAD]]))[0])[:, None]
+    by_way = dahl(raw[None], np.array([[1 / _PRESLIDING_RAD]]))[0]
+    friction = lowpass(np.stack([by_way, np.tanh(motion.dq[:, j] / _SLIDING_RAD_S)], axis=1))
     parts = {
         "compliance": torque[:, j, None],
         "skew": motion.dq[:, j, None],

@@ -256,6 +256,7 @@ def setpoints(
     texts = position_limit, velocity_limit, torque_limit
     shape = (motion, from_hz, to_hz) if motion else None
     analysis, found = planned(study, method, count, duration_s, texts, shape, usable=True)
+    robot.require_gears_of(analysis.study)
     fit = analysis.fit
     with progress("Running on the simulated robot"):
         experiment = planned_experiment(

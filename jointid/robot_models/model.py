@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from jointid.arrays import Floats, frozen, per_joint, vectors
 from jointid.errors import JointIdError
@@ -129,6 +129,12 @@ class RobotModel(RobotDescription):
         """Motor turns per joint turn with the other joints at rest, shape (n,); NaN where unknown."""
         known = np.isfinite(self.coupling).all()
         return frozen(np.diag(np.linalg.inv(self.coupling)) if known else 1 / np.diag(self.coupling))
+
+    @property
+    def is_coupled(self) -> NDArray[np.bool_]:
+        """Whether one motor moves a joint together with others, shape (n,); False where unknown."""
+        off = np.nan_to_num(self.coupling - np.diag(np.diag(self.coupling))) != 0
+        return np.asarray(off.any(axis=0) | off.any(axis=1))
 
     def with_payload(
         self,

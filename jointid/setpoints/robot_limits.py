@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats, finite_array, per_joint, set_fields
 from jointid.errors import JointIdError
 from jointid.parsing.checked_toml import in_place, parse_toml
-from jointid.wording import counted
+from jointid.study import Study
+from jointid.wording import counted, enumerated
 
 LIMIT_KEYS = {
     "robot": 'robot = "cell 7, robot A"',
@@ -89,6 +91,20 @@ class RobotLimits:
         """Velocities of the motors in rad/s, of one velocity or one per joint in deg/s."""
         each = per_joint("superposed velocity (°/s)", joint_deg_s, self.gear_ratio.size)
         return np.asarray(np.radians(each) * self.gear_ratio)
+
+    def require_gears_of(self, study: Study) -> None:
+        """Refuse gears that couple the motors of a study, or gear ratios that contradict the study's."""
+        model, ratios, own = study.robot_model, study.gear_ratios, self.gear_ratio
+        if model is not None and model.is_coupled.any():
+            names = enumerated(list(compress(model.names, model.is_coupled)))
+            raise JointIdError(
+                f"Gears couple {names}: set points of joints that share a motor are not supported."
+            )
+        if ratios is not None and ratios.size == own.size and not np.allclose(ratios, own, rtol=1e-3):
+            raise JointIdError(
+                f"gear_ratio = {own.tolist()} contradicts the study's {ratios.tolist()}: these set "
+                "points would be another motion than the plan. Give the same ratios, with their signs."
+            )
 
 
 def limits_from_toml(data: bytes, file: str) -> RobotLimits:

@@ -126,6 +126,7 @@ def show_set_points(
     names = entered["joint_names"].split(",")
     given["joint_names"] = tuple(name.strip() for name in names if name.strip())
     robot = RobotLimits(**given, robot=analysis.study.robot)
+    robot.require_gears_of(analysis.study)
     drift = tuple(robot.motor_velocity(numbers_in("Superposed velocities", superposed)).tolist())
     settings = {"kind": _FORMS[kind], "scale": scale, "repeats": repeats, "ramp_s": ramp_s}
     settings |= {"rest_s": rest_s, "velocity_rad_s": drift}
