@@ -193,8 +193,8 @@ class TestTheNextExperiment:
     def test_an_unusable_answer_has_no_predicted_gain(
         self, app: AppTest, studies: dict[int, Study]
     ) -> None:
-        torques = [replace(r, tau_Nm=r.tau_Nm[:, ::-1]) for r in studies[2].records]
-        at = upload(app.run(), replace(studies[2], records=torques), "swapped.zip")
+        torques = [replace(r, tau_Nm=r.tau_Nm * [1, 3]) for r in studies[2].records]
+        at = upload(app.run(), replace(studies[2], records=torques), "unit.zip")
         at = shown(at.switch_page(PLAN).run())
         assert at.error[0].value.startswith("Not usable")
         assert [header.value for header in at.header] == ["3 additional records"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.interpolate import CubicSpline
-from scipy.signal import oaconvolve
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
@@ -62,8 +62,18 @@ class GaussianFilter:
             kernel *= 2 / np.sum(kernel * t**2)
         ends = (2 * x[0] - x[m:0:-1], x, 2 * x[-1] - x[-2 : -m - 2 : -1])
         padded = np.concatenate(ends)
-        kernel = kernel[::-1].reshape(-1, *[1] * (padded.ndim - 1))
-        return np.asarray(oaconvolve(padded, kernel, "valid", axes=0))
+        return _convolved(padded, kernel[::-1])
+
+
+def _convolved(x: Floats, kernel: Floats) -> Floats:
+    """Convolution along the first axis where the kernel lies within the samples.
+
+    As ``scipy.signal.oaconvolve``, whose import takes a third of a second.
+    """
+    size = next_fast_len(len(x), real=True)
+    gain = np.fft.rfft(kernel, size).reshape(-1, *[1] * (x.ndim - 1))
+    found = np.fft.irfft(np.fft.rfft(x, size, axis=0) * gain, size, axis=0)
+    return np.asarray(found[len(kernel) - 1 : len(x)])
 
 
 @dataclass(frozen=True, eq=False)
