@@ -244,9 +244,9 @@ def _with_first_noise(
     for _ in range(_NOISES if many else 1):
         before = phasors
         with contextlib.suppress(JointIdError):  # the weights of the earlier fit were wrong
-            moved = stepped(phasors, prior, found, noise_of_rows(phasors, prior), model)[0]
-            phasors = with_noise(phasors, prior, model, replace(found, p=moved))
-            found = replace(found, p=moved)
+            noise = noise_of_rows(phasors, prior)
+            moved = replace(found, p=stepped(phasors, prior, found, noise, model)[0])
+            phasors, found = with_noise(phasors, prior, model, moved), moved
         if not noise_differs(before, phasors):
             break
     return phasors, found.named if "coulomb" in found.layout else found.elasticity, (model,)

@@ -134,9 +134,9 @@ def _fit_orders(search: Search, model: Model, effect: PerTurn, near: Parameters)
         near = _without(found, effect)
         if found.misfit > DOUBTFUL and model.reversal == 0 and not search.has_motions:
             free = replace(model, reversal=0.03)  # the residual of sticking hides the order
-            freed = _fitted(search, free, effect, near)
-            if freed and NEEDED * freed.misfit < found.misfit:
-                model, found, near = free, freed, _without(freed, effect)
+            nearer = _fitted(search, free, effect, near)
+            if nearer and NEEDED * nearer.misfit < found.misfit:
+                model, found, near = free, nearer, _without(nearer, effect)
         gain, phase, _ = _scores(search, model, near)[effect.effect]
         if nearest is None or found.cost < nearest[1].cost:
             nearest = effect, found, gain

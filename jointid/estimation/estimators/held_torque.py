@@ -41,7 +41,7 @@ class HeldTorque:
     def of(cls, s: Complexes, hold_s: Floats, delay_s: Floats) -> HeldTorque:
         """Images of records at s, shape (r, H), with hold and delay of shape (r,).
 
-        There are none where no torque is held.
+        A torque that is not held has none.
         """
         hold = hold_s[:, None, None]
         turn = np.abs(s[..., None]) * hold
