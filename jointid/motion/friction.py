@@ -36,8 +36,12 @@ _SEEN = 6.0
 """Power of a harmonic over its noise from which the velocity has it: an exponential distribution
 exceeds it once in 400."""
 
-_STATIONARY = 0.5
-"""Share of the largest velocity with unknown sign from which a joint counts as stationary."""
+_STATIONARY = 0.25
+"""Share of the largest velocity with unknown sign from which a joint counts as stationary: one slip of a
+joint that sticks gives all harmonics, with up to some five of their standard deviations."""
+
+_SHORT = 0.5
+"""Periods of the highest harmonic below which a slow stretch without reversal is not resolved."""
 
 _STICKING = 0.5
 """Share of the period without clear velocity from which it does, too: it sticks, but for short slips."""
@@ -112,15 +116,7 @@ def friction_waveforms(
     if phasors.motion.any():
         return _of_segments(phasors, window, curve)
     H, n = phasors.harmonics.shape[1], phasors.n
-    rate = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
-    angle = phasors.harmonics[..., :n]
-    variance, seen = seen_angles(phasors)
-    swing = (rate[..., None] * angle * seen).swapaxes(1, 2)
-    velocity = samples_of(swing, GRID) + phasors.drift[:, :, None]
-    # What the other harmonics hold beyond their noise adds to that of those seen.
-    squares = np.stack([variance * seen, (np.abs(angle) ** 2 - variance) * ~seen])
-    power = 0.5 * np.einsum("rh,krhj->krj", np.abs(rate) ** 2, squares)
-    noise = np.sqrt(power[0] + np.maximum(power[1], 0.0))
+    velocity, noise = sampled_velocity(phasors)
     largest = np.abs(velocity).max(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(largest > 0, np.maximum(window or 0.0, _NOISE_MARGIN * noise / largest), 1.0)
@@ -128,7 +124,7 @@ def friction_waveforms(
     stationary = (share > _STATIONARY) | (unclear > _STICKING)
     signs = np.where(stationary[..., None], 0.0, np.sign(velocity))
     known, none = np.any(phasors.harmonics != 0, axis=2), [np.zeros((H, 0), complex)] * n
-    free: list[Sequence[Complexes]] = [none] * len(rate)
+    free: list[Sequence[Complexes]] = [none] * len(known)
     if window:
         threshold = np.where(stationary, np.inf, share * largest)
         free = _freed(velocity, signs, threshold, known.sum(axis=1), H)
@@ -144,6 +140,19 @@ def friction_waveforms(
     unknown = [Waveforms(own, none, used) for own, used in zip(free, equations, strict=True)]
     none_bounded = np.zeros(stationary.shape)
     return FrictionWaveforms(coulomb, fading, unknown, none_bounded, stationary, list(signs))
+
+
+def sampled_velocity(phasors: Phasors) -> tuple[Floats, Floats]:
+    """Velocities of the motors over a period of every sine, (r, n, points), and their noise, (r, n)."""
+    n, orders = phasors.n, np.arange(1, phasors.harmonics.shape[1] + 1)
+    rate, angle = 1j * phasors.omega[:, None] * orders, phasors.harmonics[..., :n]
+    variance, seen = seen_angles(phasors)
+    swing = (rate[..., None] * angle * seen).swapaxes(1, 2)
+    # What the other harmonics hold beyond their noise adds to that of those seen.
+    squares = np.stack([variance * seen, (np.abs(angle) ** 2 - variance) * ~seen])
+    power = 0.5 * np.einsum("rh,krhj->krj", np.abs(rate) ** 2, squares)
+    noise = np.sqrt(power[0] + np.maximum(power[1], 0.0))
+    return samples_of(swing, GRID) + phasors.drift[:, :, None], np.asarray(noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,9 +265,10 @@ def _of_segments(phasors: Phasors, window: float | None, curve: bool) -> Frictio
 def _freed(
     velocity: Floats, signs: Floats, threshold: Floats, carried: np.ndarray, H: int
 ) -> list[Sequence[Complexes]]:
-    """Hat functions over each reversal, where |velocity| (r, n, t) is below the threshold (r, n).
+    """Hat functions over each stretch in which |velocity| (r, n, t) is below the threshold (r, n).
 
-    Moves the step of ``signs`` to the middle of the reversal, in place.
+    A motor may stick there, whether it turns back or goes on. Moves the step of ``signs`` to the middle
+    of the stretch, in place.
     """
     r, n, _ = velocity.shape
     free: list[Sequence[Complexes]] = []
@@ -267,10 +277,13 @@ def _freed(
         for joint in range(n):
             columns = [np.zeros((H, 0), complex)]
             sign = signs[record, joint]
-            for begin, length, before in _reversals(velocity[record, joint], threshold[record, joint]):
+            for begin, length, before, after in _slow(velocity[record, joint], threshold[record, joint]):
+                resolved = carried[record] * length / GRID
+                if before == after and resolved < _SHORT:
+                    continue
                 steps = np.arange(length + 1)
-                sign[(begin + steps) % GRID] = np.where(steps < length / 2, before, -before)
-                pieces = int(np.ceil(_HATS_PER_HARMONIC * carried[record] * length / GRID))
+                sign[(begin + steps) % GRID] = np.where(steps < length / 2, before, after)
+                pieces = int(np.ceil(_HATS_PER_HARMONIC * resolved))
                 late = waves(H, GRID)[:, begin % GRID].conj()
                 columns.append(_hats(length, pieces, H) * late[:, None])
             own.append(np.concatenate(columns, axis=1))
@@ -278,15 +291,12 @@ def _freed(
     return free
 
 
-def _reversals(velocity: Floats, threshold: float) -> list[tuple[int, int, float]]:
-    """Last sample before each reversal, number of samples to the first after it, and the sign before."""
+def _slow(velocity: Floats, threshold: float) -> list[tuple[int, int, float, float]]:
+    """Last sample before each slow stretch, samples to the first after it, and the signs at both."""
     slides = np.flatnonzero(np.abs(velocity) > threshold)
-    direction = np.sign(velocity[slides])
-    turns = np.flatnonzero(direction[1:] != direction[:-1]).tolist()
-    found = [(int(slides[k]), int(slides[k + 1] - slides[k]), float(direction[k])) for k in turns]
-    if slides.size and direction[-1] != direction[0]:
-        found.append((int(slides[-1]), int(slides[0] + GRID - slides[-1]), float(direction[-1])))
-    return found
+    before, length = np.sign(velocity[slides]), np.diff(slides, append=slides[:1] + GRID)
+    stretches = zip(slides, length, before, np.roll(before, -1), strict=True)
+    return [(int(k), int(n), float(b), float(a)) for k, n, b, a in stretches if n > 1 or b != a]
 
 
 @lru_cache(maxsize=128)
