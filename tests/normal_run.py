@@ -240,7 +240,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "setpoints::the_simulated_motion_gives_k_and_d_back": (),
     "setpoints::the_set_points_of_a_file_give_k_and_d_back": (),
     "sine_fit::stated_covariance_is_the_scatter_of_the_phasors": ("one period",),
-    "six_axes::start_values_are_near_k_under_heavy_friction": ("7-*",),
+    "six_axes::a_fit_with_free_reversals_converges_from_regression": ("7-*",),
     "six_axes::motions_start_near_k_and_the_payload_with_friction": (),
     "six_axes::joints_that_move_in_turn_with_heavy_friction": (),
     "six_axes::sines_of_joints_that_move_in_turn_with_heavy_friction": (),

@@ -16,7 +16,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.identify_motion import _few, _lines
 from jointid.estimation.motion_noise import noise_differs, with_torque_noise
-from jointid.estimation.motion_start import _flanks
+from jointid.estimation.regression_start import _flanks
 from jointid.gears.motor_motion import MotorMotion
 from jointid.motion.arm_motion import DrivenArms
 from jointid.motion.band import proposed_band
@@ -27,7 +27,7 @@ from jointid.motion.friction import (
     _WIDTHS,
     GRID,
     _hats,
-    _reversals,
+    _slow,
     friction_waveforms,
     gear_torque_of,
     with_load,
@@ -175,13 +175,16 @@ def test_transforms_of_polynomials_are_their_integrals(steps: int) -> None:
     np.testing.assert_allclose(std, np.sqrt(np.mean(sizes**2, axis=0)), rtol=0.01)
 
 
-def test_reversals_of_a_period_include_that_over_its_end() -> None:
+def test_slow_stretches_of_a_period_include_reversals_stops_and_that_over_its_end() -> None:
     phase = 2 * np.pi * (np.arange(GRID) + 0.5) / GRID
-    assert _reversals(np.zeros(GRID), 0.1) == []
-    assert _reversals(np.ones(GRID), 0.1) == []
+    assert _slow(np.zeros(GRID), 0.1) == []
+    assert _slow(np.ones(GRID), 0.1) == []
     threshold = np.sin(10 * 2 * np.pi / GRID)  # slower in ten samples before and after each zero
     last = [GRID // 2 - 11, GRID - 11]
-    assert _reversals(np.sin(phase), threshold) == [(last[0], 21, 1.0), (last[1], 21, -1.0)]
+    turns = [(last[0], 21, 1.0, -1.0), (last[1], 21, -1.0, 1.0)]
+    assert _slow(np.sin(phase), threshold) == turns
+    stopped = np.where(np.arange(GRID) // 50 == 4, 0.0, np.sin(phase))  # and goes on
+    assert _slow(stopped, threshold) == [(199, 51, 1.0, 1.0), *turns]
 
 
 def test_hats_of_a_reversal_add_to_one() -> None:

@@ -13,18 +13,16 @@ from plants import BAND_HZ, ROBOTS, campaign, circular, exact_phasors, noisy, pl
 from jointid import Elasticity, Inertia
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.linear_fit import _least_squares, without_inertias
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.estimators.problem import Problem
 from jointid.estimation.model_growth import _is_passed_over
-from jointid.estimation.motion_start import regressed
+from jointid.estimation.regression_start import regressed, regression_start
 from jointid.estimation.start_values import (
-    _least_squares,
     at_resonances,
     by_motion,
-    friction_start,
     other_laws,
     with_delay,
-    without_inertias,
 )
 from jointid.motion.friction import friction_waveforms
 
@@ -129,14 +127,10 @@ def test_heavy_friction_is_found_with_k_and_d() -> None:
     friction = friction + 1j * phasors.omega[:, None] * motion * [2e-3, 1e-3]
     rubbed = exact_phasors(phasors.frequency_found_hz, phasors.q, phasors.tau + friction)
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
-    layout = ParameterLayout.of(2)
-    far = layout.named(layout.pack(K=0.1 * elasticity.K, D=elasticity.D))
-    start = friction_start(rubbed, prior, far)
-    assert start is not None
-    np.testing.assert_allclose(start.K, elasticity.K, rtol=0.05)
-    np.testing.assert_allclose(start["coulomb"], braked, rtol=0.05)
-    right = layout.named(layout.pack(K=elasticity.K, D=elasticity.D))
-    assert friction_start(phasors, prior, right) is None
+    start = regression_start(rubbed, prior)
+    np.testing.assert_allclose(start.K, elasticity.K, rtol=1e-3)
+    np.testing.assert_allclose(start["coulomb"], braked, rtol=1e-3)
+    assert "coulomb" not in regression_start(phasors, prior).layout
 
 
 @pytest.mark.parametrize("is_near", [True, False])

@@ -28,7 +28,7 @@ from jointid.estimation.motion_noise import (
     with_noise,
     with_torque_noise,
 )
-from jointid.estimation.motion_start import motion_start, regressed
+from jointid.estimation.regression_start import regressed, regression_start
 from jointid.estimation.start_values import at_resonances
 from jointid.joints import Inertia
 from jointid.motion.friction import friction_waveforms
@@ -149,7 +149,7 @@ def _identified(
         phasors, prior, rows = phasors.select(rows), prior.of_rows(rows), np.arange(rows.size)
     start: Floats | Parameters
     phasors, start, first = _with_first_noise(
-        phasors, prior, rows, motion_start(*whole), many=many, gives_up=gives_up
+        phasors, prior, rows, regression_start(*whole), many=many, gives_up=gives_up
     )
     few, own = phasors.select(rows), prior.of_rows(rows)
     known = [each for each in first if many or each.delay]

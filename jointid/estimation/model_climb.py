@@ -12,8 +12,8 @@ from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.model_growth import NEARLY_ALL
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
-from jointid.estimation.motion_start import motion_start
-from jointid.estimation.start_values import at_resonances, by_motion, friction_start
+from jointid.estimation.regression_start import regression_start
+from jointid.estimation.start_values import at_resonances, by_motion
 from jointid.phasors.extract import Phasors
 
 Start = Callable[[Phasors, InertiaPrior], Parameters]
@@ -92,15 +92,13 @@ def fit_hanging(search: Search) -> None:
     model = replace(search.base, reversal=0.0 if search.may_have_friction else search.base.reversal)
     if search.has_motions or "gravity" not in search.fits.optional:
         return
-    start = friction_start(search.phasors, search.prior, search.start, hangs=True)
-    starts = [] if start is None else [start]
+    starts = [regression_start(search.phasors, search.prior, hangs=True)]
     if not search.is_distorted:
         model, starts = search.base, [*starts, *at_resonances(search.phasors, search.prior)]
     for each in starts:
         if search.is_lost:
             search.fit(model.with_part("gravity"), each, compares=False)
-    if starts:
-        freed(search, model.with_part("gravity"))
+    freed(search, model.with_part("gravity"))
 
 
 def fit_regressed(search: Search, most_left: float = _BENT) -> None:
@@ -158,9 +156,9 @@ def _laws_of_motions(search: Search, model: Model) -> list[tuple[Model, str, Sta
     """
     gains = {part: score.gain for part, score in search.scores(model).items()}
     order = sorted(gains, key=lambda part: -gains[part])
-    starts: dict[str, Start] = {"backlash": partial(motion_start, backlash=True)}
+    starts: dict[str, Start] = {"backlash": partial(regression_start, backlash=True)}
     if order and order[0] in GEAR_LAWS:  # friction at the arm resembles hysteresis
-        starts["hysteresis"] = motion_start
+        starts["hysteresis"] = regression_start
     rivals = [part for part in order if part in starts and gains[part] > _RIVAL * gains[order[0]]]
     return [(model, part, starts[part]) for part in rivals]
 

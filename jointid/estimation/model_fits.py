@@ -11,12 +11,13 @@ from jointid.errors import JointIdError
 from jointid.estimation.candidates import NEEDED, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import one_step
+from jointid.estimation.estimators.linear_fit import without_inertias
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual, with_law_signals
-from jointid.estimation.start_values import without_inertias
+from jointid.estimation.regression_start import regression_start
 from jointid.motion.end_terms import motor_motion
 from jointid.motion.friction import (
     FrictionWaveforms,
@@ -132,6 +133,24 @@ def freest(phasors: Phasors, base: Model, optional: Sequence[str]) -> Model:
     if "lag" in optional and phasors.n > 1 and not (base.delay or phasors.motion.any()):
         return replace(base, reversal=0.03, effects=("lag",))
     return replace(base, reversal=0.03, delay=base.delay or "delay" in optional)
+
+
+def start_with_friction(
+    phasors: Phasors, prior: InertiaPrior, linear: Parameters, noise: Noise, base: Model
+) -> Parameters:
+    """Start values with friction and a common unknown as the payload; without either, the linear ones.
+
+    Where M2 has a common unknown, a fit of it beside otherwise exact inertias comes first: with all
+    inertias free, small ones of a wrist stop at their bounds far from the optimum.
+    """
+    start = regression_start(phasors, prior)
+    if not prior.shared.any():
+        return start if "coulomb" in start.layout else linear
+    if 0 < prior.inertia_std < np.inf:
+        exact, model = replace(prior, inertia_std=0.0), replace(base, reversal=0.03)
+        with suppress(JointIdError):
+            return fit_model(phasors, exact, start, noise, model).named
+    return start
 
 
 def fit_without_inertias(

@@ -12,6 +12,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, Fits, Model, fundamental_chance
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import LOST
+from jointid.estimation.estimators.linear_fit import without_inertias
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import (
@@ -27,7 +28,6 @@ from jointid.estimation.start_values import (
     other_laws,
     with_delay,
     with_one_bend,
-    without_inertias,
 )
 from jointid.motion.friction import FrictionWaveforms
 from jointid.motion.per_turn import PerTurn

@@ -40,11 +40,11 @@ from jointid.estimation.model_climb import (
     fit_regressed,
     fit_slopes,
 )
-from jointid.estimation.model_fits import fit_without_inertias, freest
+from jointid.estimation.model_fits import fit_without_inertias, freest, start_with_friction
 from jointid.estimation.model_growth import NEARLY_ALL, exchanged, grown
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.periodic_effects import fit_periodic, with_best_orders
-from jointid.estimation.start_values import at_resonances, friction_start
+from jointid.estimation.start_values import at_resonances
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.phasors.passivity import least_misfit
@@ -146,7 +146,7 @@ def choose_model(
         if LOST <= search.fits.misfit(first[0]) < np.inf:
             return _given_up(search) if gives_up() else _choice(search, first[0])
     if search.may_have_friction and not isinstance(start, Parameters):
-        search = replace(search, start=friction_start(phasors, prior, linear) or linear)
+        search = replace(search, start=start_with_friction(phasors, prior, linear, noise, search.base))
     return _searched(search)
 
 

@@ -28,6 +28,8 @@ _WEIGHT_ITERATIONS = 3
 """Updates of the weights, which depend on K and D only weakly."""
 _STEP = 1e-4
 """Relative change of an inertia for its derivative; its error is of second order."""
+_LEAST_SHARE, _LEAST_DAMPED = 1e-3, 5e-3
+"""Least eigenvalue of an estimated M2 with unit diagonal, and least D ω over K."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +87,59 @@ def weighted(equations: SpringEquations) -> Estimate:
         K, D = np.split(_apply(gain, equations.b), 2)
         gain, _ = _weighted_gain(equations, equations.residual_covariance(K, D))
     return _estimate(equations, gain, weighted=True)
+
+
+def without_inertias(phasors: Phasors, prior: InertiaPrior) -> Parameters | None:
+    """K, D, M and M2 by linear least squares, without the given inertias; None if not physical.
+
+    With c = M2⁻¹ and κ = K + sD, equation (8) of joint j is
+
+        κ_j q_j + Σ_k κ_j c_jk M_k q_k − Σ_k κ_j c_jk τ_k/s² + M_j s² q_j = τ_j,
+
+    linear in M_j and in the products with K_j and D_j. Poses differ in M2, hence only for one.
+    """
+    n = phasors.n
+    if phasors.motion.any():  # where (8) has end terms
+        return None
+    several = len(prior.M) > 1 or len(prior.M2) > 1
+    if several or prior.added.any() or prior.gravity.any() or 2 * phasors.omega.size < 4 * n + 1:
+        return None
+    s, q = 1j * phasors.omega[:, None], phasors.q
+    rigid = np.concatenate([q, -phasors.tau / s**2], axis=1)
+    M, K, D, arm = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, n))
+    for j in range(n):
+        columns = np.concatenate([rigid, s * rigid, s**2 * q[:, [j]]], axis=1)
+        x = _least_squares(columns, phasors.tau[:, j])
+        if x is None:
+            return None
+        of_K, of_D, M[j] = x[: 2 * n], x[2 * n : 4 * n], x[4 * n]
+        K[j], D[j] = of_K[j] - of_K[n + j] * M[j], of_D[j] - of_D[n + j] * M[j]
+        arm[j] = of_K[n:] / K[j]
+    if not (np.all(K > 0) and np.all(M > 0) and np.all(np.diag(arm) > 0)):
+        return None
+    arm = (arm + arm.T) / 2
+    own = np.sqrt(np.diag(arm))
+    if np.linalg.eigvalsh(arm / np.outer(own, own))[0] < _LEAST_SHARE:
+        return None
+    M2 = np.linalg.inv(arm)
+    D = np.clip(D, _LEAST_DAMPED * K / phasors.omega.max(), K / phasors.omega.min())
+    layout = ParameterLayout.of(n, rotors=1, arms=1)
+    return layout.named(layout.pack(K=K, D=D, M=M, M2=M2[prior.elements]))
+
+
+def _least_squares(A: Complexes, b: Complexes) -> Floats | None:
+    """Real solution of complex equations, each row of unit length; None where it is undetermined."""
+    size = np.linalg.norm(A, axis=0)
+    if not np.all(size > 0):
+        return None
+    rows = np.linalg.norm(np.column_stack([A / size, b / np.linalg.norm(b)]), axis=1)
+    if not np.all(rows > 0):
+        return None
+    A, b = A / size / rows[:, None], b / rows
+    x, _, rank, _ = np.linalg.lstsq(
+        np.concatenate([A.real, A.imag]), np.concatenate([b.real, b.imag]), rcond=1e-10
+    )
+    return np.asarray(x / size) if rank == size.size else None
 
 
 LINEAR = {"weighted": weighted, "least-squares": least_squares, "explicit": explicit}

@@ -1,4 +1,4 @@
-"""Start values for records of motions: stiffness, friction and payload by the arm's equation.
+"""Start values by regression: stiffness, friction and payload by the arm's equation.
 
 Equation (8) takes the deflection as a small difference, which friction and a wrong payload bias. Here
 the deflection is a small correction of the arm's motion: with the torque s of the springs,
@@ -19,7 +19,7 @@ from jointid.phasors.extract import Phasors
 
 _DEGREE = 5
 """Degree of the polynomial in s for the states of motors and arm at the ends of a segment."""
-_STEPS, _NEAR = 8, 0.1
+_STEPS, _NEAR = 20, 0.1
 """Most steps, and the step in standard errors that ends them."""
 _SLOWEST = 2.0
 """Largest D ω/K at the highest frequency."""
@@ -29,22 +29,28 @@ _ROUNDING = 1e-9
 """Torque error over the largest torque, for records without noise."""
 _LOADED = 0.2
 """Torque over its largest from which a flank is in contact."""
+_OUTLIER = 3.0
+"""Residual of a sine over the median from which it counts less: motors that others move may stick."""
 _EXPLAINED = 2.0
 """Cost that friction explains, over the remaining one, from which friction is fitted."""
 
 
-def motion_start(phasors: Phasors, prior: InertiaPrior, *, backlash: bool = False) -> Parameters:
-    """K, D, friction if significant and, with a common unknown as the payload, elements of M2.
-
-    ``backlash`` adds that of every gear, which moves the arm from one flank to the other.
-    """
-    return regressed(phasors, prior, backlash=backlash)[0]
+def regression_start(
+    phasors: Phasors, prior: InertiaPrior, *, backlash: bool = False, hangs: bool = False
+) -> Parameters:
+    """The start values alone."""
+    return regressed(phasors, prior, backlash=backlash, hangs=hangs)[0]
 
 
 def regressed(
-    phasors: Phasors, prior: InertiaPrior, *, backlash: bool = False
+    phasors: Phasors, prior: InertiaPrior, *, backlash: bool = False, hangs: bool = False
 ) -> tuple[Parameters, float]:
-    """The start values, and the misfit of the arm's equation with friction, at least 1."""
+    """K, D, friction if significant and, with a common unknown as the payload, elements of M2.
+
+    ``backlash`` adds that of every gear, which moves the arm from one flank to the other, ``hangs``
+    unknown gravity stiffness. The second value is the misfit of the arm's equation with friction, at
+    least 1. Of sines, outliers count less (Cauchy's weights).
+    """
     n, shared = prior.n, bool(prior.shared.any())
     known = np.any(phasors.harmonics != 0, axis=2)
     known[~phasors.motion, 1:] = False
@@ -66,11 +72,11 @@ def regressed(
     middle = float(np.median(phasors.excited))
     fastest = float(np.abs(s).max())
     flank = _flanks(phasors, prior)[row, bins] if backlash else np.zeros((row.size, n))
-    yielding, slow, half = np.zeros((3, n))  # 1/K, D/K and half the backlash
+    yielding, slow, half, weight = np.zeros((4, n))  # 1/K, D/K, half the backlash, gravity stiffness
     levels, payload = np.zeros((2, n)), 0.0  # the payload in its standard deviations
     change = s2[..., None] * prior.shared[prior.part[pose]] + prior.shared_gravity[pose]
     for _ in range(_STEPS):
-        A = s2[..., None] * prior.M2[pose] + prior.gravity[pose] + payload * change
+        A = s2[..., None] * prior.M2[pose] + prior.gravity[pose] + payload * change + np.diag(weight)
         drive = torque - np.einsum("kbj,kj->bj", shapes, levels)
         lag = 1 + s[:, None] * slow
         C = yielding / lag
@@ -79,10 +85,15 @@ def regressed(
         residual = (A @ arm[..., None])[..., 0] - drive
         size = np.abs(A) ** 2 @ variance[:, :n, None] + np.abs(passed) ** 2 @ of_torque[..., None]
         size = np.where(held[..., None], np.inf, size + (_ROUNDING * np.abs(drive).max()) ** 2)
+        if not phasors.motion.any():
+            square = np.abs(residual[..., None]) ** 2 / size
+            typical = np.median(square[~held]) if not held.all() else 0.0
+            size = size * (1 + square / (_OUTLIER**2 * max(typical, 1.0)))
         columns = [A * (-(2 * lag - 1) / lag**2 * drive)[:, None]]
         columns += [A * (s[:, None] / lag**2 * drive)[:, None]]
         columns += [passed * waveform[:, None] for waveform in shapes]
         columns += [-A * (flank / lag)[:, None]] * backlash
+        columns += [one * arm[:, None]] * hangs
         columns += [change @ arm[..., None]] * shared
         J = np.concatenate([*columns, residual[..., None]], axis=2) / np.sqrt(size)
         normal, rows = np.zeros((J.shape[2],) * 2), 0
@@ -102,9 +113,10 @@ def regressed(
         scale = np.sqrt(np.maximum(np.diag(N), np.finfo(float).tiny))
         inverse = np.linalg.inv(N / np.outer(scale, scale) + _RIDGE * np.eye(len(N)))
         step = -inverse @ (g / scale) / scale
-        count = (4 + backlash) * n
+        count = (4 + backlash + hangs) * n
         rise, fall, *changes = step[: 4 * n].reshape(4, n)
-        half = half + (step[4 * n : count] if backlash else 0)
+        half = half + (step[4 * n : 5 * n] if backlash else 0)
+        weight = weight + (step[count - n : count] if hangs else 0)
         damped = yielding * slow + fall
         stiffest = yielding + rise
         yielding = np.where(stiffest > 0, stiffest, 0.5 * yielding)
@@ -122,11 +134,12 @@ def regressed(
     values = {"K": K, "D": slow * K}
     values |= {"coulomb": levels[0], "viscous": levels[1]} if is_significant else {}
     values |= {"backlash": 2 * np.maximum(half, 0)} if backlash else {}
+    values |= {"gravity": weight} if hangs else {}
     values |= {"M2": prior.lower + payload * prior.common} if shared else {}
     layout = ParameterLayout.of(
         n,
         friction=is_significant,
-        effects=["backlash"] * backlash,
+        effects=["backlash"] * backlash + ["gravity"] * hangs,
         arms=len(prior.lower) if shared else 0,
     )
     return layout.named(layout.pack(**values)), float(misfit)
