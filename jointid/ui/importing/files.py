@@ -17,13 +17,7 @@ from jointid.importing.map.simultaneous_logs import joined_table, proposed_table
 from jointid.ui.importing.steps import go_on
 from jointid.ui.importing.watched_work import Progress, StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot, table
-from jointid.ui.shared.messages import (
-    markdown_escape,
-    show_error,
-    show_info,
-    show_note,
-    show_warning,
-)
+from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_warning
 from jointid.wording import listed
 
 T = TypeVar("T")
