@@ -5,12 +5,7 @@ import streamlit as st
 from jointid.ui.shared.charts import introduce
 from jointid.ui.shared.messages import show_warning
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.data_quality import (
-    choose_element,
-    choose_pose,
-    show_element,
-    show_how_well_known,
-)
+from jointid.ui.study.data_quality import choose_element, choose_pose, show_element, show_how_well_known
 from jointid.ui.study.overview import warn_if_unusable
 
 page = open_page("Transfer matrix")

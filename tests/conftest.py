@@ -151,9 +151,9 @@ def quick_files() -> Iterator[None]:
 def quick_app_tests() -> Iterator[None]:
     """Do once a session what AppTest does in every run, and start no processes for its computations.
 
-    It looks for components in every installed package, compiles every page, asks a thousand times a
-    second whether the page is complete, and copies the whole state of the session for every widget. Each
-    of its runs counts as another person on the same server.
+    It compiles every page, asks a thousand times a second whether the page is complete, and copies the
+    whole state of the session for every widget. Each of its runs counts as another person on the same
+    server. It also reads the metadata of every installed package, where the app has no components.
     """
     from streamlit.components.v2 import manifest_scanner
     from streamlit.runtime.scriptrunner.script_cache import ScriptCache
@@ -188,8 +188,7 @@ def quick_app_tests() -> Iterator[None]:
     copied = SessionState.filtered_state.fget
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SessionState, "filtered_state", property(State))
-        scan = manifest_scanner.scan_component_manifests
-        patch.setattr(manifest_scanner, "scan_component_manifests", functools.cache(scan))
+        patch.setattr(manifest_scanner, "scan_component_manifests", list)
         patch.setattr(results, "_pool", functools.partial(Pool, 0))
         patch.setattr(ScriptCache, "get_bytecode", lambda _, path: compiled(path))
         patch.setattr(local_script_runner, "require_widgets_deltas", wait)

@@ -148,7 +148,7 @@ def test_joints_whose_torque_hardly_varies_or_that_rest_are_refused() -> None:
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_a_joint_that_hardly_moves_in_a_record_leaves_the_others(share: float) -> None:
     """Its deflection may exceed its motion; beside a record in which it moves, it only rests."""
-    given = record()
+    given = motion_record(TRUTH, 1, seconds=tries(6.0, long=20.0))
     assert given.arm_rad is not None
     still, theta, arm = 1e-4 * np.cos(given.time_s), given.theta_rad.copy(), given.arm_rad.copy()
     theta[:, 0], arm[:, 0] = still * ROBOT.gear_ratio[0], share * still

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from random_cases import tries
 
-from benchmarks.independent_robot import paper_motions, simulate
+from benchmarks.independent_robot import MAX_STEP_S, paper_motions, simulate
 from benchmarks.real_robots import PAPER, Loads, band
 from jointid import Inertia, MotionRecord, SineRecord, Study, analyse, extract_phasors
 from jointid.analysis import Analysis
@@ -28,7 +29,8 @@ def records_of(
     seed: int, noise: float = 0.005, amplitude: float = 1.0, **effects: object
 ) -> list[SineRecord]:
     """Sines of the paper's robot with further effects."""
-    experiment = paper_motions(PAPER, band(PAPER, 0.3, 3, 10), seed=seed, noise=noise)
+    steps = {"max_step_s": tries(5e-4, long=MAX_STEP_S)}
+    experiment = paper_motions(PAPER, band(PAPER, 0.3, 3, 10), seed=seed, noise=noise, **steps)
     experiment = replace(experiment, amplitude_rad=amplitude * experiment.amplitude_rad)
     (records,) = simulate([(replace(PAPER, **effects), experiment)])
     return records

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from jointid.arm_side.mixed_model import Estimate, Regression, low_frequency_noise
+from jointid.arm_side.mixed_model import Regression, low_frequency_noise
 from jointid.arm_side.terms import MOTOR_HARMONICS, SLOW_HARMONICS
 from jointid.arrays import Floats
 
@@ -98,23 +98,17 @@ def noise_of(
 def average(data: Regression, groups: dict[str, slice], noise: float, scale: Scale) -> Average:
     """Fit every candidate and average. Friction in the gear opposes the motion: it is not negative."""
     size = data.columns.shape[1]
-    fits: list[Estimate] = []
-    for candidate in CANDIDATES:
-        fit = data.estimate(noise, candidate.std(groups, size, scale))
-        if candidate.friction:
-            opposing = np.zeros(size)
-            state, loaded = (data.columns[:, groups[name]] for name in ("friction", "loaded"))
-            opposing[groups["friction"]] = 1.0
-            opposing[groups["loaded"]] = np.abs(loaded).sum() / max(1e-9, np.abs(state).sum())
-            fit = fit.not_negative(opposing)
-        fits.append(fit)
-    cost = [fit.cost for fit in fits]
-    weights = np.exp(-0.5 * (np.array(cost) - min(cost)))
+    fits = data.estimate(noise, np.array([each.std(groups, size, scale) for each in CANDIDATES]))
+    opposing = np.zeros((len(CANDIDATES), size))
+    state, loaded = (data.columns[:, groups[name]] for name in ("friction", "loaded"))
+    opposing[:, groups["friction"]] = 1.0
+    opposing[:, groups["loaded"]] = np.abs(loaded).sum() / max(1e-9, np.abs(state).sum())
+    fits = fits.not_negative(opposing * np.array([[each.friction] for each in CANDIDATES]))
+    weights = np.exp(-0.5 * (fits.cost - fits.cost.min()))
     weights /= weights.sum()
-    betas = np.array([fit.beta for fit in fits])
-    mean = weights @ betas
-    spread = np.einsum("m,mi,mj->ij", weights, betas - mean, betas - mean)
-    within = np.einsum("m,mij->ij", weights, np.array([fit.covariance for fit in fits]))
+    mean = weights @ fits.beta
+    spread = np.einsum("m,mi,mj->ij", weights, fits.beta - mean, fits.beta - mean)
+    within = np.einsum("m,mij->ij", weights, fits.covariance)
     return Average(mean, within + spread, noise)
 
 

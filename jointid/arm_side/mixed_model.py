@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr
 
 from jointid.arrays import Floats
@@ -14,28 +13,30 @@ from jointid.arrays import Floats
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Coefficients with covariance, and −2 log of the evidence for the terms used."""
+    """Coefficients (..., p) with covariance, and −2 log of the evidence for the terms used, (...)."""
 
     beta: Floats
     covariance: Floats
-    cost: float
+    cost: Floats
 
     def not_negative(self, along: Floats) -> Estimate:
-        """Return moments and evidence with ``along`` (p,) times the coefficients at least 0.
+        """Return moments and evidence with ``along`` (..., p) times the coefficients at least 0.
 
-        The prior of that sum is symmetric about 0; its negative half is cut off.
+        The prior of that sum is symmetric about 0; its negative half is cut off. A sum that is exactly
+        known stays.
         """
-        direction = self.covariance @ along
-        mean, std = float(along @ self.beta), float(np.sqrt(along @ direction))
-        if std == 0.0:
-            return self
-        log_share = float(log_ndtr(mean / std))
-        hazard = float(np.exp(-0.5 * (mean / std) ** 2 - log_share)) / np.sqrt(2 * np.pi)
-        narrower = hazard * (hazard + mean / std)
+        direction = np.einsum("...ij,...j->...i", self.covariance, along)
+        std = np.sqrt(np.sum(along * direction, axis=-1))
+        known = std == 0
+        direction = direction / np.where(known, 1.0, std)[..., None]
+        mean = np.sum(along * self.beta, axis=-1) / np.where(known, 1.0, std)
+        log_share = log_ndtr(mean)
+        hazard = ~known * np.exp(-0.5 * mean**2 - log_share) / np.sqrt(2 * np.pi)
+        narrower = (hazard * (hazard + mean))[..., None, None]
         return Estimate(
-            self.beta + direction / std * hazard,
-            self.covariance - np.outer(direction, direction) / std**2 * narrower,
-            self.cost - 2 * (log_share + float(np.log(2))),
+            self.beta + direction * hazard[..., None],
+            self.covariance - direction[..., :, None] * direction[..., None, :] * narrower,
+            self.cost - 2 * ~known * (log_share + np.log(2)),
         )
 
 
@@ -47,25 +48,31 @@ class Regression:
     columns: Floats
 
     def estimate(self, noise: float, std: Floats) -> Estimate:
-        """Estimate coefficients in noise of one standard deviation.
+        """Estimate coefficients in noise of one standard deviation, for every set of priors.
 
-        ``std``, shape (p,), are prior ones; infinite without a prior, 0 leaves a column out. A column of
-        zeros without a prior is left out as well.
+        ``std``, shape (..., p), are prior ones; infinite without a prior, 0 leaves a column out. A
+        column of zeros without a prior is left out as well.
         """
         gram, moment, energy = self._moments
-        used = (std > 0) & (np.isfinite(std) | (np.diag(gram) > 0))
-        prior = std[used]
-        gram, moment = gram[np.ix_(used, used)] / noise**2, moment[used] / noise**2
-        scale = np.where(np.isfinite(prior), prior, np.diag(gram).clip(1e-300) ** -0.5)
-        gram, moment = gram * np.outer(scale, scale), moment * scale
-        A = gram + np.diag(np.isfinite(prior) * 1.0)
-        factor = cho_factor(A + 1e-12 * np.trace(A) / len(A) * np.eye(len(A)))
-        mean = cho_solve(factor, moment)
-        beta, covariance = np.zeros(std.size), np.zeros((std.size, std.size))
-        beta[used] = mean * scale
-        covariance[np.ix_(used, used)] = cho_solve(factor, np.eye(len(A))) * np.outer(scale, scale)
-        misfit = energy / noise**2 - 2 * float(mean @ moment) + float(mean @ A @ mean)
-        return Estimate(beta, covariance, misfit + 2 * float(np.log(np.diag(factor[0])).sum()))
+        gram, moment = gram / noise**2, moment / noise**2
+        length, prior = np.diag(gram), np.isfinite(std)
+        used = (std > 0) & (prior | (length > 0))
+        scale = used * np.where(prior, std, length.clip(1e-300) ** -0.5)
+        moment = moment * scale
+        A = gram * scale[..., :, None] * scale[..., None, :]
+        own = np.arange(std.shape[-1])
+        A[..., own, own] += prior | ~used
+        size = np.sum(A[..., own, own] * used, axis=-1) / used.sum(axis=-1)
+        factor = np.linalg.cholesky(A + 1e-12 * size[..., None, None] * np.eye(own.size))
+        root = np.linalg.inv(factor)
+        inverse = root.mT @ root
+        mean = np.einsum("...ij,...j->...i", inverse, moment)
+        misfit = energy / noise**2 + np.sum(
+            mean * (np.einsum("...ij,...j->...i", A, mean) - 2 * moment), axis=-1
+        )
+        covariance = inverse * used[..., None, :] * scale[..., :, None] * scale[..., None, :]
+        evidence = 2 * np.log(factor[..., own, own]).sum(axis=-1)
+        return Estimate(mean * scale, covariance, misfit + evidence)
 
     @cached_property
     def _moments(self) -> tuple[Floats, Floats, float]:

@@ -7,13 +7,7 @@ import typer
 
 from jointid import RobotModel
 from jointid.analysis import NOT_USABLE, Analysis, analyse_arm_side
-from jointid.answer import (
-    ERROR_BARS,
-    UNSTATED_TORQUE_SCALE,
-    further_quantities,
-    gear_text,
-    model_name,
-)
+from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, further_quantities, gear_text, model_name
 from jointid.cli.files import analyse_file, load_named
 from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, named, without_none
 from jointid.cli.output import print_columns, print_json, print_table, progress

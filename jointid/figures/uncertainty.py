@@ -3,14 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.figures.style import (
-    Sketch,
-    frequency_axis,
-    joint_symbol,
-    linear_axis,
-    log_axis,
-    plain_text,
-)
+from jointid.figures.style import Sketch, frequency_axis, joint_symbol, linear_axis, log_axis, plain_text
 from jointid.uncertainty.plan import Suggestion
 from jointid.uncertainty.validation import RecordResiduals, TorquePrediction
 

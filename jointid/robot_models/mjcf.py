@@ -14,12 +14,7 @@ from jointid.errors import import_optional
 from jointid.parsing.checked_xml import parse_xml
 from jointid.robot_models.description import RobotDescription
 from jointid.robot_models.rigid_bodies import RigidBodies, combined
-from jointid.robot_models.xml_checks import (
-    require_joints,
-    require_numeric,
-    require_physical,
-    xml_error,
-)
+from jointid.robot_models.xml_checks import require_joints, require_numeric, require_physical, xml_error
 
 _FRAME = {"pos", "quat", "euler", "axisangle", "xyaxes", "zaxis"}
 _NUMBERS = {

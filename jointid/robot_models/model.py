@@ -17,13 +17,7 @@ from jointid.joints import Inertia
 from jointid.robot_models.denavit_hartenberg import read_denavit_hartenberg
 from jointid.robot_models.description import Payload, RobotDescription
 from jointid.robot_models.mjcf import read_mjcf
-from jointid.robot_models.rigid_bodies import (
-    Array,
-    RigidBodies,
-    combined,
-    cross,
-    symmetric_tensor,
-)
+from jointid.robot_models.rigid_bodies import Array, RigidBodies, combined, cross, symmetric_tensor
 from jointid.robot_models.urdf import read_urdf
 from jointid.wording import enumerated
 

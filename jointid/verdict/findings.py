@@ -32,11 +32,7 @@ from jointid.verdict.rules_model import (
     one_frequency,
     resonance_missed,
 )
-from jointid.verdict.rules_outlier import (
-    foreign_torques,
-    motors_take_power,
-    one_record_off,
-)
+from jointid.verdict.rules_outlier import foreign_torques, motors_take_power, one_record_off
 from jointid.verdict.rules_records import (
     coarse_encoder,
     constant_torque,

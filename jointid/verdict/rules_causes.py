@@ -13,15 +13,7 @@ from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, elastic
 from jointid.small_matrices import finite_part
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import amplitude_dependence, harmonic_content
-from jointid.verdict.evidence import (
-    Change,
-    Evidence,
-    Finding,
-    note,
-    number,
-    relative,
-    warning,
-)
+from jointid.verdict.evidence import Change, Evidence, Finding, note, number, relative, warning
 from jointid.wording import decimal_place, enumerated, percent, with_error
 
 CLEAR = 4.0

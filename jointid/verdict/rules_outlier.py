@@ -15,15 +15,7 @@ from jointid.joints import Inertia
 from jointid.phasors.long_records import LongRecord
 from jointid.phasors.passivity import taken_power
 from jointid.verdict.causes import CAUSES, GOOD, Cause
-from jointid.verdict.evidence import (
-    Change,
-    Evidence,
-    Finding,
-    number,
-    problem,
-    some,
-    times_noise,
-)
+from jointid.verdict.evidence import Change, Evidence, Finding, number, problem, some, times_noise
 from jointid.verdict.rules_records import off_frequency
 from jointid.verdict.scorer import Scorer, simplest
 from jointid.verdict.steady_state import joint_share

@@ -7,6 +7,7 @@ and travel. Low frequencies are searched in averaged samples, so that a long log
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -84,12 +85,17 @@ def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> 
         yield Candidate(begin, end, frequency, score)
 
 
+@lru_cache(maxsize=512)  # the frequencies of all logs are the same
+def _basis(length: int, x: float) -> Floats:
+    """Orthonormal columns of drift, offset and a sine of x rad per sample."""
+    clock = np.arange(length, dtype=float) - (length - 1) / 2
+    basis, _ = np.linalg.qr(sine_basis(x * clock, clock)[:, ::-1])
+    return np.asarray(basis)
+
+
 def _shares(mean: Floats, power: Floats, length: int, hop: int, x: float) -> Floats:
     """Share of the variance about offset and drift that a sine explains, best signal of each window."""
-    clock = np.arange(length, dtype=float) - (length - 1) / 2
-    columns: Floats = sine_basis(x * clock, clock)[:, ::-1]  # drift and offset first
-    basis, _ = np.linalg.qr(columns)
-    count = (len(mean) - length) // hop + 1
+    basis, count = _basis(length, x), (len(mean) - length) // hop + 1
     best = np.zeros(count)
     step = max(1, _CHUNK // length)
     for signal, square in zip(mean.T, power.T, strict=True):

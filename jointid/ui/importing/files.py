@@ -17,13 +17,7 @@ from jointid.importing.map.simultaneous_logs import joined_table, proposed_table
 from jointid.ui.importing.steps import go_on
 from jointid.ui.importing.watched_work import Progress, StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot, table
-from jointid.ui.shared.messages import (
-    markdown_escape,
-    show_error,
-    show_info,
-    show_note,
-    show_warning,
-)
+from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_warning
 from jointid.wording import listed
 
 T = TypeVar("T")
@@ -233,7 +227,7 @@ def choose_log(logs: Sequence[Log]) -> Log:
     return by_key[key]
 
 
-def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
+def show_raw(key: str, log: LogTable, proposed: Sequence[str]) -> None:
     """First rows, and curves of some columns over the time column or the row."""
     for note in log.notes:
         show_note(note)
@@ -249,9 +243,13 @@ def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
     with right:
         others = [name for name in names if name != time]
         curves = others if len(others) <= _FEW_CURVES else list(proposed[1:]) or others
-        key = f"import curves {log.signature}"
+        widget = f"import curves {log.signature}"
         begun = curves[:_FEW_CURVES]
-        chosen = st.multiselect("Columns in the figure", others, begun, key=key, persist_state="session")
+        chosen = st.multiselect(
+            "Columns in the figure", others, begun, key=widget, persist_state="session"
+        )
         if chosen:
             shown = {headings[name]: log.column(name).values for name in (time, *chosen)}
-            plot(raw_columns(shown, dark=is_dark()), "Columns as they are in the file")
+            figure = partial(raw_columns, shown, dark=is_dark())
+            what = f"columns {key} {[*shown]} {is_dark()}"
+            plot(once(what, figure), "Columns as they are in the file")

@@ -119,7 +119,7 @@ def _map_columns(steps: Steps, log: Log) -> Mapping | None:
     with st.container(horizontal=True):
         show_guesses(log.key, log.table)
         mapping_files(log.key, log.table)
-    show_raw(log.table, proposed_columns(log.key, log.table))
+    show_raw(log.key, log.table, proposed_columns(log.key, log.table))
     return None if asked is None or asked.missing else asked.mapping
 
 
@@ -174,8 +174,9 @@ def _choose_runs(
     if shown.key in ready:
         with picture:
             spans = kept[shown.key], dropped[shown.key]
-            figure = log_spans(ready[shown.key], *spans, mapping=mapping, dark=is_dark())
-            plot(figure, "The log, motor side, with its sine runs as coloured spans")
+            figure = partial(log_spans, ready[shown.key], *spans, mapping=mapping, dark=is_dark())
+            what = f"spans {shown.key} {mapping} {spans} {is_dark()}"
+            plot(once(what, figure), "The log, motor side, with its sine runs as coloured spans")
     return Runs(ready, kept, bool(problems))
 
 

@@ -8,6 +8,7 @@ store refuses stay in the session, with a message.
 from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -65,10 +66,10 @@ def label(key: str) -> str:
     return key if path is None or key in _in_session() else _sample_name(key, path, *_stamp(path))
 
 
-@st.cache_data(max_entries=32, show_spinner=False)
-def _sample_name(key: str, _path: Path, changed_ns: int, size: int) -> str:
+@lru_cache(maxsize=32)
+def _sample_name(key: str, path: Path, changed_ns: int, size: int) -> str:
     try:
-        return study_name(_path) or key
+        return study_name(path) or key
     except JointIdError:
         return key  # the reason is shown when it is opened
 

@@ -7,14 +7,7 @@ from typing import Any
 import numpy as np
 import streamlit as st
 
-from jointid import (
-    Analysis,
-    JointIdError,
-    MotionRecord,
-    Phasors,
-    SineRecord,
-    TransferMatrix,
-)
+from jointid import Analysis, JointIdError, MotionRecord, Phasors, SineRecord, TransferMatrix
 from jointid.arrays import Floats
 from jointid.figures import VIEWS, coherences, element_response, single_record, spectra, waveforms
 from jointid.phasors.distortion import distortion

@@ -22,14 +22,7 @@ from jointid.figures import (
 from jointid.figures.response_curves import removed_effects
 from jointid.figures.stiffness import ColourBy, drawn_records
 from jointid.figures.uncertainty import left_out_prediction, normalised_residuals
-from jointid.ui.shared.charts import (
-    NO_POSE,
-    choose_joint,
-    choose_segment,
-    download,
-    plot,
-    table,
-)
+from jointid.ui.shared.charts import NO_POSE, choose_joint, choose_segment, download, plot, table
 from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.data_quality import HARMONICS

@@ -134,19 +134,24 @@ def find_layout(file: str, text: str) -> TextLayout:
     for separator in _SEPARATORS:
         if separator != BLANKS and not any(separator in line for line in lines):
             continue
-        cells = [split_line(line, separator) for line in lines]
-        probed = [split_line(line, separator) for line in probes]
-        readings = [(d, t) for d in (".", ",") for t in ("", *thousands_in(head, d, separator))]
-        for decimal, thousands in readings:
-            body = _body(cells, decimal, thousands)
+        cells = [split_line(line, separator) for line in (*lines, *probes)]
+        has_comma = any("," in cell for row in cells for cell in row)
+        for decimal, thousands in [
+            (mark, group)
+            for mark in (".", ",")
+            for group in ("", *thousands_in(head, mark, separator))
+            if has_comma or group or mark == "."
+        ]:
+            counts = [sum(is_number(cell, decimal, thousands) for cell in row) for row in cells]
+            body = _body(cells[: len(lines)], counts)
             if body is None:
                 continue
             first, width = body
-            rows = [row for row in (*cells[first:], *probed) if row]
-            table = [row for row in rows if len(row) == width]
-            numbers = sum(is_number(cell, decimal, thousands) for row in table for cell in row)
-            written = sum(bool(cell) for row in table for cell in row)
-            score = (round(len(table) / len(rows) * numbers / max(written, 1), 3), numbers / len(table))
+            told = [(row, n) for row, n in zip(cells[first:], counts[first:], strict=True) if row]
+            table = [(row, n) for row, n in told if len(row) == width]
+            numbers = sum(n for _, n in table)
+            written = sum(bool(cell) for row, _ in table for cell in row)
+            score = (round(len(table) / len(told) * numbers / max(written, 1), 3), numbers / len(table))
             if separator == BLANKS and found is not None and found[2].isspace():
                 score = (score[0], 0.0)  # the blank separates thousands, not columns
             if score > best:
@@ -204,14 +209,13 @@ def _head_lines(file: str, text: str) -> list[str]:
     return lines[:_SAMPLED_LINES]
 
 
-def _body(cells: Sequence[list[str]], decimal: str, thousands: str) -> tuple[int, int] | None:
-    """First line of numbers, and the number of cells per line."""
-    counts = [sum(is_number(cell, decimal, thousands) for cell in row) for row in cells]
-    widths = Counter(len(row) for row, count in zip(cells, counts, strict=True) if count >= 2)
+def _body(cells: Sequence[list[str]], counts: Sequence[int]) -> tuple[int, int] | None:
+    """First line of numbers, and the number of cells per line; ``counts`` are the numbers in each."""
+    widths = Counter(len(row) for row, count in zip(cells, counts, strict=False) if count >= 2)
     if not widths:
         return None
     width = max(widths, key=lambda w: (widths[w], w))
-    fits = [len(row) == width and count >= 2 for row, count in zip(cells, counts, strict=True)]
+    fits = [len(row) == width and count >= 2 for row, count in zip(cells, counts, strict=False)]
     written = [bool(row) for row in cells]
     for first, fit in enumerate(fits):
         if fit:
