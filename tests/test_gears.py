@@ -1023,7 +1023,8 @@ def test_slopes_of_gears_in_motion_are_changes_of_their_solution(law: dict[str, 
                     lambda of: motors.bins(of.beyond, (2, 9)),
                 )
             )
-            found = base.slopes(name, own, (2, 9), arms if name == "M2" else None, measured)[..., j]
+            own_change = {} if name == "M2" else {name: (own, measured)}
+            found = base.slopes(own_change, (2, 9), arms if name == "M2" else None)[name][..., j]
             # The slopes leave out how D and M2 change the observer and the terms of order step².
             near = {"D": 0.01, "M2": 1e-3, "presliding_rad": 0.02}.get(name, 1e-6)
             assert np.linalg.norm(found - after) < near * np.linalg.norm(after), (name, j)

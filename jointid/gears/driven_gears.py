@@ -8,22 +8,23 @@ The torque u through the gears by the balance at the motors holds the deflection
 A second difference of an angle is the integral of its acceleration over a hat of two steps, which
 Numerov's weights find from three samples. The same integral of D δ̇ differs from a central difference of
 D δ by D h⁴/12 times the third derivative of δ, which follows from the equation. The equations of all
-steps form one banded system, solved by Newton steps; the change of the deflection with every parameter
-follows from the same system.
+steps are solved by Newton steps, which are recursions in time: each equation holds the unknowns of its
+step and of the two before. So is the change of the deflection with every parameter.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.dahl import DahlSteps, dahl
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion, each
+from jointid.gears.recursion import Recursion
 
 _HAT = (1 / 12, 10 / 12, 1 / 12)
 """Weights of three samples in the integral over a hat (Numerov)."""
@@ -112,7 +113,7 @@ class DrivenGears:
             unit[0, joints, joints, :2] = unit[1, joints, joints, 1:2] = 1
             part = part._followed(part, largest)
             for _ in range(_STARTS):
-                moved = part._solved(unit.reshape(-1, unit.shape[-1])).reshape(2 * n, *part._shape)
+                moved = part._recursion.solve(unit.reshape(-1, *part._shape))
                 torque = part._slope * moved[:, :n]
                 if self.laws.hysteretic:
                     torque += self.laws.level * moved[:, n:]
@@ -142,7 +143,7 @@ class DrivenGears:
 
     def _stepped(self) -> DrivenGears:
         """After a Newton step."""
-        n, step = len(self.delta), self._solved(-self._left)
+        n, step = len(self.delta), self._recursion.solve(-self._left)
         loop = self.loop + step[n:] if self.laws.hysteretic else self.loop
         return replace(self, delta=self.delta + step[:n], loop=loop)
 
@@ -185,47 +186,48 @@ class DrivenGears:
 
     def slopes(
         self,
-        name: str,
-        beyond: Floats | float,
+        changes: Mapping[str, tuple[Floats | float, Floats | float]],
         shape: tuple[int, int],
         arm: Floats | None = None,
-        measured: Floats | float = 0.0,
-    ) -> Complexes:
-        """Bins of the change of the torque beyond K δ by a parameter, (r, H, n, n) or (r, H, n, c).
+    ) -> dict[str, Complexes]:
+        """Bins of the change of the torque beyond K δ by parameters, each (r, H, n, n) or (r, H, n, c).
 
         Parameters
         ----------
-        name, shape : str, tuple of int
-            Parameter, which each joint has, or "M2"; r and H.
-        beyond : ndarray, shape (n, N), or 0
-            Change of this torque at a given deflection by the parameter of the joint.
+        changes : mapping of str to tuple
+            For parameters that each joint has: change of this torque at a given deflection by that of
+            the joint, and change of the torque by the motors' balance, which the observer follows,
+            each of shape (n, N), or 0.
+        shape : tuple of int
+            r and H.
         arm : ndarray, shape (c, p, n, n), optional
             Derivatives of M2 of every pose by its c parameters.
-        measured : ndarray, shape (n, N), or 0
-            Change of the torque by the motors' balance, which the observer follows.
         """
-        (n, N), step = self.delta.shape, self.motors.step_s[2:]
-        unit = np.eye(n)[..., None]
-        own = beyond * unit
-        left = np.zeros((n if arm is None else len(arm), *self._shape))
+        n, N = self.delta.shape
+        count, joints = len(changes) * n, range(n)
+        left = np.zeros((count + (0 if arm is None else len(arm)), *self._shape))
+        own = np.zeros((len(left), n, N))
+        observer, damping = (
+            self._of_steps(each).swapaxes(0, 1) for each in (self._observer, self._damping)
+        )
+        damping = damping * self.motors.step_s**2
+        for at, (name, (beyond, measured)) in zip(range(0, count, n), changes.items(), strict=True):
+            part, D = left[at : at + n, :n], (name == "D") * np.ones(n)
+            own[at : at + n][joints, joints] = beyond
+            elastic = beyond + (name == "K") * self.delta
+            part[joints, joints] = self._hat_torque(elastic) + D[:, None] * self._rise
+            part += damping * self._changes(elastic, D)[:, None]
+            part += observer * self._changes(elastic - measured, D)[:, None]
         if arm is not None:
-            bend = np.diff(self.delta, 2, axis=1) - self.motors.rise[:, 2:]
-            left[:, :n, 2:] = each(arm.swapaxes(0, 1), bend, self.motors.pose[2:])
-        else:
-            elastic, damping = own + (name == "K") * self.delta * unit, (name == "D") * np.eye(n)
-            left[:, :n] = self._hat_torque(elastic)
-            left[:, :n, 2:] += self._held(self._changes(elastic, damping))
-            followed = self._changes(measured * unit + 0 * elastic, 0 * damping)
-            left[:, :n, 2:] -= each(self._observer, followed, self.motors.pose[2:])
-            apart = 0.5 * step * (self.delta[:, 2:] - self.delta[:, :-2])
-            left[:, :n, 2:] += damping[..., None] * apart
+            left[count:, :n] = each(arm.swapaxes(0, 1), self._bend - self.motors.rise, self.motors.pose)
         left[..., self.motors.starts] = 0
-        moved = self._solved(-left.reshape(-1, N)).reshape(left.shape)
-        found = (self._slope - self.laws.K) * moved[:, :n]
+        moved = self._recursion.solve(-left)
+        own += (self._slope - self.laws.K) * moved[:, :n]
         if self.laws.hysteretic:
-            found += self.laws.level * moved[:, n:]
-        found += own if arm is None else 0
-        return self.motors.bins(found.swapaxes(0, 1), shape)
+            own += self.laws.level * moved[:, n:]
+        found = self.motors.bins(own.swapaxes(0, 1), shape)
+        of_each = {name: found[..., at * n : (at + 1) * n] for at, name in enumerate(changes)}
+        return of_each if arm is None else {**of_each, "M2": found[..., count:]}
 
     @cached_property
     def _observer(self) -> Floats:
@@ -239,14 +241,22 @@ class DrivenGears:
         return self.D[:, None] / 12 * np.linalg.inv(self.M2)
 
     def _changes(self, torque: Floats, D: Floats) -> Floats:
-        """Rate of a torque (..., n, N) beside D δ̇, times the squared step, at steps 2 … N."""
-        apart = 0.5 * self.motors.step_s[2:] * (torque[..., 2:] - torque[..., :-2])
-        return np.asarray(apart + D[..., None] * np.diff(self.delta, 2, axis=1))
+        """Rate of a torque (n, N) beside D δ̇, times the squared step."""
+        found = np.zeros(torque.shape)
+        found[:, 2:] = 0.5 * self.motors.step_s[2:] * (torque[:, 2:] - torque[:, :-2])
+        return np.asarray(found + D[:, None] * self._bend)
 
-    def _held(self, changes: Floats) -> Floats:
-        """Terms of the observer and of D δ̇ by changes of the torque."""
-        step, pose = self.motors.step_s[2:], self.motors.pose[2:]
-        return each(self._observer, changes, pose) + step**2 * each(self._damping, changes, pose)
+    @cached_property
+    def _bend(self) -> Floats:
+        """Second differences of the deflection, shape (n, N)."""
+        found = np.zeros(self.delta.shape)
+        found[:, 2:] = np.diff(self.delta, 2, axis=1)
+        return found
+
+    @cached_property
+    def _rise(self) -> Floats:
+        """Rate of the deflection, times the squared step, shape (n, N)."""
+        return self._changes(self.delta, 0 * self.D)
 
     @property
     def _shape(self) -> tuple[int, int]:
@@ -263,18 +273,16 @@ class DrivenGears:
     @cached_property
     def _left(self) -> Floats:
         """What is left of the equations, rows of ``_shape``."""
-        m, delta, step = self.motors, self.delta, self.motors.step_s[2:]
-        n = len(delta)
+        m, delta, D, n = self.motors, self.delta, self.D[:, None], len(self.delta)
         left = np.zeros(self._shape)
         torque = self.laws.K * delta + self.beyond
-        held = self._held(self._changes(torque, self.D)) - step * self.D[:, None] / 12 * m.jerk[:, 2:]
-        held -= each(self._observer, self._changes(self.measured, 0 * self.D), m.pose[2:])
+        left[:n] = each(self._observer, self._changes(torque - self.measured, self.D), m.pose)
+        left[:n] += m.step_s**2 * each(self._damping, self._changes(torque, self.D), m.pose)
+        left[:n] += each(self.M2, self._bend - m.rise, m.pose)
+        left[:n] += D * (self._rise - m.step_s / 12 * m.jerk)
         if self.G.any():
             torque = torque - each(self.G, m.angle - delta, m.pose)
-        left[:n] = self._hat_torque(torque)
-        bend = np.diff(delta, 2, axis=1) - m.rise[:, 2:]
-        left[:n, 2:] += held + each(self.M2, bend, m.pose[2:])
-        left[:n, 2:] += 0.5 * step * self.D[:, None] * (delta[:, 2:] - delta[:, :-2])
+        left[:n] += self._hat_torque(torque)
         left[:n, m.starts] = 0
         if self.laws.hysteretic:
             left[n:, 1:] = self.loop[:, 1:] - self._loops.z
@@ -290,59 +298,30 @@ class DrivenGears:
         """Of the elastic torque, shape (n, N)."""
         return self.laws.slope(self.delta)
 
+    def _of_steps(self, matrices: Floats) -> Floats:
+        """Matrices of every pose (p, n, n) in every step, (n, n, N), or (n, n, 1) of all."""
+        if len(matrices) == 1:
+            return matrices[0, ..., None]
+        return np.ascontiguousarray(np.moveaxis(matrices[self.motors.pose], 0, 2))
+
     @cached_property
-    def _factors(self) -> tuple[Floats, np.ndarray, int, int]:
-        """LU factors of the derivative of ``_left``, in bands; unknowns of a step follow each other."""
-        m, laws = self.motors, self.laws
-        n, (size, N) = len(self.delta), self._shape
-        upper, lower = size - 1, 3 * size - 1
-        band = np.zeros((N, size, 2 * lower + upper + 1))
-        diagonal = lower + upper
-
-        def place(row: int, column: int, late: int, values: Floats | float) -> None:
-            """Derivative of equations 2 … N by unknowns some steps earlier."""
-            band[2 - late : N - late, column, diagonal + row - column + late * size] += values
-
-        inner, squared = ~m.starts[2:], m.step_s[2:] ** 2
-        pose = m.pose[2:]
-        for late in range(3):
-            for i in range(n):
-                for j in range(n):
-                    rigid = _SECOND[late] * self.M2[pose, i, j]
-                    rigid += _HAT[late] * squared * self.G[pose, i, j]
-                    by_change = self._observer[pose, i, j] + squared * self._damping[pose, i, j]
-                    held = _CENTRAL[late] * m.step_s[2:] * by_change
-                    rigid += held * self._slope[j, 2 - late : N - late]
-                    rigid += _SECOND[late] * by_change * self.D[j]
-                    if laws.hysteretic:
-                        place(i, n + j, late, inner * held * laws.level[j, 0])
-                    if i == j:
-                        rigid += _HAT[late] * squared * self._slope[i, 2 - late : N - late]
-                        rigid += _CENTRAL[late] * m.step_s[2:] * self.D[i]
-                    place(i, j, late, inner * rigid)
-                if laws.hysteretic:
-                    place(i, n + i, late, inner * _HAT[late] * squared * laws.level[i, 0])
-        band[np.flatnonzero(m.starts), :n, diagonal] = 1
-        if laws.hysteretic:
-            loops = self._loops
-            for j in range(n):
-                band[:, n + j, diagonal] = 1
-                band[1:, j, diagonal + n] = -loops.by_move[j]
-                band[:-1, j, diagonal + n + size] = (loops.by_move - loops.by_earlier)[j]
-                band[:-2, j, diagonal + n + 2 * size] = loops.by_earlier[j, 1:]
-                band[:-1, n + j, diagonal + size] = -loops.by_z[j]
-        factors, pivots, bad = dgbtrf(band.reshape(N * size, -1).T, lower, upper, overwrite_ab=True)
-        if bad:
-            factors[:] = np.nan  # a singular system has no solution
-        return factors, pivots, lower, upper
-
-    def _solved(self, rows: Floats) -> Floats:
-        """Unknowns (c m, N) whose change of the equations is ``rows``, of the same shape."""
-        size, N = self._shape
-        factors, pivots, lower, upper = self._factors
-        right = rows.reshape(-1, size, N).transpose(2, 1, 0).reshape(N * size, -1)
-        found, _ = dgbtrs(factors, lower, upper, np.asfortranarray(right), pivots)
-        return np.asarray(found.reshape(N, size, -1).transpose(2, 1, 0).reshape(rows.shape))
+    def _recursion(self) -> Recursion:
+        """Derivative of ``_left`` by the unknowns."""
+        m, laws, n, D = self.motors, self.laws, len(self.delta), self.D[:, None]
+        step, squared, own = m.step_s, m.step_s**2, np.eye(n)[..., None]
+        M2, G = self._of_steps(self.M2), self._of_steps(self.G)
+        by_change = self._of_steps(self._observer) + squared * self._of_steps(self._damping)
+        torques = np.empty((n, 3, *self._shape))
+        for late, (second, central, hat) in enumerate(zip(_SECOND, _CENTRAL, _HAT, strict=True)):
+            by_torque = hat * squared * own + central * step * by_change
+            torques[:, late, :n] = by_torque * np.roll(self._slope, late, axis=1)
+            rigid = second * (M2 + by_change * D) + hat * squared * G
+            torques[:, late, :n] += rigid + central * step * D * own
+            if laws.hysteretic:
+                torques[:, late, n:] = by_torque * laws.level
+        torques[..., m.starts] = 0
+        torques[:, 0, :n, m.starts] = np.eye(n)
+        return Recursion.of(torques, self._loops if laws.hysteretic else None)
 
 
 def _loop(laws: GearLaws, delta: Floats, starts: np.ndarray) -> Floats:

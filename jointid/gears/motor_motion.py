@@ -76,7 +76,8 @@ class MotorMotion:
             for row, each in members:
                 first, last = np.searchsorted(grid, np.array([each.begin, each.end]) * T).tolist()
                 turn = (grid[first:last] - each.begin * T) / each.duration_s
-                bins = waves_at(turn, each.highest).T * (2j * step / each.duration_s)
+                bins = np.ascontiguousarray(waves_at(turn, each.highest).T)
+                bins *= 2j * step / each.duration_s
                 rows.append((row, slice(count + first, count + last), bins))
             count += grid.size
         if not rows:
@@ -104,10 +105,11 @@ class MotorMotion:
 
     def bins(self, samples: Floats, shape: tuple[int, int]) -> Complexes:
         """Phasors of samples (..., N) in the first H bins of each of r segments, (r, H, ...)."""
-        found = np.zeros((*shape, *samples.shape[:-1]), complex)
-        for row, used, waves in self.rows:
-            found[row, : waves.shape[1]] = np.moveaxis(samples[..., used] @ waves, -1, 0)
-        return found
+        found = np.zeros((*shape, samples[..., 0].size), complex)
+        rows = samples.reshape(-1, samples.shape[-1])
+        for row, used, waves in self.rows:  # real products take half the time
+            found[row, : waves.shape[1]] = (rows[:, used] @ waves.view(float)).view(complex).T
+        return found.reshape(*shape, *samples.shape[:-1])
 
 
 def each(matrices: Floats, rows: Floats, pose: np.ndarray) -> Floats:

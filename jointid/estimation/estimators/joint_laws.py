@@ -261,7 +261,7 @@ class JointLaws:
             name: np.zeros((*gear.shape, c), complex) for name, c in zip(names, counts, strict=True)
         }
         rows, inward, columns = self.sines, (self.low / gear)[self.sines], []
-        by_angles = (self.clear & ~self.low)[rows, ..., None]
+        by_angles, driven = (self.clear & ~self.low)[rows, ..., None], {}
         for name, c in zip(names, counts, strict=True):
             drive, beyond = np.zeros((2, rows.size, n, 1 + H, c), complex)
             of_motions: Floats | float = 0.0
@@ -270,11 +270,10 @@ class JointLaws:
                 changed[_GEAR.index(name)] += step[:, 0]
                 of_sines, of_motions = wound.by_law(_laws(changed), step)
                 beyond += _own(of_sines)
-            if wound.of_motions is not None and (name in ("M2", *_BALANCED) or name not in apart):
-                by_arm = arm if name == "M2" else None
+            if name in _BALANCED or name not in apart:
                 unit = [np.full(n, float(name == each)) for each in _BALANCED]
                 measured = self.motors.balance(*unit) if self.motors and name in _BALANCED else 0.0
-                found[name] += wound.of_motions.slopes(name, of_motions, self.s.shape, by_arm, measured)
+                driven[name] = of_motions, measured
             if name in apart:
                 drive += _with_mean([by_angles * apart[name][rows]])
             if name in torque:
@@ -292,6 +291,9 @@ class JointLaws:
                 names, np.split(changes, np.cumsum(counts)[:-1], axis=3), strict=True
             ):
                 found[name][rows] = change[:, :, 1:].swapaxes(1, 2)
+        if wound.of_motions is not None:
+            for name, change in wound.of_motions.slopes(driven, self.s.shape, arm).items():
+                found[name] += change
         w = self.law(wound, gear)
         for name, value in stiffness.items():
             found[name] += (w * value)[..., None] * np.eye(n)
