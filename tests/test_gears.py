@@ -910,7 +910,8 @@ def moving(angle: np.ndarray, step_s: float, torque: np.ndarray) -> MotorMotion:
     rise = np.pad(np.diff(angle, 2, axis=1), ((0, 0), (2, 0)))
     jerk = np.gradient(rise, axis=1)
     start = np.arange(N) < 2
-    return MotorMotion(angle, rise, jerk, np.full(N, step_s), start, np.zeros(N, int), torque, ())
+    time, steps, pose = step_s * np.arange(N), np.full(N, step_s), np.zeros(N, int)
+    return MotorMotion(angle, rise, jerk, time, steps, start, pose, torque, ())
 
 
 def test_the_deflection_behind_moving_motors_is_that_of_the_equation() -> None:
@@ -974,7 +975,7 @@ def test_slopes_of_gears_in_motion_are_changes_of_their_solution(law: dict[str, 
         moving(angle, step, 20 * angle),
         starts=np.isin(np.arange(N), [0, 1, 40, 41]),
         pose=np.repeat([0, 1], 40),
-        rows=[(0, slice(0, 40), waves), (1, slice(40, 80), waves)],
+        rows=[(0, slice(0, 40), waves, np.ones((1, 9))), (1, slice(40, 80), waves, np.ones((1, 9)))],
     )
     M2 = np.array([[[4e-3, 1e-3], [1e-3, 2e-3]], [[3e-3, 5e-4], [5e-4, 2e-3]]])
     gear, D = Gear(K=43.0, **law), np.array([0.05, 0.01])

@@ -14,6 +14,7 @@ step and of the two before. So is the change of the deflection with every parame
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -35,9 +36,11 @@ _NEWTON, _CONVERGED = 25, 1e-3
 _OBSERVED, _OF_BACKLASH = 0.02, 5.0
 """Rate of the observer over the resonance with the motor locked, and what the square of half the
 backlash over the largest linear deflection adds: an arm that often leaves its flanks is unstable."""
-_FIRST, _STARTS = 6, 3
-"""Steps at the start of a motion whose smoothed velocity is inaccurate, and Gauss-Newton steps for its
-state."""
+_FIRST, _STARTS, _BEGUN = 6, 3, 0.01
+"""Steps at the start of a motion whose smoothed velocity is inaccurate; most Gauss-Newton steps for its
+state, and their change of the deflection, over the largest, that ends them."""
+_SAME_MOTION = 0.1
+"""Difference of angles over the largest that tells another motion."""
 _WHOLE, _WINDOW, _SHORTEST, _MOST = 10, 2000, 8, 1200
 """Newton steps over the whole motion; after them, it is solved in windows of that many steps, or of
 fewer where they do not converge; the most for each window: far hardening took over 600."""
@@ -103,40 +106,59 @@ class DrivenGears:
         n, delta = len(self.delta), self.delta.copy()
         squared = np.linalg.eigvals(np.linalg.solve(self.M2, np.diag(self.laws.K[:, 0])))
         period = 2 * np.pi / np.sqrt(np.maximum(squared.real.min(), np.finfo(float).tiny))
-        largest = np.abs(self.measured).max(axis=1, keepdims=True)
-        begins = np.flatnonzero(self.motors.starts)[::2].tolist()
+        largest, joints = np.abs(self.measured).max(axis=1, keepdims=True), range(n)
+        begins, spans = np.flatnonzero(self.motors.starts)[::2], []
         for at, end in zip(begins, [*begins[1:], delta.shape[1]], strict=True):
-            step = self.motors.step_s[at]
-            used = slice(at, at + int(min(max(period / step, 4 * _FIRST), end - at)))
-            part = self._part(used, delta, self.loop)
-            unit, joints = np.zeros((2, n, *part._shape)), range(n)
-            unit[0, joints, joints, :2] = unit[1, joints, joints, 1:2] = 1
-            part = part._followed(part, largest)
-            for _ in range(_STARTS):
-                moved = part._recursion.solve(unit.reshape(-1, *part._shape))
-                torque = part._slope * moved[:, :n]
-                if self.laws.hysteretic:
-                    torque += self.laws.level * moved[:, n:]
-                both = np.concatenate([part.laws.K * part.delta + part.beyond - part.measured, *torque])
-                turn = np.concatenate([part.delta, *moved[:, :n]])
-                both, turn = (rows.reshape(1 + 2 * n, n, -1) for rows in (both, turn))
-                damping = self.D[:, None] * (turn[..., 2:] - turn[..., :-2]) / (2 * step)
-                rows = ((both[..., 1:-1] + damping) / largest)[..., _FIRST:].reshape(1 + 2 * n, -1)
-                if not np.isfinite(rows).all():
-                    return replace(self, delta=np.full(delta.shape, np.nan))
-                size = np.linalg.norm(rows[1:], axis=1)
-                change = np.linalg.lstsq((rows[1:] / size[:, None]).T, -rows[0])[0] / size
-                moves = np.tensordot(change, moved, 1)
-                loop = part.loop + moves[n:] if self.laws.hysteretic else part.loop
-                begun = replace(part, delta=part.delta + moves[:n], loop=loop)
-                begun = begun._followed(begun, largest)
-                if not np.isfinite(begun.delta).all():
-                    break
-                part = begun
-            delta[:, at : at + 2] = part.delta[:, :2]
+            count = max(period / self.motors.step_s[at], 4 * _FIRST)
+            spans.append(np.arange(at, min(at + int(count), end)))
+        edges = np.cumsum([0, *map(len, spans)])
+        part = self._part(np.concatenate(spans), delta, self.loop)
+        unit, places = np.zeros((2, n, *part._shape)), edges[:-1]
+        for j in joints:
+            unit[0, j, j, places] = unit[0, j, j, places + 1] = unit[1, j, j, places + 1] = 1
+        part = part._followed(part, largest)
+        for _ in range(_STARTS):
+            moved = part._recursion.solve(unit.reshape(-1, *part._shape))
+            torque = part._slope * moved[:, :n]
+            if self.laws.hysteretic:
+                torque += self.laws.level * moved[:, n:]
+            left = part.laws.K * part.delta + part.beyond - part.measured
+            rows = np.concatenate([left[None], torque])
+            turn = np.concatenate([part.delta[None], moved[:, :n]])
+            rate = (turn[..., 2:] - turn[..., :-2]) / (2 * part.motors.step_s[1:-1])
+            rows[..., 1:-1] += self.D[:, None] * rate
+            rows /= largest
+            if not np.isfinite(rows).all():
+                return replace(self, delta=np.full(delta.shape, np.nan))
+            for at, end in itertools.pairwise(edges.tolist()):
+                own = rows[..., at + 1 + _FIRST : end - 1].reshape(1 + 2 * n, -1)
+                size = np.linalg.norm(own[1:], axis=1)
+                size[size == 0] = 1.0  # an arm at rest between the flanks transmits no torque
+                change = np.linalg.lstsq((own[1:] / size[:, None]).T, -own[0])[0] / size
+                moved[0, :, at:end] = np.tensordot(change, moved[..., at:end], 1)
+            moves = moved[0]
+            loop = part.loop + moves[n:] if self.laws.hysteretic else part.loop
+            begun = replace(part, delta=part.delta + moves[:n], loop=loop)
+            begun = begun._followed(begun, largest)
+            if not np.isfinite(begun.delta).all():
+                break
+            part = begun
+            if np.all(np.abs(moves[:n]).max(axis=1) < _BEGUN * np.abs(part.delta).max(axis=1)):
+                break
+        for late in (0, 1):
+            delta[:, begins + late] = part.delta[:, places + late]
         return replace(self, delta=delta)
 
-    def _part(self, used: slice, delta: Floats, loop: Floats) -> DrivenGears:
+    def on(self, motors: MotorMotion) -> DrivenGears | None:
+        """With the deflection in other steps of the same motion; None in those of another motion."""
+        angle, delta = (
+            np.array([np.interp(motors.time_s, self.motors.time_s, own) for own in rows])
+            for rows in (self.motors.angle, self.delta)
+        )
+        is_same = np.abs(angle - motors.angle).max() < _SAME_MOTION * np.abs(motors.angle).max()
+        return replace(self, delta=delta) if is_same else None
+
+    def _part(self, used: slice | np.ndarray, delta: Floats, loop: Floats) -> DrivenGears:
         """Some steps, with the state of the first two."""
         own = delta[:, used], loop[:, used], self.measured[:, used]
         return replace(self, motors=self.motors.part(used), delta=own[0], loop=own[1], measured=own[2])
@@ -207,10 +229,8 @@ class DrivenGears:
         count, joints = len(changes) * n, range(n)
         left = np.zeros((count + (0 if arm is None else len(arm)), *self._shape))
         own = np.zeros((len(left), n, N))
-        observer, damping = (
-            self._of_steps(each).swapaxes(0, 1) for each in (self._observer, self._damping)
-        )
-        damping = damping * self.motors.step_s**2
+        observer = self._of_steps(self._observer).swapaxes(0, 1)
+        damping = self._of_steps(self._damping).swapaxes(0, 1) * self.motors.step_s**2
         for at, (name, (beyond, measured)) in zip(range(0, count, n), changes.items(), strict=True):
             part, D = left[at : at + n, :n], (name == "D") * np.ones(n)
             own[at : at + n][joints, joints] = beyond

@@ -200,15 +200,13 @@ class JointLaws:
                 of_sines = first_finite(partial(WoundGears.solve, laws, *both, H, m), starts)
                 beyond[rows] = of_sines.beyond
             if self.motors:
-                scale, viscous, coulomb = (
-                    np.broadcast_to(each, p.K.shape)
-                    for each in (p.torque_scale, p.effect("viscous"), p.effect("coulomb"))
-                )
-                measured = self.motors.balance(scale, rotor, viscous, coulomb)
+                own = p.torque_scale, rotor, p.effect("viscous"), p.effect("coulomb")
+                measured = self.motors.balance(*(np.broadcast_to(each, p.K.shape) for each in own))
                 of_motions = from_observers(
                     partial(DrivenGears.solve, self.motors, laws, p.D, *arm, measured),
                     self.strength,
                     [each.of_motions for each in self.latest],
+                    laws.has_backlash,
                 )
                 beyond[..., 1:] += self.motors.bins(of_motions.beyond, (r, H)).swapaxes(1, 2)
         found = Wound(beyond, of_sines, of_motions)
