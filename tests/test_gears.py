@@ -29,6 +29,7 @@ from jointid import (
     JointIdError,
     Measurement,
     Motion,
+    MotionRecord,
     MotorFriction,
     Phasors,
     PlanarArm,
@@ -67,6 +68,7 @@ from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.motor_motion import each as by_pose
 from jointid.gears.torsion_curve import torsion_curves
 from jointid.motion.friction import friction_waveforms
+from jointid.motion.spectra import motion_phasors
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.small_matrices import inverse
 from jointid.uncertainty.validation import second_amplitude, second_amplitude_record
@@ -1029,6 +1031,48 @@ def test_slopes_of_gears_in_motion_are_changes_of_their_solution(law: dict[str, 
             # The slopes leave out how D and M2 change the observer and the terms of order step².
             near = {"D": 0.01, "M2": 1e-3, "presliding_rad": 0.02}.get(name, 1e-6)
             assert np.linalg.norm(found - after) < near * np.linalg.norm(after), (name, j)
+
+
+def test_gears_of_segments_are_computed_near_them_only() -> None:
+    """The first search has a few segments of each motion; fits to them computed all of it."""
+    time = np.arange(20_000) / 1000
+    angle = np.stack([np.sin(2 * np.pi * f * time) for f in (5.0, 11.0)], axis=1)
+    record = MotionRecord(time, angle, 0.1 * angle, band_hz=(2.0, 20.0))
+    segments = motion_phasors([record], np.full((1, 2), 1e-3)).segments
+    few = MotorMotion.of(segments[2:4], np.zeros(2, int), False)
+    whole = MotorMotion.of(segments, np.zeros(len(segments), int), False)
+    assert few is not None
+    assert whole is not None
+    assert few.angle.shape[1] < 0.4 * whole.angle.shape[1]
+    _, used, *waves = whole.rows[2]
+    for kept, other in zip(few.rows[0][2:], waves, strict=True):
+        np.testing.assert_allclose(kept, other)
+    np.testing.assert_allclose(few.angle[:, few.rows[0][1]], whole.angle[:, used], atol=1e-6)
+
+
+def test_the_balance_at_motors_has_no_velocity_between_records() -> None:
+    """That between the last angle of a record and the first of the next counted as viscous friction."""
+    step, none = 1e-3, np.zeros(1)
+    angle = np.sin(20 * np.pi * step * np.arange(100))[None]
+    alone, two = moving(angle, step, angle), moving(np.hstack([angle, angle + 5]), step, 0 * angle)
+    two = replace(two, torque=np.hstack([angle, angle]), starts=np.tile(alone.starts, 2))
+    own, of_both = (each.balance(none + 1, none, none + 0.1, none) for each in (alone, two))
+    np.testing.assert_allclose(of_both[:, 1:99], own[:, 1:99], atol=1e-9)
+    np.testing.assert_allclose(of_both[:, 101:199], own[:, 1:99], atol=1e-9)
+    assert np.abs(of_both[:, 99:101] - own[:, [-1, 0]]).max() < 0.1
+
+
+def test_an_arm_at_rest_between_the_flanks_has_a_deflection() -> None:
+    """Its first period does not give its state: the fit of backlash to such motions ended there."""
+    step, none = 1e-3, np.zeros((1, 1))
+    angle = np.where(np.arange(2000) < 600, 0, np.sin(0.02 * np.pi * (np.arange(2000) - 600)))[None]
+    pair, M2 = (none, none), np.array([[[0.004]]])
+    laws = GearLaws.made(none + 50, none, none + 0.01, none, none, pair, pair)
+    torque = np.where(angle == 0, 0, 0.4 * angle)
+    found = DrivenGears.solve(
+        moving(angle, step, torque), laws, np.array([0.1]), M2, 0 * M2, torque, 10.0
+    )
+    assert np.isfinite(found.delta).all()
 
 
 def test_a_gear_of_small_torques_follows_its_parameters() -> None:

@@ -90,9 +90,7 @@ class DrivenGears:
         if start is None:
             none = np.zeros(motors.rise.shape)
             linear = cls(motors, laws.linear, none, none, D, *own)._stepped()
-            delta = laws.deflection(laws.K * linear.delta)
-        else:
-            delta = start.delta
+        delta = laws.deflection(laws.K * linear.delta) if start is None else start.delta
         found = begun = cls(motors, laws, delta, _loop(laws, delta, motors.starts), D, *own)._begun()
         largest = np.abs(laws.K * delta).max(axis=1, keepdims=True)
         for _ in range(_WHOLE):
@@ -177,24 +175,27 @@ class DrivenGears:
 
     def _followed(self, guess: DrivenGears, largest: Floats) -> DrivenGears:
         """Solution window by window: Newton steps diverge where the kinks lie elsewhere."""
-        wrong = ~self._solves(largest)
-        delta, loop, N = self.delta.copy(), self.loop.copy(), wrong.size
-        at, count, left = int(wrong.argmax()), _WINDOW, _MOST * -(-N // _WINDOW)
-        delta[:, at:], loop[:, at:] = guess.delta[:, at:], guess.loop[:, at:]
-        while at < N:
-            used = slice(max(at - 2, 0), min(at + count, N))
-            part = self._part(used, delta, loop)
-            for _ in range(_NEWTON):
-                if part._solves(largest).all():
-                    break
-                part, left = part._stepped(), left - 1
-            if not part._solves(largest).all():
-                if count <= _SHORTEST or left <= 0:  # it has no solution, nor have the steps that follow
-                    return replace(self, delta=np.full(delta.shape, np.nan))
-                count = max(count // 8, _SHORTEST)
+        wrong, delta, loop = ~self._solves(largest), self.delta.copy(), self.loop.copy()
+        for begin, end in itertools.pairwise([*np.flatnonzero(self.motors.starts)[::2], wrong.size]):
+            if not wrong[begin:end].any():
                 continue
-            delta[:, used], loop[:, used] = part.delta, part.loop
-            at, count = used.stop, min(4 * count, _WINDOW)
+            at, count = begin + int(wrong[begin:end].argmax()), _WINDOW
+            left = _MOST * -(-(end - begin) // _WINDOW)
+            delta[:, at:end], loop[:, at:end] = guess.delta[:, at:end], guess.loop[:, at:end]
+            while at < end:
+                used = slice(at - 2, min(at + count, end))
+                part = self._part(used, delta, loop)
+                for _ in range(_NEWTON):
+                    if part._solves(largest).all():
+                        break
+                    part, left = part._stepped(), left - 1
+                if not part._solves(largest).all():
+                    if count <= _SHORTEST or left <= 0:  # it has no solution, nor have further steps
+                        return replace(self, delta=np.full(delta.shape, np.nan))
+                    count = max(count // 8, _SHORTEST)
+                    continue
+                delta[:, used], loop[:, used] = part.delta, part.loop
+                at, count = used.stop, min(4 * count, _WINDOW)
         return replace(self, delta=delta, loop=loop)
 
     @property
