@@ -44,6 +44,7 @@ from jointid import (
 )
 from jointid.answer import gear_terms, without_curve
 from jointid.cut.arm import Drive
+from jointid.estimation import model_selection
 from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -1031,6 +1032,27 @@ def test_slopes_of_gears_in_motion_are_changes_of_their_solution(law: dict[str, 
             # The slopes leave out how D and M2 change the observer and the terms of order step².
             near = {"D": 0.01, "M2": 1e-3, "presliding_rad": 0.02}.get(name, 1e-6)
             assert np.linalg.norm(found - after) < near * np.linalg.norm(after), (name, j)
+
+
+def test_motions_far_from_one_law_are_searched_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Backlash took the place of three slopes, and no score beside it was high enough to go on."""
+    linear, law = Model(None, delay=False), Model(None, delay=False, effects=("backlash",))
+    found, models = SimpleNamespace(misfit=300.0), list[Model]()
+    fits = SimpleNamespace(
+        tried=[linear, law],
+        least=lambda among: among[-1],
+        estimate=lambda _: found,
+        misfit=lambda _: found.misfit,
+    )
+    search = SimpleNamespace(fits=fits, is_lost=True, has_motions=True, is_spent=True)
+
+    def climbs(_: object, model: Model) -> Model:
+        models.append(model)
+        return law
+
+    monkeypatch.setattr(model_selection, "climbed", climbs)
+    assert model_selection._best(search) == law  # type: ignore[arg-type]
+    assert models == [law, linear]
 
 
 def test_gears_of_segments_are_computed_near_them_only() -> None:

@@ -279,6 +279,9 @@ def _best(search: Search) -> Model:
     lost = search.is_lost
     if lost:
         best = climbed(search, best)
+    linear = [each for each in fits.tried if not each.is_slow and fits.estimate(each)]
+    if search.is_lost and search.has_motions and best.is_slow and linear:  # it may be the wrong law
+        best = climbed(search, fits.least(linear))
     if not search.is_lost and (lost or best.reversal is not None):
         # Parts that only start values or gear laws suggest.
         best = search.pruned(best)
