@@ -29,6 +29,7 @@ from jointid import (
     JointIdError,
     Measurement,
     Motion,
+    MotionRecord,
     MotorFriction,
     Phasors,
     PlanarArm,
@@ -43,6 +44,7 @@ from jointid import (
 )
 from jointid.answer import gear_terms, without_curve
 from jointid.cut.arm import Drive
+from jointid.estimation import model_selection
 from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -67,6 +69,7 @@ from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.motor_motion import each as by_pose
 from jointid.gears.torsion_curve import torsion_curves
 from jointid.motion.friction import friction_waveforms
+from jointid.motion.spectra import motion_phasors
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.small_matrices import inverse
 from jointid.uncertainty.validation import second_amplitude, second_amplitude_record
@@ -910,7 +913,8 @@ def moving(angle: np.ndarray, step_s: float, torque: np.ndarray) -> MotorMotion:
     rise = np.pad(np.diff(angle, 2, axis=1), ((0, 0), (2, 0)))
     jerk = np.gradient(rise, axis=1)
     start = np.arange(N) < 2
-    return MotorMotion(angle, rise, jerk, np.full(N, step_s), start, np.zeros(N, int), torque, ())
+    time, steps, pose = step_s * np.arange(N), np.full(N, step_s), np.zeros(N, int)
+    return MotorMotion(angle, rise, jerk, time, steps, start, pose, torque, ())
 
 
 def test_the_deflection_behind_moving_motors_is_that_of_the_equation() -> None:
@@ -974,7 +978,7 @@ def test_slopes_of_gears_in_motion_are_changes_of_their_solution(law: dict[str, 
         moving(angle, step, 20 * angle),
         starts=np.isin(np.arange(N), [0, 1, 40, 41]),
         pose=np.repeat([0, 1], 40),
-        rows=[(0, slice(0, 40), waves), (1, slice(40, 80), waves)],
+        rows=[(0, slice(0, 40), waves, np.ones((1, 9))), (1, slice(40, 80), waves, np.ones((1, 9)))],
     )
     M2 = np.array([[[4e-3, 1e-3], [1e-3, 2e-3]], [[3e-3, 5e-4], [5e-4, 2e-3]]])
     gear, D = Gear(K=43.0, **law), np.array([0.05, 0.01])
@@ -1023,10 +1027,74 @@ def test_slopes_of_gears_in_motion_are_changes_of_their_solution(law: dict[str, 
                     lambda of: motors.bins(of.beyond, (2, 9)),
                 )
             )
-            found = base.slopes(name, own, (2, 9), arms if name == "M2" else None, measured)[..., j]
+            own_change = {} if name == "M2" else {name: (own, measured)}
+            found = base.slopes(own_change, (2, 9), arms if name == "M2" else None)[name][..., j]
             # The slopes leave out how D and M2 change the observer and the terms of order step².
             near = {"D": 0.01, "M2": 1e-3, "presliding_rad": 0.02}.get(name, 1e-6)
             assert np.linalg.norm(found - after) < near * np.linalg.norm(after), (name, j)
+
+
+def test_motions_far_from_one_law_are_searched_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Backlash took the place of three slopes, and no score beside it was high enough to go on."""
+    linear, law = Model(None, delay=False), Model(None, delay=False, effects=("backlash",))
+    found, models = SimpleNamespace(misfit=300.0), list[Model]()
+    fits = SimpleNamespace(
+        tried=[linear, law],
+        least=lambda among: among[-1],
+        estimate=lambda _: found,
+        misfit=lambda _: found.misfit,
+    )
+    search = SimpleNamespace(fits=fits, is_lost=True, has_motions=True, is_spent=True)
+
+    def climbs(_: object, model: Model) -> Model:
+        models.append(model)
+        return law
+
+    monkeypatch.setattr(model_selection, "climbed", climbs)
+    assert model_selection._best(search) == law  # type: ignore[arg-type]
+    assert models == [law, linear]
+
+
+def test_gears_of_segments_are_computed_near_them_only() -> None:
+    """The first search has a few segments of each motion; fits to them computed all of it."""
+    time = np.arange(20_000) / 1000
+    angle = np.stack([np.sin(2 * np.pi * f * time) for f in (5.0, 11.0)], axis=1)
+    record = MotionRecord(time, angle, 0.1 * angle, band_hz=(2.0, 20.0))
+    segments = motion_phasors([record], np.full((1, 2), 1e-3)).segments
+    few = MotorMotion.of(segments[2:4], np.zeros(2, int), False)
+    whole = MotorMotion.of(segments, np.zeros(len(segments), int), False)
+    assert few is not None
+    assert whole is not None
+    assert few.angle.shape[1] < 0.4 * whole.angle.shape[1]
+    _, used, *waves = whole.rows[2]
+    for kept, other in zip(few.rows[0][2:], waves, strict=True):
+        np.testing.assert_allclose(kept, other)
+    np.testing.assert_allclose(few.angle[:, few.rows[0][1]], whole.angle[:, used], atol=1e-6)
+
+
+def test_the_balance_at_motors_has_no_velocity_between_records() -> None:
+    """That between the last angle of a record and the first of the next counted as viscous friction."""
+    step, none = 1e-3, np.zeros(1)
+    angle = np.sin(20 * np.pi * step * np.arange(100))[None]
+    alone, two = moving(angle, step, angle), moving(np.hstack([angle, angle + 5]), step, 0 * angle)
+    two = replace(two, torque=np.hstack([angle, angle]), starts=np.tile(alone.starts, 2))
+    own, of_both = (each.balance(none + 1, none, none + 0.1, none) for each in (alone, two))
+    np.testing.assert_allclose(of_both[:, 1:99], own[:, 1:99], atol=1e-9)
+    np.testing.assert_allclose(of_both[:, 101:199], own[:, 1:99], atol=1e-9)
+    assert np.abs(of_both[:, 99:101] - own[:, [-1, 0]]).max() < 0.1
+
+
+def test_an_arm_at_rest_between_the_flanks_has_a_deflection() -> None:
+    """Its first period does not give its state: the fit of backlash to such motions ended there."""
+    step, none = 1e-3, np.zeros((1, 1))
+    angle = np.where(np.arange(2000) < 600, 0, np.sin(0.02 * np.pi * (np.arange(2000) - 600)))[None]
+    pair, M2 = (none, none), np.array([[[0.004]]])
+    laws = GearLaws.made(none + 50, none, none + 0.01, none, none, pair, pair)
+    torque = np.where(angle == 0, 0, 0.4 * angle)
+    found = DrivenGears.solve(
+        moving(angle, step, torque), laws, np.array([0.1]), M2, 0 * M2, torque, 10.0
+    )
+    assert np.isfinite(found.delta).all()
 
 
 def test_a_gear_of_small_torques_follows_its_parameters() -> None:

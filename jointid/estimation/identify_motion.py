@@ -43,6 +43,8 @@ _POOR, _FAR_BETTER = 1.5, 0.3
 """Misfit above which friction of motors at rest may bias the start; ratio that shows a better one."""
 _EQUAL = 10.0
 """Information criterion over the least up to which a model is compared again with other noise."""
+_REJECTED = 100.0
+"""Cost over that of the chosen model beyond which a law of the gears is not compared again."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
 _FEW = 6
@@ -167,7 +169,8 @@ def _identified(
         same, left = _TWICE, False
         phasors = again
         if isinstance(found, LikelihoodEstimate):
-            search = partial(search, first=_equals(choice), earlier_misfit=found.misfit)
+            search = partial(search, first=_equals(choice), rejected=_rejected(choice))
+            search = partial(search, earlier_misfit=found.misfit)
             start = found.named
         choice = search(phasors, prior, start, noise=noise_of_rows(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):
@@ -257,6 +260,13 @@ def _equals(choice: Choice) -> tuple[Model, ...]:
     least = min(each.criterion for each in choice.candidates)
     near = [each for each in choice.candidates if each.criterion < least + _EQUAL and not each.chosen]
     return (choice.model, *(each.model for each in near if not each.model.is_slow))
+
+
+def _rejected(choice: Choice) -> tuple[Model, ...]:
+    """Models with a law of the gears that explain the records far worse than the chosen model does."""
+    most = _REJECTED + min(each.cost for each in choice.candidates if each.chosen)
+    slow = (each for each in choice.candidates if each.model.is_slow)
+    return tuple(each.model for each in slow if most < each.cost < each.expected_cost)
 
 
 def _are_many(phasors: Phasors) -> bool:

@@ -16,7 +16,11 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate,
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
-from jointid.estimation.estimators.whitened_residual import WhitenedResidual, with_law_signals
+from jointid.estimation.estimators.whitened_residual import (
+    WhitenedResidual,
+    near_solution,
+    with_law_signals,
+)
 from jointid.estimation.regression_start import regression_start
 from jointid.motion.end_terms import motor_motion
 from jointid.motion.friction import (
@@ -180,7 +184,8 @@ def evaluated(
     waveforms = model_waveforms(phasors, model, estimate.named)
     waveforms = completed(waveforms, model.effects, model.per_turn, phasors, prior, estimate.named)
     problem = make_problem(phasors, prior, estimate.layout, estimate.named, waveforms, noise)
-    problem = with_law_signals(replace(problem, motion=motor_motion(phasors)), estimate.p)
+    problem = near_solution(replace(problem, motion=motor_motion(phasors)), estimate.wound)
+    problem = with_law_signals(problem, estimate.p)
     found = WhitenedResidual.of(problem, estimate.p, scale)
     if not np.isfinite(found.cost):
         raise JointIdError(
@@ -203,5 +208,5 @@ def stepped(
     waveforms = completed(waveforms, model.effects, model.per_turn, phasors, prior, estimate.named)
     layout = fitted_layout(prior, waveforms, model.delay, model.effects)
     problem = make_problem(phasors, prior, layout, estimate.named, waveforms, noise)
-    p = problem.start(estimate.named)
+    problem, p = near_solution(problem, estimate.wound), problem.start(estimate.named)
     return one_step(with_law_signals(problem, p), p)

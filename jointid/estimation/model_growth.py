@@ -121,8 +121,8 @@ def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model) -> N
         near.insert(0, leading)
     starts = [each.named for model in near if (each := fits.estimate(model))]
     bar = max(POOR, fits.misfit(narrow))
-    has_law = any(law in search.start.layout for law in GEAR_LAWS)
-    if has_law or not (search.has_motions and narrow.is_slow):  # else the gears' motion would diverge
+    # The gears' motion would diverge; in a repeated search it would start from a near estimate again.
+    if not (search.has_motions and (narrow.is_slow or (wider.is_slow and search.is_repeated))):
         starts.append(search.start)
     for start in starts:
         if fits.misfit(wider) >= bar and search.may_start_again(wider):

@@ -77,6 +77,8 @@ class Search:
     fits: Fits
     first: tuple[Model, ...] = ()
     """Models of an earlier search, whose noise motions then have; that of the start values first."""
+    rejected: tuple[Model, ...] = ()
+    """Models with a law of the gears that it fitted and found far from its choice."""
     is_repeated: bool = False
     """Whether an earlier search compared models of the same records."""
     most: float = np.inf
@@ -225,6 +227,9 @@ class Search:
         The number of fits with a law is limited where they compare models, not where they seek a start.
         """
         tried, earlier = self.fits.tried, self.fits.estimate(model)
+        if model in self.rejected:
+            tried.setdefault(model, JointIdError("Not fitted: some segments of the motions reject it."))
+            return
         self.starts[model] = self.starts.get(model, 0) + 1
         laws = [law for law in GEAR_LAWS if law in model.effects]
         if model.is_slow and (compares or self.has_motions):

@@ -87,6 +87,7 @@ def choose_model(
     gear: str = "auto",
     gives_up: Callable[[], bool] = bool,
     first: Sequence[Model] = (),
+    rejected: Sequence[Model] = (),
     most: float = np.inf,
     earlier_misfit: float | None = None,
 ) -> Choice:
@@ -107,6 +108,8 @@ def choose_model(
     first : sequence of Model, optional
         Models that an earlier search could not distinguish, which are fitted first. The start values are
         those of the first one.
+    rejected : sequence of Model, optional
+        Models that it fitted and that are not fitted again.
     most : float, optional
         Misfit above which the choice is useless: the search ends once some records show it.
     earlier_misfit : float, optional
@@ -136,6 +139,7 @@ def choose_model(
         Model(0.0 if friction else None, delay, per_turn=per_turn),
         Fits(optional, max(rows, 1)),
         first=tuple(first),
+        rejected=tuple(rejected),
         most=most,
         gives_up=gives_up,
         is_repeated=earlier_misfit is not None,
@@ -275,6 +279,9 @@ def _best(search: Search) -> Model:
     lost = search.is_lost
     if lost:
         best = climbed(search, best)
+    linear = [each for each in fits.tried if not each.is_slow and fits.estimate(each)]
+    if search.is_lost and search.has_motions and best.is_slow and linear:  # it may be the wrong law
+        best = climbed(search, fits.least(linear))
     if not search.is_lost and (lost or best.reversal is not None):
         # Parts that only start values or gear laws suggest.
         best = search.pruned(best)

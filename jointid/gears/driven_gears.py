@@ -8,22 +8,24 @@ The torque u through the gears by the balance at the motors holds the deflection
 A second difference of an angle is the integral of its acceleration over a hat of two steps, which
 Numerov's weights find from three samples. The same integral of D δ̇ differs from a central difference of
 D δ by D h⁴/12 times the third derivative of δ, which follows from the equation. The equations of all
-steps form one banded system, solved by Newton steps; the change of the deflection with every parameter
-follows from the same system.
+steps are solved by Newton steps, which are recursions in time: each equation holds the unknowns of its
+step and of the two before. So is the change of the deflection with every parameter.
 """
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.dahl import DahlSteps, dahl
 from jointid.gears.laws import GearLaws
 from jointid.gears.motor_motion import MotorMotion, each
+from jointid.gears.recursion import Recursion
 
 _HAT = (1 / 12, 10 / 12, 1 / 12)
 """Weights of three samples in the integral over a hat (Numerov)."""
@@ -34,9 +36,11 @@ _NEWTON, _CONVERGED = 25, 1e-3
 _OBSERVED, _OF_BACKLASH = 0.02, 5.0
 """Rate of the observer over the resonance with the motor locked, and what the square of half the
 backlash over the largest linear deflection adds: an arm that often leaves its flanks is unstable."""
-_FIRST, _STARTS = 6, 3
-"""Steps at the start of a motion whose smoothed velocity is inaccurate, and Gauss-Newton steps for its
-state."""
+_FIRST, _STARTS, _BEGUN = 6, 3, 0.01
+"""Steps at the start of a motion whose smoothed velocity is inaccurate; most Gauss-Newton steps for its
+state, and their change of the deflection, over the largest, that ends them."""
+_SAME_MOTION = 0.1
+"""Difference of angles over the largest that tells another motion."""
 _WHOLE, _WINDOW, _SHORTEST, _MOST = 10, 2000, 8, 1200
 """Newton steps over the whole motion; after them, it is solved in windows of that many steps, or of
 fewer where they do not converge; the most for each window: far hardening took over 600."""
@@ -86,9 +90,7 @@ class DrivenGears:
         if start is None:
             none = np.zeros(motors.rise.shape)
             linear = cls(motors, laws.linear, none, none, D, *own)._stepped()
-            delta = laws.deflection(laws.K * linear.delta)
-        else:
-            delta = start.delta
+        delta = laws.deflection(laws.K * linear.delta) if start is None else start.delta
         found = begun = cls(motors, laws, delta, _loop(laws, delta, motors.starts), D, *own)._begun()
         largest = np.abs(laws.K * delta).max(axis=1, keepdims=True)
         for _ in range(_WHOLE):
@@ -102,47 +104,66 @@ class DrivenGears:
         n, delta = len(self.delta), self.delta.copy()
         squared = np.linalg.eigvals(np.linalg.solve(self.M2, np.diag(self.laws.K[:, 0])))
         period = 2 * np.pi / np.sqrt(np.maximum(squared.real.min(), np.finfo(float).tiny))
-        largest = np.abs(self.measured).max(axis=1, keepdims=True)
-        begins = np.flatnonzero(self.motors.starts)[::2].tolist()
+        largest, joints = np.abs(self.measured).max(axis=1, keepdims=True), range(n)
+        begins, spans = np.flatnonzero(self.motors.starts)[::2], []
         for at, end in zip(begins, [*begins[1:], delta.shape[1]], strict=True):
-            step = self.motors.step_s[at]
-            used = slice(at, at + int(min(max(period / step, 4 * _FIRST), end - at)))
-            part = self._part(used, delta, self.loop)
-            unit, joints = np.zeros((2, n, *part._shape)), range(n)
-            unit[0, joints, joints, :2] = unit[1, joints, joints, 1:2] = 1
-            part = part._followed(part, largest)
-            for _ in range(_STARTS):
-                moved = part._solved(unit.reshape(-1, unit.shape[-1])).reshape(2 * n, *part._shape)
-                torque = part._slope * moved[:, :n]
-                if self.laws.hysteretic:
-                    torque += self.laws.level * moved[:, n:]
-                both = np.concatenate([part.laws.K * part.delta + part.beyond - part.measured, *torque])
-                turn = np.concatenate([part.delta, *moved[:, :n]])
-                both, turn = (rows.reshape(1 + 2 * n, n, -1) for rows in (both, turn))
-                damping = self.D[:, None] * (turn[..., 2:] - turn[..., :-2]) / (2 * step)
-                rows = ((both[..., 1:-1] + damping) / largest)[..., _FIRST:].reshape(1 + 2 * n, -1)
-                if not np.isfinite(rows).all():
-                    return replace(self, delta=np.full(delta.shape, np.nan))
-                size = np.linalg.norm(rows[1:], axis=1)
-                change = np.linalg.lstsq((rows[1:] / size[:, None]).T, -rows[0])[0] / size
-                moves = np.tensordot(change, moved, 1)
-                loop = part.loop + moves[n:] if self.laws.hysteretic else part.loop
-                begun = replace(part, delta=part.delta + moves[:n], loop=loop)
-                begun = begun._followed(begun, largest)
-                if not np.isfinite(begun.delta).all():
-                    break
-                part = begun
-            delta[:, at : at + 2] = part.delta[:, :2]
+            count = max(period / self.motors.step_s[at], 4 * _FIRST)
+            spans.append(np.arange(at, min(at + int(count), end)))
+        edges = np.cumsum([0, *map(len, spans)])
+        part = self._part(np.concatenate(spans), delta, self.loop)
+        unit, places = np.zeros((2, n, *part._shape)), edges[:-1]
+        for j in joints:
+            unit[0, j, j, places] = unit[0, j, j, places + 1] = unit[1, j, j, places + 1] = 1
+        part = part._followed(part, largest)
+        for _ in range(_STARTS):
+            moved = part._recursion.solve(unit.reshape(-1, *part._shape))
+            torque = part._slope * moved[:, :n]
+            if self.laws.hysteretic:
+                torque += self.laws.level * moved[:, n:]
+            left = part.laws.K * part.delta + part.beyond - part.measured
+            rows = np.concatenate([left[None], torque])
+            turn = np.concatenate([part.delta[None], moved[:, :n]])
+            rate = (turn[..., 2:] - turn[..., :-2]) / (2 * part.motors.step_s[1:-1])
+            rows[..., 1:-1] += self.D[:, None] * rate
+            rows /= largest
+            if not np.isfinite(rows).all():
+                return replace(self, delta=np.full(delta.shape, np.nan))
+            for at, end in itertools.pairwise(edges.tolist()):
+                own = rows[..., at + 1 + _FIRST : end - 1].reshape(1 + 2 * n, -1)
+                size = np.linalg.norm(own[1:], axis=1)
+                size[size == 0] = 1.0  # an arm at rest between the flanks transmits no torque
+                change = np.linalg.lstsq((own[1:] / size[:, None]).T, -own[0])[0] / size
+                moved[0, :, at:end] = np.tensordot(change, moved[..., at:end], 1)
+            moves = moved[0]
+            loop = part.loop + moves[n:] if self.laws.hysteretic else part.loop
+            begun = replace(part, delta=part.delta + moves[:n], loop=loop)
+            begun = begun._followed(begun, largest)
+            if not np.isfinite(begun.delta).all():
+                break
+            part = begun
+            if np.all(np.abs(moves[:n]).max(axis=1) < _BEGUN * np.abs(part.delta).max(axis=1)):
+                break
+        for late in (0, 1):
+            delta[:, begins + late] = part.delta[:, places + late]
         return replace(self, delta=delta)
 
-    def _part(self, used: slice, delta: Floats, loop: Floats) -> DrivenGears:
+    def on(self, motors: MotorMotion) -> DrivenGears | None:
+        """With the deflection in other steps of the same motion; None in those of another motion."""
+        angle, delta = (
+            np.array([np.interp(motors.time_s, self.motors.time_s, own) for own in rows])
+            for rows in (self.motors.angle, self.delta)
+        )
+        is_same = np.abs(angle - motors.angle).max() < _SAME_MOTION * np.abs(motors.angle).max()
+        return replace(self, delta=delta) if is_same else None
+
+    def _part(self, used: slice | np.ndarray, delta: Floats, loop: Floats) -> DrivenGears:
         """Some steps, with the state of the first two."""
         own = delta[:, used], loop[:, used], self.measured[:, used]
         return replace(self, motors=self.motors.part(used), delta=own[0], loop=own[1], measured=own[2])
 
     def _stepped(self) -> DrivenGears:
         """After a Newton step."""
-        n, step = len(self.delta), self._solved(-self._left)
+        n, step = len(self.delta), self._recursion.solve(-self._left)
         loop = self.loop + step[n:] if self.laws.hysteretic else self.loop
         return replace(self, delta=self.delta + step[:n], loop=loop)
 
@@ -154,24 +175,27 @@ class DrivenGears:
 
     def _followed(self, guess: DrivenGears, largest: Floats) -> DrivenGears:
         """Solution window by window: Newton steps diverge where the kinks lie elsewhere."""
-        wrong = ~self._solves(largest)
-        delta, loop, N = self.delta.copy(), self.loop.copy(), wrong.size
-        at, count, left = int(wrong.argmax()), _WINDOW, _MOST * -(-N // _WINDOW)
-        delta[:, at:], loop[:, at:] = guess.delta[:, at:], guess.loop[:, at:]
-        while at < N:
-            used = slice(max(at - 2, 0), min(at + count, N))
-            part = self._part(used, delta, loop)
-            for _ in range(_NEWTON):
-                if part._solves(largest).all():
-                    break
-                part, left = part._stepped(), left - 1
-            if not part._solves(largest).all():
-                if count <= _SHORTEST or left <= 0:  # it has no solution, nor have the steps that follow
-                    return replace(self, delta=np.full(delta.shape, np.nan))
-                count = max(count // 8, _SHORTEST)
+        wrong, delta, loop = ~self._solves(largest), self.delta.copy(), self.loop.copy()
+        for begin, end in itertools.pairwise([*np.flatnonzero(self.motors.starts)[::2], wrong.size]):
+            if not wrong[begin:end].any():
                 continue
-            delta[:, used], loop[:, used] = part.delta, part.loop
-            at, count = used.stop, min(4 * count, _WINDOW)
+            at, count = begin + int(wrong[begin:end].argmax()), _WINDOW
+            left = _MOST * -(-(end - begin) // _WINDOW)
+            delta[:, at:end], loop[:, at:end] = guess.delta[:, at:end], guess.loop[:, at:end]
+            while at < end:
+                used = slice(at - 2, min(at + count, end))
+                part = self._part(used, delta, loop)
+                for _ in range(_NEWTON):
+                    if part._solves(largest).all():
+                        break
+                    part, left = part._stepped(), left - 1
+                if not part._solves(largest).all():
+                    if count <= _SHORTEST or left <= 0:  # it has no solution, nor have further steps
+                        return replace(self, delta=np.full(delta.shape, np.nan))
+                    count = max(count // 8, _SHORTEST)
+                    continue
+                delta[:, used], loop[:, used] = part.delta, part.loop
+                at, count = used.stop, min(4 * count, _WINDOW)
         return replace(self, delta=delta, loop=loop)
 
     @property
@@ -185,47 +209,46 @@ class DrivenGears:
 
     def slopes(
         self,
-        name: str,
-        beyond: Floats | float,
+        changes: Mapping[str, tuple[Floats | float, Floats | float]],
         shape: tuple[int, int],
         arm: Floats | None = None,
-        measured: Floats | float = 0.0,
-    ) -> Complexes:
-        """Bins of the change of the torque beyond K δ by a parameter, (r, H, n, n) or (r, H, n, c).
+    ) -> dict[str, Complexes]:
+        """Bins of the change of the torque beyond K δ by parameters, each (r, H, n, n) or (r, H, n, c).
 
         Parameters
         ----------
-        name, shape : str, tuple of int
-            Parameter, which each joint has, or "M2"; r and H.
-        beyond : ndarray, shape (n, N), or 0
-            Change of this torque at a given deflection by the parameter of the joint.
+        changes : mapping of str to tuple
+            For parameters that each joint has: change of this torque at a given deflection by that of
+            the joint, and change of the torque by the motors' balance, which the observer follows,
+            each of shape (n, N), or 0.
+        shape : tuple of int
+            r and H.
         arm : ndarray, shape (c, p, n, n), optional
             Derivatives of M2 of every pose by its c parameters.
-        measured : ndarray, shape (n, N), or 0
-            Change of the torque by the motors' balance, which the observer follows.
         """
-        (n, N), step = self.delta.shape, self.motors.step_s[2:]
-        unit = np.eye(n)[..., None]
-        own = beyond * unit
-        left = np.zeros((n if arm is None else len(arm), *self._shape))
+        n, N = self.delta.shape
+        count, joints = len(changes) * n, range(n)
+        left = np.zeros((count + (0 if arm is None else len(arm)), *self._shape))
+        own = np.zeros((len(left), n, N))
+        observer = self._of_steps(self._observer).swapaxes(0, 1)
+        damping = self._of_steps(self._damping).swapaxes(0, 1) * self.motors.step_s**2
+        for at, (name, (beyond, measured)) in zip(range(0, count, n), changes.items(), strict=True):
+            part, D = left[at : at + n, :n], (name == "D") * np.ones(n)
+            own[at : at + n][joints, joints] = beyond
+            elastic = beyond + (name == "K") * self.delta
+            part[joints, joints] = self._hat_torque(elastic) + D[:, None] * self._rise
+            part += damping * self._changes(elastic, D)[:, None]
+            part += observer * self._changes(elastic - measured, D)[:, None]
         if arm is not None:
-            bend = np.diff(self.delta, 2, axis=1) - self.motors.rise[:, 2:]
-            left[:, :n, 2:] = each(arm.swapaxes(0, 1), bend, self.motors.pose[2:])
-        else:
-            elastic, damping = own + (name == "K") * self.delta * unit, (name == "D") * np.eye(n)
-            left[:, :n] = self._hat_torque(elastic)
-            left[:, :n, 2:] += self._held(self._changes(elastic, damping))
-            followed = self._changes(measured * unit + 0 * elastic, 0 * damping)
-            left[:, :n, 2:] -= each(self._observer, followed, self.motors.pose[2:])
-            apart = 0.5 * step * (self.delta[:, 2:] - self.delta[:, :-2])
-            left[:, :n, 2:] += damping[..., None] * apart
+            left[count:, :n] = each(arm.swapaxes(0, 1), self._bend - self.motors.rise, self.motors.pose)
         left[..., self.motors.starts] = 0
-        moved = self._solved(-left.reshape(-1, N)).reshape(left.shape)
-        found = (self._slope - self.laws.K) * moved[:, :n]
+        moved = self._recursion.solve(-left)
+        own += (self._slope - self.laws.K) * moved[:, :n]
         if self.laws.hysteretic:
-            found += self.laws.level * moved[:, n:]
-        found += own if arm is None else 0
-        return self.motors.bins(found.swapaxes(0, 1), shape)
+            own += self.laws.level * moved[:, n:]
+        found = self.motors.bins(own.swapaxes(0, 1), shape)
+        of_each = {name: found[..., at * n : (at + 1) * n] for at, name in enumerate(changes)}
+        return of_each if arm is None else {**of_each, "M2": found[..., count:]}
 
     @cached_property
     def _observer(self) -> Floats:
@@ -239,14 +262,22 @@ class DrivenGears:
         return self.D[:, None] / 12 * np.linalg.inv(self.M2)
 
     def _changes(self, torque: Floats, D: Floats) -> Floats:
-        """Rate of a torque (..., n, N) beside D δ̇, times the squared step, at steps 2 … N."""
-        apart = 0.5 * self.motors.step_s[2:] * (torque[..., 2:] - torque[..., :-2])
-        return np.asarray(apart + D[..., None] * np.diff(self.delta, 2, axis=1))
+        """Rate of a torque (n, N) beside D δ̇, times the squared step."""
+        found = np.zeros(torque.shape)
+        found[:, 2:] = 0.5 * self.motors.step_s[2:] * (torque[:, 2:] - torque[:, :-2])
+        return np.asarray(found + D[:, None] * self._bend)
 
-    def _held(self, changes: Floats) -> Floats:
-        """Terms of the observer and of D δ̇ by changes of the torque."""
-        step, pose = self.motors.step_s[2:], self.motors.pose[2:]
-        return each(self._observer, changes, pose) + step**2 * each(self._damping, changes, pose)
+    @cached_property
+    def _bend(self) -> Floats:
+        """Second differences of the deflection, shape (n, N)."""
+        found = np.zeros(self.delta.shape)
+        found[:, 2:] = np.diff(self.delta, 2, axis=1)
+        return found
+
+    @cached_property
+    def _rise(self) -> Floats:
+        """Rate of the deflection, times the squared step, shape (n, N)."""
+        return self._changes(self.delta, 0 * self.D)
 
     @property
     def _shape(self) -> tuple[int, int]:
@@ -263,18 +294,16 @@ class DrivenGears:
     @cached_property
     def _left(self) -> Floats:
         """What is left of the equations, rows of ``_shape``."""
-        m, delta, step = self.motors, self.delta, self.motors.step_s[2:]
-        n = len(delta)
+        m, delta, D, n = self.motors, self.delta, self.D[:, None], len(self.delta)
         left = np.zeros(self._shape)
         torque = self.laws.K * delta + self.beyond
-        held = self._held(self._changes(torque, self.D)) - step * self.D[:, None] / 12 * m.jerk[:, 2:]
-        held -= each(self._observer, self._changes(self.measured, 0 * self.D), m.pose[2:])
+        left[:n] = each(self._observer, self._changes(torque - self.measured, self.D), m.pose)
+        left[:n] += m.step_s**2 * each(self._damping, self._changes(torque, self.D), m.pose)
+        left[:n] += each(self.M2, self._bend - m.rise, m.pose)
+        left[:n] += D * (self._rise - m.step_s / 12 * m.jerk)
         if self.G.any():
             torque = torque - each(self.G, m.angle - delta, m.pose)
-        left[:n] = self._hat_torque(torque)
-        bend = np.diff(delta, 2, axis=1) - m.rise[:, 2:]
-        left[:n, 2:] += held + each(self.M2, bend, m.pose[2:])
-        left[:n, 2:] += 0.5 * step * self.D[:, None] * (delta[:, 2:] - delta[:, :-2])
+        left[:n] += self._hat_torque(torque)
         left[:n, m.starts] = 0
         if self.laws.hysteretic:
             left[n:, 1:] = self.loop[:, 1:] - self._loops.z
@@ -290,59 +319,30 @@ class DrivenGears:
         """Of the elastic torque, shape (n, N)."""
         return self.laws.slope(self.delta)
 
+    def _of_steps(self, matrices: Floats) -> Floats:
+        """Matrices of every pose (p, n, n) in every step, (n, n, N), or (n, n, 1) of all."""
+        if len(matrices) == 1:
+            return matrices[0, ..., None]
+        return np.ascontiguousarray(np.moveaxis(matrices[self.motors.pose], 0, 2))
+
     @cached_property
-    def _factors(self) -> tuple[Floats, np.ndarray, int, int]:
-        """LU factors of the derivative of ``_left``, in bands; unknowns of a step follow each other."""
-        m, laws = self.motors, self.laws
-        n, (size, N) = len(self.delta), self._shape
-        upper, lower = size - 1, 3 * size - 1
-        band = np.zeros((N, size, 2 * lower + upper + 1))
-        diagonal = lower + upper
-
-        def place(row: int, column: int, late: int, values: Floats | float) -> None:
-            """Derivative of equations 2 … N by unknowns some steps earlier."""
-            band[2 - late : N - late, column, diagonal + row - column + late * size] += values
-
-        inner, squared = ~m.starts[2:], m.step_s[2:] ** 2
-        pose = m.pose[2:]
-        for late in range(3):
-            for i in range(n):
-                for j in range(n):
-                    rigid = _SECOND[late] * self.M2[pose, i, j]
-                    rigid += _HAT[late] * squared * self.G[pose, i, j]
-                    by_change = self._observer[pose, i, j] + squared * self._damping[pose, i, j]
-                    held = _CENTRAL[late] * m.step_s[2:] * by_change
-                    rigid += held * self._slope[j, 2 - late : N - late]
-                    rigid += _SECOND[late] * by_change * self.D[j]
-                    if laws.hysteretic:
-                        place(i, n + j, late, inner * held * laws.level[j, 0])
-                    if i == j:
-                        rigid += _HAT[late] * squared * self._slope[i, 2 - late : N - late]
-                        rigid += _CENTRAL[late] * m.step_s[2:] * self.D[i]
-                    place(i, j, late, inner * rigid)
-                if laws.hysteretic:
-                    place(i, n + i, late, inner * _HAT[late] * squared * laws.level[i, 0])
-        band[np.flatnonzero(m.starts), :n, diagonal] = 1
-        if laws.hysteretic:
-            loops = self._loops
-            for j in range(n):
-                band[:, n + j, diagonal] = 1
-                band[1:, j, diagonal + n] = -loops.by_move[j]
-                band[:-1, j, diagonal + n + size] = (loops.by_move - loops.by_earlier)[j]
-                band[:-2, j, diagonal + n + 2 * size] = loops.by_earlier[j, 1:]
-                band[:-1, n + j, diagonal + size] = -loops.by_z[j]
-        factors, pivots, bad = dgbtrf(band.reshape(N * size, -1).T, lower, upper, overwrite_ab=True)
-        if bad:
-            factors[:] = np.nan  # a singular system has no solution
-        return factors, pivots, lower, upper
-
-    def _solved(self, rows: Floats) -> Floats:
-        """Unknowns (c m, N) whose change of the equations is ``rows``, of the same shape."""
-        size, N = self._shape
-        factors, pivots, lower, upper = self._factors
-        right = rows.reshape(-1, size, N).transpose(2, 1, 0).reshape(N * size, -1)
-        found, _ = dgbtrs(factors, lower, upper, np.asfortranarray(right), pivots)
-        return np.asarray(found.reshape(N, size, -1).transpose(2, 1, 0).reshape(rows.shape))
+    def _recursion(self) -> Recursion:
+        """Derivative of ``_left`` by the unknowns."""
+        m, laws, n, D = self.motors, self.laws, len(self.delta), self.D[:, None]
+        step, squared, own = m.step_s, m.step_s**2, np.eye(n)[..., None]
+        M2, G = self._of_steps(self.M2), self._of_steps(self.G)
+        by_change = self._of_steps(self._observer) + squared * self._of_steps(self._damping)
+        torques = np.empty((n, 3, *self._shape))
+        for late, (second, central, hat) in enumerate(zip(_SECOND, _CENTRAL, _HAT, strict=True)):
+            by_torque = hat * squared * own + central * step * by_change
+            torques[:, late, :n] = by_torque * np.roll(self._slope, late, axis=1)
+            rigid = second * (M2 + by_change * D) + hat * squared * G
+            torques[:, late, :n] += rigid + central * step * D * own
+            if laws.hysteretic:
+                torques[:, late, n:] = by_torque * laws.level
+        torques[..., m.starts] = 0
+        torques[:, 0, :n, m.starts] = np.eye(n)
+        return Recursion.of(torques, self._loops if laws.hysteretic else None)
 
 
 def _loop(laws: GearLaws, delta: Floats, starts: np.ndarray) -> Floats:

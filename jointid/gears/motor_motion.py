@@ -14,11 +14,17 @@ from jointid.phasors.segment import Segment
 
 _STEPS, _STEPS_OF_LOOPS = 16.0, 24.0
 """Steps over a period of the motion's highest frequency, and with hysteresis."""
+_BLOCK = 40
+"""Steps whose waves all blocks of a segment share."""
+_PAUSE_S = 1.0
+"""Time between records in one array."""
+_LEAD = 0.25
+"""Motion before a segment, over its length, in which an error of the state at the start decays."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotorMotion:
-    """Motion of n motors in N steps; the parts of the records without a gap follow each other."""
+    """Motion of n motors in N steps; the parts without a gap follow each other."""
 
     angle: Floats
     """Less its mean in each part, shape (n, N), rad."""
@@ -26,6 +32,8 @@ class MotorMotion:
     """Its second differences, shape (n, N), rad."""
     jerk: Floats
     """Central differences of ``rise`` at its middle, shape (n, N), rad."""
+    time_s: Floats
+    """Of each step, shape (N,), s; the records follow each other after a pause."""
     step_s: Floats
     """Shape (N,), s."""
     starts: np.ndarray
@@ -34,13 +42,14 @@ class MotorMotion:
     """Index of the pose in every step, shape (N,)."""
     torque: Floats
     """Torque of the motors, shape (n, N), N·m."""
-    rows: Sequence[tuple[int, slice, Complexes]]
-    """Row and steps of every segment, and the matrix from their samples to its bins, (steps, H). Steps
-    that begin or end beside those of the samples differ by terms of the ends."""
+    rows: Sequence[tuple[int, slice, Complexes, Complexes]]
+    """Row and steps of every segment, and waves of its bins in the steps of a block, (b, H), and at the
+    start of every block, (blocks, H). Steps that begin or end beside those of the samples differ by
+    terms of the ends."""
 
     @classmethod
     def of(cls, segments: Iterable[Segment | None], pose: np.ndarray, loops: bool) -> MotorMotion | None:
-        """Motion up to the last of the segments of each part; None without any.
+        """Motion in the segments and shortly before them; None without any.
 
         ``segments`` and ``pose`` have shape (r,); ``loops`` is whether the gears may have hysteresis.
         """
@@ -49,6 +58,7 @@ class MotorMotion:
             if each is not None:
                 parts.setdefault(id(each.uniform_velocity), []).append((row, each))
         angles, rises, jerks, steps, starts = [], [], [], [], []
+        times: list[Floats] = []
         poses, torques, rows, count = [], [], [], 0
         for members in parts.values():
             own = [each for _, each in members]
@@ -58,45 +68,59 @@ class MotorMotion:
                 * max(each.highest / each.duration_s for each in own)
             )
             time, grid = np.arange(end) * T, np.arange(0, (end - 0.5) * T, step)
+            edges = [np.array([each.begin, each.end]) * T for each in own]
+            spans = [np.searchsorted(grid, edge).tolist() for edge in edges]
+            used = np.zeros(grid.size, bool)
+            for first, last in spans:
+                used[max(first - round(_LEAD * (last - first)), 0) : last] = True
+            starts.append(np.diff(used.astype(int), prepend=0)[used] > 0)
+            starts[-1][1:] |= starts[-1][:-1]
             angle = CubicSpline(time, own[0].uniform_velocity[:, :end], axis=1).antiderivative()(grid)
             rise = np.zeros(angle.shape)
             rise[:, 2:] = np.diff(angle, 2, axis=1)
-            angles.append(angle - angle.mean(axis=1, keepdims=True))
-            rises.append(rise)
-            jerks.append(np.zeros(angle.shape))
-            jerks[-1][:, 2:] = np.gradient(rise[:, 2:], axis=1)
-            steps.append(np.full(grid.size, step))
-            starts.append(np.arange(grid.size) < 2)
+            jerk = np.zeros(angle.shape)
+            jerk[:, 2:] = np.gradient(rise[:, 2:], axis=1)
+            angles.append((angle - angle.mean(axis=1, keepdims=True))[:, used])
+            rises.append(rise[:, used])
+            jerks.append(jerk[:, used])
+            times.append(grid[used] + (times[-1][-1] + _PAUSE_S if times else 0.0))
+            steps.append(np.full(used.sum(), step))
             # Held torques are on average those of the samples before and after.
             torque = own[0].torque[:, :end]
             if own[0].held:
                 torque = 0.5 * (torque + np.concatenate([torque[:, :1], torque[:, :-1]], axis=1))
-            torques.append(CubicSpline(time, torque, axis=1)(grid))
-            poses.append(np.full(grid.size, pose[members[0][0]]))
-            for row, each in members:
-                first, last = np.searchsorted(grid, np.array([each.begin, each.end]) * T).tolist()
+            torques.append(CubicSpline(time, torque, axis=1)(grid[used]))
+            poses.append(np.full(used.sum(), pose[members[0][0]]))
+            places = count + np.cumsum(used) - 1
+            for (row, each), (first, last) in zip(members, spans, strict=True):
                 turn = (grid[first:last] - each.begin * T) / each.duration_s
-                bins = waves_at(turn, each.highest).T * (2j * step / each.duration_s)
-                rows.append((row, slice(count + first, count + last), bins))
-            count += grid.size
+                inner = waves_at(grid[:_BLOCK] / each.duration_s, each.highest).T
+                outer = waves_at(turn[::_BLOCK], each.highest).T * (2j * step / each.duration_s)
+                span = slice(places[first], places[last - 1] + 1)
+                rows.append((row, span, np.ascontiguousarray(inner), outer))
+            count += int(used.sum())
         if not rows:
             return None
         return cls(
             np.concatenate(angles, axis=1), np.concatenate(rises, axis=1),
-            np.concatenate(jerks, axis=1), np.concatenate(steps), np.concatenate(starts),
+            np.concatenate(jerks, axis=1), np.concatenate(times), np.concatenate(steps),
+            np.concatenate(starts),
             np.concatenate(poses), np.concatenate(torques, axis=1), tuple(rows),
         )  # fmt: skip
 
-    def part(self, used: slice) -> MotorMotion:
+    def part(self, used: slice | np.ndarray) -> MotorMotion:
         """Motion in some steps."""
         starts = self.starts[used].copy()
         starts[:2] = True
-        own = self.angle[:, used], self.rise[:, used], self.jerk[:, used], self.step_s[used]
-        return MotorMotion(*own, starts, self.pose[used], self.torque[:, used], ())
+        own = self.angle[:, used], self.rise[:, used], self.jerk[:, used]
+        steps = self.time_s[used], self.step_s[used], starts, self.pose[used]
+        return MotorMotion(*own, *steps, self.torque[:, used], ())
 
     def balance(self, scale: Floats, M: Floats, viscous: Floats, coulomb: Floats) -> Floats:
         """Torque through the gears, shape (n, N), by parameters of the motors, each (n,)."""
         velocity = np.gradient(self.angle, axis=1) / self.step_s
+        begins = np.flatnonzero(self.starts)[2::2]  # the parts before them end elsewhere
+        velocity[:, begins], velocity[:, begins - 1] = velocity[:, begins + 1], velocity[:, begins - 2]
         middle = np.roll(self.rise, -1, axis=1)
         middle = np.where(self.starts, np.roll(middle, -1, axis=1), middle) / self.step_s**2
         own = scale[:, None] * self.torque - M[:, None] * middle
@@ -104,10 +128,16 @@ class MotorMotion:
 
     def bins(self, samples: Floats, shape: tuple[int, int]) -> Complexes:
         """Phasors of samples (..., N) in the first H bins of each of r segments, (r, H, ...)."""
-        found = np.zeros((*shape, *samples.shape[:-1]), complex)
-        for row, used, waves in self.rows:
-            found[row, : waves.shape[1]] = np.moveaxis(samples[..., used] @ waves, -1, 0)
-        return found
+        found = np.zeros((*shape, samples[..., 0].size), complex)
+        rows = samples.reshape(-1, samples.shape[-1])
+        for row, used, inner, outer in self.rows:
+            blocks = np.zeros((len(rows), len(outer) * len(inner)))
+            blocks[:, : used.stop - used.start] = rows[:, used]
+            # Real products take half the time.
+            parts = (blocks.reshape(-1, len(inner)) @ inner.view(float)).view(complex)
+            parts = parts.reshape(len(rows), *outer.shape)
+            found[row, : outer.shape[1]] = np.einsum("cbh,bh->hc", parts, outer)
+        return found.reshape(*shape, *samples.shape[:-1])
 
 
 def each(matrices: Floats, rows: Floats, pose: np.ndarray) -> Floats:

@@ -1,7 +1,9 @@
 """Deflection of nonlinear gears in sines and motions together, from starts that may not converge."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
 
@@ -11,6 +13,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.gears.driven_gears import DrivenGears
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
+from jointid.gears.motor_motion import MotorMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +39,14 @@ class Wound:
             of_motions = (self.of_motions.at_deflection(laws) - self.of_motions.beyond) / step
         return of_sines, of_motions
 
+    def alone(self) -> Wound | None:
+        """That in motions, without what further evaluations need."""
+        return Wound(self.beyond[:0], None, replace(self.of_motions)) if self.of_motions else None
+
+    def on(self, motors: MotorMotion) -> Wound:
+        """The start of solutions at similar parameters, over other steps of the same motion."""
+        return Wound(self.beyond, None, self.of_motions and self.of_motions.on(motors))
+
 
 _STRONGER = (10.0, 3.0)
 """Factors on the observer of gears in motions; each solution starts the next smaller factor."""
@@ -58,12 +69,17 @@ def from_observers(
     solve: Callable[[float, DrivenGears | None], DrivenGears],
     strength: float,
     starts: Sequence[DrivenGears | None],
+    has_backlash: bool,
 ) -> DrivenGears:
     """Solution from the first start that converges.
 
-    Without a start, solutions with a stronger observer come before: an arm on the wrong flank of a
-    backlash would stay on it.
+    From none, solutions with a stronger observer come before: an arm on the wrong flank of a backlash
+    would stay on it. Other laws need them where they do not converge without.
     """
-    solved = partial(solve, strength)
+    solved, begun = partial(solve, strength), [each for each in starts if each is not None]
+    if begun or not has_backlash:
+        found = first_finite(solved, begun)
+        if begun or np.isfinite(found.delta).all():
+            return found
     far, near = _STRONGER
-    return first_finite(solved, starts or [solve(near * strength, solve(far * strength, None))])
+    return solved(solve(near * strength, solve(far * strength, None)))

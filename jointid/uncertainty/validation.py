@@ -155,17 +155,19 @@ def _same_motion(omega: Floats, deflection: Complexes) -> list[np.ndarray]:
     largest = np.abs(deflection).max(axis=0)
     shape = deflection / np.where(largest > 0, largest, 1.0)
     length = np.linalg.norm(shape, axis=1)
-    groups: list[list[int]] = []
-    for i in range(omega.size):
-        for group in groups:
-            k = group[0]
-            along = np.abs(np.vdot(shape[k], shape[i])) > 0.97 * length[k] * length[i]
-            if abs(omega[i] / omega[k] - 1) < 1e-9 and along:
-                group.append(i)
-                break
-        else:
-            groups.append([i])
-    return [np.array(group) for group in groups]
+    found, order = [], np.argsort(omega, kind="stable")
+    for same in np.split(order, np.flatnonzero(np.diff(omega[order]) > 1e-9 * omega[order[1:]]) + 1):
+        groups: list[list[int]] = []
+        for i in same.tolist():
+            for group in groups:
+                k = group[0]
+                if np.abs(np.vdot(shape[k], shape[i])) > 0.97 * length[k] * length[i]:
+                    group.append(i)
+                    break
+            else:
+                groups.append([i])
+        found += [np.array(group) for group in groups]
+    return found
 
 
 _BANDS = 20

@@ -200,15 +200,13 @@ class JointLaws:
                 of_sines = first_finite(partial(WoundGears.solve, laws, *both, H, m), starts)
                 beyond[rows] = of_sines.beyond
             if self.motors:
-                scale, viscous, coulomb = (
-                    np.broadcast_to(each, p.K.shape)
-                    for each in (p.torque_scale, p.effect("viscous"), p.effect("coulomb"))
-                )
-                measured = self.motors.balance(scale, rotor, viscous, coulomb)
+                own = p.torque_scale, rotor, p.effect("viscous"), p.effect("coulomb")
+                measured = self.motors.balance(*(np.broadcast_to(each, p.K.shape) for each in own))
                 of_motions = from_observers(
                     partial(DrivenGears.solve, self.motors, laws, p.D, *arm, measured),
                     self.strength,
                     [each.of_motions for each in self.latest],
+                    laws.has_backlash,
                 )
                 beyond[..., 1:] += self.motors.bins(of_motions.beyond, (r, H)).swapaxes(1, 2)
         found = Wound(beyond, of_sines, of_motions)
@@ -261,7 +259,7 @@ class JointLaws:
             name: np.zeros((*gear.shape, c), complex) for name, c in zip(names, counts, strict=True)
         }
         rows, inward, columns = self.sines, (self.low / gear)[self.sines], []
-        by_angles = (self.clear & ~self.low)[rows, ..., None]
+        by_angles, driven = (self.clear & ~self.low)[rows, ..., None], {}
         for name, c in zip(names, counts, strict=True):
             drive, beyond = np.zeros((2, rows.size, n, 1 + H, c), complex)
             of_motions: Floats | float = 0.0
@@ -270,11 +268,10 @@ class JointLaws:
                 changed[_GEAR.index(name)] += step[:, 0]
                 of_sines, of_motions = wound.by_law(_laws(changed), step)
                 beyond += _own(of_sines)
-            if wound.of_motions is not None and (name in ("M2", *_BALANCED) or name not in apart):
-                by_arm = arm if name == "M2" else None
+            if name in _BALANCED or name not in apart:
                 unit = [np.full(n, float(name == each)) for each in _BALANCED]
                 measured = self.motors.balance(*unit) if self.motors and name in _BALANCED else 0.0
-                found[name] += wound.of_motions.slopes(name, of_motions, self.s.shape, by_arm, measured)
+                driven[name] = of_motions, measured
             if name in apart:
                 drive += _with_mean([by_angles * apart[name][rows]])
             if name in torque:
@@ -292,6 +289,9 @@ class JointLaws:
                 names, np.split(changes, np.cumsum(counts)[:-1], axis=3), strict=True
             ):
                 found[name][rows] = change[:, :, 1:].swapaxes(1, 2)
+        if wound.of_motions is not None:
+            for name, change in wound.of_motions.slopes(driven, self.s.shape, arm).items():
+                found[name] += change
         w = self.law(wound, gear)
         for name, value in stiffness.items():
             found[name] += (w * value)[..., None] * np.eye(n)

@@ -32,6 +32,7 @@ from jointid.estimation.estimators.whitened_residual import (
     with_free_torque,
     with_law_noise,
 )
+from jointid.gears.wound import Wound
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
@@ -79,6 +80,8 @@ class LikelihoodEstimate(Estimate):
     """Fitted inertia of each record; the given one where it is exact."""
     scale: Floats
     """Factor on each row's variance in the fit, as of ``Misfit``."""
+    wound: Wound | None
+    """Deflection of nonlinear gears in motions."""
 
     def whole_cost(self, misfit: float) -> float:
         """Cost of the data over a misfit, plus that of the prior."""
@@ -193,6 +196,7 @@ def maximum_likelihood(
             )
         ),
         scale=scale,
+        wound=fitted.at.wound and fitted.at.wound.alone(),
     )
 
 

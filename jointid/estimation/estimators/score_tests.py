@@ -21,6 +21,7 @@ from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.whitened_residual import (
     DRIVEN_LAWS,
     WhitenedResidual,
+    near_solution,
     with_law_signals,
 )
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms, gear_torque_of
@@ -93,7 +94,7 @@ def scores(
     delay = "delay" in fitted or "delay" in parts
     layout = fitted_layout(prior, friction, delay, effects)
     problem = make_problem(phasors, prior, layout, estimate.named, friction, noise)
-    p = problem.start(estimate.named, _FILTER)
+    problem, p = near_solution(problem, estimate.wound), problem.start(estimate.named, _FILTER)
     if any(name in fitted for name in DRIVEN_LAWS):
         problem = with_law_signals(problem, p)
     with np.errstate(all="ignore"):

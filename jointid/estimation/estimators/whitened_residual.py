@@ -19,6 +19,7 @@ from jointid.estimation.estimators.problem import (
 )
 from jointid.estimation.estimators.residual import Residual, unknown_friction
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
+from jointid.gears.wound import Wound
 from jointid.motion.free_friction import FreeFriction, Projection
 from jointid.small_matrices import finite_part, inverse, whitener
 
@@ -281,6 +282,14 @@ def with_law_noise(problem: Problem, vector: Floats) -> Problem:
     own, rest = wound.noise(variance.swapaxes(1, 2))
     by_deflection, rest = -own.swapaxes(1, 2) / at.gear, rest.swapaxes(1, 2) / np.abs(at.gear) ** 2
     return replace(problem, law_noise=(by_deflection, rest))
+
+
+def near_solution(problem: Problem, wound: Wound | None) -> Problem:
+    """The problem with gears in motions that start from their solution at similar parameters."""
+    laws = problem.laws
+    if laws is None or laws.motors is None or wound is None:
+        return problem
+    return replace(problem, laws=replace(laws, latest=[wound.on(laws.motors)]))
 
 
 def with_law_signals(problem: Problem, vector: Floats) -> Problem:
