@@ -21,7 +21,7 @@ from random_cases import tries
 
 from jointid import Elasticity, Inertia, JointIdError, Phasors, identify_elasticity
 from jointid.estimation.estimators.inertia_prior import InertiaPrior, checked_std
-from jointid.estimation.start_values import without_inertias
+from jointid.estimation.estimators.linear_fit import without_inertias
 
 TRUTH = np.concatenate([PAPER.K, PAPER.D])
 SIGMA = np.array([1e-6, 1e-6, 2e-3, 1e-3])

@@ -19,8 +19,8 @@ from jointid.phasors.extract import Phasors
 
 _DEGREE = 5
 """Degree of the polynomial in s for the states of motors and arm at the ends of a segment."""
-_STEPS, _NEAR = 20, 0.1
-"""Most steps, and the step in standard errors that ends them."""
+_STEPS, _STEPS_OF_SINES, _NEAR = 8, 20, 0.1
+"""Most steps, those of sines with changing weights, and the step in standard errors that ends them."""
 _SLOWEST = 2.0
 """Largest D ω/K at the highest frequency."""
 _RIDGE = 1e-10
@@ -75,7 +75,7 @@ def regressed(
     yielding, slow, half, weight = np.zeros((4, n))  # 1/K, D/K, half the backlash, gravity stiffness
     levels, payload = np.zeros((2, n)), 0.0  # the payload in its standard deviations
     change = s2[..., None] * prior.shared[prior.part[pose]] + prior.shared_gravity[pose]
-    for _ in range(_STEPS):
+    for _ in range(_STEPS if phasors.motion.any() else _STEPS_OF_SINES):
         A = s2[..., None] * prior.M2[pose] + prior.gravity[pose] + payload * change + np.diag(weight)
         drive = torque - np.einsum("kbj,kj->bj", shapes, levels)
         lag = 1 + s[:, None] * slow
