@@ -26,6 +26,8 @@ _RICHER = {
 }
 """Richer friction models for each one: velocity, over the largest, below which friction is free (from a
 sharp to a gradual reversal), and whether friction varies nonlinearly with speed."""
+_NARROWER = {0.1: 0.03, 0.03: 0.0}
+"""The next narrower reversals of sines."""
 _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
 NEARLY_ALL = 0.9
@@ -179,6 +181,24 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         later = highest > NEARLY_ALL and not search.has_motions
         wider = [*wider, *instead_of_cubic] if later else [*instead_of_cubic, *wider]
     return [*sharper, *wider]
+
+
+def narrowed(search: Search, best: Model) -> Model:
+    """The model, or it with narrower reversals where they explain as much.
+
+    Wide ones, which parts that were missing required, take the information on K and D.
+    """
+    found, narrower = search.fits.estimate(best), _NARROWER.get(best.reversal or 0.0)
+    if found is None or narrower is None or search.has_motions:
+        return best
+    sharper = replace(best, reversal=narrower)
+    if sharper not in search.fits.tried:
+        waveforms = search.waveforms(sharper, found.named)
+        _, misfit = stepped(search.phasors, search.prior, found, search.noise, sharper, waveforms)
+        if misfit > NEEDED * max(1.0, found.misfit):
+            return best
+        search.fit(sharper, found.named)
+    return best if search.fits.least([best, sharper]) == best else narrowed(search, sharper)
 
 
 def _friction_varies_with_speed(search: Search, model: Model, found: LikelihoodEstimate) -> bool:

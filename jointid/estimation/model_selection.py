@@ -41,7 +41,7 @@ from jointid.estimation.model_climb import (
     fit_slopes,
 )
 from jointid.estimation.model_fits import fit_without_inertias, freest, start_with_friction
-from jointid.estimation.model_growth import NEARLY_ALL, exchanged, grown
+from jointid.estimation.model_growth import NEARLY_ALL, exchanged, grown, narrowed
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.periodic_effects import fit_periodic, with_best_orders
 from jointid.estimation.start_values import at_resonances
@@ -302,7 +302,7 @@ def _best(search: Search) -> Model:
             search.has_two_laws = True
             nearest = fits.least(list(fits.tried))
             best = best if nearest == best else _grown(further, nearest)
-    return best
+    return narrowed(search, best)
 
 
 def _grown(search: Search, best: Model) -> Model:
