@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -53,9 +54,11 @@ KINDS = {
     "orthogonal": (3.0, CASES),
     "orthogonal, low": (0.5, CASES[2:]),
     "one-at-a-time": (3.0, CASES),
+    "one-at-a-time, slipping": (3.0, CASES[2:]),
     "motions": (3.0, CASES[2:3]),
 }
-"""Lowest frequency, Hz, and cases."""
+"""Lowest frequency, Hz, and cases. Slipping: soft controllers and little friction hold the other joints,
+so that these move in steps."""
 MOTION = Motion("random", 3.0, 40.0, 20.0, velocity_rad_s=30.0, acceleration_rad_s2=1000.0)
 """Its torques are about those of the sines; with the default limits the wrist sticks throughout."""
 
@@ -64,7 +67,7 @@ def records_of(
     kind: str, robot: RobotModel, lowest_hz: float, frequencies: int
 ) -> list[SineRecord] | list[MotionRecord]:
     """Sine records of a pattern, or six motions of 20 s."""
-    K = JOINT_K / robot.gear_ratio**2
+    K, pattern, slips = JOINT_K / robot.gear_ratio**2, kind.split(",")[0], "slipping" in kind
     elasticity, inertia = Elasticity(K, DAMPING_S * K), robot.inertia(POSE)
     if kind == "motions":
         return list(
@@ -74,9 +77,9 @@ def records_of(
         inertia,
         elasticity,
         np.geomspace(lowest_hz, 40, frequencies),
-        excitation=Excitation(pattern=kind.split(",")[0]),
-        controller=Controller(),
-        friction=FRICTION,
+        excitation=Excitation(pattern=pattern, velocity_rad_s=20.0 if slips else 10.0),
+        controller=Controller(bandwidth_hz=1.6, damping_ratio=1.0) if slips else Controller(),
+        friction=replace(FRICTION, coulomb=0.3 * np.asarray(FRICTION.coulomb)) if slips else FRICTION,
         measurement=NOISE,
     )
 
