@@ -20,7 +20,7 @@ from jointid.errors import JointIdError
 from jointid.robot_models.model import RobotModel
 
 COLUMNS_MEANING = (
-    "Servo: the K that it assumes; rigid: no compensation, with its parts from inertia and from gravity."
+    "Servo: the K it assumes. Rigid: no compensation; From inertia and From gravity are its parts."
 )
 COLUMNS = {
     "assumed_m": "servo: nominal K",
