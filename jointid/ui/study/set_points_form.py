@@ -109,7 +109,8 @@ def show_set_points(
     if known is None:
         ratios_too = "gear ratios, " if ratios is None else ""
         st.caption(
-            f"Enter {ratios_too}start pose and limits: without them there is no check and no file."
+            f"Enter {ratios_too}start pose and limits: without them there is no check and no file. "
+            "A limit is one value per joint, or one for all."
         )
         return
     needed = [name for name in _LIMITS if name not in _OPTIONAL and not entered[name].strip()]
@@ -144,6 +145,7 @@ def show_set_points(
     points = set_points(
         simulated, robot, file_format, interval_ms=interval_ms, study=analysis.study.name
     )
+    above = st.container()  # the answer, above the evidence
     show_text_table(check_table(points.rows))
     st.caption(
         f"{simulated.experiment.duration_s:.0f} s. Position, velocity and acceleration at the joint, "
@@ -153,13 +155,14 @@ def show_set_points(
         "Not run on hardware."
     )
     require_within_limits(points.rows, points.scale)
-    st.success("All limits hold.")
+    above.success("All limits hold.")
     if isinstance(plan, PlannedRecords):
         planned = {
             "torque": (np.abs(plan.torque_Nm).max(axis=0) + simulated.coulomb_Nm, "N·m"),
             "velocity": (plan.velocity_rad_s.max(axis=0), "rad/s at the motor"),
         }
-        show_amplified(simulated, planned, scale)
+        with above:
+            show_amplified(simulated, planned, scale)
     chosen = FORMATS[file_format]
     name = f"{file_stem(analysis.study.name)}_set_points{chosen.ending}"
     download(f"Save the set points ({chosen.title})", points.text, name)
