@@ -425,7 +425,12 @@ def test_usual_causes_are_friction_or_what_a_record_shows(monkeypatch: pytest.Mo
     assert "usual causes" in remedy(0.99e-3)
     assert "Check the inertias too" in remedy(1.01e-3)
     assert "Use the estimator auto" in remedy(1.01e-3, method="weighted")
-    assert "already includes friction" in remedy(1.0, friction=case(), phasors=case(is_superposed=False))
+    rubs = {"friction": case(), "phasors": case(is_superposed=False)}
+    assert "already includes friction. Check the inertias, the torque constants, backlash" in remedy(
+        1.0, **rubs
+    )
+    known = remedy(1.0, **rubs, parameters=case(layout={"backlash": case()}))
+    assert "friction and backlash. Check the inertias, the torque constants and external" in known
     for drift, reverses in ((0.3, False), (0.9, True), (1.9, True), (2.1, False)):
         moving = case(
             is_superposed=True,

@@ -38,7 +38,7 @@ _REMEDIES = {
         "Log the torque set point, or the current without a filter, if the drive allows it.",
     ),
     "load": ("The motors have load-dependent friction", ""),
-    "motor_presliding": ("The motors' friction has a presliding part", ""),
+    "motor_presliding": ("The motors' friction has a presliding regime", ""),
     "ripple": ("The motors have torque ripple", ""),
     "transmission": (
         "The gears have a transmission error",
