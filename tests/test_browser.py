@@ -171,6 +171,9 @@ def test_nothing_is_wider_than_a_phone(address: str, open_in: Callable[..., Page
     expect(page.get_by_role("columnheader", name="explicit")).to_be_visible()
     expect(page.locator("table.stacked")).to_have_count(0)  # it would have 30 lines
     expect(page.locator("table.small")).to_have_count(1)
+    name = page.get_by_test_id("stTable").first.locator("td p").first
+    name.evaluate("name => { name.textContent = 'a model with many words '.repeat(8); }")
+    expect(page.locator("table.stacked")).to_have_count(1)  # no tower of single words
     page.get_by_test_id("stExpandSidebarButton").click()
     side = page.get_by_test_id("stSidebar")
     side.get_by_role("link", name="Records").click()

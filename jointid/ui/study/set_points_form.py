@@ -87,7 +87,7 @@ def show_set_points(
     entered = {} if ratios is None else {"gear_ratio": numbers_out(ratios)}
     keys = {name: f"setpoints_{name}_{page.digest[:12]}" for name in _LIMITS if name not in entered}
     _load_limits(keys)
-    places = [column for _ in range(4) for column in st.columns(3)]
+    places = [column for _ in range(0, len(keys), 3) for column in st.columns(3)]
     for place, (name, key) in zip(places, keys.items(), strict=False):
         label, example, hint = _LIMITS[name]
         entered[name] = enter_text(place, key, label, "", hint, example)
