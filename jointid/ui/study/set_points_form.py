@@ -90,6 +90,8 @@ def show_set_points(
     places = [column for _ in range(0, len(keys), 3) for column in st.columns(3)]
     for place, (name, key) in zip(places, keys.items(), strict=False):
         label, example, hint = _LIMITS[name]
+        if name == "start_deg" and pose in analysis.study.pose_angles_rad:
+            example = numbers_out(np.degrees(analysis.study.pose_angles_rad[pose]).round(3))
         entered[name] = enter_text(place, key, label, "", hint, example)
     *first, two, three, four = st.columns(4 if sines else 3)
     kind = choose_from(first[0], "setpoints_kind", "Motion", list(_FORMS)) if sines else _SINES
