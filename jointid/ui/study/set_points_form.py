@@ -184,9 +184,9 @@ def show_amplified(
         if ratio[k, j] > _AMPLIFIED:
             show_warning(
                 f"The {quantity} of joint {j + 1} reaches {significant(float(values[k, j]))} {unit} "
-                f"({peaks[k].source}), {significant(float(ratio[k, j]), 2)} × the planned amplitude: a "
-                "position controller may amplify the motion near a resonance, beyond the plan. If this "
-                "is too much, reduce the motion scale."
+                f"({peaks[k].source}), {significant(float(ratio[k, j]), 2)} × the planned amplitude: "
+                "ramps or the position controller excite a resonance. If this is too much, reduce the "
+                "motion scale."
             )
 
 
