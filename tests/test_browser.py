@@ -143,6 +143,15 @@ def test_a_form_is_filled_by_keys_and_a_long_simulation_can_be_stopped(
     expect(page.get_by_role("combobox", name="Study")).to_have_value(PAGES[""])
 
 
+HINT_BELOW = """() => {
+  const icon = document.querySelector("[data-testid=stMain] p [data-testid=stTooltipIcon]");
+  const text = document.createRange();
+  text.selectNodeContents([...icon.closest("p").childNodes].find(n => n.nodeType === Node.TEXT_NODE));
+  return icon.getBoundingClientRect().top - [...text.getClientRects()].pop().bottom;
+}"""
+"""Pixels from the last line of a text to the sign of its hint below it; negative on the same line."""
+
+
 def test_nothing_is_wider_than_a_phone(address: str, open_in: Callable[..., Page]) -> None:
     page = open_in(address, **PHONE)
     page.emulate_media(reduced_motion="reduce")
@@ -154,12 +163,17 @@ def test_nothing_is_wider_than_a_phone(address: str, open_in: Callable[..., Page
                 page.evaluate(GO, path)
             finished(page, title)
             assert too_wide(page) <= 0, title
+            if path not in ("Cut", "Glossary"):
+                assert page.evaluate(HINT_BELOW) < 0, title
     with heard(page):
         page.evaluate(GO, "Elasticity?details=Estimators")
     finished(page, "Elasticity")
     expect(page.get_by_role("columnheader", name="explicit")).to_be_visible()
     expect(page.locator("table.stacked")).to_have_count(0)  # it would have 30 lines
     expect(page.locator("table.small")).to_have_count(1)
+    name = page.get_by_test_id("stTable").first.locator("td p").first
+    name.evaluate("name => { name.textContent = 'a model with many words '.repeat(8); }")
+    expect(page.locator("table.stacked")).to_have_count(1)  # no tower of single words
     page.get_by_test_id("stExpandSidebarButton").click()
     side = page.get_by_test_id("stSidebar")
     side.get_by_role("link", name="Records").click()

@@ -118,6 +118,11 @@ def send(at: AppTest, M: str, M2: str, button: str = "Open as study") -> AppTest
     return shown(at.run())
 
 
+def test_what_the_reader_left_out_is_stated_once(page: AppTest) -> None:
+    at = drop(page, ("log.csv", b"Cell 2, run of Monday\n" + long_log()))
+    assert sum("Lines above the table" in caption.value for caption in at.caption) == 1
+
+
 def test_every_action_of_a_finding_has_its_place_on_a_page(page: AppTest) -> None:
     """The verdict says what to edit, without a page's label; the app says where."""
     at = drop(page, ("one.csv", long_log()))

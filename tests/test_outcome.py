@@ -14,7 +14,14 @@ from plants import ONE, PAPER, PARALLELOGRAM, SERIAL, THREE, THREE_SPRINGS
 from random_cases import examples
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm, Study, analyse, rectangle
-from jointid.cut.outcome import cut_outcome, cut_with_laws, millimetres, study_outcome, with_laws_text
+from jointid.cut.outcome import (
+    cut_outcome,
+    cut_with_laws,
+    millimetres,
+    remaining_error_text,
+    study_outcome,
+    with_laws_text,
+)
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.servo import Servo
 from jointid.gears.gear import Gear
@@ -64,6 +71,8 @@ def test_both_cuts_have_the_nonlinear_gears_and_a_servo_may_compensate_them() ->
     assert f"assumes these laws as well, the path error is {millimetres(known)}." in with_laws_text(run)
     assert outcome.after_m > 5 * known
     assert not outcome.depends_on_elasticity
+    text = remaining_error_text(replace(outcome, before=run))
+    assert text.endswith("K and D alone do not describe these gears.")  # no coincidence
 
 
 class TestTheArm:

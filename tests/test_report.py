@@ -30,10 +30,13 @@ from jointid import (
     save_study,
     simulate_records,
 )
-from jointid.cut.outcome import millimetres, study_outcome
+from jointid.cut.outcome import ZONES_M, millimetres, predicted_cut, study_outcome
+from jointid.cut.rectangle import rectangle
+from jointid.cut.robot import CUTTING_POINT_M
 from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Figure, Paragraph, Report, Section, Table
 from jointid.reporting.drawing import Drawing, Line, Marks, Text, to_svg
+from jointid.reporting.evidence import cut_blocks
 from jointid.reporting.figures import (
     PAGE_WIDTH,
     cut_figure,
@@ -399,6 +402,27 @@ def test_cuts_are_drawn_to_scale(analyses: dict[int, Analysis]) -> None:
     assert from_wanted.max() / per_m == pytest.approx(outcome.before_m, rel=0.1)
     bar = next(s for s in drawing.shapes if isinstance(s, Line) and s.width == 0.7)
     assert np.ptp(bar.points[:, 0]) / per_m == pytest.approx(0.010, rel=0.01)
+
+
+def test_every_corner_zone_has_the_path_errors_of_the_app(analyses: dict[int, Analysis]) -> None:
+    outcome = study_outcome(analyses[2])
+    assert outcome is not None
+    blocks = cut_blocks(outcome, "", iter(["Figure 1."]))
+    (figure,) = (block for block in blocks if isinstance(block, Figure))
+    texts = [shape.text for shape in figure.drawings[0].shapes if isinstance(shape, Text)]
+    for zone in ZONES_M:
+        path = rectangle(zone_m=zone, centre_m=CUTTING_POINT_M)
+        after = predicted_cut(outcome.robot, path, friction=outcome.robot.friction).after
+        assert millimetres(after.max_contour_error_m) in texts
+
+
+def test_names_in_a_legend_end_before_the_next_sign(analyses: dict[int, Analysis]) -> None:
+    names = [s for s in element_figure(analyses[2], 0).shapes if isinstance(s, Text) and s.size == 7]
+    nominal, identified = (
+        next(s for s in names if s.text == f"{which} model") for which in ("nominal", "identified")
+    )
+    if nominal.y == identified.y:
+        assert identified.x - 16 > nominal.x + 0.57 * 7 * len(nominal.text) + 3
 
 
 def test_svg_writes_every_shape() -> None:

@@ -14,6 +14,8 @@ from jointid.cut.path_deflection import joint_path, own_path_deflections
 from jointid.cut.rectangle import rectangle
 from jointid.cut.tool_stiffness import planar_tool_stiffness, tool_stiffness
 from jointid.figures.cut import deflection_ellipse
+from jointid.reporting.blocks import Paragraph, Table
+from jointid.reporting.evidence import own_path_blocks
 from tests.robots import SIX_AXES
 
 ROBOT = RobotModel.parse("six.toml", SIX_AXES.encode())
@@ -80,12 +82,30 @@ def test_deflection_along_a_path_is_that_of_gravity_and_inertia() -> None:
         joint_path(ROBOT, POSE, far)
 
 
-def test_an_undetermined_k_gives_no_deflection() -> None:
-    fit = SimpleNamespace(n=6, K=ELASTICITY.K, covariance=np.full((12, 12), np.inf))
+def six_axes_known_to(variance: float) -> Any:
+    fit = SimpleNamespace(n=6, K=ELASTICITY.K, covariance=variance * np.ones((12, 12)))
     study = SimpleNamespace(robot_model=ROBOT, pose_angles_rad={"": POSE}, nominal=None)
-    analysis: Any = SimpleNamespace(study=study, fit=fit)
+    return SimpleNamespace(study=study, fit=fit, require_usable=lambda: None)
+
+
+def test_an_undetermined_k_gives_no_deflection() -> None:
     with pytest.raises(JointIdError, match="K is too uncertain"):
-        own_path_deflections(analysis, [0.005])
+        own_path_deflections(six_axes_known_to(np.inf), [0.005])
+
+
+def test_a_report_has_the_deflections_of_a_usable_answer() -> None:
+    analysis = six_axes_known_to(0.0)
+    (table,) = own_path_blocks(analysis)
+    assert isinstance(table, Table)
+    assert [row[0] for row in table.rows] == ["1 mm", "5 mm", "10 mm"]
+
+    def refuse() -> None:
+        raise JointIdError("Not usable: a fault. Resolve the findings first.")
+
+    analysis.require_usable = refuse
+    (paragraph,) = own_path_blocks(analysis)
+    assert isinstance(paragraph, Paragraph)
+    assert "Resolve the findings first" in paragraph.text
 
 
 def test_deflection_of_a_slow_tool_is_that_of_gravity() -> None:

@@ -335,6 +335,12 @@ class TestSetPoints:
         # Simulated control exceeds the amplitudes of the plan, which exact following keeps.
         assert any("× the planned amplitude" in warning.value for warning in at.warning)
         assert "NOT RUN ON HARDWARE" in at.code[-1].value
+        tab = at.tabs[1]  # the answer is above the table
+        assert min(k for k, part in tab.children.items() if part.type == "table") > min(
+            k
+            for k, part in tab.children.items()
+            if getattr(part, "success", None) and part.success[0].value == "All limits hold."
+        )
 
     def test_over_a_limit_there_is_a_table_but_no_file(self, app: AppTest) -> None:
         at = self.checked(app, **{"Velocities (°/s)": "0.5"})

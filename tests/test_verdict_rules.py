@@ -425,7 +425,12 @@ def test_usual_causes_are_friction_or_what_a_record_shows(monkeypatch: pytest.Mo
     assert "usual causes" in remedy(0.99e-3)
     assert "Check the inertias too" in remedy(1.01e-3)
     assert "Use the estimator auto" in remedy(1.01e-3, method="weighted")
-    assert "already includes friction" in remedy(1.0, friction=case(), phasors=case(is_superposed=False))
+    rubs = {"friction": case(), "phasors": case(is_superposed=False)}
+    assert "already includes friction. Check the inertias, the torque constants, backlash" in remedy(
+        1.0, **rubs
+    )
+    known = remedy(1.0, **rubs, parameters=case(layout={"backlash": case()}))
+    assert "friction and backlash. Check the inertias, the torque constants and external" in known
     for drift, reverses in ((0.3, False), (0.9, True), (1.9, True), (2.1, False)):
         moving = case(
             is_superposed=True,
@@ -1309,8 +1314,9 @@ def test_effects_are_named_by_the_sign_of_the_clearest(monkeypatch: pytest.Monke
     for size, verb in ((3.0, "hardens"), (-3.0, "softens")):
         (law,) = effects_of(monkeypatch, {"cubic": (effect("cubic", size, 1.0),)}, slopes)
         assert law.title == f"A gear {verb} or has three slopes, or there is load-dependent friction"
-    (zero,) = effects_of(monkeypatch, {"lag": (effect("lag", -1.0, 0.0), effect("lag", 1.0, 1.0))})
+    (zero,) = effects_of(monkeypatch, {"lag": (effect("lag", -3.0, 0.0), effect("lag", 3.0, 1.0))})
     assert zero.title == "The torques lag by different amounts"  # without an error nothing is clear
+    assert not effects_of(monkeypatch, {"lag": (effect("lag", -2.9, 1.0), effect("lag", 2.0, 1.0, 2))})
 
 
 def test_laws_of_gears_are_those_of_the_gears_that_have_them(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -1346,16 +1352,16 @@ def against(monkeypatch: pytest.MonkeyPatch, off: float, **parts: Any) -> list[A
 def test_a_difference_from_the_paper_has_a_cause(monkeypatch: pytest.MonkeyPatch) -> None:
     fine = {"standard_error": 1e-3 * two_joints().estimate}
     (found,) = against(monkeypatch, 0.01, **fine)
-    assert found.title == ("Noise biases least squares: the paper's estimate of K2 is 1.0 % too high")
+    assert found.title == "Noise biases plain least squares: it gives K2 1.0 % too high"
     assert found.detail.endswith("also gives K1 0.50 % too high.")
     assert found.weight == pytest.approx(0.01)
     assert found.remedy.startswith("No action needed: the chosen estimator")
     (low,) = against(monkeypatch, -0.007, **fine)
-    assert low.title.endswith("K2 is 0.70 % too low")
-    assert low.detail == "The comparison uses the same inertias."
+    assert low.title.endswith("K2 0.70 % too low")
+    assert low.detail == "The comparison is with the paper's method, with the same inertias."
     friction = case(coulomb=np.array([0.1, 0.02]), viscous=np.array([3.0, 4.0]))
     (rubs,) = against(monkeypatch, 0.01, friction=friction, **fine)
-    assert rubs.title.startswith("Friction matters: ")
+    assert rubs.title == "Friction matters: plain least squares gives K2 1.0 % too high"
     assert "Viscous friction is 3 and 4 N·m·s/rad; the fit includes it." in rubs.detail
     assert rubs.remedy.startswith("No action needed. Larger motions")
     late = {"delay": -4e-4, "delay_error": 1e-5}

@@ -20,7 +20,7 @@ from jointid.errors import JointIdError
 from jointid.robot_models.model import RobotModel
 
 COLUMNS_MEANING = (
-    "Servo: the K that it assumes; rigid: no compensation, with its parts from inertia and from gravity."
+    "Servo: the K it assumes. Rigid: no compensation; its parts come from inertia and from gravity."
 )
 COLUMNS = {
     "assumed_m": "servo: nominal K",
@@ -94,9 +94,10 @@ class JointPath:
 def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[PathDeflection]:
     """Deflections of the study's robot along rectangles with these corner zones.
 
-    Raises JointIdError when the study has no robot model with a pose, or the robot does not reach the
-    path.
+    Raises JointIdError when the answer is not usable, the study has no robot model with a pose, or the
+    robot does not reach the path.
     """
+    analysis.require_usable()
     study, fit = analysis.study, analysis.fit
     if not has_own_path(analysis) or study.robot_model is None:
         raise JointIdError("The study has no robot model with joint angles: give [robot_model].")

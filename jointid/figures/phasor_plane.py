@@ -22,6 +22,7 @@ def phasor_plane(
     """
     sketch = Sketch(dark)
     ink, shown = sketch.ink, range(phasors.n) if joint is None else [joint]
+    others = [j for j in range(phasors.n) if j not in shown]
     values = phasors.tau if torque else phasors.q
     quantity, unit = ("Torque", "N·m") if torque else ("Position", "rad")
     part = slice(phasors.n, None) if torque else slice(phasors.n)
@@ -45,11 +46,13 @@ def phasor_plane(
                 "mode": "markers",
                 "r": np.maximum(size[:, j], low / 2) if logarithmic else size[:, j],
                 "theta": angles,
-                "name": f"joint {j + 1}",
-                "legendrank": j,
+                "name": f"joint {j + 1}" if j in shown else "other joints",
+                "legendrank": j if j in shown else phasors.n,
+                "legendgroup": j if j in shown else "others",
+                "showlegend": j in shown or j == others[0],
                 "marker": {"color": ink.measured, "size": 7, "symbol": symbol}
                 if j in shown
-                else {"color": ink.quiet, "size": 4, "opacity": 0.6, "symbol": symbol},
+                else {"color": ink.quiet, "size": 4, "opacity": 0.6},
                 "customdata": about,
                 "text": [plain_text(label) for label in phasors.labels],
                 "hovertemplate": "%{text}<br>%{customdata[0]:.4g} Hz<br>"

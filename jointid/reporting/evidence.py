@@ -12,15 +12,17 @@ from jointid.cut.outcome import (
     Outcome,
     at_most,
     cut_by,
+    predicted_cut,
     remaining_error_text,
     study_outcome,
 )
+from jointid.cut.path_deflection import COLUMNS_MEANING, meaning, own_path_deflections, rows_of
 from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M
 from jointid.cut.tracking import TrackingRun
 from jointid.errors import JointIdError
 from jointid.figures.response_curves import element_name, removed_effects
-from jointid.reporting.blocks import Block, Figure, Paragraph
+from jointid.reporting.blocks import Block, Figure, Paragraph, Table
 from jointid.reporting.figures import (
     PAGE_WIDTH,
     cut_figure,
@@ -124,7 +126,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         + (
             "K and D of the robot are drawn from the error bars: of "
             f"{outcome.distribution.K.shape[0]} robots, 95 % stay {at_most(outcome.after_m)} "
-            f"in the largest corner zone, {1e3 * ZONES_M[-1]:g} mm; the robot at this limit is shown."
+            f"in the largest corner zone, {1e3 * ZONES_M[-1]:g} mm; each zone shows its own limit."
             if outcome.distribution is not None
             else f"The robot has exactly these values. {outcome.problem}"
         )
@@ -153,10 +155,21 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
     )
 
 
+def own_path_blocks(analysis: Analysis) -> Iterator[Block]:
+    """Deflection of the study's own robot along the path, by corner zone."""
+    try:
+        found = own_path_deflections(analysis, ZONES_M)
+    except JointIdError as error:
+        yield Paragraph(f"The tool deflection cannot be computed. {error}")
+        return
+    header, rows = rows_of([1e3 * zone for zone in ZONES_M], found)
+    yield Table(tuple(header), tuple(map(tuple, rows)), f"{meaning(analysis)} {COLUMNS_MEANING}")
+
+
 def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
     """The cuts before and after with another corner zone."""
     robot, path = outcome.robot, rectangle(zone_m=zone_m, centre_m=CUTTING_POINT_M)
     if np.array_equal(path.knot_m, outcome.toolpath.knot_m):
         return outcome.before, outcome.after
-    cut = cut_by(robot, path, TYPICAL_SERVO, robot.friction)
-    return cut(robot.elasticity, outcome.assumed), cut(outcome.p95, robot.elasticity)
+    before = cut_by(robot, path, TYPICAL_SERVO, robot.friction)(robot.elasticity, outcome.assumed)
+    return before, predicted_cut(robot, path, friction=robot.friction).after

@@ -257,7 +257,7 @@ def _legend(
     shapes: list[Line | Marks | Text] = []
     at, down = left, 5.0
     for curve in curves:
-        needed = 16 + 3.5 * len(curve.name)
+        needed = 16 + 4.0 * len(curve.name)  # of the widest usual font, DejaVu Sans
         if at > left and at + needed > right:
             at, down = left, down + 10
         key = [[at + 8, down]] if curve.symbol else [[at, down], [at + 13, down]]

@@ -21,13 +21,20 @@ from jointid.answer import (
     model_name,
 )
 from jointid.cut.outcome import Outcome, cut_with_laws, millimetres, robot_text, with_laws_text
+from jointid.cut.path_deflection import has_own_path
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.records import SineRecord
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
-from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks, torsion_blocks
+from jointid.reporting.evidence import (
+    cut_blocks,
+    outcome_of,
+    own_path_blocks,
+    response_blocks,
+    torsion_blocks,
+)
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.study import INERTIA_STD, Study
@@ -74,6 +81,9 @@ def make_report(
     if outcome is not None or problem:
         cut_section = tuple(cut_blocks(outcome, problem, numbers))
         sections.append(Section("Path error before and after", cut_section))
+    if cut and has_own_path(analysis):
+        deflections = tuple(own_path_blocks(analysis))
+        sections.append(Section("Uncompensated deflection of the tool", deflections))
     tell(0.9, "Writing data and settings")
     sections += [
         Section("Data and settings", tuple(_settings(analysis))),

@@ -42,7 +42,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     names = elasticity_labels(fit.n)
     worst = int(np.argmax(np.where(clear, share, 0.0)))
     high = "high" if other[worst] > p[worst] else "low"
-    lag = lag_size(evidence)
+    lag, paper_fit = lag_size(evidence), "plain least squares"
     if fit.friction is not None:
         kind, levels, unit = "Coulomb", fit.friction.coulomb, "N·m"
         if coulomb is None:
@@ -61,18 +61,18 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     elif fit.misfit > 3:
         return  # the cause is unknown
     else:
-        title, cause = "Noise biases least squares", ""
+        title, cause, paper_fit = "Noise biases plain least squares", "", "it"
         remedy = "No action needed: the chosen estimator weights positions and torques by their noise."
     others = [
         f"{names[k]} {percent(share[k])} too {'high' if other[k] > p[k] else 'low'}"
         for k in np.flatnonzero(clear)
         if k != worst
     ]
-    also = "The comparison uses the same inertias."
+    also = "The comparison is with the paper's method, with the same inertias."
     if others:
-        also = f"With the same inertias, the paper's least squares also gives {enumerated(others)}."
+        also = f"With the same inertias, the paper's method also gives {enumerated(others)}."
     yield note(
-        f"{title}: the paper's estimate of {names[worst]} is {percent(share[worst])} too {high}",
+        f"{title}: {paper_fit} gives {names[worst]} {percent(share[worst])} too {high}",
         f"{cause}{also}",
         remedy,
         float(share[worst]),

@@ -38,7 +38,7 @@ _REMEDIES = {
         "Log the torque set point, or the current without a filter, if the drive allows it.",
     ),
     "load": ("The motors have load-dependent friction", ""),
-    "motor_presliding": ("The motors' friction has a presliding part", ""),
+    "motor_presliding": ("The motors' friction has a presliding regime", ""),
     "ripple": ("The motors have torque ripple", ""),
     "transmission": (
         "The gears have a transmission error",
@@ -68,6 +68,10 @@ _REMEDIES = {
 """Title, with {one verb|another} for positive and negative values, and remedy by effect."""
 
 
+_CLEAR = 3.0
+"""Standard errors from which different lags of the drives are reported."""
+
+
 def effects_found(evidence: Evidence) -> Iterator[Finding]:
     """Fitted effects with their sizes; none if the model contradicts the data."""
     fit = evidence.fit
@@ -84,6 +88,8 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         found = tuple(q for q in found if per_turn.get(q.joints[0] - 1, 1))
         values = ", ".join(_value(fit, q, per_turn) for q in found)
         clearest = max(found, key=lambda q: abs(q.value) / (q.error if q.error > 0 else np.inf))
+        if name == "lag" and abs(clearest.value) < _CLEAR * clearest.error:
+            continue  # it is one of equally good models; the drives need no check
         title, remedy = _title(name, clearest), _REMEDIES[name][1]
         alike = alternatives(fit, name)
         twin = _TWINS.get(name, "") if clearest.value > 0 else ""  # named in the title

@@ -225,9 +225,10 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
                 "so that no joint reverses, or none."
             )
     if fit.friction is not None:
+        backlash = "" if "backlash" in fit.parameters.layout else ", backlash"
         return (
-            "The fit already includes friction. Check the inertias, the torque constants, backlash and "
-            "external disturbances."
+            f"The fit already includes {enumerated(fitted_parts(fit))}. Check the inertias, the torque "
+            f"constants{backlash} and external disturbances."
         )
     odd = distortion(evidence)
     if odd > 1e-3:

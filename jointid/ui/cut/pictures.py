@@ -137,7 +137,7 @@ _COLUMN = "min-width:0;text-align:center;font-size:0.9rem;line-height:1.35"
 def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: str) -> None:
     """Three corner zones, nominal above, identified below, with the picture as a file."""
     st.caption(
-        "As Figure 7 of the paper. In a larger zone the tool passes the corner faster; in zones "
+        "As in Figure 7 of the paper. In a larger zone the tool passes the corner faster; in zones "
         "up to about 10 mm this deflects the gears more. Grey: reference path; below each shape: "
         "largest path error."
     )

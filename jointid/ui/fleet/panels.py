@@ -146,7 +146,7 @@ def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
     table(fleet.columns, height=400, phone=("Study", "State"), key=_CHOOSABLE, **taken)
     st.caption(
         f"K in {PARAMETERS['K'].unit}, D in {PARAMETERS['D'].unit}, seen from the motor, ± one standard "
-        "error, in a wide window; a phone shows the states only."
+        "error. On a phone, the table shows the states only."
     )
     st.selectbox(
         "Study to show",

@@ -161,8 +161,10 @@ def _choose_runs(
             show_error(error)
     if not ready:
         return None
+    reading = {note for log in logs for note in log.table.notes}  # shown with the columns
     for note in [note for mapped_log in ready.values() for note in mapped_log.notes]:
-        show_note(note)
+        if note not in reading:
+            show_note(note)
     picture = st.container()
     found = _found(searches, progress)
     rows = edit_segments(found, {key: mapped_log.name for key, mapped_log in ready.items()})

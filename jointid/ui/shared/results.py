@@ -129,7 +129,7 @@ def queue_text(own: int = 0) -> str:
 def awaited(what: str, *begun: Future[Any]) -> None:
     """Wait for computations; meanwhile the page shows ``what`` and a queue."""
     if not all(future.done() for future in begun):
-        with st.spinner(". ".join(filter(None, (what, queue_text(len(begun)))))):
+        with st.spinner(". ".join(filter(None, (what, queue_text(len(begun))))), show_time=True):
             wait(begun)
 
 

@@ -1,5 +1,6 @@
 // Wide equations, tables and listings: reached by keyboard, or stacked on a phone.
 const MOST_STACKED = 24;  // lines; a longer table is set in small print, and scrolls if still too wide
+const HIGHEST_NAME = 120;  // pixels, of a cell in the first column: about five lines
 const WIDE = "pre, .katex-display, [data-testid=stTable] div";
 let waiting;
 
@@ -14,7 +15,9 @@ function mark() {
   for (const table of document.querySelectorAll("[data-testid=stTable] table")) {
     const headings = [...table.querySelectorAll("th")].map((each) => each.textContent);
     table.classList.remove("stacked", "small");
-    const cut = table.scrollWidth > table.parentElement.clientWidth + 1;
+    const names = [...table.querySelectorAll("td:first-child")];
+    const cut = table.scrollWidth > table.parentElement.clientWidth + 1
+      || names.some((name) => name.offsetHeight > HIGHEST_NAME);
     const lines = headings.length * (table.rows.length - 1);
     if (innerWidth <= 640 && cut) table.classList.add(lines <= MOST_STACKED ? "stacked" : "small");
     table.querySelectorAll("td").forEach((cell) => { cell.dataset.heading = headings[cell.cellIndex]; });

@@ -306,6 +306,6 @@ def freed_note(analysis: Analysis) -> str:
 def show_steps() -> None:
     """Links to the steps of the method."""
     for step in METHOD:
-        name, line = st.columns([1, 5], vertical_alignment="center", gap="small")
+        name, line = st.columns([1, 5], vertical_alignment="center", gap=None)
         workspace.link_to(step, f"**{step.name}**", name)
         line.caption(step.line)  # a link's label is cut off where it is too long for a phone

@@ -87,9 +87,11 @@ def show_set_points(
     entered = {} if ratios is None else {"gear_ratio": numbers_out(ratios)}
     keys = {name: f"setpoints_{name}_{page.digest[:12]}" for name in _LIMITS if name not in entered}
     _load_limits(keys)
-    places = [column for _ in range(4) for column in st.columns(3)]
+    places = [column for _ in range(0, len(keys), 3) for column in st.columns(3)]
     for place, (name, key) in zip(places, keys.items(), strict=False):
         label, example, hint = _LIMITS[name]
+        if name == "start_deg" and pose in analysis.study.pose_angles_rad:
+            example = numbers_out(np.degrees(analysis.study.pose_angles_rad[pose]).round(3))
         entered[name] = enter_text(place, key, label, "", hint, example)
     *first, two, three, four = st.columns(4 if sines else 3)
     kind = choose_from(first[0], "setpoints_kind", "Motion", list(_FORMS)) if sines else _SINES
@@ -109,7 +111,8 @@ def show_set_points(
     if known is None:
         ratios_too = "gear ratios, " if ratios is None else ""
         st.caption(
-            f"Enter {ratios_too}start pose and limits: without them there is no check and no file."
+            f"Enter {ratios_too}start pose and limits: without them there is no check and no file. "
+            "A limit is one value per joint, or one for all."
         )
         return
     needed = [name for name in _LIMITS if name not in _OPTIONAL and not entered[name].strip()]
@@ -144,6 +147,7 @@ def show_set_points(
     points = set_points(
         simulated, robot, file_format, interval_ms=interval_ms, study=analysis.study.name
     )
+    above = st.container()  # the answer, above the evidence
     show_text_table(check_table(points.rows))
     st.caption(
         f"{simulated.experiment.duration_s:.0f} s. Position, velocity and acceleration at the joint, "
@@ -153,13 +157,14 @@ def show_set_points(
         "Not run on hardware."
     )
     require_within_limits(points.rows, points.scale)
-    st.success("All limits hold.")
+    above.success("All limits hold.")
     if isinstance(plan, PlannedRecords):
         planned = {
             "torque": (np.abs(plan.torque_Nm).max(axis=0) + simulated.coulomb_Nm, "N·m"),
             "velocity": (plan.velocity_rad_s.max(axis=0), "rad/s at the motor"),
         }
-        show_amplified(simulated, planned, scale)
+        with above:
+            show_amplified(simulated, planned, scale)
     chosen = FORMATS[file_format]
     name = f"{file_stem(analysis.study.name)}_set_points{chosen.ending}"
     download(f"Save the set points ({chosen.title})", points.text, name)
@@ -179,9 +184,9 @@ def show_amplified(
         if ratio[k, j] > _AMPLIFIED:
             show_warning(
                 f"The {quantity} of joint {j + 1} reaches {significant(float(values[k, j]))} {unit} "
-                f"({peaks[k].source}), {significant(float(ratio[k, j]), 2)} × the planned amplitude: a "
-                "position controller may amplify the motion near a resonance, beyond the plan. If this "
-                "is too much, reduce the motion scale."
+                f"({peaks[k].source}), {significant(float(ratio[k, j]), 2)} × the planned amplitude: "
+                "ramps or the position controller excite a resonance. If this is too much, reduce the "
+                "motion scale."
             )
 
 

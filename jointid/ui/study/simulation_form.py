@@ -92,7 +92,7 @@ _LAWS = {
     "cubic": ("Cubic stiffness (N·m/rad³)", "Torque c δ³ in addition to K δ: the gear hardens."),
     "backlash_rad": ("Backlash (rad)", "Total angle between the flanks, seen from the motor."),
     "hysteresis_Nm": ("Hysteresis (N·m)", "Half the height of the loop (Dahl model)."),
-    "presliding_rad": ("Presliding (rad)", "Hysteresis over the initial slope of its loop."),
+    "presliding_rad": ("Presliding (rad)", "Hysteresis torque over the initial slope of its loop."),
     "K2": ("Catalogue K2 (N·m/rad)", "Slope beyond the torque T1; 0: no change of slope."),
     "K3": ("Catalogue K3 (N·m/rad)", "Slope beyond the torque T2."),
     "T1_Nm": ("Catalogue T1 (N·m)", "Torque from which the slope is K2."),

@@ -132,7 +132,7 @@ def show_inertias(analysis: Analysis) -> None:
     st.write(
         f"Largest influence: {found.names[e]} adds ± {significant(abs(float(percent[k, e])), 2)} % to "
         f"{names[k]}. The table shows the change of each estimate when a given value is larger by its "
-        "standard deviation. Near zero, the records determine the value better than its prior does."
+        "standard deviation. A change near zero: the records determine the value better than its prior."
     )
     shown = range(len(names))
     if analysis.fit.n > FEW_JOINTS:
