@@ -42,6 +42,7 @@ def regression_start(
     return regressed(phasors, prior, backlash=backlash, hangs=hangs)[0]
 
 
+@np.errstate(all="ignore")  # values that the records do not determine may diverge
 def regressed(
     phasors: Phasors, prior: InertiaPrior, *, backlash: bool = False, hangs: bool = False
 ) -> tuple[Parameters, float]:
@@ -84,7 +85,8 @@ def regressed(
         passed = one + A * C[:, None]
         residual = (A @ arm[..., None])[..., 0] - drive
         size = np.abs(A) ** 2 @ variance[:, :n, None] + np.abs(passed) ** 2 @ of_torque[..., None]
-        size = np.where(held[..., None], np.inf, size + (_ROUNDING * np.abs(drive).max()) ** 2)
+        size += max((_ROUNDING * np.abs(drive).max()) ** 2, np.finfo(float).tiny)
+        size = np.where(held[..., None], np.inf, size)
         if not phasors.motion.any():
             square = np.abs(residual[..., None]) ** 2 / size
             typical = np.median(square[~held]) if not held.all() else 0.0
@@ -113,6 +115,8 @@ def regressed(
         scale = np.sqrt(np.maximum(np.diag(N), np.finfo(float).tiny))
         inverse = np.linalg.inv(N / np.outer(scale, scale) + _RIDGE * np.eye(len(N)))
         step = -inverse @ (g / scale) / scale
+        if not np.isfinite(step).all():
+            break
         count = (4 + backlash + hangs) * n
         rise, fall, *changes = step[: 4 * n].reshape(4, n)
         half = half + (step[4 * n : 5 * n] if backlash else 0)
@@ -142,7 +146,7 @@ def regressed(
         effects=["backlash"] * backlash + ["gravity"] * hangs,
         arms=len(prior.lower) if shared else 0,
     )
-    return layout.named(layout.pack(**values)), float(misfit)
+    return layout.named(layout.pack(**values)), float(np.nan_to_num(misfit, nan=np.inf))
 
 
 def _flanks(phasors: Phasors, prior: InertiaPrior) -> Complexes:

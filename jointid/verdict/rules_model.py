@@ -322,6 +322,7 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
         index, inertia = evidence.of_pose(pose)
         f = evidence.frequency_hz[index]
         modes = [*locked_resonances(inertia, fit.elasticity), *resonances(inertia, fit.elasticity)]
+        modes = [m for m in modes if m > 0]  # of an inaccurate fit it may round to 0
         far = [m for m in modes if np.abs(np.log(f / m)).min() > np.log(_GAP)]
         missed, covered = missed + far, covered + len(modes) - len(far)
     low, high = evidence.frequency_hz.min(), evidence.frequency_hz.max()
