@@ -24,7 +24,8 @@ _HATS_PER_HARMONIC = 3
 """Hat functions per period for each harmonic: finer than the harmonics resolve."""
 
 _WIDTHS = (0.02, 0.07, 0.25)
-"""Decay velocities of the friction curve's parts, over the joint's largest velocity of all records."""
+"""Decay velocities of the friction curve's parts, over the joint's largest velocity in a usual record of
+sines (the median: others hardly move a joint that its controller holds) or in all motions."""
 
 GRID = 1024
 """Points per period; many times the highest harmonic, also of effects per turn of the motors."""
@@ -131,8 +132,10 @@ def friction_waveforms(
     reverses = (signs.min(axis=2) < 0) & (signs.max(axis=2) > 0)
     coulomb = phasors_of(signs, H).swapaxes(1, 2) * reverses[:, None]
     fading = np.zeros((*coulomb.shape, len(_WIDTHS) if curve else 0), complex)
+    moved = [own[~rests] for own, rests in zip(largest.T, stationary.T, strict=True)]
+    usual = np.array([np.median(own) if own.size else 1.0 for own in moved])
     for c in range(fading.shape[3]):
-        width = _WIDTHS[c] * largest.max(axis=0)[:, None]  # (n, 1), rad/s
+        width = _WIDTHS[c] * usual[:, None]  # (n, 1), rad/s
         with np.errstate(divide="ignore", invalid="ignore"):
             fades = signs * np.nan_to_num(np.exp(-np.abs(velocity) / width))
         fading[..., c] = phasors_of(fades, H).swapaxes(1, 2)
