@@ -150,20 +150,19 @@ def _identified(
     if many:
         phasors, prior, rows = phasors.select(rows), prior.of_rows(rows), np.arange(rows.size)
     start: Floats | Parameters
-    phasors, start, first = _with_first_noise(
+    phasors, start, first, far = _with_first_noise(
         phasors, prior, rows, regression_start(*whole), many=many, gives_up=gives_up
     )
     few, own = phasors.select(rows), prior.of_rows(rows)
     known = [each for each in first if many or each.delay]
+    search = partial(search, far=far)
     choice = search(few, own, start, noise=noise_of_rows(few, own), first=known)
-    same, left = (
-        SAME_OF_MANY if many and (choice.model,) == first else SAME,
-        rows.size < phasors.omega.size,
-    )
+    same = SAME_OF_MANY if many and (choice.model,) == first else SAME
+    left = rows.size < phasors.omega.size
     for _ in range(_SEARCHES):
         again = with_noise(phasors, prior, choice.model, choice.estimate)
         found = choice.estimate
-        is_wrong = isinstance(found, LikelihoodEstimate) and found.misfit >= FAR and gives_up()
+        is_wrong = isinstance(found, LikelihoodEstimate) and found.misfit >= far and gives_up()
         if not left and (is_wrong or not noise_differs(again, phasors, same)):
             break
         same, left = _TWICE, False
@@ -204,16 +203,15 @@ def _with_first_noise(
     *,
     many: bool,
     gives_up: Callable[[], bool],
-) -> tuple[Phasors, Floats | Parameters, tuple[Model, ...]]:
-    """Phasors with the noise from a fit of some rows, and its parameters and model.
+) -> tuple[Phasors, Floats | Parameters, tuple[Model, ...], float]:
+    """Phasors with the noise from a fit of some rows, its parameters and model, and what misfit is far.
 
-    The model has friction, where the records show it, and a delay, where it explains far more.
-
-    With ``many`` equations the noise is estimated several times. Resonances are further start values
-    where the fit stays far from the data.
+    Any is, once that fit was far: its noise hides it. The model has friction, where the records show
+    it, and a delay, where it explains far more. With ``many`` equations the noise is estimated several
+    times. Resonances are further start values where the fit stays far from the data.
     """
     if not phasors.motion.any():
-        return phasors, start, ()
+        return phasors, start, (), FAR
     if "coulomb" in start.layout:
         size = np.maximum(start["coulomb"], 0.0)
         bounded = [each and replace(each, unknown_Nm=size) for each in phasors.segments]
@@ -242,7 +240,8 @@ def _with_first_noise(
                     found = richer
                     break
     if found is None:
-        return phasors, start, ()
+        return phasors, start, (), FAR
+    far = FAR if found.misfit < FAR else 0.0
     phasors = with_noise(phasors, prior, model, found)
     for _ in range(_NOISES if many else 1):
         before = phasors
@@ -252,7 +251,7 @@ def _with_first_noise(
             phasors, found = with_noise(phasors, prior, model, moved), moved
         if not noise_differs(before, phasors):
             break
-    return phasors, found.named if "coulomb" in found.layout else found.elasticity, (model,)
+    return phasors, found.named if "coulomb" in found.layout else found.elasticity, (model,), far
 
 
 def _equals(choice: Choice) -> tuple[Model, ...]:

@@ -83,6 +83,8 @@ class Search:
     """Whether an earlier search compared models of the same records."""
     most: float = np.inf
     """Misfit above which a model is not considered."""
+    far: float = np.inf
+    """Misfit of the first models from which ``gives_up`` is asked."""
     gives_up: Callable[[], bool] = bool
     """Whether the search ends where the first models are far from the data."""
     starts: dict[Model, int] = field(default_factory=dict)

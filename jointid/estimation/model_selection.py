@@ -89,6 +89,7 @@ def choose_model(
     first: Sequence[Model] = (),
     rejected: Sequence[Model] = (),
     most: float = np.inf,
+    far: float = FAR,
     earlier_misfit: float | None = None,
 ) -> Choice:
     """Fit models from simple to rich until no further part is significant, and choose the best.
@@ -112,6 +113,8 @@ def choose_model(
         Models that it fitted and that are not fitted again.
     most : float, optional
         Misfit above which the choice is useless: the search ends once some records show it.
+    far : float, optional
+        Misfit of the first models from which ``gives_up`` is asked.
     earlier_misfit : float, optional
         That of the model an earlier search chose. If it was far from the data, there is no near one
         unless the first one is; and backlash that it rejected in motions is not fitted again.
@@ -141,6 +144,7 @@ def choose_model(
         first=tuple(first),
         rejected=tuple(rejected),
         most=most,
+        far=far,
         gives_up=gives_up,
         is_repeated=earlier_misfit is not None,
         may_be_periodic=(friction or "friction" in optional) and not (exactly or phasors.is_superposed),
@@ -169,7 +173,7 @@ def _searched(search: Search) -> Choice:
         if model not in search.fits.tried:
             search.fit(model, search.start)
     fit_first(search)
-    if not search.fits.least_misfit < FAR and search.gives_up():
+    if not search.fits.least_misfit < search.far and search.gives_up():
         return _given_up(search)
     loosened = _loosened(search)
     if not search.has_motions and not _inertias_are_wrong(search, loosened):
