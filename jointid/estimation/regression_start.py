@@ -131,8 +131,10 @@ def regressed(
         if np.abs(step * scale).max() < _NEAR * np.sqrt(misfit):
             break
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
-    seen = yielding > np.sqrt(misfit * np.diag(inverse)[:n]) / scale[:n]  # a joint that rests shows none
-    K = np.where(seen, 1 / np.where(seen, yielding, 1.0), own * middle**2)
+    error = np.sqrt(misfit * np.diag(inverse)[:n]) / scale[:n]
+    # A joint that rests shows no K, one with a stiff gear at least the inverse of the error.
+    unseen = np.maximum(own * middle**2, 1 / np.maximum(error, np.finfo(float).tiny))
+    K = np.where(yielding > error, 1 / np.where(yielding > error, yielding, 1.0), unseen)
     own, sizes = slice(2 * n, 4 * n), levels.ravel() * scale[2 * n : 4 * n]
     is_significant = bool(sizes @ np.linalg.solve(inverse[own, own], sizes) > _EXPLAINED * rows)
     values = {"K": K, "D": slow * K}
