@@ -167,13 +167,18 @@ class _Data:
                 first=() if self.first is None else (self.first,),
                 most=self.most,
             )
-            if isinstance(estimate := choice.estimate, LikelihoodEstimate):
+            estimate = choice.estimate
+            if isinstance(estimate, LikelihoodEstimate):
                 fitted = evaluated(
                     self.phasors, self.prior, choice.model, estimate, noise, estimate.scale
                 )
-                equations = spring_equations(estimate.phasors, list(estimate.inertias), noise=noise)
-                curves = fitted.torsion_curves()
-                return likelihood_fit(method, choice, estimate, equations, self.prior, curves)
+                try:
+                    equations = spring_equations(estimate.phasors, list(estimate.inertias), noise=noise)
+                except JointIdError as error:  # friction takes all torque of a joint
+                    estimate = error
+                else:
+                    curves = fitted.torsion_curves()
+                    return likelihood_fit(method, choice, estimate, equations, self.prior, curves)
         if method == "auto":  # a fit with a large misfit lets the verdict name the cause
             return replace(self._linear("weighted", linear), candidates=choice.candidates)
         raise estimate
