@@ -13,7 +13,7 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.problem import LOWEST_LINK
 from jointid.estimation.estimators.score_tests import Score
-from jointid.estimation.model_fits import stepped
+from jointid.estimation.model_growth import NARROWER, step_towards
 from jointid.estimation.model_search import Search
 
 _DOUBT, _DOUBT_IF_FAR = 0.005, 0.05
@@ -36,8 +36,6 @@ _ORDERS, _ORDERS_IF_STICKING = 60.0, 150.0
 noise made wrong ones better by up to 45, and free friction by up to 60."""
 _ALIKE = 1.2
 """Ratio of misfits up to which another width of the reversals explains motions as well."""
-_OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
-"""The next narrower and wider reversals of each one."""
 USUAL_LINK = 10.0
 """Link mode of a usual arm over the resonance of the joint with its motor free."""
 _USUAL = {"loss_factor": 0.05, "hysteresis": 0.05}
@@ -116,10 +114,9 @@ def spread_of_reversals(search: Search, best: Model, found: LikelihoodEstimate) 
     Motions pass their reversals at all speeds: no one width of a reversal is right for all.
     """
     size, shifts = 2 * search.phasors.n, []
-    for reversal in _OTHER_REVERSALS.get(best.reversal, ()) if best.reversal is not None else ():
-        other = replace(best, reversal=reversal)
-        waveforms = search.waveforms(other, found.named)
-        near, misfit = stepped(search.phasors, search.prior, found, search.noise, other, waveforms)
+    pairs = [pair for pair in NARROWER.items() if best.reversal in pair]
+    for reversal in (each for pair in pairs for each in pair if each != best.reversal):
+        near, misfit = step_towards(search, replace(best, reversal=reversal), found)
         if misfit < _ALIKE * found.misfit:
             shifts.append(near[:size] - found.elasticity)
     squares = [np.outer(shift, shift) for shift in shifts or [np.zeros(size)]]

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 from scipy.special import chdtri
 
+from jointid.arrays import Floats
 from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, WORTH, Model
 from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
@@ -26,8 +27,8 @@ _RICHER = {
 }
 """Richer friction models for each one: velocity, over the largest, below which friction is free (from a
 sharp to a gradual reversal), and whether friction varies nonlinearly with speed."""
-_NARROWER = {0.1: 0.03, 0.03: 0.0}
-"""The next narrower reversals of sines."""
+NARROWER = {0.1: 0.03, 0.03: 0.0}
+"""The next narrower reversal of each one."""
 _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
 NEARLY_ALL = 0.9
@@ -183,18 +184,23 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     return [*sharper, *wider]
 
 
+def step_towards(search: Search, other: Model, found: LikelihoodEstimate) -> tuple[Floats, float]:
+    """Parameters and misfit of a model with other friction, one step from the estimate of a model."""
+    waveforms = search.waveforms(other, found.named)
+    return stepped(search.phasors, search.prior, found, search.noise, other, waveforms)
+
+
 def narrowed(search: Search, best: Model) -> Model:
     """The model, or it with narrower reversals where they explain as much.
 
     Wide ones, which parts that were missing required, take the information on K and D.
     """
-    found, narrower = search.fits.estimate(best), _NARROWER.get(best.reversal or 0.0)
+    found, narrower = search.fits.estimate(best), NARROWER.get(best.reversal or 0.0)
     if found is None or narrower is None or search.has_motions:
         return best
     sharper = replace(best, reversal=narrower)
     if sharper not in search.fits.tried:
-        waveforms = search.waveforms(sharper, found.named)
-        _, misfit = stepped(search.phasors, search.prior, found, search.noise, sharper, waveforms)
+        _, misfit = step_towards(search, sharper, found)
         if misfit > NEEDED * max(1.0, found.misfit):
             return best
         search.fit(sharper, found.named)
@@ -208,9 +214,7 @@ def _friction_varies_with_speed(search: Search, model: Model, found: LikelihoodE
     """
     if model.reversal is None or model.curve or model.is_slow:
         return False
-    curved = replace(model, curve=True)
-    waveforms = search.waveforms(curved, found.named)
-    p, misfit = stepped(search.phasors, search.prior, found, search.noise, curved, waveforms)
+    p, misfit = step_towards(search, replace(model, curve=True), found)
     gain = 2 * (found.cost - misfit * found.expected_cost) / max(1.0, found.misfit)
     return bool(gain > chdtri(p.size - found.p.size, CHANCE))
 

@@ -117,7 +117,7 @@ def friction_waveforms(
     if phasors.motion.any():
         return _of_segments(phasors, window, curve)
     H, n = phasors.harmonics.shape[1], phasors.n
-    velocity, noise = sampled_velocity(phasors)
+    velocity, noise = _velocities(phasors)
     largest = np.abs(velocity).max(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(largest > 0, np.maximum(window or 0.0, _NOISE_MARGIN * noise / largest), 1.0)
@@ -132,8 +132,9 @@ def friction_waveforms(
     reverses = (signs.min(axis=2) < 0) & (signs.max(axis=2) > 0)
     coulomb = phasors_of(signs, H).swapaxes(1, 2) * reverses[:, None]
     fading = np.zeros((*coulomb.shape, len(_WIDTHS) if curve else 0), complex)
-    moved = [own[~rests] for own, rests in zip(largest.T, stationary.T, strict=True)]
-    usual = np.array([np.median(own) if own.size else 1.0 for own in moved])
+    if curve:
+        moved = [own[~rests] for own, rests in zip(largest.T, stationary.T, strict=True)]
+        usual = np.array([np.median(own) if own.size else 1.0 for own in moved])
     for c in range(fading.shape[3]):
         width = _WIDTHS[c] * usual[:, None]  # (n, 1), rad/s
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -145,7 +146,7 @@ def friction_waveforms(
     return FrictionWaveforms(coulomb, fading, unknown, none_bounded, stationary, list(signs))
 
 
-def sampled_velocity(phasors: Phasors) -> tuple[Floats, Floats]:
+def _velocities(phasors: Phasors) -> tuple[Floats, Floats]:
     """Velocities of the motors over a period of every sine, (r, n, points), and their noise, (r, n)."""
     n, orders = phasors.n, np.arange(1, phasors.harmonics.shape[1] + 1)
     rate, angle = 1j * phasors.omega[:, None] * orders, phasors.harmonics[..., :n]

@@ -1,4 +1,4 @@
-"""Linear estimators of K and D: the paper's two, and weighted least squares.
+"""Linear estimators of K and D: the paper's two, weighted, and one without the given inertias.
 
 Erratum. The pseudo-inverse (13)-(14) gives K = Σ Re(a*b) / Σ|a|² and D = Σ ω Im(a*b) / Σ ω²|a|². The
 paper's explicit solution (15) has the same K, but D = Σ Im(a*b) / Σ ω|a|²: equal for one frequency,

@@ -143,7 +143,7 @@ def find_layout(file: str, text: str) -> TextLayout:
             if has_comma or group or mark == "."
         ]:
             counts = [sum(is_number(cell, decimal, thousands) for cell in row) for row in cells]
-            body = _body(cells[: len(lines)], counts)
+            body = _body(cells[: len(lines)], counts[: len(lines)])
             if body is None:
                 continue
             first, width = body
@@ -211,11 +211,11 @@ def _head_lines(file: str, text: str) -> list[str]:
 
 def _body(cells: Sequence[list[str]], counts: Sequence[int]) -> tuple[int, int] | None:
     """First line of numbers, and the number of cells per line; ``counts`` are the numbers in each."""
-    widths = Counter(len(row) for row, count in zip(cells, counts, strict=False) if count >= 2)
+    widths = Counter(len(row) for row, count in zip(cells, counts, strict=True) if count >= 2)
     if not widths:
         return None
     width = max(widths, key=lambda w: (widths[w], w))
-    fits = [len(row) == width and count >= 2 for row, count in zip(cells, counts, strict=False)]
+    fits = [len(row) == width and count >= 2 for row, count in zip(cells, counts, strict=True)]
     written = [bool(row) for row in cells]
     for first, fit in enumerate(fits):
         if fit:
