@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import streamlit as st
 from app_pages import figures, shown, upload
 from random_cases import tries
 from streamlit.testing.v1 import AppTest
@@ -16,6 +18,7 @@ from streamlit.testing.v1 import AppTest
 from jointid import Inertia, Study
 from jointid.files.study_files import pack_study
 from jointid.ui.shared import charts, workspace
+from jointid.ui.shared.results import Computation
 from jointid.wording import unbroken
 
 TITLES = {
@@ -385,3 +388,29 @@ def test_the_settings_of_an_address_hold_on_the_next_page(app: AppTest) -> None:
     at = at.switch_page("pages/10_Fleet.py").run()
     assert at.selectbox(key="unit").value == "N·m/° at the motor"
     assert at.selectbox(key="estimator").value == "weighted"
+
+
+def test_a_stopped_analysis_leaves_the_last_answer(
+    app: AppTest, studies: dict[int, Study], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def not_yet(doing: str, *begun: Computation[object], stop: Callable[[], None]) -> None:
+        """Draw the page as it is while a long computation on the dropped study runs."""
+        if st.session_state["chosen"] != "paper":
+            st.button("Stop", key="stop", on_click=stop)
+            st.stop()
+
+    at = shown(app.run())
+    answer = [metric.value for metric in at.metric]
+    with monkeypatch.context() as busy:
+        busy.setattr("jointid.ui.shared.page.awaited", not_yet)
+        at = upload(at, replace(studies[1], name="long"))
+        assert not at.metric
+        at = shown(at.button(key="stop").click().run())
+        assert [metric.value for metric in at.metric] == answer
+        assert at.selectbox(key="study").value == "paper"
+        at = shown(at.selectbox(key="study").set_value("mine.zip").run())
+        at.session_state["answered"] = {}  # in a new tab there is no answer to go back to
+        at = shown(at.button(key="stop").click().run())
+        assert at.info[0].value.endswith("stopped.")
+    at = shown(at.button(key="resume").click().run())
+    assert (at.title[0].value, len(at.metric)) == ("long", 2)

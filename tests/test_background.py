@@ -21,7 +21,7 @@ import pytest
 from jointid import JointIdError, Study, analyse, load_study
 from jointid.analysis import reanalysed
 from jointid.background.child_process import Child
-from jointid.background.pool import NoWorkerError, Pool
+from jointid.background.pool import NoWorkerError, Pool, Stop, StoppedError
 from jointid.ui.shared import results
 from jointid.ui.shared.page import analyse_first_sample
 from jointid.ui.shared.results import ResultCache, result_cache, run_in_background
@@ -72,7 +72,6 @@ def pool(monkeypatch: pytest.MonkeyPatch) -> Iterator[Pool]:
     """The pages' pool, without processes and with a free turn."""
     mine = Pool(1)
     monkeypatch.setattr(results, "_pool", lambda: mine)
-    monkeypatch.setattr(results, "_at_work", "")
     yield mine
     mine.stop()
 
@@ -183,6 +182,19 @@ def test_a_call_whose_process_is_killed_is_repeated_in_another(pool: Pool) -> No
     assert answers(pool) != first
 
 
+def test_a_stopped_call_ends_its_process_and_not_the_next_call(ready: Pool) -> None:
+    stop = Stop()
+    with ThreadPoolExecutor(1) as threads:
+        call = threads.submit(partial(ready.call, sleep, PATIENCE_S, stop=stop))
+        until(lambda: stop.child is not None)
+        stop.set()
+        with pytest.raises(StoppedError):
+            call.result(PATIENCE_S)
+    assert answers(ready)
+    with pytest.raises(StoppedError):
+        ready.call(os.getpid, stop=stop)
+
+
 @pytest.fixture
 def held() -> Iterator[tuple[Callable[[], str], Event, Event]]:
     """A computation that says when it began, and ends when it is told to."""
@@ -197,18 +209,17 @@ def held() -> Iterator[tuple[Callable[[], str], Event, Event]]:
     end.set()
 
 
-def test_processes_start_with_the_second_session(
+def test_processes_start_with_the_first_page(
     pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(results, "_LONGEST_TURN_S", 0.01)
     long, began, end = held
     with ThreadPoolExecutor(1) as threads:
-        monkeypatch.setattr(results, "_session", lambda: "one")
         first = threads.submit(run_in_background, long)
         assert began.wait(PATIENCE_S)
         assert run_in_background(os.getpid) == os.getpid(), "a long turn holds nobody up for good"
-        assert not pool._started, "one alone needs none"
-        monkeypatch.setattr(results, "_session", lambda: "other")
+        assert not pool._started, "what the server prepares must not wait for them"
+        monkeypatch.setattr(results, "_session", lambda: "one")
         assert run_in_background(os.getpid) == os.getpid()
         assert answers(pool) == run_in_background(os.getpid) != os.getpid()
         assert not first.done()

@@ -33,6 +33,30 @@ class NoWorkerError(Exception):
     """No process is ready; the caller may compute in its own process."""
 
 
+class StoppedError(Exception):
+    """The call was stopped."""
+
+
+class Stop:
+    """Stops a call from another thread."""
+
+    def __init__(self) -> None:
+        self.is_set = False
+        self.child: Child | None = None
+        """The process that makes the call."""
+
+    def set(self) -> None:
+        """Stop the call: kill its process, or do not begin."""
+        self.is_set = True
+        if (child := self.child) is not None:
+            child.kill()
+
+    def check(self) -> None:
+        """Raise StoppedError once the call is stopped."""
+        if self.is_set:
+            raise StoppedError
+
+
 class Pool:
     """Up to ``most`` worker processes for calls, started lazily; each imports ``preload`` first."""
 
@@ -66,24 +90,28 @@ class Pool:
         *arguments: Any,
         progress: Callable[..., object] | None = None,
         patience_s: float = 0.0,
+        stop: Stop | None = None,
     ) -> Any:
         """Call ``function(*arguments)`` in a process, and wait up to ``patience_s`` for a free one.
 
         The function is one of a module, or a ``functools.partial`` of one. Arrays and dataclasses of
         the arguments that are part of the result come back as the same objects. ``progress`` is passed
         on if given; an exception it raises ends the call. Raises NoWorkerError when no process runs or
-        none becomes free in time; JointIdError when the call crashes its process; and whatever the call
-        raises.
+        none becomes free in time; StoppedError after ``stop``; JointIdError when the call crashes its
+        process; and whatever the call raises.
         """
         if not self._ready:
             raise NoWorkerError
+        stop = stop or Stop()
         try:
-            return self._called(self._free(patience_s), function, arguments, progress)
+            return self._called(self._free(patience_s), function, arguments, progress, stop)
         except Ended as ended:
             why = str(ended)
         with suppress(Ended, NoWorkerError):  # the process may have been killed from outside
+            stop.check()
             child = self._free(_START_WAIT_S, starting=True)
-            return self._called(child, function, arguments, progress)
+            return self._called(child, function, arguments, progress, stop)
+        stop.check()
         raise JointIdError(
             f"The computation failed. {why} Free memory on the computer that runs it, or shorten the "
             "records; then try again."
@@ -104,10 +132,14 @@ class Pool:
         function: Callable[..., Any],
         arguments: Sequence[Any],
         progress: Callable[..., object] | None,
+        stop: Stop,
     ) -> Any:
+        stop.child = child
         try:
+            stop.check()
             _, data = child.ask({}, packed((function, arguments, progress is not None)), progress)
         finally:
+            stop.child = None
             self._put_back(child)
         raised, result = _Unpickler(data, arguments).load()
         if raised:

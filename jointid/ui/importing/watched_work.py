@@ -14,13 +14,12 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
-from jointid.ui.shared.results import result_cache, steps_at
+from jointid.ui.shared.results import STOPPABLE_AFTER_S, result_cache, steps_at
 
 T = TypeVar("T")
 Progress = Callable[[float], None]
 
 SHOWN_AFTER_S = 0.5
-STOPPABLE_AFTER_S = 5.0
 _POLL_S = 0.1
 _JOBS = "import_jobs"
 _AT_ONCE = threading.Semaphore(2)

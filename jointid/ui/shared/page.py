@@ -1,7 +1,7 @@
 """The beginning of every page: settings, sidebar, and the chosen study."""
 
 from collections.abc import Callable, Hashable, Sequence
-from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,12 +12,13 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
 from jointid.analysis import BEHIND_THE_GEARS, reanalysed
+from jointid.background.pool import StoppedError
 from jointid.figures.style import colours
 from jointid.ui.shared.charts import FEW_JOINTS, choose_joint, introduce, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info
 from jointid.ui.shared.method_steps import ELASTICITY, IMPORT, RECORDS, REPORT, SIMULATE
 from jointid.ui.shared.recent_studies import link_to_last_on_a_phone
-from jointid.ui.shared.results import awaited, note_session, result_cache
+from jointid.ui.shared.results import Computation, awaited, note_session, result_cache
 from jointid.ui.shared.settings import DEFAULT_METHOD
 from jointid.ui.shared.sidebar import choose_study, remember_file
 from jointid.ui.shared.workspace import Refused, label, link_to, open_sample, open_study, sample_paths
@@ -31,6 +32,8 @@ _ABOUT_MOTIONS = (
     "records help.\n"
     "- Try the motion on a simulated robot first:"
 )
+_CHOICES = "chosen", "estimator"
+"""Keys in the session of the choices that an answer depends on."""
 _ICON = Path(__file__).with_name("icon.svg")
 _CSS = Path(__file__).with_name("page.css").read_text("utf-8")
 
@@ -97,9 +100,10 @@ class Page:
         """Return the result of the whole method, motor side. Raises JointIdError as ``analyse``."""
         doing = "Fitting sines, identifying K and D"
         known = replace(self, method=DEFAULT_METHOD).computed("analysis", doing, analyse, self.study)
-        if self.method == DEFAULT_METHOD:
-            return known
-        return self.computed("analysis", doing, reanalysed, self.study, known, self.method)
+        if self.method != DEFAULT_METHOD:
+            known = self.computed("analysis", doing, reanalysed, self.study, known, self.method)
+        st.session_state["answered"] = {key: st.session_state[key] for key in _CHOICES}
+        return known
 
     def begin(
         self,
@@ -107,7 +111,7 @@ class Page:
         compute: Callable[Given, Found],
         *given: Given.args,
         **named: Given.kwargs,
-    ) -> Future[Found]:
+    ) -> Computation[Found]:
         """Begin a computation on this study and estimator, unless it has begun or its result is kept.
 
         ``what`` identifies the result: its kind, and all settings on which it depends; for ``compute``
@@ -123,10 +127,20 @@ class Page:
         *given: Given.args,
         **named: Given.kwargs,
     ) -> Found:
-        """Return a result of ``begin``; meanwhile the page shows ``doing``. Raises as ``compute``."""
-        begun = self.begin(what, compute, *given, **named)
-        awaited(doing, begun)
-        return begun.result()
+        """Return a result of ``begin``; meanwhile the page shows ``doing``. Raises as ``compute``.
+
+        A long computation can be stopped; the page then shows the last answer, or ends here.
+        """
+        key = self.digest, self.method, what
+        if st.session_state.get("stopped") == key:
+            show_info(f"{doing}: stopped.")
+            st.button("Resume", key="resume", on_click=st.session_state.pop, args=("stopped",))
+            st.stop()
+        while True:  # again if it was stopped elsewhere
+            begun = self.begin(what, compute, *given, **named)
+            awaited(doing, begun, stop=partial(_stop, begun, key))
+            with suppress(StoppedError):
+                return begun.result()
 
     def drawn(self, what: str, draw: Callable[..., Any]) -> Any:
         """Return a figure of this study and estimator from the cache, or draw it.
@@ -185,6 +199,16 @@ class Page:
             show_error(error)
             _point_to_records()
             st.stop()
+
+
+def _stop(begun: Computation[Any], key: Hashable) -> None:
+    """Stop a computation, and go back to the choice of study and estimator that has an answer."""
+    begun.stop.set()
+    answered: dict[str, Any] = st.session_state.get("answered", {})
+    if any(st.session_state[name] != choice for name, choice in answered.items()):
+        st.session_state.update(answered)
+    else:
+        st.session_state["stopped"] = key
 
 
 @st.cache_resource(max_entries=240, show_spinner=False)

@@ -16,7 +16,7 @@ from streamlit.delta_generator import DeltaGenerator
 from streamlit.runtime.scriptrunner import get_script_run_ctx
 
 from jointid import JointIdError
-from jointid.background.pool import NoWorkerError, Pool, packed
+from jointid.background.pool import NoWorkerError, Pool, Stop, packed
 from jointid.ui.shared.messages import markdown_escape, show_error
 from jointid.wording import counted
 
@@ -37,9 +37,10 @@ _TIME_LEFT_AFTER_S = 0.5
 """After this time the remaining time is shown, or that so far."""
 _ALWAYS_KEPT = 12
 """Latest results, kept whatever their size: a page needs those of its last run."""
+_POLL_S = 0.2
 _turn = Semaphore(1)
-_at_work = ""
-"""The session that last computed in this process."""
+STOPPABLE_AFTER_S = 5.0
+"""Time after which work can be stopped."""
 
 # A tenth of the default: short reruns wait less for the thread that computes.
 sys.setswitchinterval(5e-4)
@@ -67,7 +68,7 @@ def run_in_background(
     What is given and is part of the result comes back as the same object; ``progress`` is called in
     this process. Raises JointIdError when the computation ends its process; and whatever it raises.
     """
-    return _computed(_session(), compute, *given, **named)
+    return _computed(_session(), Stop(), compute, *given, **named)
 
 
 def note_session() -> None:
@@ -81,7 +82,7 @@ def _session() -> str:
 
 
 def _computed(
-    session: str, compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
+    session: str, stop: Stop, compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
 ) -> Found:
     mine = object()
     _asked.add(mine)
@@ -90,10 +91,12 @@ def _computed(
         function: Callable[..., Found] = partial(compute, **named) if named else compute
         while True:
             with suppress(NoWorkerError):
-                found: Found = _pool().call(function, *given, progress=progress, patience_s=_PATIENCE_S)
+                about: dict[str, Any] = {"progress": progress, "patience_s": _PATIENCE_S}
+                found: Found = _pool().call(function, *given, **about, stop=stop)
                 return found
             # In this process, one at a time: of fifty people in the queue, each would slow all pages.
             with _turn_here(session) as has_turn:
+                stop.check()
                 if has_turn or not _pool().is_ready:
                     return function(*given, **({} if progress is None else {"progress": progress}))
     finally:
@@ -102,11 +105,9 @@ def _computed(
 
 @contextmanager
 def _turn_here(session: str) -> Iterator[bool]:
-    """Wait a while for a turn in this process; the second session starts the workers."""
-    global _at_work
-    if session != _at_work != "":
+    """Wait a while for a turn in this process; the first page starts the workers."""
+    if session:
         _pool().start()
-    _at_work = session
     mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # bounded: a turn may be long
     try:
         yield mine
@@ -115,9 +116,32 @@ def _turn_here(session: str) -> Iterator[bool]:
             _turn.release()
 
 
-def submit(compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs) -> Future[Found]:
+class Computation(Future[Found]):
+    """A computation in the background, and what stops it.
+
+    In a worker process it ends at once; in this process, before the first worker is ready, it runs on
+    and its result is kept.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stop = Stop()
+
+    def run(self, compute: Callable[[], Found]) -> None:
+        """Take the result, or the exception, of a function."""
+        try:
+            self.set_result(compute())
+        except BaseException as error:  # raised where the result is asked for
+            self.set_exception(error)
+
+
+def submit(
+    compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
+) -> Computation[Found]:
     """Begin ``run_in_background(compute, *given, **named)`` without waiting for it."""
-    return _threads.submit(partial(_computed, _session(), compute, *given, **named))
+    begun = Computation[Found]()
+    _threads.submit(begun.run, partial(_computed, _session(), begun.stop, compute, *given, **named))
+    return begun
 
 
 def queue_text(own: int = 0) -> str:
@@ -126,11 +150,23 @@ def queue_text(own: int = 0) -> str:
     return "" if ahead <= 0 else f"The server is busy: {counted(ahead, 'computation')} in the queue."
 
 
-def awaited(what: str, *begun: Future[Any]) -> None:
-    """Wait for computations; meanwhile the page shows ``what`` and a queue."""
-    if not all(future.done() for future in begun):
-        with st.spinner(". ".join(filter(None, (what, queue_text(len(begun))))), show_time=True):
-            wait(begun)
+def awaited(what: str, *begun: Future[Any], stop: Callable[[], None] | None = None) -> None:
+    """Wait for computations; meanwhile the page shows ``what`` and a queue.
+
+    ``stop`` is called by a button that appears after five seconds.
+    """
+    if all(future.done() for future in begun):
+        return
+    with st.spinner(". ".join(filter(None, (what, queue_text(len(begun))))), show_time=True):
+        button, left = st.empty(), st.empty()
+        start, offered = monotonic(), False
+        while wait(begun, _POLL_S).not_done:
+            left.caption("It usually takes under a minute." * offered)  # a click ends this run here
+            if stop and not offered and monotonic() - start > STOPPABLE_AFTER_S:
+                button.button("Stop", key=f"stop {start}", on_click=stop)
+                offered = True
+        button.empty()
+        left.empty()
 
 
 class ResultCache:
@@ -142,7 +178,7 @@ class ResultCache:
     def __init__(self, most_bytes: int = _MOST_BYTES, always_kept: int = _ALWAYS_KEPT) -> None:
         self._most_bytes, self._always_kept = most_bytes, always_kept
         self._lock = Lock()
-        self._results: OrderedDict[Hashable, Future[Any]] = OrderedDict()
+        self._results: OrderedDict[Hashable, Computation[Any]] = OrderedDict()
         self._bytes: dict[Hashable, int] = {}
 
     def get(self, key: Hashable) -> Any:
@@ -156,7 +192,7 @@ class ResultCache:
 
     def put(self, key: Hashable, result: Any) -> None:
         """Keep a result."""
-        finished: Future[Any] = Future()
+        finished = Computation[Any]()
         finished.set_result(result)
         with self._lock:
             self._store(key, finished)
@@ -168,7 +204,7 @@ class ResultCache:
         compute: Callable[Given, Found],
         *given: Given.args,
         **named: Given.kwargs,
-    ) -> Future[Found]:
+    ) -> Computation[Found]:
         """Begin a background computation, unless one of this key has begun and not failed."""
         with self._lock:
             known = self._results.get(key)
@@ -179,7 +215,7 @@ class ResultCache:
             future.add_done_callback(partial(self._measure, key, given))
         return future
 
-    def _store(self, key: Hashable, result: Future[Any]) -> None:
+    def _store(self, key: Hashable, result: Computation[Any]) -> None:
         self._results[key] = result
         self._results.move_to_end(key)
         self._bytes.setdefault(key, 1)  # until it is measured
