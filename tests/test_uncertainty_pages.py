@@ -6,15 +6,18 @@ import csv
 import io
 import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from app_pages import ELASTICITY, opened, shown, upload
 from streamlit.testing.v1 import AppTest
 
-from jointid import Analysis, Study
+from jointid import Analysis, JointIdError, Study
 from jointid.figures.uncertainty import normalised_residuals
 from jointid.ui.shared.charts import csv_of
+from jointid.ui.shared.entries import numbers_in
 from jointid.ui.study import plan_form
 from jointid.ui.study.elasticity_figures import harmonic_columns
 from jointid.ui.study.plan_form import largest_so_far, suggested_columns
@@ -188,7 +191,28 @@ class TestTheNextExperiment:
         assert any(f"The last row repeats {label} at half" in m.value for m in at.markdown)
         row = at.dataframe[-1].value.iloc[-1]
         assert row["Frequency (Hz)"] == pytest.approx(found.phasors.omega[4] / (2 * np.pi), rel=1e-8)
-        assert [row[f"Torque {j} (N·m)"] for j in (1, 2)] == pytest.approx(0.5 * tau, rel=1e-2)
+        torques = numbers_in("Torques", row["Torques (N·m)"])
+        assert torques == pytest.approx(0.5 * tau, rel=1e-2)
+
+    def test_a_plan_has_four_columns_for_any_number_of_joints(
+        self, analyses: dict[int, Analysis]
+    ) -> None:
+        """More would be wider than a phone."""
+        analysis = analyses[3]
+        at_once: Any = SimpleNamespace(computed=lambda _, doing, compute, *given: compute(*given))
+        columns: dict[str, list[Any]] = {"Frequency (Hz)": [9.5], "Length (s)": [4]}
+        columns |= {"Torques (N·m)": ["0.3, 0.2, 0.1"], "Phases (°)": ["0, 90, 270"]}
+        plan = plan_form.plan_of(columns, at_once, analysis, "")
+        expected = [[0.3, 0.2j, -0.1j]]
+        assert plan_form.columns_of(plan) == columns
+        np.testing.assert_allclose(plan.torque_Nm, expected, atol=1e-15)
+        for column, cell, said in (
+            ("Phases (°)", "0, 90", "Row 1 of the plan, Phases (°): 2 values for 3 joints"),
+            ("Torques (N·m)", None, "Row 1 of the plan: Torques (N·m) is empty"),
+            ("Length (s)", np.nan, "Row 1 of the plan: Length (s) is empty"),
+        ):
+            with pytest.raises(JointIdError, match=re.escape(said)):
+                plan_form.plan_of(columns | {column: [cell]}, at_once, analysis, "")
 
     def test_an_unusable_answer_has_no_predicted_gain(
         self, app: AppTest, studies: dict[int, Study]

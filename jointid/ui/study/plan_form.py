@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
+from typing import Any
 
 import numpy as np
 import streamlit as st
@@ -12,8 +12,15 @@ from jointid import Analysis, Inertia, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.arrays import Floats
 from jointid.figures.uncertainty import worst_error
-from jointid.ui.shared.charts import NO_POSE, Table, csv_of, download
-from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text, numbers_in
+from jointid.ui.shared.charts import FEW_JOINTS, NO_POSE, Table, csv_of, download
+from jointid.ui.shared.entries import (
+    applied,
+    choose_from,
+    enter_number,
+    enter_text,
+    numbers_in,
+    numbers_out,
+)
 from jointid.ui.shared.messages import markdown_escape, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import computed_on_click, run_in_background
@@ -91,6 +98,9 @@ def _ask_limits(place: DeltaGenerator, key: str, label: str, largest: Floats, of
 
 
 _WORST = "Worst error afterwards"
+_FREQUENCY, _LENGTH = "Frequency (Hz)", "Length (s)"
+_TORQUES, _PHASES = "Torques (N·m)", "Phases (°)"
+"""Columns of a plan; the latter hold one value per joint, as text."""
 
 
 def largest_so_far(analysis: Analysis) -> tuple[Floats, Floats]:
@@ -205,19 +215,19 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     """
     usable = analysis.state != NOT_USABLE
     st.write(
-        "Change the records, add some, or delete some: frequency f (Hz), length t (s), amplitude τ "
-        "(N·m) and phase φ (°) of each motor's torque."
+        "Change the records, add some, or delete some: frequency f (Hz), length t (s), amplitudes τ "
+        "(N·m) and phases φ (°) of the motors' torques, one per joint."
         + " The table below shows the expected accuracy."
         * usable
     )
-    columns = _rows(found.records)
+    columns = columns_of(found.records)
     if (record := repeated_record(analysis, pose)) is not None:
         _add_repetition(columns, analysis, record)
         st.write(
             f"The last row repeats {markdown_escape(analysis.phasors.labels[record])} at half its "
             "amplitude, to decide between the gear laws."
         )
-    plan = _own_plan(_edit_plan(columns, page.digest), page, analysis, pose)
+    plan = plan_of(_edit_plan(columns, analysis.fit.n, page.digest), page, analysis, pose)
     if not usable:
         return plan
     errors = page.computed(
@@ -238,17 +248,15 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     return plan
 
 
-def _rows(records: PlannedRecords) -> dict[str, list[float]]:
+def columns_of(records: PlannedRecords) -> dict[str, list[Any]]:
     """Frequency, length, torques and phases of records as the columns of a plan, rounded."""
-    columns = {
-        "Frequency (Hz)": [float(f"{f:.4g}") for f in records.frequency_hz],
-        "Length (s)": [float(f"{t:.3g}") for t in records.duration_s],
-    }
     turned, _ = records.relative
-    for j in range(turned.shape[1]):
-        columns[f"Torque {j + 1} (N·m)"] = [float(f"{x:.3g}") for x in np.abs(turned[:, j])]
-        columns[f"Phase {j + 1} (°)"] = [float(round(x)) for x in phase_deg(turned[:, j])]
-    return columns
+    return {
+        _FREQUENCY: [float(f"{f:.4g}") for f in records.frequency_hz],
+        _LENGTH: [float(f"{t:.3g}") for t in records.duration_s],
+        _TORQUES: [numbers_out(float(f"{x:.3g}") for x in row) for row in np.abs(turned)],
+        _PHASES: [numbers_out(row) for row in phase_deg(turned).round()],
+    }
 
 
 def repeated_record(analysis: Analysis, pose: str) -> int | None:
@@ -259,7 +267,7 @@ def repeated_record(analysis: Analysis, pose: str) -> int | None:
     return record
 
 
-def _add_repetition(columns: dict[str, list[float]], analysis: Analysis, record: int) -> None:
+def _add_repetition(columns: dict[str, list[Any]], analysis: Analysis, record: int) -> None:
     """Add a record to a plan at half its amplitude."""
     phasors = analysis.fit.phasors  # without the friction of the motors
     planned = PlannedRecords(
@@ -268,55 +276,54 @@ def _add_repetition(columns: dict[str, list[float]], analysis: Analysis, record:
         phasors.q[[record]] / 2,
         phasors.duration_s[[record]],
     )
-    for name, values in _rows(planned).items():
+    for name, values in columns_of(planned).items():
         columns[name] += values
-    columns["Frequency (Hz)"][-1] = float(f"{planned.frequency_hz[0]:.9g}")  # the same, not a near one
+    columns[_FREQUENCY][-1] = float(f"{planned.frequency_hz[0]:.9g}")  # the same, not a near one
 
 
-def _edit_plan(start: dict[str, list[float]], digest: str) -> dict[str, list[float | None]]:
+def _edit_plan(start: dict[str, list[Any]], joints: int, digest: str) -> dict[str, list[Any]]:
     """Let a plan be edited that begins as ``start``; rows can be added and deleted."""
-    of_joints = ((f"τ{j}", f"φ{j}") for j in range(1, len(start) // 2))
-    short = ["f", "t", *chain.from_iterable(of_joints)]
-    number = st.column_config.NumberColumn
+    number, text = st.column_config.NumberColumn, st.column_config.TextColumn
     edited = st.data_editor(
         start,
         num_rows="dynamic",
         hide_index=True,
         key=f"own_plan_{digest[:12]}",
-        # Narrow, so that a phone shows the columns of two joints; of more, it scrolls beside the first.
+        # A phone shows all columns: the values of all joints share a cell, of many in several lines.
+        row_height=35 if joints <= FEW_JOINTS else 64,
         column_config={
-            name: number(
-                label, width=50, help=name, format="%.4g", required=True, pinned=label == short[0]
-            )
-            for name, label in zip(start, short, strict=True)
+            _FREQUENCY: number("f", width=50, help=_FREQUENCY, format="%.4g", required=True),
+            _LENGTH: number("t", width=40, help=_LENGTH, format="%.4g", required=True),
+            _TORQUES: text("τ", width=105, help=_TORQUES, required=True),
+            _PHASES: text("φ", width=95, help=_PHASES, required=True),
         },
         alt="Your own plan",
     )
     return {str(name): list(values) for name, values in dict(edited).items()}
 
 
-def _own_plan(
-    columns: dict[str, list[float | None]], page: Page, analysis: Analysis, pose: str
-) -> PlannedRecords:
-    table = {name: np.array([np.nan if v is None else v for v in c]) for name, c in columns.items()}
-    if not len(table["Frequency (Hz)"]):
+def plan_of(columns: dict[str, list[Any]], page: Page, analysis: Analysis, pose: str) -> PlannedRecords:
+    """Return the records of a plan's columns.
+
+    Raises JointIdError when a cell is empty or wrong, or the plan is no experiment.
+    """
+    if not columns[_FREQUENCY]:
         raise JointIdError("The plan has no records: add a row.")
-    for name, values in table.items():
-        if np.isnan(values).any():
-            row = int(np.flatnonzero(np.isnan(values))[0]) + 1
-            raise JointIdError(f"Row {row} of the plan: {name} is empty.")
-    amplitude, phase = (
-        np.stack([table[f"{what} {j + 1} ({unit})"] for j in range(analysis.fit.n)], axis=1)
-        for what, unit in (("Torque", "N·m"), ("Phase", "°"))
-    )
+    rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in columns}
+    for name, values in columns.items():
+        count = analysis.fit.n if name in (_TORQUES, _PHASES) else 1
+        for row, value in enumerate(values, start=1):
+            if value is None or value != value or not str(value).strip():  # NaN: a number left out
+                raise JointIdError(f"Row {row} of the plan: {name} is empty.")
+            rows[name].append(numbers_in(f"Row {row} of the plan, {name}", str(value), count=count))
     given = analysis.phasors, analysis.study.inertias, analysis.fit, pose_inertia(analysis, pose)
     model = page.computed(("planning model", pose), "Preparing the plan", planning_model, *given)
     return planned_records(
         model.inertia,
         analysis.fit.elasticity,
-        table["Frequency (Hz)"],
-        torque_Nm=amplitude * np.exp(1j * np.radians(phase)),
-        duration_s=table["Length (s)"],
+        np.ravel(rows[_FREQUENCY]),
+        torque_Nm=np.array(rows[_TORQUES]) * np.exp(1j * np.radians(rows[_PHASES])),
+        duration_s=np.ravel(rows[_LENGTH]),
     )
 
 
