@@ -18,7 +18,7 @@ from jointid import Analysis, JointIdError, Study
 from jointid.figures.uncertainty import normalised_residuals
 from jointid.ui.shared.charts import csv_of
 from jointid.ui.shared.entries import numbers_in
-from jointid.ui.study import plan_form
+from jointid.ui.study import plan_form, set_points_form
 from jointid.ui.study.elasticity_figures import harmonic_columns
 from jointid.ui.study.plan_form import largest_so_far, suggested_columns
 from jointid.uncertainty.information import prior_influence
@@ -372,7 +372,19 @@ class TestSetPoints:
             r"velocity of joint \d reaches .* Set the scale of the motion", at.error[0].value
         )
         assert any("✗" in margin for margin in at.table[-1].value["Margin"])
+        tab = at.tabs[1]  # the error is above the table, below the button
+        place = {part.type: k for k, part in tab.children.items()}
+        (above,) = (k for k, part in tab.children.items() if getattr(part, "error", None))
+        assert place["button"] < above < place["table"]
         assert not any("set points" in d.label for d in at.get("download_button"))
+
+    def test_joints_that_share_a_motor_have_no_form(
+        self, app: AppTest, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(set_points_form, "coupling_problem", lambda study: "Gears couple A and B.")
+        at = opened(app, PLAN, plan_view="Set points")
+        assert [info.value for info in at.tabs[1].info] == ["Gears couple A and B."]
+        assert not at.tabs[1].text_input
 
     def test_planned_motions_can_be_saved_too(self, app: AppTest) -> None:
         at = opened(app, PLAN, plan_view="Motions in place of sines")

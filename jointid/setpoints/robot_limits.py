@@ -94,17 +94,26 @@ class RobotLimits:
 
     def require_gears_of(self, study: Study) -> None:
         """Refuse gears that couple the motors of a study, or gear ratios that contradict the study's."""
-        model, ratios, own = study.robot_model, study.gear_ratios, self.gear_ratio
-        if model is not None and model.is_coupled.any():
-            names = enumerated(list(compress(model.names, model.is_coupled)))
-            raise JointIdError(
-                f"Gears couple {names}: set points of joints that share a motor are not supported."
-            )
+        ratios, own = study.gear_ratios, self.gear_ratio
+        if problem := coupling_problem(study):
+            raise JointIdError(problem)
         if ratios is not None and ratios.size == own.size and not np.allclose(ratios, own, rtol=1e-3):
             raise JointIdError(
                 f"gear_ratio = {own.tolist()} contradicts the study's {ratios.tolist()}: these set "
                 "points would be another motion than the plan. Give the same ratios, with their signs."
             )
+
+
+def coupling_problem(study: Study) -> str:
+    """Say why a robot whose joints share a motor has no set points; empty for other robots."""
+    model = study.robot_model
+    if model is None or not model.is_coupled.any():
+        return ""
+    names = enumerated(list(compress(model.names, model.is_coupled)))
+    return (
+        f"Gears couple {names}: set points of joints that share a motor are not supported. The plan "
+        "holds for the motors, and can be run by a program of the controller."
+    )
 
 
 def limits_from_toml(data: bytes, file: str) -> RobotLimits:

@@ -12,7 +12,7 @@ from jointid.setpoints.files import set_points
 from jointid.setpoints.formats import FORMATS
 from jointid.setpoints.from_plan import KINDS, planned_experiment
 from jointid.setpoints.limit_check import check_table, require_within_limits
-from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml
+from jointid.setpoints.robot_limits import RobotLimits, coupling_problem, limits_from_toml
 from jointid.setpoints.simulated_experiment import SimulatedExperiment, simulate_experiment
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.entries import (
@@ -23,7 +23,7 @@ from jointid.ui.shared.entries import (
     numbers_in,
     numbers_out,
 )
-from jointid.ui.shared.messages import show_text_table, show_warning
+from jointid.ui.shared.messages import show_error, show_info, show_text_table, show_warning
 from jointid.ui.shared.page import Page
 from jointid.uncertainty.chosen_model import identified_friction
 from jointid.uncertainty.motion_plan import PlannedMotion
@@ -74,9 +74,12 @@ def show_set_points(
 ) -> None:
     """Draw the form; with limits entered, the check and the file. ``content`` identifies the plan.
 
-    Raises JointIdError when the answer is not usable, an entry is wrong or a limit is exceeded.
+    Raises JointIdError when the answer is not usable or an entry is wrong.
     """
     analysis.require_usable()
+    if problem := coupling_problem(analysis.study):
+        show_info(problem)
+        return
     st.write(
         "The plan above as a motion of the joints, for the controller. It runs on the simulated robot "
         "first; a file is written only if the limits of the robot hold for the whole motion, with ramps "
@@ -156,7 +159,11 @@ def show_set_points(
         "friction, holding torque and, in a multisine, coinciding sine peaks add to them. "
         "Not run on hardware."
     )
-    require_within_limits(points.rows, points.scale)
+    try:
+        require_within_limits(points.rows, points.scale)
+    except JointIdError as error:
+        show_error(error, above)
+        return
     above.success("All limits hold.")
     if isinstance(plan, PlannedRecords):
         planned = {
