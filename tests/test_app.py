@@ -414,3 +414,12 @@ def test_a_stopped_analysis_leaves_the_last_answer(
         assert at.info[0].value.endswith("stopped.")
     at = shown(at.button(key="resume").click().run())
     assert (at.title[0].value, len(at.metric)) == ("long", 2)
+
+
+def test_the_laws_of_gears_are_grouped_and_stay_in_view_after_f5(app: AppTest) -> None:
+    app.query_params.update(sim_gears="true", sim_backlash_rad="0.001")
+    at = shown(app.switch_page("pages/8_Simulate.py").run())
+    (gears,) = (each for each in at.expander if each.label == "Nonlinear gears")
+    assert gears.proto.expanded
+    assert len(gears.caption) == 3
+    assert [field.value for field in gears.text_input] == ["0", "0.001", *["0"] * 6]

@@ -93,12 +93,18 @@ _LAWS = {
     "backlash_rad": ("Backlash (rad)", "Total angle between the flanks, seen from the motor."),
     "hysteresis_Nm": ("Hysteresis (N·m)", "Half the height of the loop (Dahl model)."),
     "presliding_rad": ("Presliding (rad)", "Hysteresis torque over the initial slope of its loop."),
-    "K2": ("Catalogue K2 (N·m/rad)", "Slope beyond the torque T1; 0: no change of slope."),
-    "K3": ("Catalogue K3 (N·m/rad)", "Slope beyond the torque T2."),
     "T1_Nm": ("Catalogue T1 (N·m)", "Torque from which the slope is K2."),
+    "K2": ("Catalogue K2 (N·m/rad)", "Slope beyond the torque T1; 0: no change of slope."),
     "T2_Nm": ("Catalogue T2 (N·m)", "Torque from which the slope is K3."),
+    "K3": ("Catalogue K3 (N·m/rad)", "Slope beyond the torque T2."),
 }
 """Label and explanation of the laws of a gear, one number for all joints or one each."""
+_GROUPS = {
+    "Hardening, lost motion": ("cubic", "backlash_rad"),
+    "Friction in the gear": ("hysteresis_Nm", "presliding_rad"),
+    "Three slopes, as in gear catalogues": ("T1_Nm", "K2", "T2_Nm", "K3"),
+}
+"""Laws that belong together."""
 _ADDED_HELP = (
     "Repeats all experiments with a payload of known mass and position. Its inertia, motor side, is "
     "exact and determines the torque scale."
@@ -122,11 +128,14 @@ def ask() -> Simulation | None:
     left, right = st.columns(2)
     left.markdown("**The robot, seen from the motors**")
     text = {key: enter_text(left, f"sim_{key}", *entry) for key, entry in _ROBOT.items()}
-    with left.expander("Nonlinear gears") as gears:
-        laws = {
-            name: enter_text(gears, f"sim_{name}", label, "0", about)
-            for name, (label, about) in _LAWS.items()
-        }
+    laws = {}
+    with left.expander("Nonlinear gears", key="sim_gears", on_change="rerun", bind="query-params"):
+        for group, names in _GROUPS.items():
+            st.caption(group)
+            places = [place for _ in names[::2] for place in st.columns(2)]
+            for name, place in zip(names, places, strict=True):
+                label, about = _LAWS[name]
+                laws[name] = enter_text(place, f"sim_{name}", label, "0", about)
     right.markdown("**The experiments**")
     pattern = choose_from(right, "sim_pattern", "Motion", list(_RECORDS))
     places = [place for _ in range(4) for place in right.columns(2)]
