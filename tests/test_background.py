@@ -24,7 +24,7 @@ from jointid.background.child_process import Child
 from jointid.background.pool import NoWorkerError, Pool, Stop, StoppedError
 from jointid.ui.shared import results
 from jointid.ui.shared.page import analyse_first_sample
-from jointid.ui.shared.results import ResultCache, result_cache, run_in_background
+from jointid.ui.shared.results import ResultCache, result_cache, run_in_background, run_watched
 from jointid.ui.shared.settings import DEFAULT_METHOD
 from jointid.ui.shared.workspace import open_sample, sample_paths
 from jointid.uncertainty.resampling import jackknife
@@ -316,6 +316,20 @@ def test_a_queue_is_shown_when_all_processors_are_busy(
     results.awaited("Computing", begun)
     assert len(said) == 1, "a finished computation shows nothing"
     assert results.queue_text() == ""
+
+
+def test_a_click_ends_a_watched_computation(ready: Pool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(results, "_pool", lambda: ready)
+    answers(ready)
+
+    def clicked() -> None:
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        run_watched(clicked, sleep, PATIENCE_S)
+    until(lambda: not ready._ready)
+    assert answers(ready)
+    assert run_watched(bool, abs, -1) == 1
 
 
 def test_the_first_sample_is_analysed_for_its_page(pool: Pool) -> None:

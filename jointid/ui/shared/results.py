@@ -144,6 +144,25 @@ def submit(
     return begun
 
 
+def run_watched(
+    show: Callable[[], object],
+    compute: Callable[Given, Found],
+    *given: Given.args,
+    **named: Given.kwargs,
+) -> Found:
+    """Return ``run_in_background(compute, *given, **named)``, for functions without progress.
+
+    ``show`` is called meanwhile; a click on Stop ends the run there, and with it the computation.
+    """
+    begun = submit(compute, *given, **named)
+    try:
+        while wait([begun], _POLL_S).not_done:
+            show()
+        return begun.result()
+    finally:
+        begun.stop.set()
+
+
 def queue_text(own: int = 0) -> str:
     """Say how many computations come before ``own`` ones; empty while a processor is free."""
     ahead = len(_asked) - own + 1 - _PROCESSES

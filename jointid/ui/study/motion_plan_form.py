@@ -1,6 +1,7 @@
 """Motions of a plan: limits, expected accuracy, and their set points."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from jointid.ui.shared.charts import Table, csv_of, download
 from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text, numbers_in
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.results import Show, computed_on_click, run_in_background
+from jointid.ui.shared.results import Show, computed_on_click, run_watched
 from jointid.ui.study.plan_form import PlanSettings, pose_inertia
 from jointid.ui.study.set_points_form import show_set_points
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
@@ -49,12 +50,10 @@ def _planned(settings: MotionSettings, analysis: Analysis, show: Show) -> tuple[
     known = analysis.fit, pose_inertia(analysis, study.records[0].pose or "")
     interval_s, band = study.records[0].interval_s, (settings.from_hz, settings.to_hz)
     for k, (kind, name) in enumerate(_KINDS.items()):
-        show(k / len(_KINDS), f"{name}: simulating the robot, predicting the errors")
+        what = f"{name}: simulating the robot, predicting the errors"
         motion = Motion(kind, *band, settings.seconds, odd=kind == "multisine")
-        plan = run_in_background(
-            plan_motion, *known, motion, limits, interval_s=interval_s, records=settings.records
-        )
-        plans.append(plan)
+        given = partial(plan_motion, interval_s=interval_s, records=settings.records)
+        plans.append(run_watched(partial(show, k / len(_KINDS), what), given, *known, motion, limits))
     return tuple(plans)
 
 
