@@ -6,7 +6,7 @@ from jointid import JointIdError
 from jointid.ui.shared.charts import introduce
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
-from jointid.ui.study import plan_form
+from jointid.ui.study import own_plan_form, plan_form
 from jointid.ui.study.motion_plan_form import show_motion_plan
 from jointid.ui.study.overview import warn_if_unusable
 from jointid.ui.study.set_points_form import show_set_points
@@ -36,10 +36,10 @@ tabs = ["Your own plan", "Set points", "Motions in place of sines"]
 own, set_points, motions = st.tabs(tabs, key="plan_view", bind="query-params")
 try:
     with own:
-        plan = plan_form.show_own_plan(page, found, analysis, settings.pose)
+        plan = own_plan_form.show_own_plan(page, found, analysis, settings.pose)
     if set_points.open:
         with set_points:
-            show_set_points(page, plan, plan_form.content(plan), analysis, settings.pose)
+            show_set_points(page, plan, own_plan_form.content(plan), analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
 if motions.open:

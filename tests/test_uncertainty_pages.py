@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -16,9 +17,10 @@ from streamlit.testing.v1 import AppTest
 
 from jointid import Analysis, JointIdError, Study
 from jointid.figures.uncertainty import normalised_residuals
+from jointid.files.digest import study_digest
 from jointid.ui.shared.charts import csv_of
 from jointid.ui.shared.entries import numbers_in
-from jointid.ui.study import plan_form, set_points_form
+from jointid.ui.study import own_plan_form, set_points_form
 from jointid.ui.study.elasticity_figures import harmonic_columns
 from jointid.ui.study.plan_form import largest_so_far, suggested_columns
 from jointid.uncertainty.information import prior_influence
@@ -185,7 +187,7 @@ class TestTheNextExperiment:
     def test_a_record_that_settles_a_doubt_is_in_the_own_plan(
         self, app: AppTest, found: Analysis, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(plan_form, "second_amplitude_record", lambda fit: 4)
+        monkeypatch.setattr(own_plan_form, "second_amplitude_record", lambda fit: 4)
         at = opened(app, PLAN)
         label, tau = found.phasors.labels[4], np.abs(found.fit.phasors.tau[4])
         assert any(f"The last row repeats {label} at half" in m.value for m in at.markdown)
@@ -193,6 +195,23 @@ class TestTheNextExperiment:
         assert row["Frequency (Hz)"] == pytest.approx(found.phasors.omega[4] / (2 * np.pi), rel=1e-8)
         torques = numbers_in("Torques", row["Torques (N·m)"])
         assert torques == pytest.approx(0.5 * tau, rel=1e-2)
+
+    @pytest.mark.parametrize("damage", ["", "[[1]]", '[[1], ["x"], ["1, 2"], ["0, 0"]]', "5"])
+    def test_an_own_plan_is_kept_by_the_address(
+        self, app: AppTest, studies: dict[int, Study], damage: str
+    ) -> None:
+        """As after F5; what is no plan is ignored."""
+        kept = [[9.5, None], [4, 2.5], ["0.3, 0.2", "0.1, 0.1"], ["0, 90", ""]]
+        key = f"own_plan_{study_digest(studies[2])[:12]}"
+        at = app.switch_page(PLAN)
+        at.query_params.update({"study": "paper", key: damage or json.dumps(kept)})
+        at = shown(at.run())
+        table = at.dataframe[-1].value
+        assert len(table) == (3 if damage else 2)
+        assert (key in at.query_params) == (not damage)
+        if not damage:
+            assert table["Torques (N·m)"].tolist() == kept[2]
+            assert at.error[0].value == "Row 2 of the plan: Frequency (Hz) is empty."
 
     def test_a_plan_has_four_columns_for_any_number_of_joints(
         self, analyses: dict[int, Analysis]
@@ -202,9 +221,9 @@ class TestTheNextExperiment:
         at_once: Any = SimpleNamespace(computed=lambda _, doing, compute, *given: compute(*given))
         columns: dict[str, list[Any]] = {"Frequency (Hz)": [9.5], "Length (s)": [4]}
         columns |= {"Torques (N·m)": ["0.3, 0.2, 0.1"], "Phases (°)": ["0, 90, 270"]}
-        plan = plan_form.plan_of(columns, at_once, analysis, "")
+        plan = own_plan_form.plan_of(columns, at_once, analysis, "")
         expected = [[0.3, 0.2j, -0.1j]]
-        assert plan_form.columns_of(plan) == columns
+        assert own_plan_form.columns_of(plan) == columns
         np.testing.assert_allclose(plan.torque_Nm, expected, atol=1e-15)
         for column, cell, said in (
             ("Phases (°)", "0, 90", "Row 1 of the plan, Phases (°): 2 values for 3 joints"),
@@ -212,7 +231,7 @@ class TestTheNextExperiment:
             ("Length (s)", np.nan, "Row 1 of the plan: Length (s) is empty"),
         ):
             with pytest.raises(JointIdError, match=re.escape(said)):
-                plan_form.plan_of(columns | {column: [cell]}, at_once, analysis, "")
+                own_plan_form.plan_of(columns | {column: [cell]}, at_once, analysis, "")
 
     def test_an_unusable_answer_has_no_predicted_gain(
         self, app: AppTest, studies: dict[int, Study]
