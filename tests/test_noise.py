@@ -14,6 +14,7 @@ from jointid.estimation.estimators.noise import (
     _further_variance,
     _prior_degrees_of_freedom,
     _sensor_variances,
+    _torque_variances,
     floored,
     moderated_noise,
 )
@@ -44,11 +45,27 @@ def test_a_further_variance_is_found_beside_known_ones() -> None:
     rng = np.random.default_rng(3)
     own, others = rng.uniform(0.5, 2, 4000), rng.uniform(0, 3, 4000)
     power = (others + 2.0 * own) * rng.exponential(size=4000)
-    assert _further_variance(power, own, others) == pytest.approx(2.0, rel=0.1)
+    share = np.ones(4000)
+    assert _further_variance(power, own, others, share) == pytest.approx(2.0, rel=0.1)
     # Known noise that explains more than all leaves a millionth.
     low = 1e-6 * np.median(power / own)
-    assert _further_variance(power, own, others + 1e3) == pytest.approx(low)
-    assert _further_variance(*np.zeros((3, 0))) == 0.0
+    assert _further_variance(power, own, others + 1e3, share) == pytest.approx(low)
+    assert _further_variance(*np.zeros((4, 0))) == 0.0
+
+
+def test_noise_of_a_torque_is_seen_where_that_of_the_angle_is_small() -> None:
+    """Of a held joint only the lowest lines show it; the others hid it: misfit 3.3 of perfect data."""
+    rng = np.random.default_rng(5)
+    blocks, width, columns = 24, 42, 14
+    real, imaginary = rng.normal(0, np.sqrt(0.5), (2, blocks, width, columns + 1))
+    local, noise = np.split(real + 1j * imaginary, [columns], axis=2)
+    known = np.broadcast_to(1e-4 * np.geomspace(1, 1e4, width), (blocks, width))
+    records = np.repeat([0, 1, 2], blocks // 3)
+    variance = np.where(records == 2, 0.09, 0.01)
+    residual = noise[..., 0] * np.sqrt(known + variance[:, None]) + 1e3 * local.sum(axis=2)
+    found = _torque_variances(local, residual, np.ones(known.shape), known, records)
+    for record, true in enumerate([0.01, 0.01, 0.09]):
+        assert found.get(record, found[None]) == pytest.approx(true, rel=0.4)
 
 
 @pytest.mark.parametrize("true", [1.5, 6.0])

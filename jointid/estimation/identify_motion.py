@@ -280,7 +280,7 @@ def _few(phasors: Phasors, prior: InertiaPrior) -> np.ndarray:
         return np.arange(phasors.omega.size)
     power = np.sum(np.abs(phasors.harmonics[moves, :, : phasors.n]) ** 2, axis=1)
     joint = np.argmax(power / np.maximum(power.max(axis=0), np.finfo(float).tiny), axis=1)
-    each = max(2, _FEW // np.unique(joint).size)
+    each = max(1, _FEW // np.unique(joint).size)
     of_joints = (moves[joint == j] for j in np.unique(joint))
     chosen = [rows[:: -(-rows.size // each)] for rows in of_joints]
     return np.sort(np.concatenate([np.flatnonzero(~phasors.motion), *chosen]))

@@ -31,6 +31,8 @@ _LOADED = 0.2
 """Torque over its largest from which a flank is in contact."""
 _OUTLIER = 3.0
 """Residual of a sine over the median from which it counts less: motors that others move may stick."""
+_HELD = 0.8
+"""Share of the time without clear velocity from which a motor's torque does not count, in motions."""
 _EXPLAINED = 2.0
 """Cost that friction explains, over the remaining one, from which friction is fitted."""
 
@@ -65,7 +67,8 @@ def regressed(
     of_torque = variance[:, n:] + np.abs(s2 * M) ** 2 * variance[:, :n]
     friction = friction_waveforms(phasors, None)
     shapes = np.stack([friction.coulomb[row, bins], s[:, None] * z[:, :n]])
-    held = friction.stationary[row]  # by friction of unknown torque
+    rests = np.stack([np.zeros(n) if each is None else each.share_at_rest for each in phasors.segments])
+    held = (friction.stationary | (rests > _HELD))[row]  # by friction of unknown torque
     unit = s / np.abs(s).max()
     ends = 1j * unit[:, None] ** np.arange(_DEGREE + 1) * phasors.motion[row, None]
     edges = np.flatnonzero(np.diff(row)) + 1

@@ -215,26 +215,23 @@ class DrivenGears:
     ) -> dict[str, Complexes]:
         """Bins of the change of the torque beyond K δ by parameters, each (r, H, n, n) or (r, H, n, c).
 
-        Parameters
-        ----------
-        changes : mapping of str to tuple
-            For parameters that each joint has: change of this torque at a given deflection by that of
-            the joint, and change of the torque by the motors' balance, which the observer follows,
-            each of shape (n, N), or 0.
-        shape : tuple of int
-            r and H.
-        arm : ndarray, shape (c, p, n, n), optional
-            Derivatives of M2 of every pose by its c parameters.
+        ``changes``, for parameters that each joint has, are that of this torque at a given deflection by
+        the joint's parameter, and that of the torque by the motors' balance, which the observer follows,
+        each of shape (n, N), or 0. ``shape`` is (r, H); ``arm``, (c, p, n, n), are derivatives of M2 of
+        every pose by its c parameters.
         """
-        n, N = self.delta.shape
-        count, joints = len(changes) * n, range(n)
+        n, joints = len(self.delta), range(len(self.delta))
+        shown = [np.broadcast_to(beyond, self.delta.shape) for beyond, _ in changes.values()]
+        bins = self.motors.bins(np.reshape(shown, (-1, *self.delta.shape)), shape)
+        found = {name: bins[:, :, at, :, None] * np.eye(n) for at, name in enumerate(changes)}
+        further, count = self._slope - self.laws.K, len(changes) * n
+        if not (further.any() or self.laws.hysteretic):  # of linear gears, whatever the deflection
+            return found
         left = np.zeros((count + (0 if arm is None else len(arm)), *self._shape))
-        own = np.zeros((len(left), n, N))
         observer = self._of_steps(self._observer).swapaxes(0, 1)
         damping = self._of_steps(self._damping).swapaxes(0, 1) * self.motors.step_s**2
         for at, (name, (beyond, measured)) in zip(range(0, count, n), changes.items(), strict=True):
             part, D = left[at : at + n, :n], (name == "D") * np.ones(n)
-            own[at : at + n][joints, joints] = beyond
             elastic = beyond + (name == "K") * self.delta
             part[joints, joints] = self._hat_torque(elastic) + D[:, None] * self._rise
             part += damping * self._changes(elastic, D)[:, None]
@@ -243,12 +240,13 @@ class DrivenGears:
             left[count:, :n] = each(arm.swapaxes(0, 1), self._bend - self.motors.rise, self.motors.pose)
         left[..., self.motors.starts] = 0
         moved = self._recursion.solve(-left)
-        own += (self._slope - self.laws.K) * moved[:, :n]
+        own = further * moved[:, :n]
         if self.laws.hysteretic:
             own += self.laws.level * moved[:, n:]
-        found = self.motors.bins(own.swapaxes(0, 1), shape)
-        of_each = {name: found[..., at * n : (at + 1) * n] for at, name in enumerate(changes)}
-        return of_each if arm is None else {**of_each, "M2": found[..., count:]}
+        bins = self.motors.bins(own.swapaxes(0, 1), shape)
+        for at, name in enumerate(changes):
+            found[name] += bins[..., at * n : (at + 1) * n]
+        return found if arm is None else {**found, "M2": bins[..., count:]}
 
     @cached_property
     def _observer(self) -> Floats:

@@ -22,9 +22,8 @@ from jointid.motion.reversals import phasors_of_turns, reversals
 from jointid.phasors.segment import Motors, Segment
 from jointid.small_matrices import decaying
 
-_MARGIN, _STATIONARY = 4.0, 0.5
-"""An arm is stationary where so many standard deviations of the motor's velocity are this share of its
-own largest velocity."""
+_STATIONARY = 0.5
+"""An arm is stationary where its largest velocity is below the least of its motor over this share."""
 _RENEWED = 3
 """Iterations of the arm's motion, each with friction by the direction of the previous one."""
 _ALIKE = 2.0
@@ -54,7 +53,7 @@ def arm_directions(
 def _directions(segment: Segment, velocities: Floats) -> Complexes:
     found, finer = np.zeros((segment.highest, len(velocities)), complex), _finer(segment)
     for j, velocity in enumerate(velocities):
-        if _MARGIN * segment.velocity_noise[j] < _STATIONARY * np.abs(velocity).max():
+        if segment.least_velocity[j] < _STATIONARY * np.abs(velocity).max():
             turns, rests, signs = reversals(velocity, 0.0, 0.0, 0.0)
             places = turns / finer, rests / finer, signs
             found[:, j] = phasors_of_turns(*places, segment.samples, segment.highest)

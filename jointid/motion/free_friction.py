@@ -19,8 +19,8 @@ from jointid.small_matrices import inverse
 
 _MANY = 48
 """Number of waveforms from which Cholesky's method is faster despite a call per record."""
-_MOST = 500
-"""Coordinates of the complement of a record, above which its evaluation is slow."""
+_FEW = 1e8
+"""Operations per record that are quick in either case."""
 _RIDGE = DEPENDENT
 """Added to the Gram matrix of unit columns: neighbouring hat functions are nearly dependent."""
 
@@ -46,9 +46,8 @@ class FreeFriction:
         them as noise. Only it knows that the friction of a reversal is one torque in all bins.
         """
         counts = np.array([own.count for own in records], dtype=int)
-        n, most = sizes.shape[1], counts.max(initial=0)
-        left = max((2 * np.count_nonzero(own.known) - own.count for own in records), default=0)
-        if any(each.shape[1] for own in records for each in own.bounded) and left <= max(_MOST, most):
+        n = sizes.shape[1]
+        if any(each.shape[1] for own in records for each in own.bounded) and _few_are_left(records):
             bases = tuple(own.basis.sized(size) for own, size in zip(records, sizes, strict=True))
             return cls(bases=bases, shapes=int(sum(basis.freed.sum() for basis in bases)))
         doublings = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
@@ -214,6 +213,16 @@ class Projection:
         used = np.diagonal(self.W, axis1=2, axis2=3) != 0
         back = inverse(self.W + np.eye(self.W.shape[-1]) * ~used[..., None])
         return np.asarray(np.where(used, (back @ free)[..., 0], 0))
+
+
+def _few_are_left(records: Sequence[Waveforms]) -> bool:
+    """Whether the complement takes fewer operations than projecting the waveforms out, or few."""
+    rows = np.array([2 * np.count_nonzero(own.known) for own in records], dtype=float)
+    waveforms = np.array([own.count for own in records])
+    left, bins = np.maximum(rows - waveforms, 0), np.array([len(own.known) for own in records])
+    by_complement = 2 * bins * left**2 + left**3 / 3  # its covariance and Cholesky factor
+    by_columns = 2 * rows * waveforms**2 + waveforms**3 / 3  # the Gram matrix and its factor
+    return bool(by_complement.sum() <= max(by_columns.sum(), _FEW * len(records)))
 
 
 def real_rows(values: Complexes) -> Floats:

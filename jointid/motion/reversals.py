@@ -23,8 +23,6 @@ _TURN = 0.25
 """Fraction of a rest at which a change of sign gives the mean friction of ``phasors_of_turns``."""
 _MORE = 6
 """Degrees beyond those of a stretch for which a quadrature has twice as many points and is exact."""
-_MARGIN = 4.0
-"""Standard deviations of the velocity within which its sign is unknown."""
 _REST = 2
 """Samples without clear velocity above which a motor may rest."""
 _STATIONARY, _STILL = 0.5, 0.95
@@ -45,9 +43,8 @@ def segment_friction(
     bounded; and whether a joint's motion, except short moves, is within its noise, shape (n,).
     """
     v = segment.velocity
-    blur, largest = _MARGIN * segment.velocity_noise, np.abs(v).max(axis=1)
-    stationary = (blur > _STATIONARY * largest) | (largest == 0)
-    stationary |= np.mean(np.abs(v) <= blur[:, None], axis=1) > _STILL
+    blur, largest = segment.least_velocity, np.abs(v).max(axis=1)
+    stationary = (blur > _STATIONARY * largest) | (largest == 0) | (segment.share_at_rest > _STILL)
     late: Floats = segment.turn_rad_s * np.ones(len(v))
     if window is None:
         none = [np.zeros((segment.highest, 0), complex)] * len(v)

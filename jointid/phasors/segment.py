@@ -14,6 +14,8 @@ from jointid.arrays import Complexes, Floats
 _REFINED, _SAME = 30, 1e-4
 """Fixed-point steps for the torque through a gear, each of which multiplies the error by the coefficient
 of load-dependent friction; and the relative change that ends them."""
+_MARGIN = 4.0
+"""Standard deviations of the velocity within which its sign is unknown."""
 _MOST = 0.9
 """Largest coefficient of load-dependent friction; at 1, a gear is self-locking."""
 
@@ -96,6 +98,16 @@ class Segment:
     def velocity(self) -> Floats:
         """Smoothed velocities of the motors, shape (n, N), rad/s."""
         return self.uniform_velocity[:, self.begin : self.end]
+
+    @property
+    def least_velocity(self) -> Floats:
+        """Velocity of each motor below which noise hides its sign, shape (n,), rad/s."""
+        return _MARGIN * self.velocity_noise
+
+    @property
+    def share_at_rest(self) -> Floats:
+        """Share of the time with a lower velocity, shape (n,)."""
+        return np.asarray(np.mean(np.abs(self.velocity) <= self.least_velocity[:, None], axis=1))
 
     def gear_torque(self, motors: Motors, direction: Floats) -> Floats:
         """Torque through the gears, shape (n, N), N·m, by the balance at motors moving in a direction.

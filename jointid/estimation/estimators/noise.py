@@ -25,6 +25,10 @@ _MOST_PRIOR, _LEAST_PRIOR = 1e3, 0.5
 """Range of the prior degrees of freedom; below it the records share no common noise."""
 _REWEIGHTED = 8
 """Iterations of the relative weights of the sensor variances."""
+_WEIGHTED = 4
+"""Iterations of the weights of lines, each from the last variance of the torque."""
+_LEAST_SHARE = 0.05
+"""Smallest share of a line that the local polynomials leave; below it the line shows no noise."""
 _DIFFERS = 20.0
 """Twice the logarithm of the likelihood ratio from which a record has a torque noise of its own."""
 _NEGLIGIBLE = 1e-40
@@ -114,58 +118,83 @@ def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes) -> dict[int, F
     where free friction hides the noise; ``E``, shape (r, H, n, 2n), its derivative by the signals.
     """
     n = phasors.n
-    columns = 2 * n + 2
-    width, joints = 3 * columns, range(n)
-    powers, gains, others, records = [], [], [], []
+    width, joints = 3 * (2 * n + 2), range(n)
+    place = np.linspace(-1, 1, width)[:, None]
+    smooth = np.concatenate([np.ones((width, 1)), place], axis=1)
+    blocks, records = [], []
     for row, segment in enumerate(phasors.segments):
-        if segment is None:
+        count = 0 if segment is None else (segment.highest - segment.lowest + 1) // width
+        if segment is None or not count:
             continue
-        first = segment.lowest - 1
-        count = (segment.highest - first) // width
-        used = slice(first, first + count * width)
-        shape = count, width, -1
-        if count == 0:
-            continue
-        q = phasors.harmonics[row, used, :n].reshape(shape)
-        place = np.linspace(-1, 1, width)[:, None]
-        smooth = np.concatenate([np.ones((width, 1)), place], axis=1)
+        used = slice(segment.lowest - 1, segment.lowest - 1 + count * width)
+        q = phasors.harmonics[row, used, :n].reshape(count, width, n)
         local = np.concatenate([q, q * place, np.broadcast_to(smooth, (count, width, 2))], axis=2)
-        local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-300)
-        basis, _ = np.linalg.qr(local)
-        r = left[row, used].reshape(shape)
-        r = r - basis @ (basis.conj().swapaxes(1, 2) @ r)
-        powers.append((np.abs(r) ** 2).sum(axis=1) / (width - columns) * segment.samples / 4)
-        gain = (np.abs(E[row, used]) ** 2).reshape(count, width, n, 2 * n).mean(axis=1)
-        gains.append(gain[:, joints, range(n, 2 * n)])
-        others.append(gain[..., :n] @ segment.angle_variance)
+        gain = np.abs(E[row, used]) ** 2
+        own, known = gain[:, joints, range(n, 2 * n)], gain[..., :n] @ segment.angle_variance
+        lines = [np.sqrt(segment.samples) / 2 * left[row, used], own, known]
+        blocks.append([local, *(each.reshape(count, width, n) for each in lines)])
         records += [segment.record] * count
     numbers = {segment.record for segment in phasors.segments if segment is not None}
     found = {number: np.full(n, np.nan) for number in numbers}
-    for j in joints if powers else ():
-        of_joint = np.stack([np.concatenate(each)[:, j] for each in (powers, gains, others)])
-        seen = np.isfinite(of_joint[0])
-        if not seen.any():
-            continue
-        common = _further_variance(*of_joint[:, seen])
-        for number in numbers:
-            power, own, known = each = of_joint[:, seen & (np.array(records) == number)]
-            alone = _further_variance(*each)
-            share, better = (power / (known + variance * own) for variance in (common, alone))
-            gain = (share - better - np.log(share / better)).sum() if power.size else 0.0
-            differs = 2 * (width - columns) * gain > _DIFFERS
-            found[number][j] = alone if differs else common
+    if not blocks:
+        return found
+    local, *lines = (np.concatenate(each) for each in zip(*blocks, strict=True))
+    local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-300)
+    for j in joints:
+        of_joint = [each[..., j] for each in lines]
+        seen = np.isfinite(of_joint[0]).all(axis=1)
+        if seen.any():
+            residual, own, known = (each[seen] for each in of_joint)
+            of_blocks = np.array(records)[seen]
+            variances = _torque_variances(local[seen], residual, own, known, of_blocks)
+            for number in numbers:
+                found[number][j] = variances.get(number, variances[None])
     return found
 
 
-def _further_variance(power: Floats, own: Floats, others: Floats) -> float:
-    """Variance with the gain ``own`` beside ``others``, by maximum likelihood, from power; each (m,)."""
+def _torque_variances(
+    local: Complexes, residual: Complexes, own: Floats, known: Floats, records: np.ndarray
+) -> dict[int | None, float]:
+    """Variance of a torque, by record where a record has its own, and of all others by None.
+
+    Lines of shape (blocks, width) with the gain ``own`` beside the variance ``known``; the columns
+    ``local``, (blocks, width, c), are no noise. Weights keep noisy lines from spreading over others.
+    """
+    rows = {number: records == number for number in np.unique(records).tolist()}
+    power, share = np.abs(residual) ** 2, np.ones(residual.shape)
+    alone: dict[int, float] = {}
+    for _ in range(_WEIGHTED):
+        for number, of in rows.items():
+            alone[number] = _further_variance(power[of], own[of], known[of], share[of])
+        variance = known + own * np.array([alone[number] for number in records.tolist()])[:, None]
+        weight = 1 / np.sqrt(np.maximum(variance, 1e-300))[..., None]
+        basis, _ = np.linalg.qr(local * weight)
+        rest = residual[..., None] * weight
+        rest = rest - basis @ (basis.conj().swapaxes(1, 2) @ rest)
+        share = np.maximum(1 - (np.abs(basis) ** 2).sum(axis=2), _LEAST_SHARE)
+        power = variance * np.abs(rest[..., 0]) ** 2 / share
+    found: dict[int | None, float] = {None: _further_variance(power, own, known, share)}
+    for number, of in rows.items():
+        mine = _further_variance(power[of], own[of], known[of], share[of])
+        shared, better = (known[of] + v * own[of] for v in (found[None], mine))
+        gain = power[of] * (1 / shared - 1 / better) + np.log(shared / better)
+        if 2 * float((share[of] * gain).sum()) > _DIFFERS:
+            found[number] = mine
+    return found
+
+
+def _further_variance(power: Floats, own: Floats, others: Floats, share: Floats) -> float:
+    """Variance with the gain ``own`` beside ``others``, by maximum likelihood, from power.
+
+    All of one shape; ``share`` is that of a line in the degrees of freedom.
+    """
     if not power.size:
         return 0.0
     low = 1e-6 * float(np.median(power / own))
     found = max(float(np.median((power - others) / own)), low)
     for _ in range(_REWEIGHTED):  # the score of exponential powers, reweighted
-        weight = (own / (others + found * own)) ** 2
-        found = max(float(weight @ ((power - others) / own) / weight.sum()), low)
+        weight = share * (own / (others + found * own)) ** 2
+        found = max(float((weight * (power - others) / own).sum() / weight.sum()), low)
     return found
 
 
