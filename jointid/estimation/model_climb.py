@@ -150,15 +150,16 @@ def fit_laws(search: Search) -> None:
 
 
 def _laws_of_motions(search: Search, model: Model) -> list[tuple[Model, str, Start]]:
-    """Laws with start values of their own that the scores of a model do not rule out, the best first.
+    """Laws that the scores of a model do not rule out, the best first, with their start values.
 
-    Wide backlash looks like hardening, and hysteresis with a delay does.
+    Wide backlash looks like hardening, and hysteresis with a delay does. The leading law is among them:
+    growth from a rival that came nearer by its own start values would not return to it.
     """
     gains = {part: score.gain for part, score in search.scores(model).items()}
-    order = sorted(gains, key=lambda part: -gains[part])
+    order, found = sorted(gains, key=lambda part: -gains[part]), search.fits.estimate(model)
     starts: dict[str, Start] = {"backlash": partial(regression_start, backlash=True)}
-    if order and order[0] in GEAR_LAWS:  # friction at the arm resembles hysteresis
-        starts["hysteresis"] = regression_start
+    if found and order and order[0] in GEAR_LAWS:  # friction at the arm resembles hysteresis
+        starts = {order[0]: lambda *_: found.named, "hysteresis": regression_start} | starts
     rivals = [part for part in order if part in starts and gains[part] > _RIVAL * gains[order[0]]]
     return [(model, part, starts[part]) for part in rivals]
 
