@@ -112,8 +112,7 @@ def fit_regressed(search: Search, most_left: float = _BENT) -> None:
         most_left = min(most_left, _OTHER_LAWS * left)
         for model in models if left < most_left else ():
             wider = model.with_part(law)
-            follows = model.reversal is not None and wider in fits.tried  # from the fit without friction
-            if fits.least_misfit > DOUBTFUL and (law, wider) not in search.regressed and not follows:
+            if fits.least_misfit > DOUBTFUL and (law, wider) not in search.regressed:
                 _fit_law(search, wider, start)
                 if (
                     search.is_lost
@@ -172,6 +171,7 @@ def _fit_law(search: Search, wider: Model, start: Parameters) -> None:
     leads = search.is_lost and fits.misfit(wider) < _STEEP * _linear_misfit(search)
     if near and leads and search.may_have_friction and rubs not in fits.tried:
         search.fit(rubs, near.named)
+        search.regressed.update((law, rubs) for law in rubs.effects)  # no other start is needed
     if search.is_lost:
         freed(search, wider)
     fit_slopes(search, wider)
