@@ -158,7 +158,8 @@ def _laws_of_motions(search: Search, model: Model) -> list[tuple[Model, str, Sta
     order, found = sorted(gains, key=lambda part: -gains[part]), search.fits.estimate(model)
     starts: dict[str, Start] = {"backlash": partial(regression_start, backlash=True)}
     if found and order and order[0] in GEAR_LAWS:  # friction at the arm resembles hysteresis
-        starts = {order[0]: lambda *_: found.named, "hysteresis": regression_start} | starts
+        starts["hysteresis"], near = regression_start, found.named
+        starts.setdefault(order[0], lambda *_: near)
     rivals = [part for part in order if part in starts and gains[part] > _RIVAL * gains[order[0]]]
     return [(model, part, starts[part]) for part in rivals]
 
