@@ -467,7 +467,7 @@ def test_free_friction_does_not_deflect_a_hardening_gear() -> None:
 
 
 def test_friction_that_holds_a_motor_is_unknown_to_its_gear() -> None:
-    """Its whole residual is friction; as a part of the torque through the gear, it shifts K2 by 0.4 %."""
+    """Its whole residual is friction; within the torque through the gear, it shifts K2 by 0.4 %."""
     robot = replace(PAPER, hysteresis_Nm=[0.08, 0.03], hysteresis_rad=0.003, coulomb=[0.1, 0.2])
     motions = paper_motions(robot, BAND, **MOTIONS)
     moves = np.arange(motions.frequency_hz.size)[:, None] % 2 == np.arange(2)
