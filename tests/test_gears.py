@@ -54,7 +54,7 @@ from jointid.estimation.estimators.noise import moderated_noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
-from jointid.estimation.model_climb import climbed, fit_laws
+from jointid.estimation.model_climb import _laws_of_motions, climbed, fit_laws, fit_regressed
 from jointid.estimation.model_growth import grown
 from jointid.estimation.model_search import Search
 from jointid.estimation.start_values import by_regression, other_laws, with_one_bend
@@ -466,6 +466,24 @@ def test_free_friction_does_not_deflect_a_hardening_gear() -> None:
     assert fit.named["cubic"][0] == pytest.approx(9000, rel=1e-3)
 
 
+def test_friction_that_holds_a_motor_is_unknown_to_its_gear() -> None:
+    """Its whole residual is friction; within the torque through the gear, it shifts K2 by 0.4 %."""
+    robot = replace(PAPER, hysteresis_Nm=[0.08, 0.03], hysteresis_rad=0.003, coulomb=[0.1, 0.2])
+    motions = paper_motions(robot, BAND, **MOTIONS)
+    moves = np.arange(motions.frequency_hz.size)[:, None] % 2 == np.arange(2)
+    motions = replace(motions, amplitude_rad=motions.amplitude_rad * moves)
+    (records,) = simulate([(robot, motions)])
+    phasors = extract_phasors(records)
+    fit = maximum_likelihood(
+        phasors,
+        Inertia(robot.M, robot.M2),
+        robot.answer,
+        friction=friction_waveforms(phasors, 0.03),
+        effects=("hysteresis",),
+    )
+    np.testing.assert_allclose(fit.named.K, robot.K, rtol=2e-3)
+
+
 def test_indistinguishable_laws_give_the_remedy_of_a_second_amplitude(stiffening: ElasticityFit) -> None:
     assert second_amplitude(stiffening) == ""
     best, *others = stiffening.candidates
@@ -676,6 +694,27 @@ def test_friction_beside_a_law_starts_from_the_law(monkeypatch: pytest.MonkeyPat
     from_law = starts[sliding.with_part("backlash")]
     assert from_law.layout == search.fits.tried[law].named.layout  # without friction
     assert "hysteresis" in starts[sliding.with_part("hysteresis")].layout  # no law leads to this one
+
+
+def test_a_law_beside_friction_starts_from_its_regression(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also after a fit from other start values: slopes from a cubic law left 1800 times the noise."""
+    law = Model(None, delay=False, effects=("backlash",))
+    beside = replace(law, reversal=0.0)
+    search, calls = scripted("wide play", {law: [1e6]}, monkeypatch)
+    search.fits.tried[beside] = search.fits.tried[search.base]
+    fit_regressed(search, np.inf)
+    assert [start for model, start in calls if model == beside] == [search.regressed_laws[0][1]]
+
+
+def test_the_leading_law_of_motions_is_fitted_before_its_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Backlash took the place of hardening beside a hold that was not declared: K was 22 % off."""
+    search, _ = scripted("hardening", {}, monkeypatch)
+    gains = {"backlash": 0.6, "cubic": 0.8, "hysteresis": 0.1, "delay": 0.1}
+    scored = {part: SimpleNamespace(gain=gain) for part, gain in gains.items()}
+    monkeypatch.setattr(Search, "scores", lambda *_: scored)
+    laws = _laws_of_motions(search, search.base)
+    assert [part for _, part, _ in laws] == ["cubic", "backlash"]
+    assert laws[0][2](search.phasors, search.prior).vector is search.start.vector
 
 
 def test_a_law_far_from_its_optimum_starts_from_its_own_values(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -112,8 +112,7 @@ def fit_regressed(search: Search, most_left: float = _BENT) -> None:
         most_left = min(most_left, _OTHER_LAWS * left)
         for model in models if left < most_left else ():
             wider = model.with_part(law)
-            follows = model.reversal is not None and wider in fits.tried  # from the fit without friction
-            if fits.least_misfit > DOUBTFUL and (law, wider) not in search.regressed and not follows:
+            if fits.least_misfit > DOUBTFUL and (law, wider) not in search.regressed:
                 _fit_law(search, wider, start)
                 if (
                     search.is_lost
@@ -150,15 +149,17 @@ def fit_laws(search: Search) -> None:
 
 
 def _laws_of_motions(search: Search, model: Model) -> list[tuple[Model, str, Start]]:
-    """Laws with start values of their own that the scores of a model do not rule out, the best first.
+    """Laws that the scores of a model do not rule out, the best first, with their start values.
 
-    Wide backlash looks like hardening, and hysteresis with a delay does.
+    Wide backlash looks like hardening, and hysteresis with a delay does. The leading law is among them:
+    growth from a rival that came nearer by its own start values would not return to it.
     """
     gains = {part: score.gain for part, score in search.scores(model).items()}
-    order = sorted(gains, key=lambda part: -gains[part])
+    order, found = sorted(gains, key=lambda part: -gains[part]), search.fits.estimate(model)
     starts: dict[str, Start] = {"backlash": partial(regression_start, backlash=True)}
-    if order and order[0] in GEAR_LAWS:  # friction at the arm resembles hysteresis
-        starts["hysteresis"] = regression_start
+    if found and order and order[0] in GEAR_LAWS:  # friction at the arm resembles hysteresis
+        starts["hysteresis"], near = regression_start, found.named
+        starts.setdefault(order[0], lambda *_: near)
     rivals = [part for part in order if part in starts and gains[part] > _RIVAL * gains[order[0]]]
     return [(model, part, starts[part]) for part in rivals]
 
@@ -171,6 +172,7 @@ def _fit_law(search: Search, wider: Model, start: Parameters) -> None:
     leads = search.is_lost and fits.misfit(wider) < _STEEP * _linear_misfit(search)
     if near and leads and search.may_have_friction and rubs not in fits.tried:
         search.fit(rubs, near.named)
+        search.regressed.update((law, rubs) for law in rubs.effects)  # no other start is needed
     if search.is_lost:
         freed(search, wider)
     fit_slopes(search, wider)

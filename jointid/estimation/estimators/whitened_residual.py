@@ -256,12 +256,14 @@ def with_free_torque(problem: Problem, vector: Floats) -> Problem:
 
     It stays fixed in a fit. Linear joints need no such correction: it is a part of the projection.
     """
-    may_rub = problem.motion is None and problem.free.shapes > 0
+    may_rub = problem.motion is None and (problem.free.shapes > 0 or not problem.used.all())
     for _ in range(_EVALUATIONS * may_rub * any(name in problem.layout for name in DRIVEN_LAWS)):
         residual = WhitenedResidual.of(problem, vector, np.ones(problem.s.shape[1]))
         if not residual.cost < _STICKING * problem.rows / 2:
             break
-        problem = replace(problem, free_torque=residual.free_friction())
+        # At a stationary motor the whole residual is friction.
+        free = np.where(problem.used[:, None], residual.free_friction(), residual.at.r)
+        problem = replace(problem, free_torque=free * problem.known[..., None])
     return problem
 
 
