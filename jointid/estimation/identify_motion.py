@@ -1,6 +1,5 @@
 """Identification from records of any motion, alone or together with sines, in one likelihood."""
 
-import contextlib
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,7 +9,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Choice, Model, dissipates
+from jointid.estimation.candidates import Choice, Model
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
@@ -18,18 +17,18 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
-from jointid.estimation.model_fits import evaluated, fit_model, stepped
-from jointid.estimation.model_selection import FAR, choose_model
+from jointid.estimation.model_fits import evaluated, fit_model
+from jointid.estimation.model_selection import choose_model
 from jointid.estimation.motion_noise import (
     SAME,
     SAME_OF_MANY,
     noise_differs,
     noise_of_rows,
+    with_first_noise,
     with_noise,
     with_torque_noise,
 )
 from jointid.estimation.regression_start import regressed, regression_start
-from jointid.estimation.start_values import at_resonances
 from jointid.joints import Inertia
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors
@@ -37,10 +36,6 @@ from jointid.phasors.extract import Phasors, extract_phasors
 from jointid.records import MotionRecord, SineRecord, require_torques
 from jointid.small_matrices import one_thread
 
-_BETTER = 0.9
-"""Ratio of misfits from which a richer friction model is better."""
-_POOR, _FAR_BETTER = 1.5, 0.3
-"""Misfit above which friction of motors at rest may bias the start; ratio that shows a better one."""
 _EQUAL = 10.0
 """Information criterion over the least up to which a model is compared again with other noise."""
 _REJECTED = 100.0
@@ -49,9 +44,8 @@ _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
 _FEW = 6
 """Segments of motions for the first estimates of noise and model, from which the whole fit starts."""
-_MANY, _NOISES = 10_000, 4
-"""Number of equations above which the model of many joints also comes from the first segments, and
-number of noise estimates from them."""
+_MANY = 10_000
+"""Number of equations above which the model of many joints also comes from the first segments."""
 _SEARCHES, _TWICE = 3, 1.0
 """Most further searches with the noise that the chosen model leaves, and the change of its variance,
 over the smaller one, that asks for more than one: with twice the noise, a wrong minimum may pass."""
@@ -150,7 +144,7 @@ def _identified(
     if many:
         phasors, prior, rows = phasors.select(rows), prior.of_rows(rows), np.arange(rows.size)
     start: Floats | Parameters
-    phasors, start, first, far = _with_first_noise(
+    phasors, start, first, far = with_first_noise(
         phasors, prior, rows, regression_start(*whole), many=many, gives_up=gives_up
     )
     few, own = phasors.select(rows), prior.of_rows(rows)
@@ -193,65 +187,6 @@ def _identified(
         prior=given,
         inertias=tuple(estimate.inertias[row] for row in np.unique(source, return_index=True)[1]),
     )
-
-
-def _with_first_noise(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    rows: np.ndarray,
-    start: Parameters,
-    *,
-    many: bool,
-    gives_up: Callable[[], bool],
-) -> tuple[Phasors, Floats | Parameters, tuple[Model, ...], float]:
-    """Phasors with the noise from a fit of some rows, its parameters and model, and what misfit is far.
-
-    Any is, once that fit was far: its noise hides it. The model has friction, where the records show
-    it, and a delay, where it explains far more. With ``many`` equations the noise is estimated several
-    times. Resonances are further start values where the fit stays far from the data.
-    """
-    if not phasors.motion.any():
-        return phasors, start, (), FAR
-    if "coulomb" in start.layout:
-        size = np.maximum(start["coulomb"], 0.0)
-        bounded = [each and replace(each, unknown_Nm=size) for each in phasors.segments]
-        phasors = replace(phasors, segments=tuple(bounded))
-    found: LikelihoodEstimate | None = None
-    few, own = phasors.select(rows), prior.of_rows(rows)
-    noise, model = noise_of_rows(few, own), Model(0.0, delay=False)
-    for each in (Model(None, delay=False), model)["coulomb" in start.layout :]:
-        with contextlib.suppress(JointIdError):
-            richer = fit_model(few, own, start, noise, each)
-            if found is not None and (richer.misfit > _BETTER * found.misfit or not dissipates(richer)):
-                break
-            model, found = each, richer
-    if found is not None:
-        with contextlib.suppress(JointIdError):  # of a torque whose hold is not declared, for example
-            late = replace(model, delay=True)
-            richer = fit_model(few, own, found.named, noise, late)
-            if richer.misfit < _FAR_BETTER * found.misfit:
-                model, found = late, richer
-    is_poor = found is None or found.misfit >= _POOR
-    if is_poor and "coulomb" in start.layout and not gives_up():
-        for other in at_resonances(few, own, friction=start):
-            with contextlib.suppress(JointIdError):
-                richer = fit_model(few, own, other, noise, model)
-                if found is None or richer.misfit < _FAR_BETTER * found.misfit:
-                    found = richer
-                    break
-    if found is None:
-        return phasors, start, (), FAR
-    far = FAR if found.misfit < FAR else 0.0
-    phasors = with_noise(phasors, prior, model, found)
-    for _ in range(_NOISES if many else 1):
-        before = phasors
-        with contextlib.suppress(JointIdError):  # the weights of the earlier fit were wrong
-            noise = noise_of_rows(phasors, prior)
-            moved = replace(found, p=stepped(phasors, prior, found, noise, model)[0])
-            phasors, found = with_noise(phasors, prior, model, moved), moved
-        if not noise_differs(before, phasors):
-            break
-    return phasors, found.named if "coulomb" in found.layout else found.elasticity, (model,), far
 
 
 def _equals(choice: Choice) -> tuple[Model, ...]:

@@ -1,19 +1,25 @@
 """Noise of motions, from the residual of a fitted model, and of sines beside them."""
 
-from collections.abc import Sequence
+import contextlib
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Model
+from jointid.estimation.candidates import Model, dissipates
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
+from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.estimators.residual import unknown_friction
-from jointid.estimation.model_fits import evaluated
+from jointid.estimation.model_fits import evaluated, fit_model, stepped
+from jointid.estimation.model_selection import FAR
+from jointid.estimation.regression_start import regression_start
+from jointid.estimation.start_values import at_resonances
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Motors
 
@@ -23,6 +29,12 @@ equations, whose noise is already that of the chosen model."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
 """Smallest share of a joint's equations in a segment that free friction leaves, and share above which
 the segment shows the noise; if no segment does, those with the largest share are used."""
+_BETTER = 0.9
+"""Ratio of misfits from which a richer friction model is better."""
+_NOISES = 4
+"""Estimates of the noise from the first segments of many."""
+_POOR, _FAR_BETTER = 1.5, 0.3
+"""Misfit above which friction of motors at rest may bias the start; ratio that shows a better one."""
 _LATEST = 0.2
 """Largest share of a motor's velocity at which friction may have turned it back: more is friction in a
 wrong unit, with which all of the motion would be a reversal."""
@@ -66,7 +78,8 @@ def with_torque_noise(
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             braked = np.maximum(segment.friction_at_reversals(motors[row]), 0)
-            unknown = braked / motors[row].torque_scale
+            # A motor that moved has overcome it.
+            unknown = np.minimum(braked / motors[row].torque_scale, np.abs(segment.torque).max(axis=1))
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             late = np.minimum(late, _LATEST * np.abs(segment.velocity).max(axis=1))
             segments[row] = replace(segment, torque_variance=torque, turn_rad_s=late, unknown_Nm=unknown)
@@ -92,3 +105,72 @@ def noise_of_rows(phasors: Phasors, prior: InertiaPrior) -> Noise:
         own = spring_equations(phasors.select(sines), [inertias[k] for k in sines]).noise
         covariance[sines], degrees[sines] = own.covariance, own.degrees_of_freedom
     return Noise(floored(covariance, phasors.harmonics), degrees)
+
+
+def with_first_noise(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    rows: np.ndarray,
+    start: Parameters,
+    *,
+    many: bool,
+    gives_up: Callable[[], bool],
+) -> tuple[Phasors, Floats | Parameters, tuple[Model, ...], float]:
+    """Phasors with the noise from a fit of some rows, its parameters and model, and what misfit is far.
+
+    Any is, once that fit was far: its noise hides it. The model has friction, where the records show
+    it, and a delay, where it explains far more. With ``many`` equations the noise is estimated several
+    times. Resonances are further start values where the fit stays far from the data.
+    """
+    if not phasors.motion.any():
+        return phasors, start, (), FAR
+    if "coulomb" in start.layout:
+        size = np.maximum(start["coulomb"], 0.0)
+        bounded = [each and replace(each, unknown_Nm=size) for each in phasors.segments]
+        phasors = replace(phasors, segments=tuple(bounded))
+    few, own = phasors.select(rows), prior.of_rows(rows)
+    noise = noise_of_rows(few, own)
+
+    def fitted(start: Parameters) -> tuple[Model, LikelihoodEstimate | None]:
+        found: LikelihoodEstimate | None = None
+        model = Model(0.0, delay=False)
+        for each in (Model(None, delay=False), model)["coulomb" in start.layout :]:
+            with contextlib.suppress(JointIdError):
+                richer = fit_model(few, own, start, noise, each)
+                if found is not None and (
+                    richer.misfit > _BETTER * found.misfit or not dissipates(richer)
+                ):
+                    break
+                model, found = each, richer
+        if found is not None:
+            with contextlib.suppress(JointIdError):  # for example of a hold that is not declared
+                late = replace(model, delay=True)
+                richer = fit_model(few, own, found.named, noise, late)
+                if richer.misfit < _FAR_BETTER * found.misfit:
+                    model, found = late, richer
+        return model, found
+
+    model, found = fitted(start)
+    is_poor = found is None or found.misfit >= _POOR
+    if is_poor and "coulomb" in start.layout and not gives_up():
+        others = itertools.chain(
+            [regression_start(few, own, lags=True)], at_resonances(few, own, friction=start)
+        )
+        for other in others:
+            wider, richer = fitted(other)
+            if richer is not None and (found is None or richer.misfit < _FAR_BETTER * found.misfit):
+                model, found = wider, richer
+                break
+    if found is None:
+        return phasors, start, (), FAR
+    far = FAR if found.misfit < FAR else 0.0
+    phasors = with_noise(phasors, prior, model, found)
+    for _ in range(_NOISES if many else 1):
+        before = phasors
+        with contextlib.suppress(JointIdError):  # the weights of the earlier fit were wrong
+            noise = noise_of_rows(phasors, prior)
+            moved = replace(found, p=stepped(phasors, prior, found, noise, model)[0])
+            phasors, found = with_noise(phasors, prior, model, moved), moved
+        if not noise_differs(before, phasors):
+            break
+    return phasors, found.named if "coulomb" in found.layout else found.elasticity, (model,), far

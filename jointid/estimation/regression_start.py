@@ -23,6 +23,8 @@ _STEPS, _STEPS_OF_SINES, _NEAR = 8, 20, 0.1
 """Most steps, those of sines with changing weights, and the step in standard errors that ends them."""
 _SLOWEST = 2.0
 """Largest D ω/K at the highest frequency."""
+_LATEST = 1.0
+"""Largest product of a delay and the highest frequency, rad; the smallest delay is 0."""
 _RIDGE = 1e-10
 """Added to the normal matrix of unit diagonal."""
 _ROUNDING = 1e-9
@@ -32,27 +34,38 @@ _LOADED = 0.2
 _OUTLIER = 3.0
 """Residual of a sine over the median from which it counts less: motors that others move may stick."""
 _HELD = 0.8
-"""Share of the time without clear velocity from which a motor's torque does not count, in motions."""
+"""Share of a segment without clear velocity from which its torque of that motor does not count."""
 _EXPLAINED = 2.0
 """Cost that friction explains, over the remaining one, from which friction is fitted."""
 
 
 def regression_start(
-    phasors: Phasors, prior: InertiaPrior, *, backlash: bool = False, hangs: bool = False
+    phasors: Phasors,
+    prior: InertiaPrior,
+    *,
+    backlash: bool = False,
+    hangs: bool = False,
+    lags: bool = False,
 ) -> Parameters:
     """The start values alone."""
-    return regressed(phasors, prior, backlash=backlash, hangs=hangs)[0]
+    return regressed(phasors, prior, backlash=backlash, hangs=hangs, lags=lags)[0]
 
 
 @np.errstate(all="ignore")  # values that the records do not determine may diverge
 def regressed(
-    phasors: Phasors, prior: InertiaPrior, *, backlash: bool = False, hangs: bool = False
+    phasors: Phasors,
+    prior: InertiaPrior,
+    *,
+    backlash: bool = False,
+    hangs: bool = False,
+    lags: bool = False,
 ) -> tuple[Parameters, float]:
     """K, D, friction if significant and, with a common unknown as the payload, elements of M2.
 
     ``backlash`` adds that of every gear, which moves the arm from one flank to the other, ``hangs``
-    unknown gravity stiffness. The second value is the misfit of the arm's equation with friction, at
-    least 1. Of sines, outliers count less (Cauchy's weights).
+    unknown gravity stiffness, ``lags`` a delay of the torque, which is not returned. The second value is
+    the misfit of the arm's equation with friction, at least 1. Of sines, outliers count less (Cauchy's
+    weights).
     """
     n, shared = prior.n, bool(prior.shared.any())
     known = np.any(phasors.harmonics != 0, axis=2)
@@ -63,7 +76,6 @@ def regressed(
     z, s2, one = phasors.harmonics[row, bins], (s * s)[:, None], np.eye(n)
     variance = np.einsum("bcc->bc", phasors.harmonic_covariance[row, bins]).real
     M, pose = prior.M[prior.rotor[row]], prior.pose[row]
-    torque = z[:, n:] - s2 * M * z[:, :n]
     of_torque = variance[:, n:] + np.abs(s2 * M) ** 2 * variance[:, :n]
     friction = friction_waveforms(phasors, None)
     shapes = np.stack([friction.coulomb[row, bins], s[:, None] * z[:, :n]])
@@ -77,11 +89,12 @@ def regressed(
     fastest = float(np.abs(s).max())
     flank = _flanks(phasors, prior)[row, bins] if backlash else np.zeros((row.size, n))
     yielding, slow, half, weight = np.zeros((4, n))  # 1/K, D/K, half the backlash, gravity stiffness
-    levels, payload = np.zeros((2, n)), 0.0  # the payload in its standard deviations
+    levels, late, payload = np.zeros((2, n)), 0.0, 0.0  # the payload in its standard deviations
     change = s2[..., None] * prior.shared[prior.part[pose]] + prior.shared_gravity[pose]
     for _ in range(_STEPS if phasors.motion.any() else _STEPS_OF_SINES):
         A = s2[..., None] * prior.M2[pose] + prior.gravity[pose] + payload * change + np.diag(weight)
-        drive = torque - np.einsum("kbj,kj->bj", shapes, levels)
+        acting = z[:, n:] * np.exp(-s * late)[:, None]
+        drive = acting - s2 * M * z[:, :n] - np.einsum("kbj,kj->bj", shapes, levels)
         lag = 1 + s[:, None] * slow
         C = yielding / lag
         arm = z[:, :n] - C * drive - half * flank / lag
@@ -99,6 +112,7 @@ def regressed(
         columns += [passed * waveform[:, None] for waveform in shapes]
         columns += [-A * (flank / lag)[:, None]] * backlash
         columns += [one * arm[:, None]] * hangs
+        columns += [passed @ (s[:, None] * acting)[..., None]] * lags
         columns += [change @ arm[..., None]] * shared
         J = np.concatenate([*columns, residual[..., None]], axis=2) / np.sqrt(size)
         normal, rows = np.zeros((J.shape[2],) * 2), 0
@@ -115,12 +129,13 @@ def regressed(
         if shared:
             N[-1, -1] += misfit
             g[-1] += misfit * payload
-        scale = np.sqrt(np.maximum(np.diag(N), np.finfo(float).tiny))
-        inverse = np.linalg.inv(N / np.outer(scale, scale) + _RIDGE * np.eye(len(N)))
-        step = -inverse @ (g / scale) / scale
+        count = (4 + backlash + hangs) * n
+        step, scale, inverse = _solved(N, g)
+        if lags and not 0 <= late + step[count] <= _LATEST / fastest:  # the delay stays
+            N[count], N[:, count], g[count] = 0.0, 0.0, 0.0
+            step, scale, inverse = _solved(N, g)
         if not np.isfinite(step).all():
             break
-        count = (4 + backlash + hangs) * n
         rise, fall, *changes = step[: 4 * n].reshape(4, n)
         half = half + (step[4 * n : 5 * n] if backlash else 0)
         weight = weight + (step[count - n : count] if hangs else 0)
@@ -130,7 +145,8 @@ def regressed(
         slow = np.divide(damped, yielding, out=np.zeros(n), where=yielding > 0)
         slow = np.clip(slow, 0.0, _SLOWEST / fastest)
         levels = levels + changes
-        payload += float(step[count:].sum())
+        late += float(step[count : count + lags].sum())
+        payload += float(step[count + lags :].sum())
         if np.abs(step * scale).max() < _NEAR * np.sqrt(misfit):
             break
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
@@ -152,6 +168,13 @@ def regressed(
         arms=len(prior.lower) if shared else 0,
     )
     return layout.named(layout.pack(**values)), float(np.nan_to_num(misfit, nan=np.inf))
+
+
+def _solved(N: Floats, g: Floats) -> tuple[Floats, Floats, Floats]:
+    """Gauss-Newton step, and the square root of the diagonal of N with the inverse of N over both."""
+    scale = np.sqrt(np.maximum(np.diag(N), np.finfo(float).tiny))
+    inverse = np.linalg.inv(N / np.outer(scale, scale) + _RIDGE * np.eye(len(N)))
+    return -inverse @ (g / scale) / scale, scale, inverse
 
 
 def _flanks(phasors: Phasors, prior: InertiaPrior) -> Complexes:
