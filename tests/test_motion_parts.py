@@ -565,6 +565,22 @@ def test_the_torque_through_a_gear_in_sines_is_what_the_motor_leaves(filtered: b
 # --- projection of free friction
 
 
+@pytest.mark.parametrize(
+    ("joints", "bins", "waveforms", "by_complement"),
+    [(6, 116, 118, True), (2, 600, 30, False), (2, 60, 20, True)],
+)
+def test_friction_is_projected_by_the_quicker_method(
+    joints: int, bins: int, waveforms: int, by_complement: bool
+) -> None:
+    """Six joints that reverse often leave less than their friction takes: 34 s by columns, 10 by it."""
+    own = [np.zeros((bins, waveforms))] * joints
+    others = [np.zeros((bins, 1))] * joints
+    free = FreeFriction.of(
+        [Waveforms(own, others, np.ones((bins, joints), bool))], np.ones((1, joints)), bins
+    )
+    assert bool(free.bases) == by_complement
+
+
 @pytest.mark.parametrize("ends", [False, True])
 @pytest.mark.parametrize("bounded", [False, True])
 def test_free_friction_is_that_of_generalised_least_squares(bounded: bool, ends: bool) -> None:
