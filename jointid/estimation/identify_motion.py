@@ -42,6 +42,8 @@ _REJECTED = 100.0
 """Cost over that of the chosen model beyond which a law of the gears is not compared again."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
+_TOGETHER = 1e-3
+"""Smallest ratio of the powers of two joints, over their largest of all segments, that move together."""
 _FEW = 6
 """Segments of motions for the first estimates of noise and model, from which the whole fit starts."""
 _MANY = 10_000
@@ -214,8 +216,9 @@ def _few(phasors: Phasors, prior: InertiaPrior) -> np.ndarray:
     if moves.size <= _FEW or len(prior.M2) > 1:
         return np.arange(phasors.omega.size)
     power = np.sum(np.abs(phasors.harmonics[moves, :, : phasors.n]) ** 2, axis=1)
-    joint = np.argmax(power / np.maximum(power.max(axis=0), np.finfo(float).tiny), axis=1)
-    each = max(1, _FEW // np.unique(joint).size)
+    share = power / np.maximum(power.max(axis=0), np.finfo(float).tiny)
+    joint = np.argmax(share, axis=1) * np.any(share < _TOGETHER * share.max(axis=1, keepdims=True))
+    each = max(2, _FEW // np.unique(joint).size)
     of_joints = (moves[joint == j] for j in np.unique(joint))
     chosen = [rows[:: -(-rows.size // each)] for rows in of_joints]
     return np.sort(np.concatenate([np.flatnonzero(~phasors.motion), *chosen]))

@@ -69,6 +69,8 @@ def with_torque_noise(
     """
     usual: Floats = np.mean([*torques.values()], axis=0)
     covariance, segments = phasors.harmonic_covariance.copy(), list(phasors.segments)
+    shown = [np.abs(each.torque).max(axis=1) for each in phasors.segments if each is not None]
+    overcome = np.max(shown, axis=0)  # a motor that moves anywhere has no more Coulomb friction
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
             least, most = segment.least_torque_variance, segment.most_torque_variance
@@ -78,8 +80,7 @@ def with_torque_noise(
             variance = np.concatenate([segment.angle_variance, torque])
             covariance[row] = 4 / segment.samples * np.diag(variance)
             braked = np.maximum(segment.friction_at_reversals(motors[row]), 0)
-            # A motor that moved has overcome it.
-            unknown = np.minimum(braked / motors[row].torque_scale, np.abs(segment.torque).max(axis=1))
+            unknown = np.minimum(braked / motors[row].torque_scale, overcome)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             late = np.minimum(late, _LATEST * np.abs(segment.velocity).max(axis=1))
             segments[row] = replace(segment, torque_variance=torque, turn_rad_s=late, unknown_Nm=unknown)
