@@ -29,6 +29,7 @@ from jointid import (
     identify_motion,
     load_study,
 )
+from jointid.estimation import motion_noise
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
@@ -451,7 +452,8 @@ def test_unknown_friction_is_no_larger_than_coulomb_friction(monkeypatch: pytest
         found.append(np.subtract(after.segments[0].unknown_Nm, most))
         return after
 
-    monkeypatch.setattr(identify_motion_module, "with_noise", bounded)
+    for module in (identify_motion_module, motion_noise):
+        monkeypatch.setattr(module, "with_noise", bounded)
     sweep = replace(SHORT, kind="sweep", sample_rate_hz=250.0, encoder_counts=2**17)
     late = records(sweep, position_filter_hz=200.0, lag_s=2e-3)
     fit = identify_motion(late, GIVEN, inertia_std=0.05)

@@ -42,8 +42,8 @@ _REJECTED = 100.0
 """Cost over that of the chosen model beyond which a law of the gears is not compared again."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
-_TOGETHER = 1e-3
-"""Smallest ratio of the powers of two joints, over their largest of all segments, that move together."""
+_TOGETHER = 0.1
+"""Least over most power of the joints that move together, each over its largest of all segments."""
 _FEW = 6
 """Segments of motions for the first estimates of noise and model, from which the whole fit starts."""
 _MANY = 10_000
@@ -217,7 +217,8 @@ def _few(phasors: Phasors, prior: InertiaPrior) -> np.ndarray:
         return np.arange(phasors.omega.size)
     power = np.sum(np.abs(phasors.harmonics[moves, :, : phasors.n]) ** 2, axis=1)
     share = power / np.maximum(power.max(axis=0), np.finfo(float).tiny)
-    joint = np.argmax(share, axis=1) * np.any(share < _TOGETHER * share.max(axis=1, keepdims=True))
+    in_turn = np.median(share.min(axis=1) / share.max(axis=1)) < _TOGETHER
+    joint = np.argmax(share, axis=1) * in_turn
     each = max(2, _FEW // np.unique(joint).size)
     of_joints = (moves[joint == j] for j in np.unique(joint))
     chosen = [rows[:: -(-rows.size // each)] for rows in of_joints]
