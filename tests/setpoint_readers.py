@@ -139,7 +139,7 @@ def random_trial(seed: int) -> Trial:
         upper_deg=moving + 10 ** rng.uniform(-1.0, 1.5, n),
         velocity_deg_s=10 ** rng.uniform(0.5, 2.5, n),
         acceleration_deg_s2=10 ** rng.uniform(2.5, 4.5, n),
-        torque_Nm=rng.uniform(2, 30, n),
+        torque_Nm=10 ** rng.uniform(-0.2, 1.5, n),
     )
     coulomb = rng.uniform(0, 0.1, n) * (rng.random() < 0.2)
     file_format = str(rng.choice(["csv", "ros2", "ur", "egm", "rsi"]))
