@@ -7,6 +7,8 @@ import re
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import lsim
 
 from jointid import Elasticity, Inertia, JointIdError, MotorFriction
 from jointid.arrays import Floats
@@ -137,7 +139,7 @@ def random_trial(seed: int) -> Trial:
         upper_deg=moving + 10 ** rng.uniform(-1.0, 1.5, n),
         velocity_deg_s=10 ** rng.uniform(0.5, 2.5, n),
         acceleration_deg_s2=10 ** rng.uniform(2.5, 4.5, n),
-        torque_Nm=rng.uniform(2, 30, n),
+        torque_Nm=10 ** rng.uniform(-0.2, 1.5, n),
     )
     coulomb = rng.uniform(0, 0.1, n) * (rng.random() < 0.2)
     file_format = str(rng.choice(["csv", "ros2", "ur", "egm", "rsi"]))
@@ -171,7 +173,8 @@ def outcome(trial: Trial) -> Outcome:
             text = checked.text()
         except JointIdError as again:
             return Outcome(True, f"refused again: {again}", 0.0)
-    shares = limit_shares(read(trial.file_format, text, trial.robot.start_deg), trial.robot)
+    file = read(trial.file_format, text, trial.robot.start_deg)
+    shares = limit_shares(file, trial.robot) | {"torque": torque_share(file, trial)}
     worst = max(shares, key=lambda name: shares[name])
     beyond = shares[worst] > 1 + 1e-9
     return Outcome(refused, f"{worst}: {shares[worst]:.9f}" if beyond else "", shares[worst])
@@ -194,3 +197,21 @@ def limit_shares(file: File, robot: RobotLimits) -> dict[str, float]:
         ),
         "held axes and ends": 0.0 if still < 1e-6 else np.inf,
     }
+
+
+def torque_share(file: File, trial: Trial) -> float:
+    """Largest share of a torque limit that motors need to follow a file; 1 % is left to interpolation.
+
+    Equation (1) on a spline through the set points, in steps of 0.2 ms.
+    """
+    (K, D), M2, n = (trial.elasticity.K, trial.elasticity.D), trial.inertia.M2, trial.inertia.n
+    moved = np.radians(file.position_deg[:, :n] - trial.robot.start_deg[:n]) * trial.robot.gear_ratio
+    curve, time = make_interp_spline(file.time_s, moved, k=5), np.arange(0, file.time_s[-1], 2e-4)
+    angle, velocity, acceleration = (curve(time, order) for order in range(3))
+    drive = np.linalg.solve(M2, np.hstack([np.diag(K), np.diag(D)]))
+    A = np.vstack([np.eye(2 * n)[n:], -drive])
+    B = np.vstack([np.zeros((n, 2 * n)), drive])
+    arm = lsim((A, B, np.eye(2 * n), 0 * B), np.hstack([angle, velocity]), time)[1]
+    torque = trial.inertia.M * acceleration + K * (angle - arm[:, :n]) + D * (velocity - arm[:, n:])
+    torque += trial.friction.coulomb * np.sign(velocity)
+    return float((np.abs(torque) / trial.robot.torque_Nm).max() / 1.01)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,9 @@ from streamlit.testing.v1 import AppTest
 from test_import_page import PAGE, drop, long_log, send, widget
 
 from jointid import Inertia, JointIdError, PlanarArm, RobotModel, Study
+from jointid.cli.convert import with_gears_of
 from jointid.files.study_files import load_study
+from jointid.importing import Channel, JointMapping, Mapping, TimeColumn
 from jointid.importing.robot_inertia import INERTIA_UNITS, motor_side, robot_from_toml, rotor_at_motor
 from jointid.ui.importing.inertia import show_inertia
 from jointid.ui.shared.entries import deviation_in, deviation_text
@@ -30,6 +33,24 @@ D = [0.1]
 [poses.stretched]
 M2 = [[0.005]]
 """
+
+
+def test_a_robot_model_gives_gear_ratios_that_were_assumed() -> None:
+    """They stayed 1, and the study contradicted its own robot model."""
+    model = RobotModel.parse("two.toml", "[[link]]".join(SIX_AXES.split("[[link]]")[:3]).encode())
+    ratios = (1.0, -70.0)
+    joints = [
+        JointMapping(Channel(f"q{N}", "deg", side="joint"), Channel(f"tau{N}", "N·m"), N) for N in ratios
+    ]
+    assumed = ("gear ratio of joint 1", "gear ratio of joint 2")
+    mapping = Mapping(TimeColumn("t"), tuple(joints), assumed=assumed)
+    found = with_gears_of(model, mapping)
+    assert [joint.gear_ratio for joint in found.joints] == [model.gear_ratio[0], -70.0]
+    confirmed = replace(mapping, assumed=())
+    assert with_gears_of(model, confirmed) == confirmed
+    assert with_gears_of(None, mapping) is mapping
+    coupled = replace(model, coupling=model.coupling + 1e-3 * np.eye(2, k=-1))
+    assert with_gears_of(coupled, mapping) == mapping
 
 
 @given(some.integers(1, 4), some.integers(0, 2**32 - 1))

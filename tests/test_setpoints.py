@@ -16,6 +16,7 @@ from setpoint_readers import limit_shares, outcome, random_trial, read
 from typer.testing import CliRunner
 
 from jointid import (
+    Elasticity,
     Inertia,
     JointIdError,
     Motion,
@@ -404,6 +405,34 @@ def test_the_load_at_rest_uses_up_torque() -> None:
         set_points(simulated(), loaded, "csv").text()
     with pytest.raises(JointIdError, match="check load and friction"):
         set_points(simulated(), replace(WIDE, load_Nm=np.array([0.0, 20.1])), "csv").text()
+
+
+def test_load_and_inertia_are_those_of_the_robot_model_in_the_start_pose() -> None:
+    """The load was 0 and the inertia that of the planned pose, also where the model knows better."""
+    model = RobotModel.parse("six.toml", SIX_AXES.encode()).with_payload(mass_std=40.0)
+    q, still = np.deg2rad([0.0, -60.0, 100.0, 20.0, 40.0, 10.0]), np.zeros(6)
+    known = model.inertia(q)
+    record = simulate_motion(known, Elasticity([50.0] * 6, [0.1] * 6), records=1)[0]
+    study = Study([record], known, robot_model=model, pose_angles_rad={"": q})
+    fitted = Inertia(1.01 * known.M, 1.01 * known.M2)
+    free: dict[str, object] = dict.fromkeys(
+        ("velocity_deg_s", "acceleration_deg_s2", "torque_Nm", "upper_deg"), 360.0
+    )
+    robot = RobotLimits(model.gear_ratio, np.degrees(q).round(1), lower_deg=-360.0, **free)
+    found, inertia = robot.on_robot(study, "", fitted)
+    assert inertia is fitted
+    heavier = model.with_payload(mass=model.payload.mass + 40)
+    loads = [np.abs(each.torque(q, still, still) / model.gear_ratio) for each in (model, heavier)]
+    np.testing.assert_allclose(found.load_Nm, np.max(loads, axis=0), rtol=1e-2, atol=1e-2)
+    assert found.load_Nm.max() > 3
+    other = np.degrees(q) + 20 * np.eye(6)[1]
+    np.testing.assert_array_equal(
+        replace(robot, start_deg=other).on_robot(study, "", fitted)[1].M2,
+        model.inertia(np.radians(other)).M2,
+    )
+    given = replace(robot, load_Nm=np.ones(6))
+    assert given.on_robot(study, "", fitted)[0] is given
+    assert robot.on_robot(replace(study, pose_angles_rad={}), "", fitted) == (robot, fitted)
 
 
 def test_no_scale_helps_where_rest_exceeds_the_limit() -> None:

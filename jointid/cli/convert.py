@@ -125,6 +125,7 @@ def convert(
         nominal=assumed, name=called, inertia_std=inertia_std, torque_std=torque_std
     )
     robot = replace(robot_from(inertia), **changes)
+    chosen = with_gears_of(robot.robot_model, chosen)
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
         given = f"{len(poses)} times for {counted(len(tables), 'log')}"
@@ -186,6 +187,21 @@ def _write_runs(tables: Sequence[Any], mapping: Any, path: Path, together: Seque
     print(f"{path}: {count}. Correct the file, then convert with --runs {path}.")
     for line in (*together, *notes):
         typer.echo(line, err=True)
+
+
+def with_gears_of(model: Any, mapping: Any) -> Any:
+    """Return a mapping with the gear ratios of a robot model in place of those assumed to be 1."""
+    if model is None or model.n != len(mapping.joints):
+        return mapping
+    joints = [
+        replace(joint, gear_ratio=ratio)
+        if f"gear ratio of joint {number}" in mapping.assumed and joint.gear_ratio == 1 and not coupled
+        else joint
+        for number, (joint, ratio, coupled) in enumerate(
+            zip(mapping.joints, model.gear_ratio.tolist(), model.is_coupled, strict=True), start=1
+        )
+    ]
+    return replace(mapping, joints=tuple(joints))
 
 
 def robot_facts(mapping: Any, table: Any) -> dict[str, Any]:

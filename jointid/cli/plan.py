@@ -257,11 +257,12 @@ def setpoints(
     shape = (motion, from_hz, to_hz) if motion else None
     analysis, found = planned(study, method, count, duration_s, texts, shape, usable=True)
     robot.require_gears_of(analysis.study)
-    fit = analysis.fit
+    fit, pose = analysis.fit, analysis.study.records[0].pose or ""
+    robot, inertia = robot.on_robot(analysis.study, pose, fit.inertias[0])
     with progress("Running on the simulated robot"):
         experiment = planned_experiment(
             found if motion else found.records,
-            fit.inertias[0],
+            inertia,
             fit.elasticity,
             kind=kind,
             repeats=repeats,
@@ -271,9 +272,7 @@ def setpoints(
             scale=scale,
         )
         points = set_points(
-            simulate_experiment(
-                experiment, fit.inertias[0], fit.elasticity, friction=identified_friction(fit)
-            ),
+            simulate_experiment(experiment, inertia, fit.elasticity, friction=identified_friction(fit)),
             robot,
             file_format,
             interval_ms=interval_ms,

@@ -1,7 +1,7 @@
 """Limits, gears and start pose of a robot, as entered or from a TOML file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import compress
 from typing import Any
 
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array, per_joint, set_fields
 from jointid.errors import JointIdError
+from jointid.joints import Inertia
 from jointid.parsing.checked_toml import in_place, parse_toml
 from jointid.study import Study
 from jointid.wording import counted, enumerated
@@ -25,10 +26,12 @@ LIMIT_KEYS = {
     "velocity_deg_s": "velocity_deg_s = [105, 101]",
     "acceleration_deg_s2": "acceleration_deg_s2 = [300, 250]",
     "torque_Nm": "torque_Nm = [20, 12]  # of the motors",
-    "load_Nm": "load_Nm = [0, 4]  # motor torque at rest in the start pose, such as gravity",
+    "load_Nm": "load_Nm = [0, 4]  # motor torque at rest in the start pose; else of the robot model",
 }
 """Keys of a limits file."""
 _OPTIONAL = ("robot", "axes", "joint_names", "load_Nm")
+_SAME_POSE_RAD = 2e-3
+"""Rounding of the angles that a robot displays."""
 _POSITIVE = ("velocity_deg_s", "acceleration_deg_s2", "torque_Nm")
 
 
@@ -49,7 +52,7 @@ class RobotLimits:
     acceleration_deg_s2: Floats
     torque_Nm: Floats
     load_Nm: Floats = field(default_factory=lambda: np.zeros(1))
-    """Motor torque at rest in the start pose; the simulated robot has no gravity."""
+    """Motor torque at rest in the start pose: the simulated robot has gravity as a stiffness only."""
     axes: Sequence[float] = ()
     """Axes of the robot, from 1, that are the joints of the study; by default the first n."""
     joint_names: tuple[str, ...] = ()
@@ -91,6 +94,28 @@ class RobotLimits:
         """Velocities of the motors in rad/s, of one velocity or one per joint in deg/s."""
         each = per_joint("superposed velocity (°/s)", joint_deg_s, self.gear_ratio.size)
         return np.asarray(np.radians(each) * self.gear_ratio)
+
+    def on_robot(self, study: Study, pose: str, inertia: Inertia) -> tuple["RobotLimits", Inertia]:
+        """Return the limits with their load at rest, and the inertia, of the robot in the start pose.
+
+        A study with a robot model at the joint angles of ``pose`` knows both. The load is that of the
+        model where none is given, of the heavier payload if its mass is uncertain. In another start
+        pose than ``pose``, which ``inertia`` is of, the inertia is that of the model.
+        """
+        model, planned = study.robot_model, study.pose_angles_rad.get(pose)
+        if model is None or planned is None:
+            return self, inertia
+        start, load = np.radians(self.start_deg[list(self.moving)]), model.payload
+        if not np.allclose(start, planned, rtol=0, atol=_SAME_POSE_RAD):
+            inertia = model.inertia(start)
+        if self.load_Nm.any():
+            return self, inertia
+        still = np.zeros(model.n)
+        loads = [
+            model.with_payload(mass=mass).torque(start, still, still) @ model.coupling
+            for mass in (load.mass, load.mass + load.mass_std)
+        ]
+        return replace(self, load_Nm=np.abs(loads).max(axis=0).round(6)), inertia
 
     def require_gears_of(self, study: Study) -> None:
         """Refuse gears that couple the motors of a study, or gear ratios that contradict the study's."""

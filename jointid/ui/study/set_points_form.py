@@ -45,7 +45,7 @@ _LIMITS = {
     "load_Nm": (
         "Motor torques at rest (N·m)",
         "0, 4",
-        "Such as gravity in the start pose; empty: no load.",
+        "Such as gravity in the start pose; empty: that of the robot model, without one no load.",
     ),
     "axes": ("Axes of the robot", "1, 2", "Axes that are joints of the study; empty: the first ones."),
     "joint_names": ("Names of all axes", "joint_1, joint_2", "For ROS 2; empty: joint_1, joint_2, …"),
@@ -136,9 +136,10 @@ def show_set_points(
     drift = tuple(robot.motor_velocity(numbers_in("Superposed velocities", superposed)).tolist())
     settings = {"kind": _FORMS[kind], "scale": scale, "repeats": repeats, "ramp_s": ramp_s}
     settings |= {"rest_s": rest_s, "velocity_rad_s": drift}
-    inertia, fit = analysis.inertia(pose), analysis.fit
+    fit = analysis.fit
+    robot, inertia = robot.on_robot(analysis.study, pose, analysis.inertia(pose))
     simulated = page.computed(
-        ("simulated", pose, content, *settings.values()),
+        ("simulated", pose, content, *settings.values(), *robot.start_deg.tolist()),
         "Running on the simulated robot",
         simulate_experiment,
         planned_experiment(plan, inertia, fit.elasticity, **settings),
