@@ -55,7 +55,7 @@ KINDS = {
     "orthogonal, low": (0.5, CASES[2:]),
     "one-at-a-time": (3.0, CASES),
     "one-at-a-time, slipping": (3.0, CASES[2:]),
-    "motions": (3.0, CASES[2:3]),
+    "motions": (3.0, CASES[2:]),
 }
 """Lowest frequency, Hz, and cases. Slipping: soft controllers and little friction hold the other joints,
 so that these move in steps."""

@@ -212,7 +212,9 @@ def held() -> Iterator[tuple[Callable[[], str], Event, Event]]:
 def test_processes_start_with_the_first_page(
     pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Not at once, which would delay its picture."""
     monkeypatch.setattr(results, "_LONGEST_TURN_S", 0.01)
+    monkeypatch.setattr(results, "_UNDISTURBED_S", 0.2)
     long, began, end = held
     with ThreadPoolExecutor(1) as threads:
         first = threads.submit(run_in_background, long)
@@ -221,6 +223,8 @@ def test_processes_start_with_the_first_page(
         assert not pool._started, "what the server prepares must not wait for them"
         monkeypatch.setattr(results, "_session", lambda: "one")
         assert run_in_background(os.getpid) == os.getpid()
+        assert not pool._started
+        until(lambda: pool.is_ready)
         assert answers(pool) == run_in_background(os.getpid) != os.getpid()
         assert not first.done()
         end.set()

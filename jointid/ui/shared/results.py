@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from functools import cache, partial
-from threading import Lock, Semaphore
+from threading import Lock, Semaphore, Timer
 from time import monotonic
 from typing import Any, Literal, ParamSpec, TypeVar
 
@@ -31,6 +31,8 @@ _PRELOADED = (
 )
 """Imported when a worker starts, so that its first computation need not wait."""
 _PATIENCE_S = 5.0
+_UNDISTURBED_S = 2.0
+"""Time for the first page of a server, whose first picture workers that start would delay by 0.6 s."""
 _LONGEST_TURN_S = 1.0
 _MOST_BYTES = 1 << 28
 _TIME_LEFT_AFTER_S = 0.5
@@ -105,9 +107,11 @@ def _computed(
 
 @contextmanager
 def _turn_here(session: str) -> Iterator[bool]:
-    """Wait a while for a turn in this process; the first page starts the workers."""
+    """Wait a while for a turn in this process; soon after the first page the workers start."""
     if session:
-        _pool().start()
+        later = Timer(_UNDISTURBED_S, _pool().start)
+        later.daemon = True
+        later.start()
     mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # bounded: a turn may be long
     try:
         yield mine
