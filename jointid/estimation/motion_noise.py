@@ -121,7 +121,8 @@ def with_first_noise(
 
     Any is, once that fit was far: its noise hides it. The model has friction, where the records show
     it, and a delay, where it explains far more. With ``many`` equations the noise is estimated several
-    times. Resonances are further start values where the fit stays far from the data.
+    times. Where the fit stays far from the data, a regression with a delay and resonances give further
+    start values.
     """
     if not phasors.motion.any():
         return phasors, start, (), FAR
