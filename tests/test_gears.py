@@ -17,7 +17,7 @@ from plants import PARALLELOGRAM
 from random_cases import tries
 from scipy.integrate import solve_ivp
 
-from benchmarks.independent_robot import MAX_STEP_S, Robot, paper_motions, simulate
+from benchmarks.independent_robot import MAX_STEP_S, Experiment, Robot, paper_motions, simulate
 from benchmarks.real_robots import LOW, Case, Change, rubbing
 from jointid import (
     Controller,
@@ -49,7 +49,7 @@ from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_laws import JointLaws
-from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.estimation.estimators.noise import moderated_noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
@@ -450,18 +450,23 @@ def test_wide_backlash_is_found_beside_friction() -> None:
     assert [gear.backlash_rad for gear in fit.gears] == pytest.approx([0.2325, 0.0076], rel=0.02)
 
 
-def test_free_friction_does_not_deflect_a_hardening_gear() -> None:
-    """The torque of the friction model has an error near reversals, which the law would distort."""
-    robot = replace(PAPER, cubic=[9000.0, 0.0], coulomb=[0.15, 0.03])
-    (records,) = simulate([(robot, paper_motions(robot, BAND, **MOTIONS | {"max_step_s": MAX_STEP_S}))])
+def fit_law(robot: Robot, motions: Experiment, law: str) -> LikelihoodEstimate:
+    """Fit with one law of the gears and free friction, from the true values."""
+    (records,) = simulate([(robot, motions)])
     phasors = extract_phasors(records)
-    fit = maximum_likelihood(
+    return maximum_likelihood(
         phasors,
         Inertia(robot.M, robot.M2),
         robot.answer,
         friction=friction_waveforms(phasors, 0.03),
-        effects=("cubic",),
+        effects=(law,),
     )
+
+
+def test_free_friction_does_not_deflect_a_hardening_gear() -> None:
+    """The torque of the friction model has an error near reversals, which the law would distort."""
+    robot = replace(PAPER, cubic=[9000.0, 0.0], coulomb=[0.15, 0.03])
+    fit = fit_law(robot, paper_motions(robot, BAND, **MOTIONS | {"max_step_s": MAX_STEP_S}), "cubic")
     assert fit.fundamental[0] < 1.2
     assert fit.named["cubic"][0] == pytest.approx(9000, rel=1e-3)
 
@@ -472,15 +477,7 @@ def test_friction_that_holds_a_motor_is_unknown_to_its_gear() -> None:
     motions = paper_motions(robot, BAND, **MOTIONS)
     moves = np.arange(motions.frequency_hz.size)[:, None] % 2 == np.arange(2)
     motions = replace(motions, amplitude_rad=motions.amplitude_rad * moves)
-    (records,) = simulate([(robot, motions)])
-    phasors = extract_phasors(records)
-    fit = maximum_likelihood(
-        phasors,
-        Inertia(robot.M, robot.M2),
-        robot.answer,
-        friction=friction_waveforms(phasors, 0.03),
-        effects=("hysteresis",),
-    )
+    fit = fit_law(robot, motions, "hysteresis")
     np.testing.assert_allclose(fit.named.K, robot.K, rtol=2e-3)
 
 

@@ -34,7 +34,7 @@ _LOADED = 0.2
 _OUTLIER = 3.0
 """Residual of a sine over the median from which it counts less: motors that others move may stick."""
 _HELD = 0.8
-"""Share of a segment without clear velocity from which its torque of that motor does not count."""
+"""Share of a segment without clear velocity of a motor from which the motor's torque does not count."""
 _EXPLAINED = 2.0
 """Cost that friction explains, over the remaining one, from which friction is fitted."""
 

@@ -225,7 +225,7 @@ class DrivenGears:
         bins = self.motors.bins(np.reshape(shown, (-1, *self.delta.shape)), shape)
         found = {name: bins[:, :, at, :, None] * np.eye(n) for at, name in enumerate(changes)}
         further, count = self._slope - self.laws.K, len(changes) * n
-        if not (further.any() or self.laws.hysteretic):  # of linear gears, whatever the deflection
+        if not (further.any() or self.laws.hysteretic):  # linear: 0 at every deflection
             return found
         left = np.zeros((count + (0 if arm is None else len(arm)), *self._shape))
         observer = self._of_steps(self._observer).swapaxes(0, 1)

@@ -23,7 +23,7 @@ from jointid.phasors.segment import Motors, Segment
 from jointid.small_matrices import decaying
 
 _STATIONARY = 0.5
-"""An arm is stationary where its largest velocity is below the least of its motor over this share."""
+"""An arm is stationary where its largest velocity is below the least clear one over this share."""
 _RENEWED = 3
 """Iterations of the arm's motion, each with friction by the direction of the previous one."""
 _ALIKE = 2.0

@@ -99,8 +99,8 @@ class RobotLimits:
         """Return the limits with their load at rest, and the inertia, of the robot in the start pose.
 
         A study with a robot model at the joint angles of ``pose`` knows both. The load is that of the
-        model where none is given, of the heavier payload if its mass is uncertain. In another start
-        pose than ``pose``, which ``inertia`` is of, the inertia is that of the model.
+        model where none is given, with the heavier payload if its mass is uncertain. Where the start
+        pose is not ``pose``, to which ``inertia`` belongs, the inertia is that of the model.
         """
         model, planned = study.robot_model, study.pose_angles_rad.get(pose)
         if model is None or planned is None:

@@ -158,6 +158,11 @@ class WhitenedResidual:
         """Free friction at the reversals and terms of the ends, shape (r, H, n), N·m."""
         return self.projection.explained(self.at.r[..., None])
 
+    def friction_of_motors(self) -> Complexes:
+        """Free friction, and at stationary motors the whole residual, shape (r, H, n), N·m."""
+        used = self.at.problem.used[:, None]
+        return np.asarray(np.where(used, self.free_friction(), self.at.r))
+
     def torsion_curves(self) -> tuple[TorsionCurve, ...]:
         """Torque through every gear, by the balance at its motor, over its deflection."""
         at, problem = self.at, self.at.problem
@@ -190,9 +195,7 @@ class WhitenedResidual:
         The torque is that of equation (1) at the fitted parameters, plus the residual.
         """
         h = self.at.fundamentals
-        left = (self.at.r - self.free_friction())[:, :h]
-        # At a stationary motor the whole residual is friction.
-        left = np.where(self.at.problem.used[:, None], left, 0.0)
+        left = (self.at.r - self.friction_of_motors())[:, :h]
         return self.at.position, np.asarray(self.at.ideal_torque() + left)
 
 
@@ -261,9 +264,8 @@ def with_free_torque(problem: Problem, vector: Floats) -> Problem:
         residual = WhitenedResidual.of(problem, vector, np.ones(problem.s.shape[1]))
         if not residual.cost < _STICKING * problem.rows / 2:
             break
-        # At a stationary motor the whole residual is friction.
-        free = np.where(problem.used[:, None], residual.free_friction(), residual.at.r)
-        problem = replace(problem, free_torque=free * problem.known[..., None])
+        free = residual.friction_of_motors() * problem.known[..., None]
+        problem = replace(problem, free_torque=free)
     return problem
 
 
