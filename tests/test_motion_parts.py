@@ -16,7 +16,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.identify_motion import _few, _lines
 from jointid.estimation.motion_noise import noise_differs, with_torque_noise
-from jointid.estimation.regression_start import _flanks
+from jointid.estimation.starts.regression_start import _flanks
 from jointid.gears.motor_motion import MotorMotion
 from jointid.motion.arm_motion import DrivenArms
 from jointid.motion.band import proposed_band

@@ -17,13 +17,14 @@ from jointid.estimation.estimators.linear_fit import _least_squares, without_ine
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.estimators.problem import Problem
 from jointid.estimation.model_growth import _is_passed_over
-from jointid.estimation.regression_start import regressed, regression_start
-from jointid.estimation.start_values import (
+from jointid.estimation.starts.regression_start import regressed, regression_start
+from jointid.estimation.starts.start_values import (
     at_resonances,
     by_motion,
     other_laws,
     with_delay,
 )
+from jointid.joints import motor_impedance
 from jointid.motion.friction import friction_waveforms
 
 
@@ -103,6 +104,31 @@ def test_the_equation_of_the_arm_gives_stiffness_friction_and_payload(n: int, ru
     misfits = [regressed(noisy(phasors, stated, size * error), prior)[1] for size in (3, 6)]
     assert misfits[1] / misfits[0] == pytest.approx(4.0, rel=0.25)
     assert 1.2 < misfits[0] < 4.5  # rows are real and imaginary parts, with half of the variance each
+
+
+@pytest.mark.parametrize("always", [2, None])
+def test_torques_of_held_joints_are_eliminated(always: int | None) -> None:
+    """Friction that holds a motor takes any torque; the arm still moves against the gear.
+
+    Where the joint is held in all records, the coupling of the arm shows its stiffness.
+    """
+    inertia, elasticity = ROBOTS[3]
+    moved = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 3))
+    held = np.arange(len(moved.q))[:, None] % 3 == np.arange(3)  # each in a third of the records
+    held = held if always is None else np.arange(3) == np.full((len(moved.q), 1), always)
+    q = np.where(held, 0, moved.q)
+    s = 1j * moved.omega
+    tau = (
+        motor_impedance(s, inertia.M, np.linalg.inv(inertia.M2), elasticity.K, elasticity.D)[0]
+        @ q[..., None]
+    )[..., 0]
+    tau += held * np.abs(tau).max()
+    phasors = exact_phasors(moved.frequency_found_hz, q, tau)
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    start, _ = regressed(phasors, prior)
+    np.testing.assert_allclose(start.K, elasticity.K, rtol=1e-4)
+    np.testing.assert_allclose(start.D, elasticity.D, rtol=1e-2)
+    assert "coulomb" not in start.layout
 
 
 def test_undetermined_equations_have_no_solution() -> None:

@@ -23,7 +23,7 @@ from jointid.estimation.estimators.parameters import (
 )
 from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.model_fits import completed, filters_before_friction, fit_model, model_waveforms
-from jointid.estimation.start_values import (
+from jointid.estimation.starts.start_values import (
     by_regression,
     other_laws,
     with_delay,
