@@ -138,7 +138,7 @@ def fit_laws(search: Search) -> None:
     if search.may_have_friction:
         laws += [(sliding, law, by_motion) for law in ("hysteresis", "backlash")]
     if search.has_motions and not search.is_repeated and POOR < fits.least_misfit < np.inf:
-        laws = _laws_of_motions(search, fits.least(list(fits.tried)))
+        laws = _laws_of_motions(search, fits.least())
     for model, law, begin in laws:
         is_far = fits.least_misfit > POOR if search.has_motions else search.is_lost
         if is_far and law in fits.optional:
@@ -197,7 +197,7 @@ def fit_complete(search: Search) -> None:
         fit_complete(few)
         if few.fits.least_misfit > min(LOST, max(nearest_so_far, DOUBTFUL)):
             return
-        best = few.fits.least(list(few.fits.tried))
+        best = few.fits.least()
         near = few.fits.estimate(best)
         for start in (*([near.named] if near else []), *_regressed(search, best)):
             search.fit(best, start, compares=False)
@@ -238,7 +238,7 @@ def fit_slopes(search: Search, model: Model) -> list[Model]:
 
     The cubic law gives the changes of slope from which their fit starts.
     """
-    found, slopes = search.fits.estimate(model), model.without("cubic").with_part("piecewise")
+    found, slopes = search.fits.estimate(model), model.replacing("cubic", "piecewise")
     if "cubic" not in model.effects or search.has_motions or not search.may_start_again(slopes):
         return []
     if found is None or not DOUBTFUL < found.misfit < _NEAR * _linear_misfit(search):
@@ -307,7 +307,7 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
         nearly = [part for part in parts if scored[part].gain > NEARLY_ALL * scored[parts[0]].gain]
         wider = [model.with_part(part) for part in nearly]
         for law in set(GEAR_LAWS).intersection(model.effects if parts else ()):  # it may be a wrong one
-            wider.append(model.without(law).with_part(parts[0]))
+            wider.append(model.replacing(law, parts[0]))
         if not wider:  # no part lowers the cost
             break
         least, slopes = np.inf, list[Model]()
@@ -325,7 +325,7 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
                 least = min(least, fits.misfit(each))
         wider += slopes or fit_slopes(search, min(wider, key=fits.misfit))
         if "piecewise" in model.effects and least > DOUBTFUL:  # beside the missing part they imitated
-            cubic = wider[0].without("piecewise").with_part("cubic")
+            cubic = wider[0].replacing("piecewise", "cubic")
             search.fit(cubic, found.named, compares=False)
             wider.append(cubic)
         plain = fits.criterion(judged=False)
@@ -339,4 +339,4 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
         model = nearest
     if not search.is_lost:
         search.pruned(model)  # friction that it needed on the way may have lost its significance
-    return fits.least(list(fits.tried))
+    return fits.least()

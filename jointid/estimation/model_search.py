@@ -347,4 +347,4 @@ class Search:
                 if not self.fits.is_certain(model, part):
                     yield model.without(part)
                 if part in ("lag", *FILTERS) and "delay" in self.fits.optional:  # one common delay
-                    yield model.without(part).with_part("delay")
+                    yield model.replacing(part, "delay")

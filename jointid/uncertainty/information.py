@@ -261,7 +261,7 @@ def planning_model(
     scale = np.full(1, fit.inflation)
     if fit.method not in LINEAR:
         vector = fit.parameters.vector
-        residual = WhitenedResidual.of(measured, vector, np.ones(measured.s.shape[1]))
+        residual = WhitenedResidual.of(measured, vector)
         scale = Misfit.of(residual, vector, quadratic(residual, vector)[2]).scale
     noise = fit.equations.noise  # weighted as in the estimator
     density = noise.covariance[:, 0] * (phasors.duration_s * noise.inverse_bias)[:, None, None]

@@ -164,10 +164,9 @@ def bootstrap(
 def _explained(phasors: Phasors, fit: ElasticityFit) -> Phasors:
     """Phasors without residual: those nearest to the data, in units of noise, that fit the model."""
     problem, n = fitted_problem(phasors, fit), fit.n
-    H = problem.s.shape[1]
-    residual = WhitenedResidual.of(problem, fit.parameters.vector, np.ones(H))
+    smoothed = WhitenedResidual.of(problem, fit.parameters.vector).smoothed()
     harmonics = phasors.harmonics.copy()
-    harmonics[:, :H] = residual.smoothed()
+    harmonics[:, : smoothed.shape[1]] = smoothed
     return replace(phasors, q=harmonics[:, 0, :n], tau=harmonics[:, 0, n:], harmonics=harmonics)
 
 
