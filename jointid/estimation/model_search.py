@@ -230,7 +230,7 @@ class Search:
         """
         tried, earlier = self.fits.tried, self.fits.estimate(model)
         if model in self.rejected:
-            tried.setdefault(model, JointIdError("Not fitted: some segments of the motions reject it."))
+            tried.setdefault(model, JointIdError("Not fitted: some segments contradict it."))
             return
         self.starts[model] = self.starts.get(model, 0) + 1
         laws = [law for law in GEAR_LAWS if law in model.effects]

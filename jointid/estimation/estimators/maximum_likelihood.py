@@ -264,7 +264,7 @@ def _require_rows(problem: Problem, p: Floats) -> None:
     if problem.rows < residual.projection.rank() + 2 * p.size:
         raise JointIdError(
             "The motors rest for so long that friction cannot be separated from elasticity: record "
-            "faster motions, or such with fewer rests and reversals."
+            "faster motions, or motions with fewer rests and reversals."
             if problem.ends is not None
             else "The records hold too few frequencies to separate friction from elasticity: sample "
             "faster, or record motions of a wider band."
