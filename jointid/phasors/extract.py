@@ -132,13 +132,13 @@ class Phasors:
 
     @property
     def torque_size(self) -> Floats:
-        """Amplitude of the torque's fundamental (of all bins together for a motion), (r, n), N·m."""
+        """Amplitude of the torque's fundamental (of all lines together for a motion), (r, n), N·m."""
         whole = np.linalg.norm(self.harmonics[..., self.n :], axis=1)
         return np.where(self.motion[:, None], whole, np.abs(self.tau))
 
     @property
     def excited(self) -> Floats:
-        """Frequencies of the fundamentals of sines and of all bins of motions, rad/s."""
+        """Frequencies of the fundamentals of sines and of all lines of motions, rad/s."""
         orders = np.arange(1, self.harmonics.shape[1] + 1)
         known = np.any(self.harmonics != 0, axis=2) & self.motion[:, None]
         known[:, 0] |= ~self.motion
