@@ -17,6 +17,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.inertia_prior import inertia_of_each
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
@@ -25,7 +26,6 @@ from jointid.small_matrices import one_thread, root
 from jointid.uncertainty.chosen_model import (
     chosen_friction,
     fitted_problem,
-    inertia_of_each,
     refit,
     require_sines,
 )
@@ -70,7 +70,7 @@ def jackknife(
         raise JointIdError(
             f"The records have {len(groups)} frequencies: leaving one out in turn needs at least 3."
         )
-    each = inertia_of_each(phasors, inertia)
+    each = inertia_of_each(inertia, *phasors.q.shape)
     estimates, determined = [], np.isfinite(fit.standard_error)
     for done, (_, group) in enumerate(groups, start=1):
         kept = np.setdiff1d(np.arange(phasors.omega.size), group)
