@@ -15,20 +15,10 @@ from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.linear_fit import without_inertias
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import (
-    FILTERS,
-    FRICTION_EFFECTS,
-    GEAR_LAWS,
-    Parameters,
-)
+from jointid.estimation.estimators.parameters import FILTERS, FRICTION_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.model_fits import completed, filters_before_friction, fit_model, model_waveforms
-from jointid.estimation.start_values import (
-    by_regression,
-    other_laws,
-    with_delay,
-    with_one_bend,
-)
+from jointid.estimation.start_values import by_regression, other_laws, with_delay, with_one_bend
 from jointid.motion.friction import FrictionWaveforms
 from jointid.motion.per_turn import PerTurn
 from jointid.phasors.extract import MANY_HARMONICS, Phasors

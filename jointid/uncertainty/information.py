@@ -33,11 +33,7 @@ from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import determined_covariance
-from jointid.uncertainty.chosen_model import (
-    chosen_friction,
-    fitted_problem,
-    require_sines,
-)
+from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, require_sines
 
 _EXACT = 1e12
 """Degrees of freedom of a given noise covariance."""

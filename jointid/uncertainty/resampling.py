@@ -23,12 +23,7 @@ from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import one_thread, root
-from jointid.uncertainty.chosen_model import (
-    chosen_friction,
-    fitted_problem,
-    refit,
-    require_sines,
-)
+from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, refit, require_sines
 from jointid.uncertainty.information import prior_influence
 
 _EXACT = 200

@@ -11,12 +11,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import (
-    EFFECTS,
-    FILTERS,
-    PERIODIC_EFFECTS,
-    Parameters,
-)
+from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, PERIODIC_EFFECTS, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.whitened_residual import (
     DRIVEN_LAWS,
