@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -161,7 +161,7 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
         return ", ".join(significant(scale.stiffness * value, 3) for value in K) + f" {scale.unit}"
 
     largest = torques(gear.tried_Nm, digits=2) if gear.tried_Nm else "–"
-    terms = {"Law": " + ".join(gear.laws), "Largest torque in the records": largest}
+    terms = {"Law": laws_text(gear.laws), "Largest torque in the records": largest}
     K, error = scale.stiffness * gear.K, scale.stiffness * float(fit.errors.K[joint])
     terms["K (tangent stiffness)"] = f"{with_error(K, error)} {scale.unit}"
     if gear.kind != "linear":
@@ -195,6 +195,11 @@ def without_curve(fit: ElasticityFit) -> str:
         f"No measured torsion curve of {enumerated(names)}: it needs motion above the resonance with "
         "locked motors. The line is the fitted law up to the largest torque."
     )
+
+
+def laws_text(laws: Sequence[str]) -> str:
+    """Laws of a gear, the dominant one first, with the words of the findings."""
+    return " + ".join(law.replace("piecewise", "three slopes") for law in laws)
 
 
 def gear_text(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -> str:

@@ -254,6 +254,17 @@ def _require_increasing(time: Floats) -> None:
         )
 
 
+def require_equal_joints(records: Sequence[JointRecord]) -> None:
+    """Raise JointIdError when the records do not all have the same number of joints."""
+    first = records[0].n
+    for number, record in enumerate(records, start=1):
+        if record.n != first:
+            raise JointIdError(
+                f"{record.label or f'record {number}'} has {counted(record.n, 'joint')}, the first "
+                f"record {first}: records that are analysed together must have the same joints."
+            )
+
+
 def require_torques(records: Sequence[JointRecord]) -> None:
     """Refuse a joint that moves while its torque is the same number throughout all records.
 

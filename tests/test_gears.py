@@ -1076,7 +1076,7 @@ def test_motions_far_from_one_law_are_searched_without_it(monkeypatch: pytest.Mo
     found, models = SimpleNamespace(misfit=300.0), list[Model]()
     fits = SimpleNamespace(
         tried=[linear, law],
-        least=lambda among: among[-1],
+        least=lambda among=(linear, law): among[-1],
         estimate=lambda _: found,
         misfit=lambda _: found.misfit,
     )

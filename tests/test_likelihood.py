@@ -790,7 +790,7 @@ class Valley:
 
 @pytest.fixture
 def _in_a_valley(monkeypatch: pytest.MonkeyPatch) -> None:
-    def residual(problem: Valley, p: np.ndarray, _: np.ndarray) -> Any:
+    def residual(problem: Valley, p: np.ndarray, _: Any = None) -> Any:
         found = problem.of(p)
         projection = SimpleNamespace(rank=lambda: 1)
         return SimpleNamespace(cost=found[0], found=found, projection=projection)

@@ -240,6 +240,8 @@ def test_errors_of_five_and_twenty_per_cent_by_noise_are_large(
         assert [finding.title for finding in found] == ([named] if named else [])
         for finding in found:
             assert ("at all" in finding.detail) == bool(np.isinf(whole).any())
+            stated = [percent(np.sqrt(inflation) * share) for share in whole if np.isfinite(share)]
+            assert np.isinf(whole).any() or any(f" is {each} of" in finding.detail for each in stated)
             assert ("longer" in finding.remedy) == (max(noise) > 0.05)
 
 
@@ -1352,16 +1354,16 @@ def against(monkeypatch: pytest.MonkeyPatch, off: float, **parts: Any) -> list[A
 def test_a_difference_from_the_paper_has_a_cause(monkeypatch: pytest.MonkeyPatch) -> None:
     fine = {"standard_error": 1e-3 * two_joints().estimate}
     (found,) = against(monkeypatch, 0.01, **fine)
-    assert found.title == "Noise biases plain least squares: it gives K2 1.0 % too high"
+    assert found.title == "Noise biases the paper's least squares: it gives K2 1.0 % too high"
     assert found.detail.endswith("also gives K1 0.50 % too high.")
     assert found.weight == pytest.approx(0.01)
     assert found.remedy.startswith("No action needed: the chosen estimator")
     (low,) = against(monkeypatch, -0.007, **fine)
     assert low.title.endswith("K2 0.70 % too low")
-    assert low.detail == "The comparison is with the paper's method, with the same inertias."
+    assert low.detail == "Both have the same inertias."
     friction = case(coulomb=np.array([0.1, 0.02]), viscous=np.array([3.0, 4.0]))
     (rubs,) = against(monkeypatch, 0.01, friction=friction, **fine)
-    assert rubs.title == "Friction matters: plain least squares gives K2 1.0 % too high"
+    assert rubs.title == "Friction matters: the paper's least squares gives K2 1.0 % too high"
     assert "Viscous friction is 3 and 4 N·m·s/rad; the fit includes it." in rubs.detail
     assert rubs.remedy.startswith("No action needed. Larger motions")
     late = {"delay": -4e-4, "delay_error": 1e-5}

@@ -87,7 +87,7 @@ class ArmSideFit:
 
         Limited to the band of the fit, apart from the transmission error. Only the motion of the motors
         is used. The constant offset is that of the fit; where the record has a sensor it is the median
-        difference from the sensor, since encoders may be referenced again between records. At
+        difference from the sensor, since encoders may be homed again between records. At
         positions beyond those of the fit, its slow transmission error is that at the nearest one.
         """
         with one_thread():

@@ -227,6 +227,17 @@ def at_most(length_m: float) -> str:
     return text if text.startswith("under") else f"below {text}"
 
 
+def other_causes(robot: CutRobot, servo: Servo, friction: MotorFrictionLike | None) -> str:
+    """Name the causes of path errors other than errors of K and D."""
+    causes = {
+        "the nonlinearity of the gears": bool(robot.gears),
+        "friction": friction is not None and servo.friction_compensation is None,
+        "delay": servo.delay_samples > 0,
+        "encoder": servo.encoder_bits is not None,
+    }
+    return enumerated([name for name, acts in causes.items() if acts] or ["the controller's rate"])
+
+
 def remaining_error_text(
     outcome: Outcome, servo: Servo = TYPICAL_SERVO, friction: MotorFrictionLike | None = None
 ) -> str:
@@ -234,13 +245,7 @@ def remaining_error_text(
     left = millimetres(outcome.after_m)
     if left.startswith("under"):
         return f"The remaining error, {left}, is below the resolution of the simulation."
-    causes = {
-        "the nonlinearity of the gears": bool(outcome.robot.gears),
-        "friction": friction is not None and servo.friction_compensation is None,
-        "delay": servo.delay_samples > 0,
-        "encoder": servo.encoder_bits is not None,
-    }
-    named = enumerated([name for name, acts in causes.items() if acts] or ["the controller's rate"])
+    named = other_causes(outcome.robot, servo, friction)
     text = (
         f"The remaining error, {left}, includes the effects of {named}; within the error bars of K and "
         f"D it changes by {millimetres(outcome.spread_m)} (95th percentile shown)."

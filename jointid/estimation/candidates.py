@@ -88,6 +88,10 @@ class Model:
         base = self.without("friction") if part == "viscous" else self
         return replace(base, effects=tuple(e for e in EFFECTS if e in (*base.effects, part)))
 
+    def replacing(self, part: str, other: str) -> Model:
+        """The model with another part in place of one."""
+        return self.without(part).with_part(other)
+
     def without(self, part: str) -> Model:
         """The model without one part."""
         if part == "friction":
@@ -195,10 +199,13 @@ class Fits:
         """Misfit of the model that is nearest to the data."""
         return min(map(self.misfit, self.tried), default=np.inf)
 
-    def least(self, models: Sequence[Model]) -> Model:
-        """Model with the smallest criterion; models with parts that are not significant come last."""
+    def least(self, models: Sequence[Model] = ()) -> Model:
+        """Model with the smallest criterion; models with parts that are not significant come last.
+
+        By default of all models tried.
+        """
         judged, plain = self.criterion(), self.criterion(judged=False)
-        return min(models, key=lambda model: (judged[model], plain[model]))
+        return min(models or self.tried, key=lambda model: (judged[model], plain[model]))
 
     def criterion(self, *, judged: bool = True) -> dict[Model, float]:
         """2·cost + the penalty of the parameters, with the cost over the best model's misfit.

@@ -33,7 +33,7 @@ from jointid.joints import Inertia
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.extract import Phasors, extract_phasors
-from jointid.records import MotionRecord, SineRecord, require_torques
+from jointid.records import MotionRecord, SineRecord, require_equal_joints, require_torques
 from jointid.small_matrices import one_thread
 
 _EQUAL = 10.0
@@ -113,14 +113,10 @@ def _checked(records: object) -> list[MotionRecord | SineRecord]:
     each = [records] if isinstance(records, MotionRecord | SineRecord) else records
     if not isinstance(each, Sequence) or not each:
         raise JointIdError(f"records: expected a list of MotionRecord, got {records!r:.80}.")
-    for number, record in enumerate(each, start=1):
+    for record in each:
         if not isinstance(record, MotionRecord | SineRecord):
             raise JointIdError(f"records: expected MotionRecord values, got {record!r:.80}.")
-        if record.n != each[0].n:
-            raise JointIdError(
-                f"{record.label or f'record {number}'} has {record.n} joints, the first record "
-                f"{each[0].n}: records that are analysed together must have the same joints."
-            )
+    require_equal_joints(each)
     for i, j in itertools.combinations(range(each[0].n), 2):
         angles = [record.theta_rad[:, [i, j]].T for record in each]
         if all(np.array_equal(*pair) for pair in angles) and any(np.ptp(pair[0]) > 0 for pair in angles):

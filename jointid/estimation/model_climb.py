@@ -138,7 +138,7 @@ def fit_laws(search: Search) -> None:
     if search.may_have_friction:
         laws += [(sliding, law, by_motion) for law in ("hysteresis", "backlash")]
     if search.has_motions and not search.is_repeated and POOR < fits.least_misfit < np.inf:
-        laws = _laws_of_motions(search, fits.least(list(fits.tried)))
+        laws = _laws_of_motions(search, fits.least())
     for model, law, begin in laws:
         is_far = fits.least_misfit > POOR if search.has_motions else search.is_lost
         if is_far and law in fits.optional:
@@ -197,7 +197,7 @@ def fit_complete(search: Search) -> None:
         fit_complete(few)
         if few.fits.least_misfit > min(LOST, max(nearest_so_far, DOUBTFUL)):
             return
-        best = few.fits.least(list(few.fits.tried))
+        best = few.fits.least()
         near = few.fits.estimate(best)
         for start in (*([near.named] if near else []), *_regressed(search, best)):
             search.fit(best, start, compares=False)
@@ -238,7 +238,7 @@ def fit_slopes(search: Search, model: Model) -> list[Model]:
 
     The cubic law gives the changes of slope from which their fit starts.
     """
-    found, slopes = search.fits.estimate(model), model.without("cubic").with_part("piecewise")
+    found, slopes = search.fits.estimate(model), model.replacing("cubic", "piecewise")
     if "cubic" not in model.effects or search.has_motions or not search.may_start_again(slopes):
         return []
     if found is None or not DOUBTFUL < found.misfit < _NEAR * _linear_misfit(search):
@@ -297,40 +297,12 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
     """
     fits = search.fits
     while not search.is_full(model) and fits.misfit(model) > EXPLAINED:
-        found, scored = fits.estimate(model), search.scores(model)
-        if found is None or not scored:
+        found, wider = fits.estimate(model), _wider(search, model)
+        if found is None or not wider:  # no part lowers the cost
             break
-        parts = sorted(
-            (part for part in scored if search.may_explain(model, part)),
-            key=lambda name: -scored[name].gain,
-        )
-        nearly = [part for part in parts if scored[part].gain > NEARLY_ALL * scored[parts[0]].gain]
-        wider = [model.with_part(part) for part in nearly]
-        for law in set(GEAR_LAWS).intersection(model.effects if parts else ()):  # it may be a wrong one
-            wider.append(model.without(law).with_part(parts[0]))
-        if not wider:  # no part lowers the cost
-            break
-        least, slopes = np.inf, list[Model]()
-        for each in wider:  # a delay, lags and filters are similar, which their cost distinguishes
-            if not (each.is_slow and least < _CLIMB * found.misfit):
-                search.fit(each, found.named, compares=False)
-                bends = each.is_slow and not search.has_motions
-                bar = POOR if bends else np.inf if each.is_slow else _CLIMB * found.misfit
-                if bends and POOR < fits.misfit(each) < LOST:
-                    slopes += fit_slopes(search, each)
-                    if min(map(fits.misfit, slopes), default=np.inf) > POOR:
-                        search.fit(each, by_motion(search.phasors, search.prior), compares=False)
-                if fits.misfit(each) >= bar:  # the model without the part may have diverged
-                    search.fit(each, search.start, compares=False)
-                least = min(least, fits.misfit(each))
-        wider += slopes or fit_slopes(search, min(wider, key=fits.misfit))
-        if "piecewise" in model.effects and least > DOUBTFUL:  # beside the missing part they imitated
-            cubic = wider[0].without("piecewise").with_part("cubic")
-            search.fit(cubic, found.named, compares=False)
-            wider.append(cubic)
+        wider, least = _fitted_from(search, model, found.named, wider)
         plain = fits.criterion(judged=False)
-        nearest = min(wider, key=lambda each: plain.get(each, np.inf))
-        nearest = freed(search, nearest)
+        nearest = freed(search, min(wider, key=lambda each: plain.get(each, np.inf)))
         there, least = fits.estimate(nearest), min(least, fits.misfit(nearest))
         gains = [score.gain for score in search.scores(nearest).values()]
         promises = there and max(gains, default=0.0) > NEARLY_ALL * there.cost
@@ -339,4 +311,39 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
         model = nearest
     if not search.is_lost:
         search.pruned(model)  # friction that it needed on the way may have lost its significance
-    return fits.least(list(fits.tried))
+    return fits.least()
+
+
+def _wider(search: Search, model: Model) -> list[Model]:
+    """The model with each part of nearly the highest score, and with the first in place of each law."""
+    scored = search.scores(model)
+    able = (part for part in scored if search.may_explain(model, part))
+    parts = sorted(able, key=lambda part: -scored[part].gain)
+    nearly = [part for part in parts if scored[part].gain > NEARLY_ALL * scored[parts[0]].gain]
+    laws = [law for law in GEAR_LAWS if law in model.effects and parts]  # any may be a wrong one
+    return [*map(model.with_part, nearly), *(model.replacing(law, parts[0]) for law in laws)]
+
+
+def _fitted_from(
+    search: Search, model: Model, near: Parameters, wider: list[Model]
+) -> tuple[list[Model], float]:
+    """Fit wider models from a model's values: they, others that these call for, and the least misfit."""
+    fits, least, slopes = search.fits, np.inf, list[Model]()
+    lower = _CLIMB * fits.misfit(model)
+    for each in wider:  # a delay, lags and filters are similar, which their cost distinguishes
+        if not (each.is_slow and least < lower):
+            search.fit(each, near, compares=False)
+            bends = each.is_slow and not search.has_motions
+            bar = POOR if bends else np.inf if each.is_slow else lower
+            if bends and POOR < fits.misfit(each) < LOST:
+                slopes += fit_slopes(search, each)
+                if min(map(fits.misfit, slopes), default=np.inf) > POOR:
+                    search.fit(each, by_motion(search.phasors, search.prior), compares=False)
+            if fits.misfit(each) >= bar:  # the model without the part may have diverged
+                search.fit(each, search.start, compares=False)
+            least = min(least, fits.misfit(each))
+    wider = [*wider, *(slopes or fit_slopes(search, min(wider, key=fits.misfit)))]
+    if "piecewise" in model.effects and least > DOUBTFUL:  # beside the missing part they imitated
+        wider.append(wider[0].replacing("piecewise", "cubic"))
+        search.fit(wider[-1], near, compares=False)
+    return wider, least

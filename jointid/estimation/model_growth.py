@@ -73,7 +73,7 @@ def exchanged(search: Search, best: Model) -> Model:
         return best
     quick = [p for p in fits.optional if p not in ("friction", *FRICTION_EFFECTS, *LAWS)]
     pairs = product([p for p in quick if p in best.parts], [p for p in quick if p not in best.parts])
-    others = list(dict.fromkeys(best.without(part).with_part(other) for part, other in pairs))
+    others = list(dict.fromkeys(best.replacing(part, other) for part, other in pairs))
     others = [model for model in others if model not in fits.tried]
     for model in others:
         search.fit(model, found.named)
@@ -165,7 +165,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         wider = [replace(model, curve=True), *wider]
     if "piecewise" in model.effects and not search.has_motions:
         # They may have taken the place of a cubic law before the model was complete.
-        plain = model.without("piecewise").with_part("cubic")
+        plain = model.replacing("piecewise", "cubic")
         alike = [fits.misfit(each) for each in fits.tried if each.effects == plain.effects]
         if min(alike, default=0.0) < NEEDED * max(1.0, found.misfit):
             wider = [plain, *wider]

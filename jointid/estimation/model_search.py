@@ -15,20 +15,10 @@ from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.linear_fit import without_inertias
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import (
-    FILTERS,
-    FRICTION_EFFECTS,
-    GEAR_LAWS,
-    Parameters,
-)
+from jointid.estimation.estimators.parameters import FILTERS, FRICTION_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.model_fits import completed, filters_before_friction, fit_model, model_waveforms
-from jointid.estimation.starts.start_values import (
-    by_regression,
-    other_laws,
-    with_delay,
-    with_one_bend,
-)
+from jointid.estimation.starts.start_values import by_regression, other_laws, with_delay, with_one_bend
 from jointid.motion.friction import FrictionWaveforms
 from jointid.motion.per_turn import PerTurn
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
@@ -230,7 +220,7 @@ class Search:
         """
         tried, earlier = self.fits.tried, self.fits.estimate(model)
         if model in self.rejected:
-            tried.setdefault(model, JointIdError("Not fitted: some segments of the motions reject it."))
+            tried.setdefault(model, JointIdError("Not fitted: some segments contradict it."))
             return
         self.starts[model] = self.starts.get(model, 0) + 1
         laws = [law for law in GEAR_LAWS if law in model.effects]
@@ -347,4 +337,4 @@ class Search:
                 if not self.fits.is_certain(model, part):
                     yield model.without(part)
                 if part in ("lag", *FILTERS) and "delay" in self.fits.optional:  # one common delay
-                    yield model.without(part).with_part("delay")
+                    yield model.replacing(part, "delay")

@@ -185,7 +185,7 @@ def _searched(search: Search) -> Choice:
         return _searched_in_few(search, rows)
     fit_regressed(search)
     if search.is_lost and _inertias_are_wrong(search, loosened):
-        return _choice(search, search.fits.least(list(search.fits.tried)))
+        return _choice(search, search.fits.least())
     if search.is_lost and not (search.has_motions or search.is_distorted):
         climb_from_nearest(search, PROMISING)
     before = search.fits.least_misfit
@@ -203,10 +203,10 @@ def _searched(search: Search) -> Choice:
             fit_first(search)
             fit_laws(search)
     if search.is_lost and search.explains_little:
-        return _choice(search, search.fits.least(list(search.fits.tried)))
+        return _choice(search, search.fits.least())
     best = _best(search)
     if fit_periodic(search, best):
-        best = _grown(search, search.pruned(search.fits.least(list(search.fits.tried))))
+        best = _grown(search, search.pruned(search.fits.least()))
     linear = [each for each in search.fits.tried if not each.is_slow and search.fits.estimate(each)]
     if search.is_lost and search.has_motions and linear:  # under a wrong law the gears' motion diverges
         best = search.fits.least(linear)
@@ -219,7 +219,7 @@ def _given_up(search: Search) -> Choice:
         if search.fits.least_misfit < np.inf:
             break
         search.fit(search.base, start)
-    best, n = search.fits.least(list(search.fits.tried)), search.phasors.n
+    best, n = search.fits.least(), search.phasors.n
     return Choice(best, search.fits.tried[best], search.fits.candidates(best), np.zeros((2 * n, 2 * n)))
 
 
@@ -261,25 +261,25 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
     choice = _searched(few)
     search.has_two_laws = few.has_two_laws
     if few.fits.least_misfit > search.most:
-        return _choice(search, fits.least(list(fits.tried)))
+        return _choice(search, fits.least())
     if isinstance(choice.estimate, LikelihoodEstimate):
         search.fit(choice.model, choice.estimate.named, compares=False)
         if "piecewise" in choice.model.effects and search.is_lost:  # they may not reach all slopes
-            cubic = choice.model.without("piecewise").with_part("cubic")
+            cubic = choice.model.replacing("piecewise", "cubic")
             search.fit(cubic, choice.estimate.named, compares=False)
             fit_slopes(search, cubic)
     if search.is_lost:  # several parts explained these records
         climb_from_nearest(search, NEARLY_ALL)
-    return _choice(search, fits.least(list(fits.tried)) if search.is_lost else _best(search))
+    return _choice(search, fits.least() if search.is_lost else _best(search))
 
 
 def _best(search: Search) -> Model:
     """Grow and prune from the best model that is fitted already."""
     fits = search.fits
-    if not search.is_lost and fits.misfit(fits.least(list(fits.tried))) > LOST:
+    if not search.is_lost and fits.misfit(fits.least()) > LOST:
         # The model that explains the data has an insignificant part: fit it without.
         search.pruned(min(fits.tried, key=fits.misfit))
-    best = fits.least(list(fits.tried))
+    best = fits.least()
     lost = search.is_lost
     if lost:
         best = climbed(search, best)
@@ -304,7 +304,7 @@ def _best(search: Search) -> Model:
             further = replace(search, starts={}, slow_fits=0)
             fit_complete(further)
             search.has_two_laws = True
-            nearest = fits.least(list(fits.tried))
+            nearest = fits.least()
             best = best if nearest == best else _grown(further, nearest)
     return narrowed(search, best)
 

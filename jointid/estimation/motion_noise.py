@@ -119,10 +119,8 @@ def with_first_noise(
 ) -> tuple[Phasors, Floats | Parameters, tuple[Model, ...], float]:
     """Phasors with the noise from a fit of some rows, its parameters and model, and what misfit is far.
 
-    Any is, once that fit was far: its noise hides it. The model has friction, where the records show
-    it, and a delay, where it explains far more. With ``many`` equations the noise is estimated several
-    times. Where the fit stays far from the data, a regression with a delay and resonances give further
-    start values.
+    Any is, once that fit was far: its noise hides it. With ``many`` equations the noise is estimated
+    several times.
     """
     if not phasors.motion.any():
         return phasors, start, (), FAR
@@ -130,41 +128,10 @@ def with_first_noise(
         size = np.maximum(start["coulomb"], 0.0)
         bounded = [each and replace(each, unknown_Nm=size) for each in phasors.segments]
         phasors = replace(phasors, segments=tuple(bounded))
-    few, own = phasors.select(rows), prior.of_rows(rows)
-    noise = noise_of_rows(few, own)
-
-    def fitted(start: Parameters) -> tuple[Model, LikelihoodEstimate | None]:
-        found: LikelihoodEstimate | None = None
-        model = Model(0.0, delay=False)
-        for each in (Model(None, delay=False), model)["coulomb" in start.layout :]:
-            with contextlib.suppress(JointIdError):
-                richer = fit_model(few, own, start, noise, each)
-                if found is not None and (
-                    richer.misfit > _BETTER * found.misfit or not dissipates(richer)
-                ):
-                    break
-                model, found = each, richer
-        if found is not None:
-            with contextlib.suppress(JointIdError):  # for example of a hold that is not declared
-                late = replace(model, delay=True)
-                richer = fit_model(few, own, found.named, noise, late)
-                if richer.misfit < _FAR_BETTER * found.misfit:
-                    model, found = late, richer
-        return model, found
-
-    model, found = fitted(start)
-    is_poor = found is None or found.misfit >= _POOR
-    if is_poor and "coulomb" in start.layout and not gives_up():
-        others = itertools.chain(
-            [regression_start(few, own, lags=True)], at_resonances(few, own, friction=start)
-        )
-        for other in others:
-            wider, richer = fitted(other)
-            if richer is not None and (found is None or richer.misfit < _FAR_BETTER * found.misfit):
-                model, found = wider, richer
-                break
-    if found is None:
+    first = _first_fit(phasors.select(rows), prior.of_rows(rows), start, gives_up)
+    if first is None:
         return phasors, start, (), FAR
+    model, found = first
     far = FAR if found.misfit < FAR else 0.0
     phasors = with_noise(phasors, prior, model, found)
     for _ in range(_NOISES if many else 1):
@@ -176,3 +143,46 @@ def with_first_noise(
         if not noise_differs(before, phasors):
             break
     return phasors, found.named if "coulomb" in found.layout else found.elasticity, (model,), far
+
+
+def _first_fit(
+    phasors: Phasors, prior: InertiaPrior, start: Parameters, gives_up: Callable[[], bool]
+) -> tuple[Model, LikelihoodEstimate] | None:
+    """A model and its fit; where that stays far from the data, from further start values.
+
+    These are a regression with a delay, and resonances.
+    """
+    noise = noise_of_rows(phasors, prior)
+    best = _fit_from(phasors, prior, start, noise)
+    if (best is not None and best[1].misfit < _POOR) or "coulomb" not in start.layout or gives_up():
+        return best
+    others = itertools.chain(
+        [regression_start(phasors, prior, lags=True)], at_resonances(phasors, prior, friction=start)
+    )
+    for other in others:
+        again = _fit_from(phasors, prior, other, noise)
+        if again and (best is None or again[1].misfit < _FAR_BETTER * best[1].misfit):
+            return again
+    return best
+
+
+def _fit_from(
+    phasors: Phasors, prior: InertiaPrior, start: Parameters, noise: Noise
+) -> tuple[Model, LikelihoodEstimate] | None:
+    """A model with friction, where the records show it, and a delay, where it explains far more."""
+    best: tuple[Model, LikelihoodEstimate] | None = None
+    rubs = Model(0.0, delay=False)
+    for model in (Model(None, delay=False), rubs)["coulomb" in start.layout :]:
+        with contextlib.suppress(JointIdError):
+            richer = fit_model(phasors, prior, start, noise, model)
+            if best and (richer.misfit > _BETTER * best[1].misfit or not dissipates(richer)):
+                break
+            best = model, richer
+    if best is not None:
+        model, found = best
+        with contextlib.suppress(JointIdError):  # for example of a hold that is not declared
+            late = replace(model, delay=True)
+            richer = fit_model(phasors, prior, found.named, noise, late)
+            if richer.misfit < _FAR_BETTER * found.misfit:
+                best = late, richer
+    return best

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointid.analysis import NOT_USABLE, Analysis
+from jointid.answer import laws_text
 from jointid.arrays import Floats, per_joint
 from jointid.errors import JointIdError
 from jointid.exporting.identification import answer_text, origin_text
@@ -244,7 +245,7 @@ def _heading(analysis: Analysis, arm: ArmSide) -> list[str]:
         gear = fit.gears[j]
         if gear.kind != "linear":
             lines.append(
-                f"     Its gear is nonlinear ({' + '.join(gear.laws)}), and this format has linear "
+                f"     Its gear is nonlinear ({laws_text(gear.laws)}), and this format has linear "
                 f"springs only: the file contains the secant stiffness {_text(gear.secant_K)} N.m/rad "
                 f"at {gear.tried_Nm:.3g} N.m (motor side, without backlash), not the tangent stiffness "
                 "K above."

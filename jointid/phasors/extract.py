@@ -18,8 +18,7 @@ from jointid.phasors.sensor_steps import may_have_steps, sharing, step_variance,
 from jointid.phasors.settling import settling_change
 from jointid.phasors.sine_fit import fit_sines
 from jointid.phasors.spectrum import frequency_found
-from jointid.records import SineRecord
-from jointid.wording import counted
+from jointid.records import SineRecord, require_equal_joints
 
 MANY_HARMONICS = 31
 """Harmonics of Coulomb friction fall as 1/h; this many resolve sticking over a thirtieth of a period."""
@@ -132,13 +131,13 @@ class Phasors:
 
     @property
     def torque_size(self) -> Floats:
-        """Amplitude of the torque's fundamental (of all bins together for a motion), (r, n), N·m."""
+        """Amplitude of the torque's fundamental (of all lines together for a motion), (r, n), N·m."""
         whole = np.linalg.norm(self.harmonics[..., self.n :], axis=1)
         return np.where(self.motion[:, None], whole, np.abs(self.tau))
 
     @property
     def excited(self) -> Floats:
-        """Frequencies of the fundamentals of sines and of all bins of motions, rad/s."""
+        """Frequencies of the fundamentals of sines and of all lines of motions, rad/s."""
         orders = np.arange(1, self.harmonics.shape[1] + 1)
         known = np.any(self.harmonics != 0, axis=2) & self.motion[:, None]
         known[:, 0] |= ~self.motion
@@ -297,12 +296,7 @@ def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
         )
     if not records:
         raise JointIdError("There are no records to extract phasors from: give at least one.")
-    for number, record in enumerate(records, start=1):
-        if record.n != records[0].n:
-            raise JointIdError(
-                f"{record.label or f'record {number}'} has {counted(record.n, 'joint')}, the first "
-                f"record {records[0].n}: records that are analysed together must have the same joints."
-            )
+    require_equal_joints(records)
     return records
 
 

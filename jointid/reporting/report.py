@@ -183,7 +183,7 @@ def _settings(analysis: Analysis) -> Iterator[Block]:
     yield _entered(study)
     holds = {record.torque_hold for record in study.records}
     delays = sorted({record.torque_delay_s for record in study.records})
-    hold = "held to the next sample" if True in holds else "instantaneous"
+    hold = "held until the next sample" if True in holds else "instantaneous"
     hold = hold if len(holds) == 1 else "differs by record"
     harmonics = [("Harmonics fitted", str(analysis.phasors.harmonics.shape[1]))]
     facts = [

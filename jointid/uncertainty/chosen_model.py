@@ -115,8 +115,3 @@ def chosen_friction(
     )
     prior = prior or fit.prior
     return completed(waveforms, model.parts, model.per_turn, phasors, prior, p) or waveforms
-
-
-def inertia_of_each(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Inertia]:
-    """One inertia per record."""
-    return [inertia] * phasors.omega.size if isinstance(inertia, Inertia) else list(inertia)

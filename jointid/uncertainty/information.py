@@ -20,7 +20,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.held_torque import HeldTorque
-from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.inertia_prior import InertiaPrior, inertia_of_each
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance, prior_slopes
 from jointid.estimation.estimators.maximum_likelihood import Misfit
@@ -33,12 +33,7 @@ from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import determined_covariance
-from jointid.uncertainty.chosen_model import (
-    chosen_friction,
-    fitted_problem,
-    inertia_of_each,
-    require_sines,
-)
+from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, require_sines
 
 _EXACT = 1e12
 """Degrees of freedom of a given noise covariance."""
@@ -249,7 +244,7 @@ def planning_model(
     """
     remedy = "Plan a motion: jointid plan --motion sweep."
     require_sines(phasors, fit, "Planned sines need", remedy)
-    each = inertia_of_each(phasors, inertia)
+    each = inertia_of_each(inertia, *phasors.q.shape)
     measured = fitted_problem(phasors, fit)
     prior = fit.prior.like([*each, planned_inertia or each[0]], (len(each) + 1, fit.n))
     effects = [name for name in EFFECTS if name in measured.layout]
@@ -261,7 +256,7 @@ def planning_model(
     scale = np.full(1, fit.inflation)
     if fit.method not in LINEAR:
         vector = fit.parameters.vector
-        residual = WhitenedResidual.of(measured, vector, np.ones(measured.s.shape[1]))
+        residual = WhitenedResidual.of(measured, vector)
         scale = Misfit.of(residual, vector, quadratic(residual, vector)[2]).scale
     noise = fit.equations.noise  # weighted as in the estimator
     density = noise.covariance[:, 0] * (phasors.duration_s * noise.inverse_bias)[:, None, None]

@@ -9,13 +9,13 @@ from scipy.special import chdtrc
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.inertia_prior import InertiaPrior, inertia_of_each
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import positive_inverse, whitener
-from jointid.uncertainty.chosen_model import inertia_of_each, refit, require_sines
+from jointid.uncertainty.chosen_model import refit, require_sines
 from jointid.uncertainty.information import prior_shift
 
 _LEAST_OWN = 1e-3
@@ -91,7 +91,7 @@ def fits_by_pose(
     )
     if len(poses) != phasors.omega.size:
         raise JointIdError(f"{len(poses)} poses for {phasors.omega.size} records: give one per record.")
-    each = inertia_of_each(phasors, inertia)
+    each = inertia_of_each(inertia, *phasors.q.shape)
     names, estimates, covariances, shifts, problems = [], [], [], [], []
     for pose in dict.fromkeys(poses):
         records = [i for i, name in enumerate(poses) if name == pose]

@@ -17,18 +17,13 @@ import numpy as np
 from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.inertia_prior import inertia_of_each
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import one_thread, root
-from jointid.uncertainty.chosen_model import (
-    chosen_friction,
-    fitted_problem,
-    inertia_of_each,
-    refit,
-    require_sines,
-)
+from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, refit, require_sines
 from jointid.uncertainty.information import prior_influence
 
 _EXACT = 200
@@ -70,7 +65,7 @@ def jackknife(
         raise JointIdError(
             f"The records have {len(groups)} frequencies: leaving one out in turn needs at least 3."
         )
-    each = inertia_of_each(phasors, inertia)
+    each = inertia_of_each(inertia, *phasors.q.shape)
     estimates, determined = [], np.isfinite(fit.standard_error)
     for done, (_, group) in enumerate(groups, start=1):
         kept = np.setdiff1d(np.arange(phasors.omega.size), group)
@@ -164,10 +159,9 @@ def bootstrap(
 def _explained(phasors: Phasors, fit: ElasticityFit) -> Phasors:
     """Phasors without residual: those nearest to the data, in units of noise, that fit the model."""
     problem, n = fitted_problem(phasors, fit), fit.n
-    H = problem.s.shape[1]
-    residual = WhitenedResidual.of(problem, fit.parameters.vector, np.ones(H))
+    smoothed = WhitenedResidual.of(problem, fit.parameters.vector).smoothed()
     harmonics = phasors.harmonics.copy()
-    harmonics[:, :H] = residual.smoothed()
+    harmonics[:, : smoothed.shape[1]] = smoothed
     return replace(phasors, q=harmonics[:, 0, :n], tau=harmonics[:, 0, n:], harmonics=harmonics)
 
 

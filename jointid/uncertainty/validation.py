@@ -176,6 +176,7 @@ _MOST_STEPS = 6
 """Steps of a fit, which starts at that of all frequencies."""
 _SINGULAR = 1e12
 """Condition of the information from which it does not determine K and D."""
+_UNCERTAIN_NOISE = "The noise of these records is not known well enough: record longer."
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,9 +241,9 @@ def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
         except JointIdError:
             raise
         except (ValueError, np.linalg.LinAlgError) as error:
-            raise JointIdError("The noise of these records is not known well enough.") from error
+            raise JointIdError(_UNCERTAIN_NOISE) from error
         score[out] = (deviation.conj() * solved).real.sum(axis=1) / n
         relative[out] = np.linalg.norm(deviation, axis=1) / np.linalg.norm(equations.b[out], axis=1)
     if not (np.isfinite(score).all() and np.isfinite(relative).all()):
-        raise JointIdError("The noise of these records is not known well enough.")
+        raise JointIdError(_UNCERTAIN_NOISE)
     return TorquePrediction(equations.omega / (2 * np.pi), relative, score)

@@ -62,9 +62,9 @@ def finding_of(
         return problem(
             f"The sign of the {what} of {whose} looks reversed",
             f"At low frequency the torque is opposite in sign to the value from M and M2. {proof}",
-            f"Set the direction of the {what} of {whose} to reversed on import, give the gear ratio the "
-            "other sign if motor and joint turn in opposite directions, or reverse the sign of "
-            f"{columns} in the study's tables: a positive torque then accelerates the motor towards "
+            f"Set the direction of the {what} of {whose} to reversed on import, or give the gear ratio "
+            "the other sign if motor and joint turn in opposite directions. In a study, reverse the "
+            f"sign of {columns} in its tables. A positive torque then accelerates the motor towards "
             "positive positions.",
             1.0,
             "edit mapping",

@@ -42,7 +42,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     names = elasticity_labels(fit.n)
     worst = int(np.argmax(np.where(clear, share, 0.0)))
     high = "high" if other[worst] > p[worst] else "low"
-    lag, paper_fit = lag_size(evidence), "plain least squares"
+    lag, paper_fit = lag_size(evidence), "the paper's least squares"
     if fit.friction is not None:
         kind, levels, unit = "Coulomb", fit.friction.coulomb, "N·m"
         if coulomb is None:
@@ -61,16 +61,16 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     elif fit.misfit > 3:
         return  # the cause is unknown
     else:
-        title, cause, paper_fit = "Noise biases plain least squares", "", "it"
+        title, cause, paper_fit = "Noise biases the paper's least squares", "", "it"
         remedy = "No action needed: the chosen estimator weights positions and torques by their noise."
     others = [
         f"{names[k]} {percent(share[k])} too {'high' if other[k] > p[k] else 'low'}"
         for k in np.flatnonzero(clear)
         if k != worst
     ]
-    also = "The comparison is with the paper's method, with the same inertias."
+    also = "Both have the same inertias."
     if others:
-        also = f"With the same inertias, the paper's method also gives {enumerated(others)}."
+        also = f"With the same inertias, it also gives {enumerated(others)}."
     yield note(
         f"{title}: {paper_fit} gives {names[worst]} {percent(share[worst])} too {high}",
         f"{cause}{also}",

@@ -110,7 +110,8 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
     unknown = names[excess > 1].tolist()
     if unknown:
         worst = int(np.argmax(excess))
-        size = percent(whole[worst]) if np.isfinite(fit.standard_error[worst]) else ""
+        stated = relative(fit.standard_error, fit.estimate)[worst]
+        size = percent(stated) if np.isfinite(fit.standard_error[worst]) else ""
         title = f"{some(unknown)} {'is' if len(unknown) == 1 else 'are'} poorly determined"
         make = warning
         if undetermined(fit).all():

@@ -83,7 +83,7 @@ def minimised(
 
 def one_step(problem: Problem, p: Floats) -> tuple[Floats, float]:
     """Parameters after a step towards the optimum, and the misfit there to second order."""
-    residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+    residual = WhitenedResidual.of(problem, p)
     cost, gradient, normal = quadratic(residual, p)
     size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     unit = normal / np.outer(size, size) + _LEAST_DAMPING * np.eye(p.size)

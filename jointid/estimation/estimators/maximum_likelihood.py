@@ -172,7 +172,7 @@ def maximum_likelihood(
             own = np.arange(p.size)[problem.layout[name]]
             covariance[own, own] = np.where(np.diag(normal)[own] > 0, covariance[own, own], 0.0)
     if np.any(scale > 1):
-        misfit = Misfit.of(WhitenedResidual.of(problem, p, np.ones_like(scale)), p, normal)
+        misfit = Misfit.of(WhitenedResidual.of(problem, p), p, normal)
     by_prior = _prior_part(problem, p, covariance)
     repeated, share = repeated_covariance(fitted, covariance)
     covariance = widened_covariance(fitted, covariance, by_prior) + repeated
@@ -260,11 +260,11 @@ def _require_rows(problem: Problem, p: Floats) -> None:
         )
     if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.shapes:
         return
-    residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+    residual = WhitenedResidual.of(problem, p)
     if problem.rows < residual.projection.rank() + 2 * p.size:
         raise JointIdError(
             "The motors rest for so long that friction cannot be separated from elasticity: record "
-            "faster motions, or such with fewer rests and reversals."
+            "faster motions, or motions with fewer rests and reversals."
             if problem.ends is not None
             else "The records hold too few frequencies to separate friction from elasticity: sample "
             "faster, or record motions of a wider band."

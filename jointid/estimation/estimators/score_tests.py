@@ -11,12 +11,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import (
-    EFFECTS,
-    FILTERS,
-    PERIODIC_EFFECTS,
-    Parameters,
-)
+from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, PERIODIC_EFFECTS, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.whitened_residual import (
     DRIVEN_LAWS,
@@ -99,7 +94,7 @@ def scores(
         problem = with_law_signals(problem, p)
     with np.errstate(all="ignore"):
         try:
-            residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+            residual = WhitenedResidual.of(problem, p)
         except np.linalg.LinAlgError:
             return {}
         _, gradient, normal = quadratic(residual, p)
@@ -158,7 +153,7 @@ def scores_per_turn(
     layout = fitted_layout(prior, friction, delay, effects)
     problem = make_problem(phasors, prior, layout, near, friction, noise)
     p = problem.start(near)
-    residual = WhitenedResidual.of(with_law_signals(problem, p), p, np.ones(problem.s.shape[1]))
+    residual = WhitenedResidual.of(with_law_signals(problem, p), p)
     n, size = prior.n, problem.layout.size
     base, _ = np.linalg.qr(residual.columns().reshape(-1, size))
     left = residual.rows.ravel()

@@ -60,9 +60,13 @@ class WhitenedResidual:
     """Whitened residual after the projection, shape (r, m)."""
 
     @classmethod
-    def of(cls, problem: Problem, vector: Floats, scale: Floats) -> WhitenedResidual:
-        """Whiten the residual, with a factor on each harmonic's variance, ``scale`` (H,) or (r, H)."""
+    def of(cls, problem: Problem, vector: Floats, scale: Floats | None = None) -> WhitenedResidual:
+        """Whiten the residual, with a factor on each harmonic's variance, ``scale`` (H,) or (r, H).
+
+        The factor is 1 by default.
+        """
         at = Residual.at(problem, vector)
+        scale = np.ones(problem.s.shape[1]) if scale is None else scale
         weight = problem.noise.inverse_bias[:, None] * scale
         V = at.V * weight[..., None, None]
         W = _whitener(problem, V)
@@ -261,7 +265,7 @@ def with_free_torque(problem: Problem, vector: Floats) -> Problem:
     """
     may_rub = problem.motion is None and (problem.free.shapes > 0 or not problem.used.all())
     for _ in range(_EVALUATIONS * may_rub * any(name in problem.layout for name in DRIVEN_LAWS)):
-        residual = WhitenedResidual.of(problem, vector, np.ones(problem.s.shape[1]))
+        residual = WhitenedResidual.of(problem, vector)
         if not residual.cost < _STICKING * problem.rows / 2:
             break
         free = residual.friction_of_motors() * problem.known[..., None]
@@ -303,8 +307,7 @@ def with_law_signals(problem: Problem, vector: Floats) -> Problem:
     """
     free = with_free_torque(problem, vector)
     if free is not problem:
-        one: Floats = np.ones(problem.s.shape[1])
-        plain, other = (WhitenedResidual.of(each, vector, one).cost for each in (problem, free))
+        plain, other = (WhitenedResidual.of(each, vector).cost for each in (problem, free))
         problem = free if other < plain else problem
     return with_law_noise(problem, vector)
 

@@ -7,7 +7,7 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.analysis import Analysis
-from jointid.cut.outcome import Outcome, millimetres
+from jointid.cut.outcome import Outcome, millimetres, other_causes
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot
 from jointid.cut.tool_stiffness import ToolStiffness, planar_tool_stiffness, tool_stiffness
 from jointid.figures.cut import cut_over_time, deflection_ellipse
@@ -46,9 +46,8 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
         {"Error of K̂ in": ["both joints", "joint 1", "joint 2"]}
         | {f"± {100 * offset:g} %": [*map(millimetres, errors)] for offset, errors in offsets}
     )
-    st.caption(
-        f"With exact K̂, a path error of {millimetres(exact)} remains from friction, delay and encoders."
-    )
+    causes = other_causes(outcome.robot, settings.servo, settings.friction)
+    st.caption(f"With exact K̂, the path error is {millimetres(exact)}, from {causes}.")
 
 
 _FORCE_N = 100.0

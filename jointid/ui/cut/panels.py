@@ -8,7 +8,7 @@ import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.analysis import NOT_USABLE
-from jointid.answer import AT_MOTOR, StiffnessUnit
+from jointid.answer import AT_MOTOR, StiffnessUnit, laws_text
 from jointid.cut.outcome import (
     TYPICAL_SERVO,
     ZONES_M,
@@ -220,7 +220,7 @@ def show_gears(page: Page, settings: CutSettings, outcome: Outcome) -> None:
         return
     st.header("With the identified gear laws", anchor=False)
     runs = outcome.after, cached_cuts.with_laws(page, settings.after, robot)
-    laws = "; ".join(f"joint {j}: {' and '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
+    laws = "; ".join(f"joint {j}: {laws_text(g.laws)}" for j, g in enumerate(robot.gears, start=1))
     ink = colours(page.dark)
     servos = ("Servo assumes K and D", ink.nominal), ("Servo assumes the gear laws", ink.identified)
     around = window(runs)

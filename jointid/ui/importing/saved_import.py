@@ -106,8 +106,8 @@ def _write(files: list[Dropped], text: bytes) -> None:
     size, limit = sum(len(file.data) for file in files), workspace.store().limit_bytes / _SHARE
     if size > limit:
         raise JointIdError(
-            f"They take {size / 2**20:.4g} MiB, and the store keeps up to {limit / 2**20:.4g} MiB of "
-            "logs: open them as a study, or in parts."
+            f"The logs take {size / 2**20:.4g} MiB, and the store keeps up to {limit / 2**20:.4g} MiB "
+            "of logs: open them as a study, or import them in parts."
         )
     there = workspace.part_entries(_PART)
     for file in files:

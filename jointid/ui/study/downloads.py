@@ -107,7 +107,10 @@ def show_tables(analysis: Analysis, stem: str) -> None:
         )
         modelica = "The same for CombiTable1Ds of Modelica: tables gear1, gear2, …"
         download(
-            "Gear laws (.txt)", partial(exporting.modelica_table, analysis), f"{laws}.txt", hint=modelica
+            "Gear laws for Modelica (.txt)",
+            partial(exporting.modelica_table, analysis),
+            f"{laws}.txt",
+            hint=modelica,
         )
         if analysis.transfer_matrices:
             H = partial(exporting.transfer_matrix_table, analysis)

@@ -12,20 +12,11 @@ from jointid.analysis import NOT_USABLE
 from jointid.arrays import Floats
 from jointid.figures.uncertainty import worst_error
 from jointid.ui.shared.charts import NO_POSE, Table, csv_of, download
-from jointid.ui.shared.entries import (
-    applied,
-    choose_from,
-    enter_number,
-    enter_text,
-    numbers_in,
-)
+from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text, numbers_in
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import computed_on_click, run_in_background
-from jointid.uncertainty.plan import (
-    Suggestion,
-    suggest_records,
-)
+from jointid.uncertainty.plan import Suggestion, suggest_records
 from jointid.uncertainty.planned_records import phase_deg, phasor_text
 from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted, percent, significant, three_digits

@@ -45,7 +45,7 @@ _LIMITS = {
     "load_Nm": (
         "Motor torques at rest (N·m)",
         "0, 4",
-        "Such as gravity in the start pose; empty: that of the robot model, without one no load.",
+        "From gravity in the start pose. Empty: that of the robot model, or none without a model.",
     ),
     "axes": ("Axes of the robot", "1, 2", "Axes that are joints of the study; empty: the first ones."),
     "joint_names": ("Names of all axes", "joint_1, joint_2", "For ROS 2; empty: joint_1, joint_2, …"),

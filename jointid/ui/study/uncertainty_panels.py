@@ -151,8 +151,8 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         "new noise and new given inertias: compare it with the standard error. The jackknife leaves out "
         "one frequency at a time; its scatter includes every cause except the inertias, which all "
         "records share: compare it with the part from noise. A factor of two is normal. A larger "
-        "jackknife indicates a wrong model; a bootstrap far above the range of 68 % of its draws "
-        "indicates outliers caused by noise."
+        "jackknife indicates a wrong model. Half the range of the central 68 % of the draws is far "
+        "below the bootstrap only if a few draws are outliers."
     )
     slow = analysis.fit.friction is not None or analysis.fit.delay is not None
     draws = _SLOW_DRAWS if slow else _FAST_DRAWS
@@ -170,7 +170,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     errors = {
         "Standard error": fit.standard_error,
         "Bootstrap": drawn.standard_error,
-        "68 % of the draws": (high - low) / 2,
+        "Central 68 % of the draws": (high - low) / 2,
         "From noise": fit.noise_error,
     }
     if isinstance(left_out, Jackknife):
