@@ -18,7 +18,7 @@ _LINES = {  # English, German, French, Italian, Spanish and others; without acce
     "lageistwert drehwinkel encoder enc inc ink inkr inkremente increments drehgeber geber resolver "
     "axis achs achse joint jnt gelenk posizione angolo posicion angulo angulaire hoek poscurr "
     "measured actual act fbk fb feedback pulse xist posicao poloha uhel pozycja kat konum "
-    "vinkel lastlage lastwinkel",
+    "vinkel lastlage lastwinkel positie pozice",
     "torque": "torque torq trq tau tq mom mmt moment momente eff drehmoment "
     "effort couple coppia par koppel load last current curr cur strom stroom "
     "iq isq i amp courant corrente corriente intensite torcurr binario tork vridmoment proud prad",
@@ -30,10 +30,12 @@ _LINES = {  # English, German, French, Italian, Spanish and others; without acce
     "ff vorsteuerung d",
     "no": "disturbance stoermoment stormoment droop "
     "error err fehler deviation abweichung schleppfehler deflection limit min max offset bias "
-    "temperature temp temperatur pressure druck status flag success id phase model",
+    "temperature temp temperatur pressure druck status flag success id phase model gain kp ki kd "
+    "constant inertia valid std stddev friction fric gravity grav coriolis brake tcp euler electrical "
+    "commutation flux supply leakage",
     "volt": "voltage spannung tension volt busvoltage",
     "other": "power leistung state mode digital output force kraft "
-    "pwm ext external hat filtered estimate estimated",
+    "pwm ext external hat filtered gefiltert estimate estimated",
     "motor": "motor motorside mot mtr rotor antrieb antriebsseitig motorseitig moteur motore drive",
     "joint": "joint jnt j link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
     "lastseitig junta eixo osa osy osi eksen axel",
@@ -224,11 +226,11 @@ def words_of(name: str) -> tuple[str, ...]:
 
 @cache
 def _parts(word: str) -> tuple[str, ...]:
-    """A word without a plural s, or the two of a compound: motor, strom of "motorstrom"."""
+    """A word without a plural s, or the two of a compound: position, istwert of "positionsistwert"."""
     if len(word) > 3 and word not in _ALL_WORDS and word.removesuffix("s") in _ALL_WORDS:
         return (word.removesuffix("s"),)
     cuts = range(3, len(word) - 2) if word not in _ALL_WORDS else ()
-    both = ((word[:k], word[k:]) for k in cuts)
+    both = ((first, word[k:]) for k in cuts for first in (word[:k], word[:k].removesuffix("s")))
     return next((pair for pair in both if _ALL_WORDS.issuperset(pair)), (word,))
 
 
