@@ -176,6 +176,10 @@ class TestLabView:
         check_motion(table, torque_digits=1e-6)
         assert [column.unit for column in table.columns] == ["s", "deg", "N·m"]
 
+    def test_an_old_file_leaves_the_decimal_mark_to_its_numbers(self) -> None:
+        data = make.lvm(x_columns="Multi").replace(b"Decimal_Separator\t,\r\n", b"")
+        check_motion(read_log(data, "run.lvm")[0], torque_digits=1e-6)
+
     def test_channels_beside_a_time_channel(self) -> None:
         (table,) = read_log(make.tdms(waveform=False), "run.tdms")
         check_motion(table, torque_digits=1e-9)
@@ -194,6 +198,22 @@ def test_time_stamps_keep_nanoseconds_beside_a_missing_one(tmp_path: Path) -> No
     pa_parquet.write_table(table, path := tmp_path / "log.parquet")
     (found,) = readers()["parquet"].read("log.parquet", str(path))
     assert found.column("t").values[:-1] == pytest.approx(1.000001e-3 * np.arange(20), abs=1e-12)
+
+
+def test_an_array_of_dates_is_the_clock() -> None:
+    buffer = io.BytesIO()
+    time = np.datetime64("2026-05-07T09:00") + (1e6 * TIME_S).round().astype("m8[us]")
+    np.savez(buffer, stamp=time, q=ANGLE, tau=TORQUE)
+    check_motion(read_log(buffer.getvalue(), "log.npz")[0], torque_digits=1e-9)
+
+
+def test_errors_of_excel_in_any_language_are_missing_values() -> None:
+    rows = [f"{2 * k};{ANGLE[k]:.9f};{TORQUE[k] if k % 2 == 0 else '#NV'}" for k in range(ROWS)]
+    text = "\n".join(["Zeit [ms];Lage [rad];Moment [Nm]", *rows]).replace(".", ",")
+    (table,) = read_log(text.encode(), "run.csv")
+    check_motion(table, torque_digits=1e-9)
+    table = read_log(text.replace("#NV", "#WERT!").encode(), "run.csv")[0]
+    check_motion(table, torque_digits=1e-9)
 
 
 def test_a_row_per_run_is_a_table_per_run() -> None:

@@ -39,10 +39,15 @@ def _arrays(name: str, found: Any) -> Iterator[NamedArray]:
         if "allow_pickle" not in str(error):
             raise
         return
-    if values.dtype.names is None:
-        yield NamedArray(name.replace("/", "."), values)
-    for field in values.dtype.names or ():
-        yield NamedArray(field, values[field], group=name)
+    parts = [(name.replace("/", "."), values, "")]
+    if values.dtype.names is not None:
+        parts = [(field, values[field], name) for field in values.dtype.names]
+    for part, numbers, group in parts:
+        if numbers.dtype.kind in "mM":  # times or durations
+            numbers = (numbers - numbers.ravel()[:1]) / np.timedelta64(1, "s")
+            yield NamedArray(part, numbers, "s", group=group)
+        else:
+            yield NamedArray(part, numbers, group=group)
 
 
 def _recognises(head: bytes) -> bool:
