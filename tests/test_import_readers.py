@@ -19,6 +19,7 @@ from pathlib import Path
 import format_makers as make
 import numpy as np
 import pyarrow as pa
+import pyarrow.feather as feather
 import pyarrow.parquet as pa_parquet
 import pytest
 from format_makers import FORMATS
@@ -200,6 +201,20 @@ def test_time_stamps_keep_nanoseconds_beside_a_missing_one(tmp_path: Path) -> No
     assert found.column("t").values[:-1] == pytest.approx(1.000001e-3 * np.arange(20), abs=1e-12)
 
 
+def test_rates_side_by_side_keep_their_clocks() -> None:
+    slow = [f"{TIME_S[k]:.3f};{TORQUE[k]:.9f}" for k in range(0, ROWS, 2)] + [";"] * (ROWS // 2)
+    rows = [f"{TIME_S[k]:.3f};{ANGLE[k]:.9f};{slow[k]}" for k in range(ROWS)]
+    tables = read_log("\n".join(["time1;pos;time2;torque", *rows]).encode(), "run.csv")
+    check_motion(tables[0], torque_digits=1e-9)
+    assert [table.rows for table in tables] == [ROWS, ROWS, ROWS // 2]
+    assert {table.read_as for table in tables} == {"a table of text"}
+    of_computer = [
+        f"{TIME_S[k]:.3f};{ANGLE[k]:.9f};{2e3 * k + k % 7};{TORQUE[k]:.9f}" for k in range(ROWS)
+    ]
+    (table,) = read_log("\n".join(["time;pos;stamp;torque", *of_computer]).encode(), "run.csv")
+    check_motion(table, torque_digits=1e-9)
+
+
 def test_an_array_of_dates_is_the_clock() -> None:
     buffer = io.BytesIO()
     time = np.datetime64("2026-05-07T09:00") + (1e6 * TIME_S).round().astype("m8[us]")
@@ -214,6 +229,28 @@ def test_errors_of_excel_in_any_language_are_missing_values() -> None:
     check_motion(table, torque_digits=1e-9)
     table = read_log(text.replace("#NV", "#WERT!").encode(), "run.csv")[0]
     check_motion(table, torque_digits=1e-9)
+
+
+@pytest.mark.parametrize("name", ["log.parquet", "log.feather"])
+def test_rows_that_name_their_joint_or_signal_are_separated(name: str) -> None:
+    """Read as one signal, two joints in turn would be a motion of twice the rate."""
+
+    def saved(rows: list[dict[str, object]]) -> bytes:
+        table, buffer = pa.Table.from_pylist(rows), io.BytesIO()
+        (pa_parquet.write_table if name == "log.parquet" else feather.write_feather)(table, buffer)
+        return buffer.getvalue()
+
+    rows = [{**row, "axis": f"J{row['axis']:.0f}"} for row in make.per_joint_rows()]
+    (table,) = read_log(saved(rows), name)
+    assert guess_mapping(table).mapping.n == 2
+    check_motion(table, torque_digits=1e-9)
+    pairs = {"position": ANGLE, "torque": TORQUE}
+    each = [
+        {"t": TIME_S[k], "signal": signal, "value": values[k]}
+        for k in range(ROWS)
+        for signal, values in pairs.items()
+    ]
+    check_motion(read_log(saved(each), name)[0], torque_digits=1e-9)
 
 
 def test_a_row_per_run_is_a_table_per_run() -> None:
