@@ -127,7 +127,7 @@ def with_own_clocks(table: LogTable) -> tuple[LogTable, ...]:
     ]
     unit = "s" if units <= set(TIME_UNITS) else units.pop()
     found = tables_of_signals(table.name, signals, table.notes, ("time", unit))
-    return tuple(replace(part, source=table.source, read_as=table.read_as) for part in found)
+    return tuple(replace(part, source=table.source, read_as=table.read_as) for part in found) or (table,)
 
 
 def _is_clock(column: LogColumn) -> bool:
