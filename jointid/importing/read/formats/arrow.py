@@ -13,6 +13,7 @@ import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
+from jointid.files.csv_tables import MAX_LINE
 from jointid.importing.columns.log_table import (
     MAX_COLUMNS,
     MAX_TABLES,
@@ -21,6 +22,7 @@ from jointid.importing.columns.log_table import (
     named_column,
     numbers,
     require_few_values,
+    require_small,
 )
 from jointid.importing.read.array_tables import FEWEST_ROWS
 from jointid.importing.read.formats.tidy import long_tables
@@ -28,10 +30,8 @@ from jointid.importing.read.reader import Reader, begins_with
 from jointid.wording import listed
 
 _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-_LONGEST_TEXT = 200
+_LONGEST_NUMBER = 24  # characters
 _MOST_TEXTS = 8
-_MOST_CELLS = 8_000_000
-"""Upper limit of cells of a long table, which is read as text."""
 
 
 def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:
@@ -110,17 +110,12 @@ def _long(file: str, table: Any) -> tuple[LogTable, ...] | None:
     texts = [field.name for field in table.schema if _is_text(field.type)]
     kept = [field.name for field in table.schema if _is_number(field.type) or _is_text(field.type)]
     words = [chunk.dictionary_encode().dictionary for name in texts for chunk in table[name].chunks]
-    longest = (pa_compute.max(pa_compute.utf8_length(each)).as_py() or 0 for each in words)
+    longest = [pa_compute.max(pa_compute.utf8_length(each)).as_py() or 0 for each in words]
     table = table.select(kept)
-    if not texts or max(longest, default=0) > _LONGEST_TEXT:
+    width = len(texts) * max(longest, default=0) + _LONGEST_NUMBER * (len(kept) - len(texts))
+    if not texts or width > MAX_LINE or long_tables(file, _as_text(table.slice(0, 60))) is None:
         return None
-    if long_tables(file, _as_text(table.slice(0, 60))) is None:
-        return None
-    if table.num_rows * table.num_columns > _MOST_CELLS:
-        raise JointIdError(
-            f"{file} names the signal in every row and holds {table.num_rows} rows: save it with a "
-            "column per signal, or cut it into several logs."
-        )
+    require_small(f"{file} as text", table.num_rows * width)
     return long_tables(file, _as_text(table))
 
 
