@@ -366,6 +366,7 @@ def ros_arrays(folder: Path) -> bytes:
     with Writer(path, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
         states = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
         torques = writer.add_connection("/measured_torques", many.__msgtype__, typestore=store)
+        writer.add_connection("/status", "std_msgs/msg/String", typestore=store)
         for k in range(ROWS):
             ns = 1_700_000_000_000_000_000 + k * 2_000_000
             message = state(

@@ -334,8 +334,15 @@ def test_numpy_objects_are_never_loaded(tmp_path: Path) -> None:
 
     buffer = io.BytesIO()
     np.savez(buffer, t_s=TIME_S, q_rad=ANGLE, tau_Nm=TORQUE, trap=np.array([Trap()], dtype=object))
-    assert len(read_log(buffer.getvalue(), "log.npz")[0].columns) == 3
+    (table,) = read_log(buffer.getvalue(), "log.npz")
+    assert len(table.columns) == 3
+    assert table.notes == ("Arrays of Python objects, left out: trap.",)
     assert not trap.exists()
+
+
+def test_topics_of_other_types_are_named_where_efforts_are_missing(tmp_path: Path) -> None:
+    table = read_log(make.ros_arrays(tmp_path), "run.mcap")[0]
+    assert "Topics of other types, left out: /status (std_msgs/msg/String)." in table.notes
 
 
 @pytest.mark.parametrize("formula", ["(*({} for i in (1,)),)", "X+({})"])
@@ -442,6 +449,8 @@ def test_hostile_files_are_refused_soon(data: bytes | Callable[[], bytes], name:
         (b"ULog\x01\x12\x35\x01" + bytes(300), "is a PX4 log (ULog)"),
         (b"\xa3\x95\x80\x80\x59FMT" + bytes(300), "is an ArduPilot log"),
         (b"LOGG\x90\0\0\0" + bytes(300), "is a Vector BLF log"),
+        (b"TDSh\x0e\0\0\0" + bytes(300), "is the index of a TDMS file"),
+        (b"\xd4\xc3\xb2\xa1\x02\0\x04\0" + bytes(300), "is a capture of network packets"),
         (b"CDF\x01" + bytes(300), "is a NetCDF 3 file"),
         (b"\x80\x04\x95" + bytes(300), "is a Python pickle"),
         (b"\x7fELF\x02" + bytes(300), "is a Linux program"),

@@ -2,6 +2,7 @@
 
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,15 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     with open(path, "rb") as source:
         found: Any = np.load(source, allow_pickle=False)
         names = found.files[:MAX_COLUMNS] if hasattr(found, "files") else ["array"]
-        arrays = [part for name in names for part in _arrays(name, found)]
+        arrays = {name: [*_arrays(name, found)] for name in names}
     otherwise = (
         f"{file} holds no table of numbers: expected arrays of equal length, at least two columns. "
         f"Arrays found: {listed(names)}."
     )
-    return tables_of(file, arrays, otherwise)
+    tables = tables_of(file, (part for parts in arrays.values() for part in parts), otherwise)
+    left_out = [name for name, parts in arrays.items() if not parts]
+    notes = (f"Arrays of Python objects, left out: {listed(left_out)}.",) if left_out else ()
+    return tuple(replace(table, notes=(*table.notes, *notes)) for table in tables)
 
 
 def _arrays(name: str, found: Any) -> Iterator[NamedArray]:
