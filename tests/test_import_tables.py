@@ -452,6 +452,8 @@ def clock_log(stamp: str, step_s: float = 0.002, rows: int = 40, first: str = ""
         "%Y/%m/%d %H:%M:%S.{ms}",
         "%Y-%m-%dT%H:%M:%S.{ms}Z",
         "%H:%M:%S,{ms}",
+        "%Y%m%d%H%M%S.{ms}",
+        "%Y%m%dT%H%M%S,{ms}Z",
     ],
 )
 def test_dates_of_controllers(stamp: str) -> None:
@@ -484,6 +486,20 @@ def test_a_pause_of_days_counts_as_one_day() -> None:
     time = text(first + second.partition("\n")[2]).column("Zeit").values
     expected = 0.002 * np.arange(40)
     np.testing.assert_allclose(time, np.concatenate([expected, 86400 + expected]), atol=1e-6)
+
+
+def test_a_sheet_of_dates_from_midnight() -> None:
+    """Readers of workbooks give a date without a time of day for midnight."""
+    import openpyxl
+
+    book, buffer = openpyxl.Workbook(), io.BytesIO()
+    book.active.append(["Zeit", "Lage", "Moment"])
+    for k in range(40):
+        time = datetime.datetime(2026, 5, 7) + datetime.timedelta(milliseconds=2 * k)
+        book.active.append([time, math.sin(k), math.cos(k)])
+    book.save(buffer)
+    table = only(read_log(buffer.getvalue(), "log.xlsx"))
+    np.testing.assert_allclose(table.column("Zeit").values, 0.002 * np.arange(40), atol=1e-6)
 
 
 def test_cells_that_are_no_time_are_missing() -> None:
