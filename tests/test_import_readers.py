@@ -376,6 +376,14 @@ def test_json_as_pandas_writes_it(table: bool) -> None:
     assert bare.names == ("column 1", "column 2", "column 3")
 
 
+def test_series_in_nested_json_objects_are_columns() -> None:
+    joints = {"j1": {"position": ANGLE.tolist(), "torque": TORQUE.tolist()}}
+    data = {"robot": {"name": "cell", "rate": 500}, "time": TIME_S.tolist(), "joints": joints}
+    (table,) = read_log(json.dumps(data).encode(), "log.json")
+    assert table.names == ("time", "joints.j1.position", "joints.j1.torque")
+    check_motion(table)
+
+
 @pytest.mark.parametrize(
     "head",
     ["t,q" + " " * 30_000 + "b,tau\n", "t," + "_" * 30_000 + ",tau\n", "t" + " " * 30_000 + "q tau\n"],
