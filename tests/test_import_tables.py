@@ -30,7 +30,7 @@ from log_makers import (
 )
 from random_cases import examples
 
-from jointid import JointIdError
+from jointid import JointIdError, importing
 from jointid.arrays import Floats
 from jointid.background.child_process import Limits
 from jointid.errors import import_optional
@@ -532,6 +532,22 @@ def test_time_of_a_group_above_belongs_to_the_groups_below(tmp_path: Path) -> No
     np.testing.assert_array_equal(tables["log.h5: motor"].column("time").values, time)
     assert sorted(tables["log.h5: arm/log"].names) == ["q", "t"]
     assert tables["log.h5: short"].names == ("q", "tau")
+
+
+def test_groups_of_joints_with_one_clock_are_one_table(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    time = np.arange(40) * 0.002
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["log/time"] = time
+        for number in (1, 2):
+            file[f"log/joint_{number}/position"] = np.sin(number * time)
+            file[f"log/joint_{number}/torque"] = np.cos(number * time)
+            file[f"log/run{number}/q"] = file[f"log/run{number}/tau"] = time
+    tables = {table.name: table for table in read_log(tmp_path / "log.h5")}
+    joints = importing.guess_mapping(tables["log.h5: log"]).mapping.joints
+    pairs = [(joint.position.column, joint.torque.column) for joint in joints]
+    assert pairs == [(f"joint_{k} position", f"joint_{k} torque") for k in (1, 2)]
+    assert {"log.h5: log/run1", "log.h5: log/run2"} < tables.keys()
 
 
 def test_a_table_has_a_row() -> None:
