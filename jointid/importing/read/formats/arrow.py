@@ -13,7 +13,6 @@ import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.files.csv_tables import MAX_LINE
 from jointid.importing.columns.log_table import (
     MAX_COLUMNS,
     MAX_TABLES,
@@ -31,6 +30,7 @@ from jointid.wording import listed
 
 _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _LONGEST_NUMBER = 24  # characters
+_LONGEST_ROW = 1 << 16  # characters of a row of a long table
 _MOST_TEXTS = 8
 
 
@@ -113,7 +113,7 @@ def _long(file: str, table: Any) -> tuple[LogTable, ...] | None:
     longest = [pa_compute.max(pa_compute.utf8_length(each)).as_py() or 0 for each in words]
     table = table.select(kept)
     width = len(texts) * max(longest, default=0) + _LONGEST_NUMBER * (len(kept) - len(texts))
-    if not texts or width > MAX_LINE or long_tables(file, _as_text(table.slice(0, 60))) is None:
+    if not texts or width > _LONGEST_ROW or long_tables(file, _as_text(table.slice(0, 60))) is None:
         return None
     require_small(f"{file} as text", table.num_rows * width)
     return long_tables(file, _as_text(table))
