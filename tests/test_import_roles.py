@@ -242,6 +242,8 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
         (["t", "Rotorposition", "Motormoment gefiltert", "Motormoment"],
          [("Rotorposition", "Motormoment")]),
         # Where nothing fits, the role stays empty.
+        (["t", "Axis 1 seq", "Axis 1 frame", "Achse 1 Zähler", "axis1.ntc", "Axis 1 torque"],
+         [("", "Axis 1 torque")]),
         (["t", "position gain", "torque constant", "moment of inertia"], [("", "")]),
         (["t", "electrical angle", "friction torque", "tau_gravity", "supply current"], [("", "")]),
         (["t", "tcp position", "position valid", "torque std", "kp_position", "brake torque"],

@@ -13,7 +13,7 @@ from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, SAMPLES, TI
 _LINES = {  # English, German, French, Italian, Spanish and others; without accents
     "time": "time t ts zeit zeitstempel timestamp stamp clock temps tempo tiempo tijd uhrzeit "
     "zeitpunkt abtastzeit sec secs nsec elapsed messzeit duration cas czas zaman tid",
-    "sample": "sample index idx nr no takt cycle zyklus step schritt ipoc counter zaehler",
+    "sample": "sample index idx nr no takt cycle zyklus step schritt ipoc counter zaehler zahler",
     "position": "position pos angle ang theta th q phi winkel lage lagen ist istwert "
     "lageistwert drehwinkel encoder enc inc ink inkr inkremente increments drehgeber geber resolver "
     "axis achs achse joint jnt gelenk posizione angolo posicion angulo angulaire hoek poscurr "
@@ -151,8 +151,8 @@ def described(column: LogColumn, targets: Set[str] = frozenset()) -> NamedColumn
     for role, (units, _) in QUANTITIES.items():
         points = 0.0
         if named := stated & WORDS[role]:
-            # "joint", "axis" and "ist" go with any quantity.
-            points += 0.8 if named <= WORDS["any"] else 2.0
+            # "joint", "axis" and "ist" go with any quantity: an unknown word behind them may be one.
+            points += 2.0 if named - WORDS["any"] else 0.8 * (not _unknown_after(words, named))
         if column.unit in units and column.unit != "V":
             points += 2.0
         elif column.unit == "V":
@@ -182,6 +182,12 @@ def described(column: LogColumn, targets: Set[str] = frozenset()) -> NamedColumn
     counted = [int(b) for a, b in pairwise(words) if a in _COUNTED and b.isdigit()]
     number = next(iter([*counted, *digits[-1:]]), None)
     return NamedColumn(column, re.sub(r"^0+(?=\d)", "", " ".join(left)), number, score)
+
+
+def _unknown_after(words: tuple[str, ...], named: Set[str]) -> bool:
+    """Whether an unknown word follows the first of some words: "seq" of "axis 1 seq"."""
+    at = min(words.index(word) for word in named)
+    return any(len(w) > 2 and not w.isdigit() and w not in _ALL_WORDS for w in words[at:])
 
 
 def _of_quantity(name: str) -> set[str]:
