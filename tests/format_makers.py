@@ -118,18 +118,19 @@ def lvm(*, decimal: str = ",", x_columns: str = "One", segments: int = 1) -> byt
         "***End_of_Header***\t\t",
     ]
     lines = head
+    gap = "\t\t" if x_columns == "Multi" else "\t"  # entries stand above the values
     for rows in np.array_split(np.arange(ROWS), segments):
         lines += [
             "",
             "Channels\t2\t\t",
-            f"Samples\t{rows.size}\t{rows.size}",
-            "Y_Unit_Label\tDegrees\tNm",
+            f"Samples\t{rows.size}{gap}{rows.size}",
+            f"Y_Unit_Label\tDegrees{gap}Nm",
         ]
         start = TIME_S[rows[0]] if x_columns == "No" else 0.0
         lines += [
-            "X_Dimension\tTime\tTime",
-            f"X0\t{start:.7E}\t{start:.7E}",
-            f"Delta_X\t{STEP_S}\t{STEP_S}",
+            f"X_Dimension\tTime{gap}Time",
+            f"X0\t{start:.7E}{gap}{start:.7E}",
+            f"Delta_X\t{STEP_S}{gap}{STEP_S}",
         ]
         lines += ["***End_of_Header***\t\t\t"]
         names = {"One": ["X_Value", "Position", "Torque"], "No": ["X_Value", "Position", "Torque"]}
@@ -365,6 +366,7 @@ def ros_arrays(folder: Path) -> bytes:
     with Writer(path, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
         states = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
         torques = writer.add_connection("/measured_torques", many.__msgtype__, typestore=store)
+        writer.add_connection("/status", "std_msgs/msg/String", typestore=store)
         for k in range(ROWS):
             ns = 1_700_000_000_000_000_000 + k * 2_000_000
             message = state(

@@ -182,6 +182,11 @@ class TestMapping:
         assert not at.error
         assert "missing" in head(at, "3 Drive data")
 
+    def test_open_roles_beside_many_columns(self, page: AppTest) -> None:
+        rows = "".join(f"{k / 100},{k % 7},1,2,3,{k % 5}\n" for k in range(60))
+        at = drop(page, ("run.csv", f"t,a,b,c,d,e\n{rows}".encode()))
+        assert head(at, "2 Columns") == "choose: position of joint 1, torque of joint 1"
+
     def test_a_unit_without_a_fixed_scale_has_an_entry_for_it(self, page: AppTest) -> None:
         at = drop(page, ("cell.csv", cell_log()))
         assert widget(at, "selectbox", "Unit of torque 1").value == "%"

@@ -19,6 +19,7 @@ from pathlib import Path
 import format_makers as make
 import numpy as np
 import pyarrow as pa
+import pyarrow.feather as feather
 import pyarrow.parquet as pa_parquet
 import pytest
 from format_makers import FORMATS
@@ -176,6 +177,10 @@ class TestLabView:
         check_motion(table, torque_digits=1e-6)
         assert [column.unit for column in table.columns] == ["s", "deg", "N·m"]
 
+    def test_an_old_file_leaves_the_decimal_mark_to_its_numbers(self) -> None:
+        data = make.lvm(x_columns="Multi").replace(b"Decimal_Separator\t,\r\n", b"")
+        check_motion(read_log(data, "run.lvm")[0], torque_digits=1e-6)
+
     def test_channels_beside_a_time_channel(self) -> None:
         (table,) = read_log(make.tdms(waveform=False), "run.tdms")
         check_motion(table, torque_digits=1e-9)
@@ -194,6 +199,58 @@ def test_time_stamps_keep_nanoseconds_beside_a_missing_one(tmp_path: Path) -> No
     pa_parquet.write_table(table, path := tmp_path / "log.parquet")
     (found,) = readers()["parquet"].read("log.parquet", str(path))
     assert found.column("t").values[:-1] == pytest.approx(1.000001e-3 * np.arange(20), abs=1e-12)
+
+
+def test_rates_side_by_side_keep_their_clocks() -> None:
+    slow = [f"{TIME_S[k]:.3f};{TORQUE[k]:.9f}" for k in range(0, ROWS, 2)] + [";"] * (ROWS // 2)
+    rows = [f"{TIME_S[k]:.3f};{ANGLE[k]:.9f};{slow[k]}" for k in range(ROWS)]
+    tables = read_log("\n".join(["time1;pos;time2;torque", *rows]).encode(), "run.csv")
+    check_motion(tables[0], torque_digits=1e-9)
+    assert [table.rows for table in tables] == [ROWS, ROWS, ROWS // 2]
+    assert {table.read_as for table in tables} == {"a table of text"}
+    of_computer = [
+        f"{TIME_S[k]:.3f};{ANGLE[k]:.9f};{2e3 * k + k % 7};{TORQUE[k]:.9f}" for k in range(ROWS)
+    ]
+    (table,) = read_log("\n".join(["time;pos;stamp;torque", *of_computer]).encode(), "run.csv")
+    check_motion(table, torque_digits=1e-9)
+
+
+def test_an_array_of_dates_is_the_clock() -> None:
+    buffer = io.BytesIO()
+    time = np.datetime64("2026-05-07T09:00") + (1e6 * TIME_S).round().astype("m8[us]")
+    np.savez(buffer, stamp=time, q=ANGLE, tau=TORQUE)
+    check_motion(read_log(buffer.getvalue(), "log.npz")[0], torque_digits=1e-9)
+
+
+def test_errors_of_excel_in_any_language_are_missing_values() -> None:
+    rows = [f"{2 * k};{ANGLE[k]:.9f};{TORQUE[k] if k % 2 == 0 else '#NV'}" for k in range(ROWS)]
+    text = "\n".join(["Zeit [ms];Lage [rad];Moment [Nm]", *rows]).replace(".", ",")
+    (table,) = read_log(text.encode(), "run.csv")
+    check_motion(table, torque_digits=1e-9)
+    table = read_log(text.replace("#NV", "#WERT!").encode(), "run.csv")[0]
+    check_motion(table, torque_digits=1e-9)
+
+
+@pytest.mark.parametrize("name", ["log.parquet", "log.feather"])
+def test_rows_that_name_their_joint_or_signal_are_separated(name: str) -> None:
+    """Read as one signal, two joints in turn would be a motion of twice the rate."""
+
+    def saved(rows: list[dict[str, object]]) -> bytes:
+        table, buffer = pa.Table.from_pylist(rows), io.BytesIO()
+        (pa_parquet.write_table if name == "log.parquet" else feather.write_feather)(table, buffer)
+        return buffer.getvalue()
+
+    rows = [{**row, "axis": f"J{row['axis']:.0f}"} for row in make.per_joint_rows()]
+    (table,) = read_log(saved(rows), name)
+    assert guess_mapping(table).mapping.n == 2
+    check_motion(table, torque_digits=1e-9)
+    pairs = {"position": ANGLE, "torque": TORQUE}
+    each = [
+        {"t": TIME_S[k], "signal": signal, "value": values[k]}
+        for k in range(ROWS)
+        for signal, values in pairs.items()
+    ]
+    check_motion(read_log(saved(each), name)[0], torque_digits=1e-9)
 
 
 def test_a_row_per_run_is_a_table_per_run() -> None:
@@ -277,8 +334,15 @@ def test_numpy_objects_are_never_loaded(tmp_path: Path) -> None:
 
     buffer = io.BytesIO()
     np.savez(buffer, t_s=TIME_S, q_rad=ANGLE, tau_Nm=TORQUE, trap=np.array([Trap()], dtype=object))
-    assert len(read_log(buffer.getvalue(), "log.npz")[0].columns) == 3
+    (table,) = read_log(buffer.getvalue(), "log.npz")
+    assert len(table.columns) == 3
+    assert table.notes == ("Arrays of Python objects, left out: trap.",)
     assert not trap.exists()
+
+
+def test_topics_of_other_types_are_named_where_efforts_are_missing(tmp_path: Path) -> None:
+    table = read_log(make.ros_arrays(tmp_path), "run.mcap")[0]
+    assert "Topics of other types, left out: /status (std_msgs/msg/String)." in table.notes
 
 
 @pytest.mark.parametrize("formula", ["(*({} for i in (1,)),)", "X+({})"])
@@ -310,6 +374,14 @@ def test_json_as_pandas_writes_it(table: bool) -> None:
     check_motion(read_log(json.dumps(data).encode(), "log.json")[0])
     (bare,) = read_log(json.dumps(rows).encode(), "log.json")
     assert bare.names == ("column 1", "column 2", "column 3")
+
+
+def test_series_in_nested_json_objects_are_columns() -> None:
+    joints = {"j1": {"position": ANGLE.tolist(), "torque": TORQUE.tolist()}}
+    data = {"robot": {"name": "cell", "rate": 500}, "time": TIME_S.tolist(), "joints": joints}
+    (table,) = read_log(json.dumps(data).encode(), "log.json")
+    assert table.names == ("time", "joints.j1.position", "joints.j1.torque")
+    check_motion(table)
 
 
 @pytest.mark.parametrize(
@@ -385,6 +457,8 @@ def test_hostile_files_are_refused_soon(data: bytes | Callable[[], bytes], name:
         (b"ULog\x01\x12\x35\x01" + bytes(300), "is a PX4 log (ULog)"),
         (b"\xa3\x95\x80\x80\x59FMT" + bytes(300), "is an ArduPilot log"),
         (b"LOGG\x90\0\0\0" + bytes(300), "is a Vector BLF log"),
+        (b"TDSh\x0e\0\0\0" + bytes(300), "is the index of a TDMS file"),
+        (b"\xd4\xc3\xb2\xa1\x02\0\x04\0" + bytes(300), "is a capture of network packets"),
         (b"CDF\x01" + bytes(300), "is a NetCDF 3 file"),
         (b"\x80\x04\x95" + bytes(300), "is a Python pickle"),
         (b"\x7fELF\x02" + bytes(300), "is a Linux program"),

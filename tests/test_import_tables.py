@@ -30,7 +30,7 @@ from log_makers import (
 )
 from random_cases import examples
 
-from jointid import JointIdError
+from jointid import JointIdError, importing
 from jointid.arrays import Floats
 from jointid.background.child_process import Limits
 from jointid.errors import import_optional
@@ -452,6 +452,8 @@ def clock_log(stamp: str, step_s: float = 0.002, rows: int = 40, first: str = ""
         "%Y/%m/%d %H:%M:%S.{ms}",
         "%Y-%m-%dT%H:%M:%S.{ms}Z",
         "%H:%M:%S,{ms}",
+        "%Y%m%d%H%M%S.{ms}",
+        "%Y%m%dT%H%M%S,{ms}Z",
     ],
 )
 def test_dates_of_controllers(stamp: str) -> None:
@@ -486,6 +488,20 @@ def test_a_pause_of_days_counts_as_one_day() -> None:
     np.testing.assert_allclose(time, np.concatenate([expected, 86400 + expected]), atol=1e-6)
 
 
+def test_a_sheet_of_dates_from_midnight() -> None:
+    """Readers of workbooks give a date without a time of day for midnight."""
+    import openpyxl
+
+    book, buffer = openpyxl.Workbook(), io.BytesIO()
+    book.active.append(["Zeit", "Lage", "Moment"])
+    for k in range(40):
+        time = datetime.datetime(2026, 5, 7) + datetime.timedelta(milliseconds=2 * k)
+        book.active.append([time, math.sin(k), math.cos(k)])
+    book.save(buffer)
+    table = only(read_log(buffer.getvalue(), "log.xlsx"))
+    np.testing.assert_allclose(table.column("Zeit").values, 0.002 * np.arange(40), atol=1e-6)
+
+
 def test_cells_that_are_no_time_are_missing() -> None:
     log = clock_log("%d.%m.%Y %H:%M:%S.{ms}").splitlines()
     log[30] = "broken;0;0"
@@ -516,6 +532,22 @@ def test_time_of_a_group_above_belongs_to_the_groups_below(tmp_path: Path) -> No
     np.testing.assert_array_equal(tables["log.h5: motor"].column("time").values, time)
     assert sorted(tables["log.h5: arm/log"].names) == ["q", "t"]
     assert tables["log.h5: short"].names == ("q", "tau")
+
+
+def test_groups_of_joints_with_one_clock_are_one_table(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    time = np.arange(40) * 0.002
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["log/time"] = time
+        for number in (1, 2):
+            file[f"log/joint_{number}/position"] = np.sin(number * time)
+            file[f"log/joint_{number}/torque"] = np.cos(number * time)
+            file[f"log/run{number}/q"] = file[f"log/run{number}/tau"] = time
+    tables = {table.name: table for table in read_log(tmp_path / "log.h5")}
+    joints = importing.guess_mapping(tables["log.h5: log"]).mapping.joints
+    pairs = [(joint.position.column, joint.torque.column) for joint in joints]
+    assert pairs == [(f"joint_{k} position", f"joint_{k} torque") for k in (1, 2)]
+    assert {"log.h5: log/run1", "log.h5: log/run2"} < tables.keys()
 
 
 def test_a_table_has_a_row() -> None:

@@ -109,6 +109,14 @@ def test_a_sweep_is_found_from_its_noisy_pieces_together(seed: int) -> None:
     assert without_sweeps(log, pieces)[0] == []
 
 
+@pytest.mark.parametrize("seed", [4, 7, 15])
+def test_a_piece_beside_that_of_a_sweep_needs_less_evidence(seed: int) -> None:
+    """In a sweep up and down within 4 s, noise hides the drift in some of the pieces."""
+    up = np.linspace(1, 25, 450)
+    log = noisy(np.concatenate([np.zeros(200), up, up[::-1], np.zeros(200)]), 0.05, seed)
+    assert find_segments(log) == ()
+
+
 @pytest.mark.parametrize("rest", [0, 200])
 @pytest.mark.parametrize("seed", [17, 31, 50])
 def test_steady_sines_with_noise_are_not_reported_as_a_sweep(seed: int, rest: int) -> None:

@@ -13,6 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from log_makers import TIME_S, excel
 
@@ -118,6 +120,18 @@ def test_the_limit_of_a_workbook_counts_its_unpacked_size() -> None:
             part.write(bytes(1 << 20))
     with pytest.raises(JointIdError, match=r"unpacks to 130.1 MiB, more than the limit of 128 MiB"):
         read_log(buffer.getvalue(), "log.xlsx")
+
+
+def test_a_long_table_is_judged_by_its_text(tmp_path: Path) -> None:
+    """A name of 200 characters in every row takes no space in the file."""
+    rows = 1_200_000
+    names = pa.DictionaryArray.from_arrays(
+        pa.array(np.arange(rows) % 2, pa.int8()), ["q" * 200, "t" * 200]
+    )
+    table = pa.table({"t": np.zeros(rows, "f4"), "signal": names, "value": np.zeros(rows, "f4")})
+    pq.write_table(table, path := tmp_path / "long.parquet")
+    with pytest.raises(JointIdError, match=r"as text has 2\d+.* more than the limit"):
+        read_log(path)
 
 
 def test_large_texts_are_read_within_the_limits_of_a_process(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,12 +13,12 @@ from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, SAMPLES, TI
 _LINES = {  # English, German, French, Italian, Spanish and others; without accents
     "time": "time t ts zeit zeitstempel timestamp stamp clock temps tempo tiempo tijd uhrzeit "
     "zeitpunkt abtastzeit sec secs nsec elapsed messzeit duration cas czas zaman tid",
-    "sample": "sample index idx nr no takt cycle zyklus step schritt ipoc counter zaehler",
+    "sample": "sample index idx nr no takt cycle zyklus step schritt ipoc counter zaehler zahler",
     "position": "position pos angle ang theta th q phi winkel lage lagen ist istwert "
     "lageistwert drehwinkel encoder enc inc ink inkr inkremente increments drehgeber geber resolver "
     "axis achs achse joint jnt gelenk posizione angolo posicion angulo angulaire hoek poscurr "
     "measured actual act fbk fb feedback pulse xist posicao poloha uhel pozycja kat konum "
-    "vinkel lastlage lastwinkel",
+    "vinkel lastlage lastwinkel positie pozice",
     "torque": "torque torq trq tau tq mom mmt moment momente eff drehmoment "
     "effort couple coppia par koppel load last current curr cur strom stroom "
     "iq isq i amp courant corrente corriente intensite torcurr binario tork vridmoment proud prad",
@@ -30,10 +30,12 @@ _LINES = {  # English, German, French, Italian, Spanish and others; without acce
     "ff vorsteuerung d",
     "no": "disturbance stoermoment stormoment droop "
     "error err fehler deviation abweichung schleppfehler deflection limit min max offset bias "
-    "temperature temp temperatur pressure druck status flag success id phase model",
+    "temperature temp temperatur pressure druck status flag success id phase model gain kp ki kd "
+    "constant inertia valid std stddev friction fric gravity grav coriolis brake tcp euler electrical "
+    "commutation flux supply leakage",
     "volt": "voltage spannung tension volt busvoltage",
     "other": "power leistung state mode digital output force kraft "
-    "pwm ext external hat filtered estimate estimated",
+    "pwm ext external hat filtered gefiltert estimate estimated",
     "motor": "motor motorside mot mtr rotor antrieb antriebsseitig motorseitig moteur motore drive",
     "joint": "joint jnt j link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
     "lastseitig junta eixo osa osy osi eksen axel",
@@ -149,8 +151,8 @@ def described(column: LogColumn, targets: Set[str] = frozenset()) -> NamedColumn
     for role, (units, _) in QUANTITIES.items():
         points = 0.0
         if named := stated & WORDS[role]:
-            # "joint", "axis" and "ist" go with any quantity.
-            points += 0.8 if named <= WORDS["any"] else 2.0
+            # "joint", "axis" and "ist" go with any quantity: an unknown word behind them may be one.
+            points += 2.0 if named - WORDS["any"] else 0.8 * (not _unknown_after(words, named))
         if column.unit in units and column.unit != "V":
             points += 2.0
         elif column.unit == "V":
@@ -180,6 +182,12 @@ def described(column: LogColumn, targets: Set[str] = frozenset()) -> NamedColumn
     counted = [int(b) for a, b in pairwise(words) if a in _COUNTED and b.isdigit()]
     number = next(iter([*counted, *digits[-1:]]), None)
     return NamedColumn(column, re.sub(r"^0+(?=\d)", "", " ".join(left)), number, score)
+
+
+def _unknown_after(words: tuple[str, ...], named: Set[str]) -> bool:
+    """Whether an unknown word follows the first of some words: "seq" of "axis 1 seq"."""
+    at = min(words.index(word) for word in named)
+    return any(len(w) > 2 and not w.isdigit() and w not in _ALL_WORDS for w in words[at:])
 
 
 def _of_quantity(name: str) -> set[str]:
@@ -224,11 +232,11 @@ def words_of(name: str) -> tuple[str, ...]:
 
 @cache
 def _parts(word: str) -> tuple[str, ...]:
-    """A word without a plural s, or the two of a compound: motor, strom of "motorstrom"."""
+    """A word without a plural s, or the two of a compound: position, istwert of "positionsistwert"."""
     if len(word) > 3 and word not in _ALL_WORDS and word.removesuffix("s") in _ALL_WORDS:
         return (word.removesuffix("s"),)
     cuts = range(3, len(word) - 2) if word not in _ALL_WORDS else ()
-    both = ((word[:k], word[k:]) for k in cuts)
+    both = ((first, word[k:]) for k in cuts for first in (word[:k], word[:k].removesuffix("s")))
     return next((pair for pair in both if _ALL_WORDS.issuperset(pair)), (word,))
 
 

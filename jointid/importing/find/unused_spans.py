@@ -19,7 +19,7 @@ _EVIDENCE = 6.0  # twice the log-likelihood ratio of a sweep over steady sines
 _FOUND_BEND = 0.5  # of the bend of a sweep in its pieces: the search prefers those that bend less
 _RATE_ERROR = 0.3  # relative error of the bend that the neighbours predict
 _MOST_OF_ONE = 9.0  # evidence of one run
-_LONE_SIGMAS = 3.0  # standard errors of the bend of a lone run amid other motion
+_LIKELY_SIGMAS = 3.0  # the same beside a piece of a sweep, and for a lone run amid other motion
 _PAST_TRANSIENT = 3.0  # periods
 _MIN_POWER = 0.25  # of a run, below which a period rests
 _MAX_GROWTH = 0.05  # of the amplitude of a run from its middle to its end, above which it is a ramp
@@ -57,10 +57,15 @@ def without_sweeps(
     notes = []
     for begin, end in spans:
         inside = [s for s in pieces if begin <= s.start_s < end]
-        low, high = _edge_hz(log, inside[0], -1), _edge_hz(log, inside[-1], 1)
+        ends = _edge_hz(log, inside[0], -1), _edge_hz(log, inside[-1], 1)
+        low, high = (significant(hz, 3) for hz in ends)
+        what = (
+            f"a sine of {low} Hz whose phase shifts"
+            if low == high
+            else f"a sweep from {low} to {high} Hz"
+        )
         notes.append(
-            f"{_times(begin, end)}: a sweep from {significant(low, 3)} to {significant(high, 3)} Hz, "
-            "not used as a sine run. "
+            f"{_times(begin, end)}: {what}, not used as a sine run. "
             "Record single frequencies or a multisine, " + _REMEDY
         )
     return [s for s in segments if s not in pieces and s not in edges], spans, notes
@@ -95,11 +100,15 @@ def _drifts(log: MappedLog, runs: Sequence[Segment], trends: Sequence[_Trend]) -
     a staircase it does not bend. The likelihood ratio of the two is that of all runs of the chain.
     """
     bend, error = np.array([trend[:2] for trend in trends]).transpose(1, 0, 2)
-    sure = np.any(np.abs(bend) > np.maximum(_MIN_BEND_RAD, _BEND_SIGMAS * error), axis=1)
-    bend, error = bend[:, 0], error[:, 0]
+    sure, likely = (
+        np.any(np.abs(bend) > np.maximum(_MIN_BEND_RAD, sigmas * error), axis=1)
+        for sigmas in (_BEND_SIGMAS, _LIKELY_SIGMAS)
+    )
+    if sure.any() or (len(runs) == 1 and _amid_motion(log, runs[0])):
+        sure = likely
     if len(runs) == 1:
-        lone = np.abs(bend) > np.maximum(_MIN_BEND_RAD, _LONE_SIGMAS * error)
-        return np.asarray(sure | (lone & _amid_motion(log, runs[0])))
+        return np.asarray(sure)
+    bend, error = bend[:, 0], error[:, 0]
     middle = np.array([(s.start_s + s.stop_s) / 2 for s in runs])
     hz = np.array([s.frequency_hz for s in runs])
     length = np.array([s.stop_s - s.start_s for s in runs]) - 1 / hz

@@ -51,9 +51,10 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
     """
     names = mapping.columns
     if mapping.open_roles:
+        left = [name for name in table.names if name not in names]
+        remedy = f"Choose one of: {listed(left)}." if left else "The log has no other column of numbers."
         raise JointIdError(
-            f"{table.name}: no column is chosen for {listed(mapping.open_roles)}. Choose one of: "
-            f"{listed(name for name in table.names if name not in names)}."
+            f"{table.name}: no column is chosen for {listed(mapping.open_roles)}. {remedy}"
         )
     raw = [table.column(name).values for name in names]
     time = raw.pop(0) if mapping.time.column else np.arange(table.rows, dtype=float)

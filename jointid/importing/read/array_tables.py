@@ -2,8 +2,8 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from jointid.importing.columns.log_table import (
 from jointid.importing.columns.units import TIME_UNITS
 from jointid.importing.read.clocks import Signal, tables_of_signals
 
+_JOINTS = WORDS["joint"] | WORDS["motor"]
+_Grouped: TypeAlias = Mapping[tuple[str, int], Sequence[LogColumn]]
+"""Columns by group and number of rows."""
 FEWEST_ROWS = 8
 """Shorter arrays are settings, not signals."""
 
@@ -64,10 +67,10 @@ def tables_of(file: str, arrays: Iterable[NamedArray], otherwise: str) -> tuple[
             number = 0 if label or table.shape[1] == 1 else k + 1
             columns.append(named_column(label or array.name, table[:, k], array.unit, number=number))
     found = []
-    for (group, rows), columns in grouped.items():
-        columns = [*_time_above(grouped, group, rows), *columns]
-        if 2 <= len(columns) <= MAX_COLUMNS:
-            found.append(LogTable(f"{file}: {group}" if group else file, tuple(columns)))
+    for (group, rows), own in _with_joints_joined(grouped).items():
+        timed = [*_time_above(grouped, group, rows), *own]
+        if 2 <= len(timed) <= MAX_COLUMNS:
+            found.append(LogTable(f"{file}: {group}" if group else file, tuple(timed)))
     if not found:
         raise JointIdError(otherwise)
     return most_first(file, found)
@@ -93,9 +96,21 @@ def _timed_signals(arrays: Iterable[NamedArray]) -> list[Signal]:
     return found
 
 
-def _time_above(
-    grouped: Mapping[tuple[str, int], Sequence[LogColumn]], group: str, rows: int
-) -> list[LogColumn]:
+def _with_joints_joined(grouped: _Grouped) -> _Grouped:
+    """Columns by group and rows, with the groups of several joints beside each other as one."""
+    joined: dict[tuple[str, int], list[LogColumn]] = {}
+    for (group, rows), columns in grouped.items():
+        parent, _, own = group.rpartition("/")
+        words = words_of(own)  # "joint_1"
+        is_joint = _JOINTS & set(words) and any(map(str.isdigit, words))
+        of_joint = is_joint and _time_above(grouped, group, rows)
+        prefix, place = (f"{own} ", parent) if of_joint else ("", group)
+        named = [replace(column, name=prefix + column.name) for column in columns]
+        joined.setdefault((place, rows), []).extend(named)
+    return joined
+
+
+def _time_above(grouped: _Grouped, group: str, rows: int) -> list[LogColumn]:
     """Time column for a group without one, from the nearest parent group."""
     place = group
     while True:

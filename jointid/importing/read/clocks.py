@@ -9,6 +9,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
+from jointid.importing.columns.column_words import WORDS, states_quantity, words_of
 from jointid.importing.columns.log_table import (
     MAX_COLUMNS,
     MAX_VALUES,
@@ -19,9 +20,11 @@ from jointid.importing.columns.log_table import (
     numbers,
     require_few_values,
 )
+from jointid.importing.columns.units import TIME_UNITS
 from jointid.wording import counted
 
 _SAME_S = 1e-9  # times that differ by less are equal
+_ALIKE = 0.95  # ratio of the rows, and of the lengths, of two clocks that are alike
 
 _SECOND = re.compile(r"[._ /]?s(?:ec(?:ond)?s?)?$", re.IGNORECASE)
 _FRACTION = re.compile(rf"(.*?)[._ /]?(n|nano|u|micro)_?{_SECOND.pattern[6:]}", re.IGNORECASE)
@@ -99,6 +102,40 @@ def with_whole_clock(table: LogTable) -> LogTable:
             note = f'"{whole.name}" and "{part.name}" are one clock: joined as time.'
             return replace(table, columns=columns, notes=(*table.notes, note))
     return table
+
+
+def with_own_clocks(table: LogTable) -> tuple[LogTable, ...]:
+    """Give each signal the clock to its left, where a table holds several rates side by side."""
+    clocks = [k for k, column in enumerate(table.columns) if _is_clock(column)]
+    starts = [0, *(k for k, before in zip(clocks[1:], clocks, strict=False) if k > before + 1)]
+    units = {table.columns[k].unit for k in starts}
+    if clocks[:1] != [0] or len(starts) < 2 or starts[-1] + 1 == len(table.columns):
+        return (table,)
+    if len(units) > 1 and not units <= set(TIME_UNITS):
+        return (table,)
+    times = [table.columns[k].values * TIME_UNITS.get(table.columns[k].unit, 1.0) for k in starts]
+    known = [time[np.isfinite(time)] for time in times]
+    rows, lengths = zip(*((time.size, float(time[-1] - time[0])) for time in known), strict=True)
+    if min(rows) > _ALIKE * max(rows) or min(lengths) < _ALIKE * max(lengths):
+        return (table,)  # not several rates over one time: clocks of the same rows, or other units
+    signals = [
+        Signal(column.name, time[: clock.size], column.values[: clock.size], column.unit)
+        for time, clock, (start, stop) in zip(
+            times, known, pairwise([*starts, len(table.columns)]), strict=True
+        )
+        for column in table.columns[start + 1 : stop]
+    ]
+    unit = "s" if units <= set(TIME_UNITS) else units.pop()
+    found = tables_of_signals(table.name, signals, table.notes, ("time", unit))
+    return tuple(replace(part, source=table.source, read_as=table.read_as) for part in found) or (table,)
+
+
+def _is_clock(column: LogColumn) -> bool:
+    """Whether a column is named as a time and increases up to its last number."""
+    if not WORDS["time"] & set(words_of(column.name)) or states_quantity(column):
+        return False
+    count = int(np.isfinite(column.values).sum())
+    return count > 1 and bool(np.all(np.diff(column.values[:count]) > 0))
 
 
 def _ticks(signal: Signal) -> Floats:

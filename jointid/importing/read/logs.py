@@ -17,7 +17,7 @@ from jointid.importing.columns.log_table import (
     require_few_values,
     require_small,
 )
-from jointid.importing.read.clocks import with_whole_clock
+from jointid.importing.read.clocks import with_own_clocks, with_whole_clock
 from jointid.importing.read.reader_process import ReaderProcess
 from jointid.importing.read.readers import is_zip
 from jointid.wording import counted, listed
@@ -48,7 +48,8 @@ def read_logs(sources: Iterable[tuple[LogSource, str]]) -> Iterator[tuple[LogTab
     with closing(ReaderProcess()) as reader:
         for source, name in sources:
             try:
-                yield tuple(map(with_whole_clock, _read(source, name, reader)))
+                read = map(with_whole_clock, _read(source, name, reader))
+                yield tuple(part for table in read for part in with_own_clocks(table))
             except JointIdError as error:
                 yield error
 

@@ -37,7 +37,7 @@ def proposed_columns(key: str, table: importing.LogTable) -> tuple[str, ...]:
     """Return time, positions and torques as far as they are known, for the first picture."""
     mapping = mapping_of(key, table)
     names = [name for joint in mapping.joints for name in (joint.position.column, joint.torque.column)]
-    return (mapping.time.column, *names) if mapping.time.column else ()
+    return (mapping.time.column, *filter(None, names)) if mapping.time.column else ()
 
 
 def remember(table: importing.LogTable, mapping: importing.Mapping) -> None:

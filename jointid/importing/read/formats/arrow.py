@@ -1,5 +1,6 @@
-"""Parquet and Arrow (Feather) files: columns of numbers, of times, and of lists of numbers."""
+"""Parquet and Arrow (Feather) files: columns of numbers, of times, of lists of numbers, long tables."""
 
+import io
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pa_compute  # type: ignore[import-untyped]
+import pyarrow.csv as pa_csv  # type: ignore[import-untyped]
 import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.arrays import Floats
@@ -19,25 +21,32 @@ from jointid.importing.columns.log_table import (
     named_column,
     numbers,
     require_few_values,
+    require_small,
 )
 from jointid.importing.read.array_tables import FEWEST_ROWS
+from jointid.importing.read.formats.tidy import long_tables
 from jointid.importing.read.reader import Reader, begins_with
 from jointid.wording import listed
 
 _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+_LONGEST_NUMBER = 24  # characters
+_LONGEST_ROW = 1 << 16  # characters of a row of a long table
+_MOST_TEXTS = 8
 
 
 def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:
     """Read the columns of numbers of a Parquet or Arrow file.
 
     A list of m numbers per row gives m columns. With few rows of long lists, each row is a run and gives
-    a table.
+    a table. Rows that name their signal or joint are a long table.
     """
     with pa.memory_map(path) as source:
         table, left_out = _parquet(file, source) if open_as == "parquet" else _arrow(file, source)
     for _ in range(4):  # fields of structs become columns
         if any(pa.types.is_struct(field.type) for field in table.schema):
             table = table.flatten()
+    if (long := _long(file, table)) is not None:
+        return long
     kept = [field for field in table.schema if _is_number(field.type) or _is_list(field.type)]
     left_out = [*(field.name for field in table.schema if field not in kept), *left_out]
     notes = (f"Columns without numbers, left out: {listed(left_out)}.",) if left_out else ()
@@ -72,8 +81,10 @@ def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:
 
 def _parquet(file: str, source: Any) -> tuple[Any, list[str]]:
     """Columns of a Parquet file that may hold numbers, and the names of the others."""
-    parquet = pa_parquet.ParquetFile(source)
-    schema, metadata = parquet.schema_arrow, parquet.metadata
+    schema = pa_parquet.read_schema(source)
+    texts = [field.name for field in schema if _is_text(field.type)][:_MOST_TEXTS]
+    parquet = pa_parquet.ParquetFile(source, read_dictionary=texts)  # a repeated text is held once
+    metadata = parquet.metadata
     if len(set(schema.names)) < len(schema.names):
         raise JointIdError(
             f"{file} has several columns with the same name: rename them. Names: {listed(schema.names)}."
@@ -89,8 +100,36 @@ def _parquet(file: str, source: Any) -> tuple[Any, list[str]]:
         if metadata.row_group(g).column(c).path_in_schema.partition(".")[0] in names
     )
     require_few_values(file, max(held, metadata.num_rows))
+    names += texts
     table = parquet.read(columns=names, use_pandas_metadata=False, use_threads=False)
     return table, [name for name in schema.names if name not in names]
+
+
+def _long(file: str, table: Any) -> tuple[LogTable, ...] | None:
+    """Tables of rows that name their signal or joint, read as those of a text; None for other rows."""
+    texts = [field.name for field in table.schema if _is_text(field.type)]
+    kept = [field.name for field in table.schema if _is_number(field.type) or _is_text(field.type)]
+    words = [chunk.dictionary_encode().dictionary for name in texts for chunk in table[name].chunks]
+    longest = [pa_compute.max(pa_compute.utf8_length(each)).as_py() or 0 for each in words]
+    table = table.select(kept)
+    width = len(texts) * max(longest, default=0) + _LONGEST_NUMBER * (len(kept) - len(texts))
+    if not texts or width > _LONGEST_ROW or long_tables(file, _as_text(table.slice(0, 60))) is None:
+        return None
+    require_small(f"{file} as text", table.num_rows * width)
+    return long_tables(file, _as_text(table))
+
+
+def _as_text(table: Any) -> str:
+    for place, field in enumerate(table.schema):
+        column = table.column(place)
+        if pa.types.is_duration(field.type):
+            column = _values(column.cast(pa.int64())) / _PER_SECOND[field.type.unit]
+            table = table.set_column(place, f"{field.name} [s]", pa.array(column))
+        elif pa.types.is_dictionary(field.type):
+            table = table.set_column(place, field.name, column.cast(pa.utf8()))
+    buffer = io.BytesIO()
+    pa_csv.write_csv(table, buffer, pa_csv.WriteOptions(delimiter="\t"))
+    return buffer.getvalue().decode("utf-8", "replace")
 
 
 def _arrow(file: str, source: Any) -> tuple[Any, list[str]]:
@@ -147,6 +186,13 @@ def _run(
 def _is_number(kind: pa.DataType) -> bool:
     tests = ("floating", "integer", "decimal", "timestamp", "duration")
     return any(getattr(pa.types, f"is_{test}")(kind) for test in tests)
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    types = pa.types
+    if types.is_dictionary(kind):
+        kind = kind.value_type
+    return bool(types.is_string(kind) or types.is_large_string(kind))
 
 
 def _is_list(kind: pa.DataType) -> bool:

@@ -65,6 +65,8 @@ def _cell(cell: Any) -> str:
         return str(int(cell))
     if isinstance(cell, datetime.timedelta):
         cell = cell.total_seconds()
+    elif type(cell) is datetime.date:  # midnight, in a column of times
+        cell = datetime.datetime.combine(cell, datetime.time())
     return " ".join(str(cell).split())
 
 

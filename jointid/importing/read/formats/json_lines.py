@@ -66,9 +66,7 @@ def _rows(file: str, text: str) -> tuple[list[dict[str, Any]], list[str]]:
         labels = names or [f"column {k}" for k in range(1, MAX_COLUMNS)]
         whole = [dict(zip(labels, row, strict=False)) if isinstance(row, list) else row for row in whole]
     if isinstance(whole, dict):
-        # A column may be an object of values by row, as pandas writes it.
-        lists = {k: [*v.values()] if isinstance(v, dict) else v for k, v in whole.items()}
-        lists = {k: v for k, v in lists.items() if isinstance(v, list)}
+        lists = dict(_lists("", whole, _DEEPEST))
         sizes = [len(v) for v in lists.values()]
         if sizes and max(sizes) >= FEWEST_ROWS:
             size = max(sizes, key=lambda rows: rows * sizes.count(rows))
@@ -78,6 +76,18 @@ def _rows(file: str, text: str) -> tuple[list[dict[str, Any]], list[str]]:
     if isinstance(whole, list) and whole and all(isinstance(row, dict) for row in whole):
         return whole, []
     raise JointIdError(f"{file} holds no rows: expected an object of names and numbers on every line.")
+
+
+def _lists(name: str, value: Any, depth: int) -> Iterator[tuple[str, list[Any]]]:
+    """Columns of nested objects; one may be an object of values by row, as pandas writes it."""
+    if isinstance(value, list):
+        yield name, value
+    elif isinstance(value, dict) and depth:
+        if name and not any(isinstance(inner, dict | list) for inner in value.values()):
+            yield name, [*value.values()]
+        else:
+            for key, inner in value.items():
+                yield from _lists(f"{name}.{key}".strip("."), inner, depth - 1)
 
 
 def _line_objects(file: str, lines: list[str]) -> tuple[list[dict[str, Any]], list[str]]:

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable, Iterator
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -32,8 +31,8 @@ def read_lvm(file: str, path: str) -> tuple[LogTable, ...]:
     head = lines[: ends[0]]
     separator = next((line[9:10] for line in head if re.match(r"Separator[\t,;]", line)), "\t")
     main = dict(line.split(separator)[:2] for line in head if separator in line)
-    decimal = main.get("Decimal_Separator", ".").strip() or "."
-    if decimal not in (".", ",") or decimal == separator:
+    decimal = main.get("Decimal_Separator", "").strip()  # old files leave it to the numbers
+    if decimal not in ("", ".", ",") or decimal == separator:
         raise JointIdError(f'{file}: Decimal_Separator = "{decimal:.5}"; expected a point or a comma.')
     has_times = main.get("X_Columns", "One").strip() != "No"
     runs: list[list[list[Signal]]] = []
@@ -88,13 +87,13 @@ def _signals(
     where: str, about: dict[str, list[str]], columns: Iterable[tuple[str, Floats]], has_times: bool
 ) -> Iterator[Signal]:
     """Signals of a segment, with the entries of its header by channel."""
-    time, channels = np.zeros(0), count()
-    for name, values in columns:
+    time = np.zeros(0)
+    for place, (name, values) in enumerate(columns):
         if name == "X_Value":
             time = values
             continue
-        channel = next(channels)
-        entries = {key: cells[channel].strip() for key, cells in about.items() if channel < len(cells)}
+        at = place - 1  # the entries of a channel are above its values, after their key
+        entries = {key: cells[at].strip() for key, cells in about.items() if 0 <= at < len(cells)}
         if not has_times or time.size != values.size:
             start, delta = (number_or(entries.get(key, ""), 0.0) for key in ("X0", "Delta_X"))
             if delta <= 0:

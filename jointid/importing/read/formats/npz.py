@@ -2,6 +2,7 @@
 
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,15 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     with open(path, "rb") as source:
         found: Any = np.load(source, allow_pickle=False)
         names = found.files[:MAX_COLUMNS] if hasattr(found, "files") else ["array"]
-        arrays = [part for name in names for part in _arrays(name, found)]
+        arrays = {name: [*_arrays(name, found)] for name in names}
     otherwise = (
         f"{file} holds no table of numbers: expected arrays of equal length, at least two columns. "
         f"Arrays found: {listed(names)}."
     )
-    return tables_of(file, arrays, otherwise)
+    tables = tables_of(file, (part for parts in arrays.values() for part in parts), otherwise)
+    left_out = [name for name, parts in arrays.items() if not parts]
+    notes = (f"Arrays of Python objects, left out: {listed(left_out)}.",) if left_out else ()
+    return tuple(replace(table, notes=(*table.notes, *notes)) for table in tables)
 
 
 def _arrays(name: str, found: Any) -> Iterator[NamedArray]:
@@ -39,10 +43,15 @@ def _arrays(name: str, found: Any) -> Iterator[NamedArray]:
         if "allow_pickle" not in str(error):
             raise
         return
-    if values.dtype.names is None:
-        yield NamedArray(name.replace("/", "."), values)
-    for field in values.dtype.names or ():
-        yield NamedArray(field, values[field], group=name)
+    parts = [(name.replace("/", "."), values, "")]
+    if values.dtype.names is not None:
+        parts = [(field, values[field], name) for field in values.dtype.names]
+    for part, numbers, group in parts:
+        if numbers.dtype.kind in "mM":  # times or durations
+            numbers = (numbers - numbers.ravel()[:1]) / np.timedelta64(1, "s")
+            yield NamedArray(part, numbers, "s", group=group)
+        else:
+            yield NamedArray(part, numbers, group=group)
 
 
 def _recognises(head: bytes) -> bool:

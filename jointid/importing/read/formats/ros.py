@@ -3,7 +3,7 @@
 import re
 from array import array
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -52,6 +52,8 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
                 f"{file} has no topic of type {_JOINT_STATE}, and none of numbers: record "
                 f"the joint states. Topics found: {listed(seen)}."
             )
+        others = (c for c in bag.connections if c not in wanted)
+        left_out = dict.fromkeys(f"{c.topic} ({c.msgtype})" for c in others)
         topics: dict[str, _Topic] = {}
         for connection, recorded_ns, raw in bag.messages(connections=wanted):
             message = deserialize(raw, connection.msgtype)
@@ -61,6 +63,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     own = {name: topic for name, topic in topics.items() if topic.of_joints or alone}
     tables = (table for name, topic in own.items() for table in topic.tables(f"{file}: {name}"))
     states = together = most_first(file, tables)
+    complete = any(name.endswith(" effort") for table in states for name in table.names)
     if len(own) < len(topics):
         start = min(min(topic.recorded) for topic in topics.values())
         signals = [
@@ -68,11 +71,13 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         ]
         note = "Topics are merged by their times of recording."
         together = tables_of_signals(file, signals, (note,))
-        complete = any(name.endswith(" effort") for table in states for name in table.names)
         first = () if complete else together[:1]
         together = (*first, *states, *together[len(first) :])
     if not together:
         raise JointIdError(f"{file}: {wanted[0].topic} holds no numbers: record the bag again.")
+    if left_out and not complete:
+        note = f"Topics of other types, left out: {listed(left_out, at_most=5)}."
+        together = (replace(together[0], notes=(*together[0].notes, note)), *together[1:])
     return together
 
 

@@ -192,8 +192,8 @@ def split_line(line: str, separator: str) -> list[str]:
 
 
 def is_missing(cell: str) -> bool:
-    """Whether a cell denotes a missing value."""
-    return cell.lower() in NO_NUMBER
+    """Whether a cell denotes a missing value; Excel's errors begin with "#" in every language."""
+    return cell.lower() in NO_NUMBER or cell.startswith("#")
 
 
 def _head_lines(file: str, text: str) -> list[str]:
