@@ -55,10 +55,15 @@ KINDS = {
     "orthogonal, low": (0.5, CASES[2:]),
     "one-at-a-time": (3.0, CASES),
     "one-at-a-time, slipping": (3.0, CASES[2:]),
+    "axes 2 and 3": (3.0, CASES[2:]),
+    "axes 1 and 5": (3.0, CASES[2:]),
+    "axes 4 to 6": (3.0, CASES[2:]),
     "motions": (3.0, CASES[2:]),
 }
 """Lowest frequency, Hz, and cases. Slipping: soft controllers and little friction hold the other joints,
 so that these move in steps."""
+MOVED = {"axes 2 and 3": [1, 2], "axes 1 and 5": [0, 4], "axes 4 to 6": [3, 4, 5]}
+"""Joints that move, in as many records per frequency; friction holds the others. Errors are theirs."""
 MOTION = Motion("random", 3.0, 40.0, 20.0, velocity_rad_s=30.0, acceleration_rad_s2=1000.0)
 """Its torques are about those of the sines; with the default limits the wrist sticks throughout."""
 
@@ -67,12 +72,18 @@ def records_of(
     kind: str, robot: RobotModel, lowest_hz: float, frequencies: int
 ) -> list[SineRecord] | list[MotionRecord]:
     """Sine records of a pattern, or six motions of 20 s."""
-    K, pattern, slips = JOINT_K / robot.gear_ratio**2, kind.split(",")[0], "slipping" in kind
+    K, slips = JOINT_K / robot.gear_ratio**2, "slipping" in kind
+    pattern: Any = kind.split(",")[0]
     elasticity, inertia = Elasticity(K, DAMPING_S * K), robot.inertia(POSE)
     if kind == "motions":
         return list(
             simulate_motion(inertia, elasticity, MOTION, records=6, friction=FRICTION, measurement=NOISE)
         )
+    if kind in MOVED:
+        moved = MOVED[kind]
+        waves = np.exp(2j * np.pi * np.outer(range(len(moved)), range(len(moved))) / len(moved))
+        pattern = np.zeros((len(moved), robot.n), complex)
+        pattern[:, moved] = waves
     return simulate_records(
         inertia,
         elasticity,
@@ -105,8 +116,9 @@ def row(
         spent = time.process_time() - begin
     K = JOINT_K / robot.gear_ratio**2
     fit, true = found.fit, np.concatenate([K, DAMPING_S * K])
+    moved = MOVED.get(kind, list(range(robot.n)))
     worst = [
-        (100 * np.abs(part / true)).reshape(2, 6).max(axis=1)
+        (100 * np.abs(part / true)).reshape(2, robot.n)[:, moved].max(axis=1)
         for part in (fit.estimate - true, fit.standard_error, fit.noise_error)
     ]
     levels = [f"{f.level}: {f.title}" for f in found.findings if f.level != "good"]

@@ -34,8 +34,8 @@ difference is left."""
 _STIFFNESSES = 1.0, 3.0, 10.0, 0.3, 2.0, 5.0, 0.6, 0.1
 """How stiff regressions assume gears that records with held joints hardly show: four per joint beyond
 the second. A fit from one of them was near in 4 of 10 cases of two to four moving axes of six."""
-_NEAR = 1.25
-"""Misfit below which no other start values are tried."""
+_NEAR, _SAME = 1.25, 1.01
+"""Misfit below which no other start values are tried, and ratio of costs of the same minimum."""
 
 
 def filters_before_friction(model: Model, p: Parameters | None) -> Floats | None:
@@ -149,32 +149,43 @@ def start_with_friction(
     friction holds joints.
     """
     start, model = regression_start(phasors, prior), replace(base, reversal=0.03)
-    exact = replace(prior, inertia_std=0.0) if prior.inertia_std < np.inf else prior
+    exact = replace(prior, inertia_std=0.0) if 0 < prior.inertia_std < np.inf else prior
     if friction_waveforms(phasors, None).stationary.any():
-        return _start_with_held(phasors, exact, start, noise, model)
+        return _start_with_held(phasors, prior, exact, start, noise, model)
     if not prior.shared.any():
         return start if "coulomb" in start.layout else linear
-    if 0 < prior.inertia_std < np.inf:
+    if exact is not prior:
         with suppress(JointIdError):
             return fit_model(phasors, exact, start, noise, model).named
     return start
 
 
 def _start_with_held(
-    phasors: Phasors, prior: InertiaPrior, start: Parameters, noise: Noise, model: Model
+    phasors: Phasors,
+    prior: InertiaPrior,
+    exact: InertiaPrior,
+    start: Parameters,
+    noise: Noise,
+    model: Model,
 ) -> Parameters:
     """The nearest fit from several start values, where friction holds joints.
 
-    Resonances of the arm with held joints, whose K records hardly show, make many local minima.
+    Resonances of the arm with held joints, whose K records hardly show, make many local minima. Inertias
+    that are free from the start lead to more of them. Two starts with the same minimum are enough.
     """
     found: list[LikelihoodEstimate] = []
-    for stiff in _STIFFNESSES[: max(4 * phasors.n - 8, 1)]:
+    for stiff in (None, *_STIFFNESSES[: 4 * phasors.n - 8]):
+        near = start if stiff is None else regressed(phasors, exact, stiff=stiff)[0]
         with suppress(JointIdError):
-            begin = regressed(phasors, prior, stiff=stiff)[0]
-            found.append(fit_model(phasors, prior, begin, noise, model))
-        if found and found[-1].misfit < _NEAR:
+            estimate = fit_model(phasors, exact, near, noise, model)
+            if estimate.misfit < _NEAR:
+                return estimate.named
+            if exact is not prior:
+                estimate = fit_model(phasors, prior, estimate.named, noise, model)
+            found = sorted([*found, estimate], key=lambda each: each.whole_cost(1))
+        if len(found) > 1 and found[1].whole_cost(1) < _SAME * found[0].whole_cost(1):
             break
-    return min(found, key=lambda estimate: estimate.misfit).named if found else start
+    return found[0].named if found else start
 
 
 def fit_without_inertias(

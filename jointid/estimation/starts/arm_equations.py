@@ -98,11 +98,11 @@ class ArmEquations:
     backlash: bool
     hangs: bool
     lags: bool
+    eliminates: bool
+    """Whether the torques through gears of held joints are eliminated, in sines."""
 
     @classmethod
-    def of(
-        cls, phasors: Phasors, prior: InertiaPrior, *, backlash: bool, hangs: bool, lags: bool
-    ) -> Self:
+    def of(cls, phasors: Phasors, prior: InertiaPrior, *, backlash: bool, **flags: bool) -> Self:
         """Those of some records, with the unknowns that the flags name."""
         n, moves = prior.n, phasors.motion
         known = np.any(phasors.harmonics != 0, axis=2)
@@ -125,14 +125,8 @@ class ArmEquations:
             held=(friction.stationary | (rests > _HELD))[row],
             flank=_flanks(phasors, prior)[row, bins] if backlash else np.zeros((row.size, n), complex),
             backlash=backlash,
-            hangs=hangs,
-            lags=lags,
+            **flags,
         )
-
-    @property
-    def eliminates(self) -> bool:
-        """Whether the torques through gears of held joints are eliminated."""
-        return bool(self.held.any() and not self.phasors.motion.any())
 
     @cached_property
     def s2(self) -> Complexes:

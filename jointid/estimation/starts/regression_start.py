@@ -45,27 +45,29 @@ def regressed(
     backlash: bool = False,
     hangs: bool = False,
     lags: bool = False,
-    stiff: float = 0.0,
+    stiff: float | None = None,
 ) -> tuple[Parameters, float]:
     """K, D, friction if significant and, with a common unknown as the payload, elements of M2.
 
     ``backlash`` adds that of every gear, which moves the arm from one flank to the other, ``hangs``
     unknown gravity stiffness, ``lags`` a delay of the torque, which is not returned. The second value is
     the misfit of the arm's equation with friction, at least 1. Of sines, outliers count less (Cauchy's
-    weights). Where friction holds joints in sines, the unknown torques of their gears are eliminated;
-    gears that the records hardly show are then the stiffer, the larger ``stiff``.
+    weights). With ``stiff``, the unknown torques through gears of joints that friction holds in sines
+    are eliminated; gears that the records hardly show are then the stiffer, the larger it is.
     """
     n, shared = prior.n, bool(prior.shared.any())
-    equations = ArmEquations.of(phasors, prior, backlash=backlash, hangs=hangs, lags=lags)
+    equations = ArmEquations.of(
+        phasors, prior, backlash=backlash, hangs=hangs, lags=lags, eliminates=stiff is not None
+    )
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
     middle, fastest = float(np.median(phasors.excited)), float(np.abs(equations.s).max())
-    at, damping, holds = ArmValues.zero(n), 0.0, equations.eliminates
+    at, damping, holds = ArmValues.zero(n), 0.0, stiff is not None
     best: tuple[float, ArmValues, Floats, Floats] | None = None
     steps = _STEPS if phasors.motion.any() else _STEPS_OF_HELD if holds else _STEPS_OF_SINES
     for _ in range(steps):
         N, g, squares, rows = equations.normal(at)
         misfit = max(squares / rows, 1.0)
-        if holds:
+        if stiff:
             weight = misfit * (stiff * own * middle**2) ** 2
             N[range(n), range(n)] += weight
             g[:n] += weight * at.yielding
