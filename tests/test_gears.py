@@ -57,7 +57,7 @@ from jointid.estimation.estimators.residual import Residual
 from jointid.estimation.model_climb import _laws_of_motions, climbed, fit_laws, fit_regressed
 from jointid.estimation.model_growth import grown
 from jointid.estimation.model_search import Search
-from jointid.estimation.starts.start_values import by_regression, other_laws, with_one_bend
+from jointid.estimation.start_values import by_regression, other_laws, with_one_bend
 from jointid.figures.stiffness import stiffness_over_amplitude, torsion_curve
 from jointid.gears.arm_friction import PeriodicFriction
 from jointid.gears.driven_gears import DrivenGears, _loop

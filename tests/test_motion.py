@@ -39,7 +39,7 @@ from jointid.estimation.estimators.residual import Residual
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.identify_motion import motion_misfits
 from jointid.estimation.motion_noise import noise_of_rows
-from jointid.estimation.starts.regression_start import regression_start
+from jointid.estimation.regression_start import regression_start
 from jointid.gears.dahl import presliding_bins
 from jointid.motion import end_terms
 from jointid.motion.arm_motion import DrivenArms

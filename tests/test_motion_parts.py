@@ -16,7 +16,6 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.identify_motion import _few, _lines
 from jointid.estimation.motion_noise import noise_differs, with_torque_noise
-from jointid.estimation.starts.regression_start import _flanks
 from jointid.gears.motor_motion import MotorMotion
 from jointid.motion.arm_motion import DrivenArms
 from jointid.motion.band import proposed_band
@@ -471,9 +470,7 @@ def test_lines_of_a_fit_are_the_bins_of_motions_and_the_fundamentals_of_sines() 
     assert not lines.motion.any()
 
 
-def test_flanks_of_backlash_are_in_contact_from_a_fifth_of_the_torque(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_flanks_of_backlash_are_in_contact_from_a_fifth_of_the_torque() -> None:
     """Between the flanks the contact changes uniformly; the ends have that of the nearest load."""
     torque = np.array([[0.1, 0.21, 1.0, 0.19, 0.0, -0.19, -0.21, -0.5, 0.0]])
     asked = []
@@ -482,12 +479,9 @@ def test_flanks_of_backlash_are_in_contact_from_a_fifth_of_the_torque(
         asked.append(parameters)
         return torque.copy()
 
-    motors = SimpleNamespace(balance=balance, bins=lambda flank, shape: (flank, shape))
-    monkeypatch.setattr(MotorMotion, "of", lambda *_, loops: motors)
-    phasors: Any = SimpleNamespace(segments=(1,), harmonics=np.zeros((1, 3, 2)))
-    prior = InertiaPrior.of(Inertia([0.1], [[1.0]]), 1, 1)
+    motors: Any = SimpleNamespace(balance=balance, bins=lambda flank, shape: (flank, shape))
     flank: Any
-    flank, shape = _flanks(phasors, prior)
+    flank, shape = MotorMotion.flanks(motors, np.array([0.1]), (1, 3))
     np.testing.assert_allclose(flank[0], [1, 1, 1, 0.5, 0, -0.5, -1, -1, -1])
     assert shape == (1, 3)
     assert [float(each[0]) for each in asked[0]] == [1.0, 0.1, 0.0, 0.0]

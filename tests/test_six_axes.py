@@ -24,7 +24,7 @@ from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.model_fits import fit_model
-from jointid.estimation.starts.regression_start import regression_start
+from jointid.estimation.regression_start import regression_start
 from jointid.motion.spectra import motion_phasors
 from tests.robots import SIX_AXES
 

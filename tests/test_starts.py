@@ -17,8 +17,8 @@ from jointid.estimation.estimators.linear_fit import _least_squares, without_ine
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.estimators.problem import Problem
 from jointid.estimation.model_growth import _is_passed_over
-from jointid.estimation.starts.regression_start import regressed, regression_start
-from jointid.estimation.starts.start_values import (
+from jointid.estimation.regression_start import regressed, regression_start
+from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
     other_laws,

@@ -28,7 +28,7 @@ from jointid.estimation.motion_noise import (
     with_noise,
     with_torque_noise,
 )
-from jointid.estimation.starts.regression_start import regressed, regression_start
+from jointid.estimation.regression_start import regressed, regression_start
 from jointid.joints import Inertia
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors

@@ -12,8 +12,8 @@ from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.model_growth import NEARLY_ALL
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
-from jointid.estimation.starts.regression_start import regression_start
-from jointid.estimation.starts.start_values import at_resonances, by_motion
+from jointid.estimation.regression_start import regression_start
+from jointid.estimation.start_values import at_resonances, by_motion
 from jointid.phasors.extract import Phasors
 
 Start = Callable[[Phasors, InertiaPrior], Parameters]

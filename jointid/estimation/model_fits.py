@@ -21,7 +21,7 @@ from jointid.estimation.estimators.whitened_residual import (
     near_solution,
     with_law_signals,
 )
-from jointid.estimation.starts.regression_start import regressed, regression_start
+from jointid.estimation.regression_start import regressed, regression_start
 from jointid.motion.end_terms import motor_motion
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms, gear_torque_of, with_load
 from jointid.motion.per_turn import PerTurn, with_turns

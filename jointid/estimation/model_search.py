@@ -18,7 +18,7 @@ from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import FILTERS, FRICTION_EFFECTS, GEAR_LAWS, Parameters
 from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.model_fits import completed, filters_before_friction, fit_model, model_waveforms
-from jointid.estimation.starts.start_values import by_regression, other_laws, with_delay, with_one_bend
+from jointid.estimation.start_values import by_regression, other_laws, with_delay, with_one_bend
 from jointid.motion.friction import FrictionWaveforms
 from jointid.motion.per_turn import PerTurn
 from jointid.phasors.extract import MANY_HARMONICS, Phasors

@@ -44,7 +44,7 @@ from jointid.estimation.model_fits import fit_without_inertias, freest, start_wi
 from jointid.estimation.model_growth import NEARLY_ALL, exchanged, grown, narrowed
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.periodic_effects import fit_periodic, with_best_orders
-from jointid.estimation.starts.start_values import at_resonances
+from jointid.estimation.start_values import at_resonances
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.phasors.passivity import least_misfit

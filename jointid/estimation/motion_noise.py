@@ -18,8 +18,8 @@ from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.estimators.residual import unknown_friction
 from jointid.estimation.model_fits import evaluated, fit_model, stepped
 from jointid.estimation.model_selection import FAR
-from jointid.estimation.starts.regression_start import regression_start
-from jointid.estimation.starts.start_values import at_resonances
+from jointid.estimation.regression_start import regression_start
+from jointid.estimation.start_values import at_resonances
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Motors
 

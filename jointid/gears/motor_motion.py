@@ -21,6 +21,9 @@ _PAUSE_S = 1.0
 _LEAD = 0.25
 """Motion before a segment, over its length, in which an error of the state at the start decays."""
 
+_LOADED = 0.2
+"""Torque over its largest from which a flank is in contact."""
+
 
 @dataclass(frozen=True, eq=False)
 class MotorMotion:
@@ -125,6 +128,15 @@ class MotorMotion:
         middle = np.where(self.starts, np.roll(middle, -1, axis=1), middle) / self.step_s**2
         own = scale[:, None] * self.torque - M[:, None] * middle
         return np.asarray(own - viscous[:, None] * velocity - coulomb[:, None] * np.sign(velocity))
+
+    def flanks(self, M: Floats, shape: tuple[int, int]) -> Complexes:
+        """Bins of the flank in contact, 1 or -1, by the torque; between flanks it changes uniformly."""
+        none = np.zeros(len(M))
+        torque = self.balance(np.ones(len(M)), M, none, none)
+        for own in torque:
+            loaded = np.flatnonzero(np.abs(own) > _LOADED * np.abs(own).max())
+            own[:] = np.interp(np.arange(own.size), loaded, np.sign(own[loaded]))
+        return self.bins(torque, shape)
 
     def bins(self, samples: Floats, shape: tuple[int, int]) -> Complexes:
         """Phasors of samples (..., N) in the first H bins of each of r segments, (r, H, ...)."""

@@ -1,6 +1,7 @@
-"""The arm's equation for start values: the deflection as a small correction of the arm's motion.
+"""Start values by regression: stiffness, friction and payload by the arm's equation (Gauss-Newton).
 
-With the torque s of the springs,
+Equation (8) takes the deflection as a small difference, which friction and a wrong payload bias. Here
+the deflection is a small correction of the arm's motion: with the torque s of the springs,
 
     A (θ − s / (K + sD)) = s,    s = τ − s²Mθ − friction,    A = s²M2 + gravity,
 
@@ -15,10 +16,22 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.gears.motor_motion import MotorMotion
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors
 
+_STEPS, _STEPS_OF_SINES, _NEAR = 8, 20, 0.1
+"""Most steps, those of sines with changing weights, and the step in standard errors that ends them."""
+_STEPS_OF_HELD, _DAMPED = 40, 1e-3
+"""Most steps of sines with held joints, and the damping over the diagonal of the normal matrix after a
+step that was worse (Levenberg and Marquardt)."""
+_LATEST = 1.0
+"""Largest product of a delay and the highest frequency, rad; the smallest delay is 0."""
+_RIDGE = 1e-10
+"""Added to the normal matrix of unit diagonal."""
+_EXPLAINED = 2.0
+"""Cost that friction explains, over the remaining one, from which friction is fitted."""
 _DEGREE = 5
 """Degree of the polynomial in s for the states of motors and arm at the ends of a segment."""
 _SLOWEST = 2.0
@@ -27,15 +40,107 @@ _ROUNDING = 1e-9
 """Torque error over the largest torque, for records without noise."""
 _ROUGH = 0.03
 """Torque error over a joint's usual torque in such sines: motors stick at reversals."""
-_LOADED = 0.2
-"""Torque over its largest from which a flank is in contact."""
 _OUTLIER = 3.0
 """Residual of a sine over the median from which it counts less: motors that others move may stick."""
 _HELD = 0.8
 """Share of a segment without clear velocity of a motor from which the motor's torque does not count."""
 
 
-class ArmValues(NamedTuple):
+def regression_start(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    *,
+    backlash: bool = False,
+    hangs: bool = False,
+    lags: bool = False,
+) -> Parameters:
+    """The start values alone."""
+    return regressed(phasors, prior, backlash=backlash, hangs=hangs, lags=lags)[0]
+
+
+@np.errstate(all="ignore")  # values that the records do not determine may diverge
+def regressed(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    *,
+    backlash: bool = False,
+    hangs: bool = False,
+    lags: bool = False,
+    stiff: float | None = None,
+) -> tuple[Parameters, float]:
+    """K, D, friction if significant and, with a common unknown as the payload, elements of M2.
+
+    ``backlash`` adds that of every gear, which moves the arm from one flank to the other, ``hangs``
+    unknown gravity stiffness, ``lags`` a delay of the torque, which is not returned. The second value is
+    the misfit of the arm's equation with friction, at least 1. Of sines, outliers count less (Cauchy's
+    weights). With ``stiff``, the unknown torques through gears of joints that friction holds in sines
+    are eliminated; gears that the records hardly show are then the stiffer, the larger it is.
+    """
+    n, shared = prior.n, bool(prior.shared.any())
+    equations = _ArmEquations.of(
+        phasors, prior, backlash=backlash, hangs=hangs, lags=lags, eliminates=stiff is not None
+    )
+    own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
+    middle, fastest = float(np.median(phasors.excited)), float(np.abs(equations.s).max())
+    at, damping, holds = _Values.zero(n), 0.0, stiff is not None
+    best: tuple[float, _Values, Floats, Floats] | None = None
+    steps = _STEPS if phasors.motion.any() else _STEPS_OF_HELD if holds else _STEPS_OF_SINES
+    for _ in range(steps):
+        N, g, squares, rows = equations.normal(at)
+        misfit = max(squares / rows, 1.0)
+        if stiff:
+            weight = misfit * (stiff * own * middle**2) ** 2
+            N[range(n), range(n)] += weight
+            g[:n] += weight * at.yielding
+            misfit += float(weight @ at.yielding**2) / rows
+        if shared:
+            N[-1, -1] += misfit
+            g[-1] += misfit * at.payload
+        damping *= 0.1
+        if holds and best and not misfit <= best[0]:
+            damping = max(100 * damping, _DAMPED)
+            misfit, at, N, g = best
+        best = misfit, at, N, g
+        step, scale, inverse = _solved(N, g, damping)
+        place = (4 + backlash + hangs) * n
+        if lags and not 0 <= at.late + step[place] <= _LATEST / fastest:  # the delay stays
+            N[place], N[:, place], g[place] = 0.0, 0.0, 0.0
+            step, scale, inverse = _solved(N, g, damping)
+        if not np.isfinite(step).all():
+            break
+        at = at.after(step, fastest, backlash=backlash, hangs=hangs, lags=lags)
+        if damping < _DAMPED and np.abs(step * scale).max() < _NEAR * np.sqrt(misfit):
+            break
+    error = np.sqrt(misfit * np.diag(inverse)[:n]) / scale[:n]
+    # A joint that rests shows no K, one with a stiff gear at least the inverse of the error.
+    unseen = np.maximum(own * middle**2, 1 / np.maximum(error, np.finfo(float).tiny))
+    K = np.where(at.yielding > error, 1 / np.where(at.yielding > error, at.yielding, 1.0), unseen)
+    part, sizes = slice(2 * n, 4 * n), at.levels.ravel() * scale[2 * n : 4 * n]
+    is_significant = bool(sizes @ np.linalg.solve(inverse[part, part], sizes) > _EXPLAINED * rows)
+    values = {"K": K, "D": at.slow * K}
+    values |= {"coulomb": at.levels[0], "viscous": at.levels[1]} if is_significant else {}
+    values |= {"backlash": 2 * np.maximum(at.half, 0)} if backlash else {}
+    values |= {"gravity": at.weight} if hangs else {}
+    values |= {"M2": prior.lower + at.payload * prior.common} if shared else {}
+    layout = ParameterLayout.of(
+        n,
+        friction=is_significant,
+        effects=["backlash"] * backlash + ["gravity"] * hangs,
+        arms=len(prior.lower) if shared else 0,
+    )
+    return layout.named(layout.pack(**values)), float(np.nan_to_num(misfit, nan=np.inf))
+
+
+def _solved(N: Floats, g: Floats, damping: float) -> tuple[Floats, Floats, Floats]:
+    """Damped step, and the square root of the diagonal of N with the inverse of N over both."""
+    scale = np.sqrt(np.maximum(np.diag(N), np.finfo(float).tiny))
+    normal, one = N / np.outer(scale, scale), np.eye(len(N))
+    inverse = np.linalg.inv(normal + (_RIDGE + damping) * one)
+    step = -inverse @ (g / scale) / scale
+    return step, scale, inverse if damping == 0 else np.linalg.inv(normal + _RIDGE * one)
+
+
+class _Values(NamedTuple):
     """The unknowns of the regression."""
 
     yielding: Floats
@@ -77,7 +182,7 @@ class ArmValues(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ArmEquations:
+class _ArmEquations:
     """The arm's equation at every line of motions and every fundamental of sines, b in all."""
 
     phasors: Phasors
@@ -109,6 +214,9 @@ class ArmEquations:
         known[~moves, 1:] = False
         known[~moves] &= not moves.any()  # sines may have far less noise
         row, bins = np.nonzero(known)
+        motors = MotorMotion.of(phasors.segments, prior.pose, loops=False) if backlash else None
+        none = np.zeros((*known.shape, n), complex)
+        flank = none if motors is None else motors.flanks(prior.M[0], known.shape)
         s, z = np.asarray(1j * phasors.omega[row] * (bins + 1)), phasors.harmonics[row, bins]
         friction = friction_waveforms(phasors, None)
         rests = np.stack(
@@ -123,32 +231,27 @@ class ArmEquations:
             variance=np.einsum("bcc->bc", phasors.harmonic_covariance[row, bins]).real,
             shapes=np.stack([friction.coulomb[row, bins], s[:, None] * z[:, :n]]),
             held=(friction.stationary | (rests > _HELD))[row],
-            flank=_flanks(phasors, prior)[row, bins] if backlash else np.zeros((row.size, n), complex),
+            flank=flank[row, bins],
             backlash=backlash,
             **flags,
         )
 
     @cached_property
-    def s2(self) -> Complexes:
-        """s², (b, 1)."""
-        return np.asarray((self.s * self.s)[:, None])
-
-    @cached_property
     def rotor(self) -> Complexes:
         """s²M, (b, n)."""
-        return np.asarray(self.s2 * self.prior.M[self.prior.rotor[self.row]])
+        return np.asarray(self.s[:, None] ** 2 * self.prior.M[self.prior.rotor[self.row]])
 
     @cached_property
     def given(self) -> Complexes:
         """A with the given M2 and gravity, (b, n, n)."""
         pose = self.prior.pose[self.row]
-        return np.asarray(self.s2[..., None] * self.prior.M2[pose] + self.prior.gravity[pose])
+        return np.asarray(self.s[:, None, None] ** 2 * self.prior.M2[pose] + self.prior.gravity[pose])
 
     @cached_property
     def change(self) -> Complexes:
         """A's change per unit of the common unknown, (b, n, n)."""
         prior, pose = self.prior, self.prior.pose[self.row]
-        found = self.s2[..., None] * prior.shared[prior.part[pose]] + prior.shared_gravity[pose]
+        found = self.s[:, None, None] ** 2 * prior.shared[prior.part[pose]] + prior.shared_gravity[pose]
         return np.asarray(found)
 
     @cached_property
@@ -171,7 +274,7 @@ class ArmEquations:
         rough = self.of_torque + (_ROUGH * usual) ** 2 + np.finfo(float).tiny
         return np.asarray(np.abs(self.given) ** 2 @ self.variance[:, :n, None] + rough[..., None])
 
-    def normal(self, at: ArmValues) -> tuple[Floats, Floats, float, int]:
+    def normal(self, at: _Values) -> tuple[Floats, Floats, float, int]:
         """Normal matrix, gradient and sum of the weighted squares, and the number of equations."""
         n, s, z, one = self.prior.n, self.s, self.z, np.eye(self.prior.n)
         A = self.given + at.payload * self.change + np.diag(at.weight)
@@ -221,7 +324,8 @@ class ArmEquations:
         size = np.where(self.held[..., None], np.inf, size)
         if not self.phasors.motion.any():
             square = np.abs(residual[..., None]) ** 2 / size
-            size = size * (1 + square / (_OUTLIER**2 * max(float(np.median(square)), 1.0)))
+            typical = float(np.median(square[~self.held])) if not self.held.all() else 0.0
+            size = size * (1 + square / (_OUTLIER**2 * max(typical, 1.0)))
         return np.asarray(size)
 
 
@@ -236,19 +340,6 @@ def _eliminated(
     found = np.linalg.pinv(columns)
     unknown = (found @ (residual[..., None] / np.sqrt(size)))[..., 0]
     return unknown, np.asarray(np.eye(residual.shape[1]) - columns @ found)
-
-
-def _flanks(phasors: Phasors, prior: InertiaPrior) -> Complexes:
-    """Bins of the flank in contact, 1 or -1, by the torque; between flanks it changes uniformly."""
-    motors = MotorMotion.of(phasors.segments, prior.pose, loops=False)
-    if motors is None:
-        return np.zeros((*phasors.harmonics.shape[:2], prior.n), complex)
-    none = np.zeros(prior.n)
-    torque = motors.balance(np.ones(prior.n), prior.M[0], none, none)
-    for own in torque:
-        loaded = np.flatnonzero(np.abs(own) > _LOADED * np.abs(own).max())
-        own[:] = np.interp(np.arange(own.size), loaded, np.sign(own[loaded]))
-    return motors.bins(torque, phasors.harmonics.shape[:2])
 
 
 def _real(values: Complexes) -> Floats:

@@ -1,1 +1,0 @@
-"""Start values of the fits: by regression, at resonances, and with laws of the gears."""
