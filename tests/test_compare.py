@@ -31,6 +31,7 @@ def test_a_study_does_not_differ_from_itself(first: Analysis) -> None:
     rows = compare(first.fit, first.fit)
     assert [row.first.name for row in rows] == ["K1", "K2", "D1", "D2"]
     assert all(row.relative == row.sigmas == 0 for row in rows)
+    assert all(re.fullmatch(r"0(\.0+)? ± 0\.\d+ %", row.change) for row in rows)  # no digit of noise
     assert all(np.isnan(row.sigmas) for row in compare(first.fit, first.fit, same_records=True))
 
 

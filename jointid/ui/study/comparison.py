@@ -23,7 +23,7 @@ from jointid.uncertainty.comparison import (
     compare,
     comparison_sentence,
 )
-from jointid.wording import enumerated, signed_percent, significant, unbroken
+from jointid.wording import enumerated, significant, unbroken
 
 _MOST_PARTNERS = 10
 """The newest own studies are considered as partners; every one is read."""
@@ -122,7 +122,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     )
     columns = {"": [f"{row.first.name} ({row.first.unit})" for row in rows]}
     if not unusable:
-        columns["Difference"] = [signed_percent(100 * row.relative) for row in rows]
+        columns["Difference"] = [row.change for row in rows]
         if not same:  # else the difference has no standard error
             columns["Significant"] = [row.significance for row in rows]
     names = [
