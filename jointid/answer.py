@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -151,6 +152,12 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
     """Terms of gear catalogues for one joint, from 0, with values and units."""
     gear, curve, scale = fit.gears[joint], fit.torsion_curves[joint], unit.of_gear(joint)
 
+    own = (row for row in chain(*quantities(fit).values()) if row.joints == (joint + 1,))
+    errors = {row.parameter: row.error for row in own}
+
+    def fitted(law: str, value: float, factor: float) -> str:
+        return with_error(factor * value, factor * errors.get(law, np.nan))
+
     def wind_up(rad: float, digits: int = 3) -> str:
         return f"{significant(scale.wind_up * rad, digits)} {scale.angle}"
 
@@ -164,9 +171,8 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
     terms = {"Law": laws_text(gear.laws), "Largest torque in the records": largest}
     K, error = scale.stiffness * gear.K, scale.stiffness * float(fit.errors.K[joint])
     terms["K (tangent stiffness)"] = f"{with_error(K, error)} {scale.unit}"
-    if gear.kind != "linear":
-        terms[f"Secant stiffness at {largest}"] = stiffnesses(gear.secant_K)
     if gear.kind in ("hardening", "piecewise"):
+        terms[f"Secant stiffness at {largest}"] = stiffnesses(gear.secant_K)
         edge = gear.tried_rad
         slope = float(np.diff(gear.torque([edge, 1.001 * edge]))[0]) / (0.001 * edge)
         terms[f"Tangent stiffness at {largest}"] = stiffnesses(slope)
@@ -175,9 +181,11 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
         terms["Catalogue T1, T2"] = torques(gear.T1_Nm, gear.T2_Nm)
     if gear.backlash_rad:
         share = f"{percent(gear.backlash_share)} of the peak-to-peak deflection"
-        terms["Backlash"] = f"{wind_up(gear.backlash_rad)}, {share}"
+        play = fitted("backlash", gear.backlash_rad, scale.wind_up)
+        terms["Backlash"] = f"{play} {scale.angle}, {share}"
     if gear.hysteresis_Nm:
-        terms["Hysteresis (± torque)"] = torques(gear.hysteresis_Nm)
+        loss = fitted("hysteresis", gear.hysteresis_Nm, scale.torque)
+        terms["Hysteresis (to either side)"] = f"{loss} N·m"
     lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0
     noise, found = curve.deflection_noise_rad, "not measured"
     if noise.size:

@@ -406,6 +406,8 @@ def test_the_pages_show_stiffness_also_where_motor_data_give_none() -> None:
         assert [k.replace("\xa0", " ") for k in shown_K] == fit().table["K at the joint (N·m/rad)"]
         assert len(at.get("plotly_chart")) == 1
         assert not at.error
+        said = "**K of joint 1, joint 2 and joint 3 is determined; the notes state why"
+        assert any(text.value.startswith(said) for text in at.markdown)
         assert at.info[0].value.startswith("The motors alone give no K and D. ")
         assert "jointid arm-side" not in at.info[0].value  # the page itself shows it
         assert not any(link.proto.label == "Elasticity" for link in at.main.get("page_link"))

@@ -31,6 +31,7 @@ def test_a_study_does_not_differ_from_itself(first: Analysis) -> None:
     rows = compare(first.fit, first.fit)
     assert [row.first.name for row in rows] == ["K1", "K2", "D1", "D2"]
     assert all(row.relative == row.sigmas == 0 for row in rows)
+    assert all(re.fullmatch(r"0(\.0+)? ± 0\.\d+ %", row.change) for row in rows)  # no digit of noise
     assert all(np.isnan(row.sigmas) for row in compare(first.fit, first.fit, same_records=True))
 
 
@@ -188,6 +189,21 @@ def test_the_default_partner_is_one_of_the_users_studies(
     before = replace(first.study, inertia=replace(first.study.inertia, M=M))
     at = upload(app.run(), before, "before.zip")
     at = upload(at, first.study, "after.zip").switch_page("pages/11_Compare.py").run()
+    assert not at.exception, at.exception[0].stack_trace
+    assert at.selectbox(key="compare_study").value == "before.zip"
+
+
+@pytest.mark.parametrize("names", [("", ""), ("cell 7", "cell 8")])
+def test_the_default_partner_is_the_same_robot(
+    app: AppTest, first: Analysis, names: tuple[str, str]
+) -> None:
+    """Robots are told apart by their names or, without names, by their rotors."""
+    inertia, (own, others) = first.study.inertia, names
+    other = replace(inertia, M=inertia.M if own else 1.3 * inertia.M)
+    at = upload(app.run(), replace(first.study, robot=own), "before.zip")
+    at = upload(at, replace(first.study, robot=others, inertia=other), "other.zip")
+    after = replace(first.study, robot=own, note="with new gears")
+    at = upload(at, after, "after.zip").switch_page("pages/11_Compare.py").run()
     assert not at.exception, at.exception[0].stack_trace
     assert at.selectbox(key="compare_study").value == "before.zip"
 

@@ -27,6 +27,7 @@ from jointid.exporting import to_json, to_toml
 from jointid.files.digest import study_digest
 from jointid.reporting.report import make_report, to_html
 from jointid.ui.shared import workspace
+from jointid.ui.shared.method_steps import OPEN_LOGS
 from jointid.verdict.evidence import Change
 
 
@@ -189,6 +190,11 @@ def test_a_correction_is_applied_and_undone_on_the_page(
     folded = next(each for each in at.expander if each.label == "If this is not the cause")
     assert "Swap the columns of these torques on import" in folded.markdown[0].value
     assert "on import" not in at.error[0].value
+    way = "Import a log: 3 Drive data"
+    assert way not in [link.proto.label for link in at.main.get("page_link")]  # no log is open
+    at.session_state[OPEN_LOGS] = ["a log"]
+    at = at.run()
+    assert way in [link.proto.label for link in at.main.get("page_link")]
     (fix,) = (b for b in at.button if b.label.startswith("Fix it"))
     assert fix.label == "Fix it: Swap the torques of joints 1 and 2"
     at = fix.click().run()

@@ -274,6 +274,7 @@ def test_a_table_shows_spread_drift_and_outliers(app: AppTest) -> None:
     said = text_of(at)
     assert "32 studies" in said
     assert "1 failed" in said
+    assert "own standard error e. K in N·m/rad, D in N·m·s/rad." in said
     assert re.search(r"\*\*Stiffness K1\*\*: median ± robust spread (39|40)\.", said)
     assert len(at.get("plotly_chart")) == 4
     shown_tables = [frame.value for frame in at.dataframe]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -431,7 +432,11 @@ def test_stiffness_in_a_sine_is_that_of_an_integration() -> None:
 
 
 def test_backlash_of_a_sixth_of_the_deflection_is_found() -> None:
-    gears = fitted("wide play").gears
+    """Terms have the error of the finding, and no secant stiffness that repeats K."""
+    fit = fitted("wide play")
+    gears, terms = fit.gears, gear_terms(fit, 0)
+    assert re.match(r"13\.\d+ ± 0\.0\d+ mrad, ", terms["Backlash"])
+    assert not [name for name in terms if name.startswith("Secant")]
     assert [gear.kind for gear in gears] == ["backlash"] * 2
     assert [gear.backlash_rad for gear in gears] == pytest.approx([0.0138, 0.0465], rel=1e-3)
 
@@ -536,6 +541,7 @@ def test_a_noisy_harmonic_does_not_fold_a_torsion_curve() -> None:
 def test_hysteresis_is_distinguished_from_damping() -> None:
     fit = fitted("hysteresis")
     assert fit.gears[0].kind == "hysteresis"
+    assert " ± 0.0" in gear_terms(fit, 0)["Hysteresis (to either side)"]
     assert fit.gears[0].hysteresis_Nm == pytest.approx(0.08, rel=0.15)
 
 

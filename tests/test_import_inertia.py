@@ -315,7 +315,9 @@ def test_a_robot_model_gives_the_inertia_of_the_pose(page: AppTest, taken: list[
     two = "[[link]]".join(SIX_AXES.split("[[link]]")[:3])
     uploader = next(u for u in at.file_uploader if u.label.startswith("Robot model"))
     at = shown(uploader.set_value(("arm.toml", two.encode(), "application/toml")).run())
+    at = shown(next(b for b in at.button if b.label == "Open as study").click().run())
     assert not taken
+    assert at.error[0].value.startswith("Joint angles are missing")
     at = shown(at.text_input(key="import model pose").set_value("-60, 30").run())
     expected = RobotModel.parse("arm.toml", two.encode()).inertia(np.radians([-60.0, 30.0]))
     assert pytest.approx(expected.M2) == taken[-1].M2

@@ -187,6 +187,17 @@ class TestMapping:
         at = drop(page, ("run.csv", f"t,a,b,c,d,e\n{rows}".encode()))
         assert head(at, "2 Columns") == "choose: position of joint 1, torque of joint 1"
 
+    def test_a_wrong_entry_is_not_confirmed_as_unknown(self, page: AppTest) -> None:
+        at = drop(page, ("cell.csv", cell_log()))
+        widget(at, "text_input", "Gear ratios, one per joint").set_value("101, -93,5")
+        at = confirm(at)
+        assert opened(at) == ["3 Drive data"]
+        assert "can be read as" in at.error[0].value
+        widget(at, "text_input", "Gear ratios, one per joint").set_value("101, -93.5")
+        at = confirm(at)
+        assert not at.error
+        assert opened(at) == ["5 Inertias"]
+
     def test_a_unit_without_a_fixed_scale_has_an_entry_for_it(self, page: AppTest) -> None:
         at = drop(page, ("cell.csv", cell_log()))
         assert widget(at, "selectbox", "Unit of torque 1").value == "%"

@@ -215,7 +215,7 @@ def test_signals_whose_products_overflow_are_refused(channel: int, name: str) ->
 def test_given_and_fitted_inertias_stand_side_by_side() -> None:
     row = PriorRow("J_m1", "kg·m²", 2.0, 0.1, 2.3, 0.2, True)
     assert row.disagreement == pytest.approx(1.5)
-    assert row.cells == ["J_m1", "2 ± 0.10", "2.3 ± 0.2", "kg·m²", "+1.5 σ"]
+    assert row.cells == ["J_m1", "2 ± 5.0 %", "2.3 ± 0.2", "kg·m²", "+1.5 σ"]
     less = replace(row, fitted=1.7, fitted_std=0.02)
     assert less.disagreement == pytest.approx(-3.0)
     assert less.cells[4] == "−3.0 σ"
@@ -230,6 +230,7 @@ def test_given_and_fitted_inertias_stand_side_by_side() -> None:
         assert replace(row, **unknown).disagreement is None
         assert replace(row, **unknown).cells[4] == "–"
     assert replace(row, given_std=0.0).cells[1] == "2 (exact)"
+    assert replace(row, given=0.0).cells[1] == "0 ± 0.10"
     assert replace(row, given_std=np.inf).cells[1] == "2.00 (start value)"
     assert replace(row, is_fitted=False).cells[2] == "as given"
 

@@ -18,7 +18,7 @@ from jointid.uncertainty.comparison import (
     comparison_sentence,
 )
 from jointid.uncertainty.comparison import compare as compare_fits
-from jointid.wording import enumerated, signed_percent
+from jointid.wording import enumerated
 
 SECOND = typer.Argument(parser=named, help="Study to compare with it.", show_default=False)
 
@@ -53,7 +53,7 @@ def compare(
     columns |= {"first": [row.first.shown[0] for row in rows]}
     columns |= {"second": [row.second.shown[0] for row in rows]}
     if usable:
-        columns["difference"] = [signed_percent(100 * row.relative) for row in rows]
+        columns["difference"] = [row.change for row in rows]
         columns["significant"] = [row.significance for row in rows]
     print_columns(columns, right=(1, 2, 3))
     print(f"K and D {units[0].side}." + usable * f" {INDEPENDENT_ERRORS}")

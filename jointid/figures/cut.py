@@ -61,7 +61,7 @@ def deflection_ellipse(
         if of is not None:
             moved = scale * of.deflection(forces) @ plane.T
             hover = f"%{{x:.3f}}, %{{y:.3f}} {unit}"
-            sketch.line(moved[:, 0], moved[:, 1], colour, colour, hovertemplate=hover)
+            sketch.line(moved[:, 0], moved[:, 1], colour, colour, hovertemplate=hover, cliponaxis=False)
     worst = scale * longest * (directions[0] @ plane.T)
     ends = np.stack([-worst, worst])
     sketch.line(ends[:, 0], ends[:, 1], "worst direction", "quiet", hoverinfo="skip")

@@ -61,7 +61,7 @@ def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
                 else (" of the study", "widen")
             )
             raise JointIdError(
-                f"{name}: the band of {band[0]:.4g} to {band[1]:.4g} Hz{chosen} holds too few lines of "
+                f"{name}: the band of {band[0]:.3g} to {band[1]:.3g} Hz{chosen} holds too few lines of "
                 f"the spectrum. Record longer, or {remedy} band_hz."
             )
     return Phasors.joined(found)

@@ -10,7 +10,16 @@ from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.parameters import PARAMETERS, ParameterLayout, elasticity_labels
-from jointid.wording import UNDETERMINED, capitalised, enumerated, minus, plain, significant, with_error
+from jointid.wording import (
+    UNDETERMINED,
+    capitalised,
+    enumerated,
+    minus,
+    percent,
+    plain,
+    significant,
+    with_error,
+)
 
 _PARTS = {
     "noise": ("noise", "use longer records or a larger motion"),
@@ -127,7 +136,9 @@ class PriorRow:
     @property
     def cells(self) -> list[str]:
         """Name, given value, fitted value, unit and disagreement as texts."""
-        given = f"{plain(self.given)} ± {significant(self.given_std, 2)}"
+        size = abs(self.given)
+        std = percent(self.given_std / size) if size else significant(self.given_std, 2)
+        given = f"{plain(self.given)} ± {std}"
         if self.given_std == 0:
             given = f"{plain(self.given)} (exact)"
         elif np.isinf(self.given_std):

@@ -9,7 +9,7 @@ from jointid.answer import AT_MOTOR, StiffnessUnit, elasticity_quantities
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.quantities import Quantity
-from jointid.wording import counted, enumerated, significant
+from jointid.wording import counted, enumerated, signed_percent, significant, with_error
 
 CLEAR_SIGMAS = 3.0
 """Standard errors beyond which a difference is significant."""
@@ -35,6 +35,14 @@ class Difference:
     def is_clear(self) -> bool:
         """Whether the difference is significant."""
         return abs(self.sigmas) > CLEAR_SIGMAS
+
+    @property
+    def change(self) -> str:
+        """The relative difference in per cent, with its standard error where it is not significant."""
+        error = np.hypot(self.first.error, self.second.error) / np.abs(self.first.value or np.nan)
+        if self.is_clear or not np.isfinite(self.sigmas * error):
+            return signed_percent(100 * self.relative)
+        return f"{with_error(100 * self.relative, 100 * error)} %"
 
     @property
     def significance(self) -> str:

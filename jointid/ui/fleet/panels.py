@@ -98,7 +98,8 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
     whose = "its robot's studies" if within_robot else "the fleet"
     st.caption(
         f"A value is an outlier beyond |z| = {OUTLIER_Z:g}: z is its distance from the median of "
-        f"{whose} over √(s² + e²), with the robust spread s and the value's own standard error e."
+        f"{whose} over √(s² + e²), with the robust spread s and the value's own standard error e. "
+        f"K in {PARAMETERS['K'].unit}, D in {PARAMETERS['D'].unit}."
     )
     if not any(len(spread.rows) >= MIN_VALUES for spread in spreads):
         st.info(f"Outliers need at least {MIN_VALUES} studies.")

@@ -61,6 +61,7 @@ class Entries:
         self.table, self.guess, self.base, self.key = table, guess, base, key
         self._reasons = {reason.what: reason for reason in guess.reasons}
         self._follows: dict[str, str] = {}  # guessed units of columns that the user chose
+        self._is_wrong = False  # an entry is no number, and its error is shown
 
     def ask_columns(self) -> Asked:
         """Ask for time, columns and units."""
@@ -136,14 +137,15 @@ class Entries:
         text = importing.mapping_to_json(replace(found, assumed=()))
         digest = blake2b(text.encode(), digest_size=8).hexdigest()
         key = f"import confirmed {step} {self.key}"
-        if st.session_state.get(f"go_on {step}"):  # clicked, with entries typed just before it
+        # Clicked, with entries typed just before it; a wrong one is never confirmed as unknown.
+        if st.session_state.get(f"go_on {step}") and not self._is_wrong:
             st.session_state[key] = digest
         open_ = () if st.session_state.get(key) == digest else (*guesses, *missing)
         self._show_reasons([what for what in guesses if what in open_])
         if open_ and not (missing and step == "columns"):
             st.button(f"Confirm the {step}", type="primary", key=f"go_on {step}", on_click=go_on)
         assumed = tuple(dict.fromkeys((*missing, *open_)))
-        return Asked(replace(found, assumed=assumed), tuple(missing), bool(open_))
+        return Asked(replace(found, assumed=assumed), tuple(missing), bool(open_) or self._is_wrong)
 
     def _time(self, missing: list[str]) -> tuple[importing.TimeColumn, int]:
         one, two, three, four = st.columns([3, 2, 2, 2])
@@ -289,7 +291,7 @@ class Entries:
                 raise JointIdError(f"{label}: {text[:60]}. Give finite values other than 0.")
         except JointIdError as error:
             show_error(error)
-            values = ()
+            values, self._is_wrong = (), True
         return dict.fromkeys(joints, math.nan) | dict(zip(joints, values, strict=False))
 
     def _assumed(self, n: int) -> tuple[str, ...]:

@@ -18,11 +18,11 @@ from jointid.ui.importing.steps import go_on
 from jointid.ui.importing.watched_work import Progress, StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot, table
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_warning
+from jointid.ui.shared.method_steps import OPEN_LOGS
 from jointid.wording import listed
 
 T = TypeVar("T")
 _UPLOADER = "log_file"
-_FILES = "dropped_logs"
 _HELD = "held_logs"
 _CLOSED = "closed_imports"
 _ADDED = "logs_added_to_a_finished_import"
@@ -115,13 +115,13 @@ def offer_new_import(forget: Callable[[], None]) -> None:
 
 def dropped() -> list[Dropped]:
     """Return the files that are open in this session."""
-    files: list[Dropped] = st.session_state.get(_FILES, [])
+    files: list[Dropped] = st.session_state.get(OPEN_LOGS, [])
     return files
 
 
 def hold(files: list[Dropped]) -> None:
     """Hold these files open: the uploader loses them when the page is left."""
-    st.session_state[_HELD] = st.session_state[_FILES] = files
+    st.session_state[_HELD] = st.session_state[OPEN_LOGS] = files
 
 
 def _joined(logs: list[Log]) -> list[Log]:
@@ -176,7 +176,7 @@ def _take(forget: Callable[[], None], finished: Callable[[], bool]) -> None:
     if held and new and was_finished:
         st.session_state[_ADDED] = listed(new)
         unconfirm()
-    st.session_state[_FILES] = list(files.values())
+    st.session_state[OPEN_LOGS] = list(files.values())
     go_on()
 
 
@@ -190,7 +190,7 @@ def _close(forget: Callable[[], None]) -> None:
     """Close all logs, those in the uploader too: no field stays on the page with its old value."""
     forget()
     unconfirm()
-    for key in (_HELD, _FILES, _ADDED):
+    for key in (_HELD, OPEN_LOGS, _ADDED):
         st.session_state.pop(key, None)
     st.session_state[_CLOSED] = st.session_state.get(_CLOSED, 0) + 1
     go_on()

@@ -74,6 +74,17 @@ def ask_inertia(gear_ratios: Sequence[float]) -> KnownRobot | None:
     return ask[source](gear_ratios)
 
 
+def missing_inertia() -> tuple[str, str]:
+    """What the entries of ``ask_inertia`` lack: in a word, and as a sentence with the remedy."""
+    by_model = st.session_state.get("import inertia source") == "Robot model"
+    if by_model and st.session_state.get("import model text"):
+        return "missing: joint angles", "Joint angles are missing: M2 of a robot depends on its pose."
+    return "missing", (
+        "Inertias are missing: enter those of all joints in step 5. K and D cannot be identified "
+        "without them."
+    )
+
+
 def ask_nominal(joints: int) -> Elasticity | None:
     """Ask for the controller's nominal K and D; None when left empty.
 
@@ -101,7 +112,7 @@ def show_inertia(robot: KnownRobot) -> None:
     """Show the inertias, motor side, with their uncertainty."""
     M, *M2 = (
         numbers_out(float(f"{value:.5g}") for value in row)
-        for row in (robot.inertia.M, *robot.inertia.M2)
+        for row in (robot.inertia.M, *_without_rounding_errors(robot.inertia.M2))
     )
     st.markdown(f"Used by the method, motor side: M = {M}; M2 = {'; '.join(M2)} kg·m²")
     show_note(
@@ -115,6 +126,12 @@ def show_inertia(robot: KnownRobot) -> None:
         )
     if robot.poses:
         show_note(f"M2 of {counted(len(robot.poses), 'pose')}: {', '.join(robot.poses)}.")
+
+
+def _without_rounding_errors(M2: np.ndarray) -> np.ndarray:
+    """Couplings that only the arithmetic of a robot model leaves, as zero."""
+    size = np.sqrt(np.diag(M2))
+    return np.where(np.abs(M2) < 1e-9 * np.outer(size, size), 0.0, M2)
 
 
 def _by_numbers(ratios: Sequence[float]) -> KnownRobot | None:

@@ -10,7 +10,7 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.importing.robot_inertia import KnownRobot
 from jointid.importing.study import parse_date, study_name
-from jointid.ui.importing.inertia import ask_inertia, ask_nominal, show_inertia
+from jointid.ui.importing.inertia import ask_inertia, ask_nominal, missing_inertia, show_inertia
 from jointid.ui.shared.charts import NO_POSE
 from jointid.ui.shared.entries import (
     ask_inertia_std,
@@ -77,15 +77,12 @@ def ask_robot(
             "marked in the study, its report and its files. Confirm in steps 2 and 3.]"
         )
     if clicked and known is None:
-        problem = problem or (
-            "Inertias are missing: enter those of all joints in step 5. K and D cannot be "
-            "identified without them."
-        )
+        problem = problem or missing_inertia()[1]
     if problem:
         show_error(problem)
     elif known is not None:
         show_inertia(known)
-    state = "missing" if known is None else f"M and M2 {deviation_text(inertia_std)}"
+    state = missing_inertia()[0] if known is None else f"M and M2 {deviation_text(inertia_std)}"
     if not clicked or problem or known is None:
         return None, "to correct" if problem else state, clicked
     of_study = {"name": name.strip() or known.name or study_name(logs), "pose_of": poses}

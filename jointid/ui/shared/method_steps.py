@@ -40,6 +40,8 @@ GROUPS = {
 METHOD = (RECORDS, PHASORS, TRANSFER, ELASTICITY, CUT, PLAN, REPORT)
 """The steps of the method for one study."""
 
+OPEN_LOGS = "dropped_logs"
+"""Key of the session under which the import holds its files."""
 ACTIONS: dict[Action, tuple[Step, str]] = {
     "edit columns": (IMPORT, "2 Columns"),
     "edit mapping": (IMPORT, "3 Drive data"),

@@ -4,9 +4,10 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import streamlit as st
 
-from jointid import Analysis, JointIdError
+from jointid import Analysis, JointIdError, Study
 from jointid.analysis import NOT_USABLE, WITH_CARE
 from jointid.figures import compared_responses
 from jointid.ui.shared.entries import choose_from
@@ -22,8 +23,10 @@ from jointid.uncertainty.comparison import (
     compare,
     comparison_sentence,
 )
-from jointid.wording import enumerated, signed_percent, significant, unbroken
+from jointid.wording import enumerated, significant, unbroken
 
+_MOST_PARTNERS = 10
+"""The newest own studies are considered as partners; every one is read."""
 _SHARED = "Both come from the same records and share their noise: the difference has no standard error."
 
 
@@ -53,13 +56,29 @@ def choose_other(page: Page) -> Page:
 
 
 def _partner(page: Page) -> str:
-    """Name of the newest own study of as many joints, else of a sample, else of the chosen study."""
+    """Name of the best partner of as many joints, else of the chosen study.
+
+    Own studies are paired with own ones and samples with samples, where there are any; among them the
+    same robot comes first, with records of the same kind, then the newest or the list's order.
+    """
     names, samples = names_by_address().values(), sample_paths()
-    for name in sorted(names, key=lambda name: name in samples):
+    own = [name for name in names if name not in samples]
+    found: dict[str, tuple[bool, ...]] = {}
+    for name in [*own[:_MOST_PARTNERS], *samples]:
         with suppress(JointIdError):
-            if name != page.key and open_study(name).study.inertia.n == page.study.inertia.n:
-                return name
-    return page.key
+            study = open_study(name).study
+            if name != page.key and study.inertia.n == page.study.inertia.n:
+                other_kind = bool(study.motion_records) != bool(page.study.motion_records)
+                is_mixed = (name in samples) != (page.key in samples)
+                found[name] = is_mixed, not _same_robot(page.study, study), other_kind
+    return min(found, key=lambda name: found[name], default=page.key)
+
+
+def _same_robot(one: Study, other: Study) -> bool:
+    """Whether two studies of as many joints name one robot or, without names, have equal rotors."""
+    if one.robot and other.robot:
+        return one.robot == other.robot
+    return np.allclose(one.inertia.M, other.inertia.M, rtol=0.02, atol=0.0)
 
 
 def analysis_of(other: Page) -> Analysis:
@@ -103,7 +122,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     )
     columns = {"": [f"{row.first.name} ({row.first.unit})" for row in rows]}
     if not unusable:
-        columns["Difference"] = [signed_percent(100 * row.relative) for row in rows]
+        columns["Difference"] = [row.change for row in rows]
         if not same:  # else the difference has no standard error
             columns["Significant"] = [row.significance for row in rows]
     names = [

@@ -37,7 +37,7 @@ from jointid.uncertainty.validation import (
     second_amplitude,
 )
 from jointid.verdict.rules_model import EXPLAINED
-from jointid.wording import file_stem, significant, with_error
+from jointid.wording import enumerated, file_stem, significant, with_error
 
 _SIGNIFICANT = 4.0
 """Root mean square of a record's harmonics, in units of their noise, that is not by chance."""
@@ -184,6 +184,9 @@ def show_arm_side(page: Page) -> None:
     except JointIdError as error:
         show_error(error)
         return
+    found = [f"joint {j + 1}" for j, K in enumerate(fit.K) if np.isfinite(K)]
+    others = "" if len(found) == fit.K.size else "; the notes state why that of the others is not"
+    st.markdown(f"**K of {enumerated(found or ['no joint'])} is determined{others}.**")
     angle = StiffnessUnit(STIFFNESS_UNITS[page.unit][1])
     show_text_table(fit.table_in(f"N·m/{angle.angle}", float(angle.shown(np.ones(2))[0])))
     st.caption(

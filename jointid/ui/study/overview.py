@@ -21,7 +21,7 @@ from jointid.ui.shared.messages import (
     show_text_table,
     show_warning,
 )
-from jointid.ui.shared.method_steps import ACTIONS, METHOD, OVERVIEW
+from jointid.ui.shared.method_steps import ACTIONS, METHOD, OPEN_LOGS, OVERVIEW
 from jointid.ui.shared.page import Page
 from jointid.verdict.evidence import Change
 from jointid.wording import UNDETERMINED, capitalised, counted, plain, significant, unbroken
@@ -290,7 +290,8 @@ def _finding(page: Page, analysis: Analysis, finding: Finding, lead: str = "") -
     offer_changes(page, analysis, finding)
     if as_last and advice:
         st.expander("If this is not the cause").markdown(advice)
-    if finding.action and page.key not in workspace.sample_paths():
+    is_own = page.key not in workspace.sample_paths()
+    if finding.action and is_own and st.session_state.get(OPEN_LOGS):  # else the import is empty
         step, part = ACTIONS[finding.action]
         workspace.link_to(step, f"{step.name}: {part}")
 

@@ -95,6 +95,10 @@ def show_set_points(
         label, example, hint = _LIMITS[name]
         if name == "start_deg" and pose in analysis.study.pose_angles_rad:
             example = numbers_out(np.degrees(analysis.study.pose_angles_rad[pose]).round(3))
+        elif name == "axes":
+            example = numbers_out(range(1, analysis.fit.n + 1))
+        elif analysis.fit.n != 2 and name not in ("start_deg", "joint_names"):
+            example = example.partition(",")[0]  # one for all
         entered[name] = enter_text(place, key, label, "", hint, example)
     *first, two, three, four = st.columns(4 if sines else 3)
     kind = choose_from(first[0], "setpoints_kind", "Motion", list(_FORMS)) if sines else _SINES

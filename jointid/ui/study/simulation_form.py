@@ -247,6 +247,8 @@ def _errors(campaign: dict[str, Any]) -> str:
         if gear.kind != "linear":
             values = ((label.rstrip(")"), getattr(gear, name)) for name, (label, *_) in _LAWS.items())
             parts = [(*label.split(" ("), value) for label, value in values if value]
-            shown = ", ".join(f"{name} {plain(value)} {unit}" for name, unit, value in parts)
+            shown = ", ".join(
+                f"{name[0].lower()}{name[1:]} {plain(value)} {unit}" for name, unit, value in parts
+            )
             text += f" Gear {j}: {shown}."
     return text
