@@ -282,6 +282,20 @@ def test_names_of_controllers(names: list[str], expected: list[tuple[str, str]])
     assert pairs(*names) == expected
 
 
+@pytest.mark.parametrize(
+    "name",
+    ["dcLink", "dcLink_A1", "axis1.dcLink", "dcLinkCurrent", "DC bus current 1", "Idc1", "i_bus",
+     "Zwischenkreisstrom A1", "battery_current"],
+)  # fmt: skip
+def test_the_electrical_supply_of_a_drive_takes_no_role(name: str) -> None:
+    assert pairs("time", "q1", "tau1", name) == [("q1", "tau1")]
+    for role in ("q1", "tau1"):
+        assert name not in [each for pair in pairs("time", role, name) for each in pair]
+    assert pairs("time", "bus1.axis1.position", "bus1.dc_motor.current") == [
+        ("bus1.axis1.position", "bus1.dc_motor.current")
+    ]
+
+
 def test_a_rising_position_is_not_proposed_as_time() -> None:
     table = table_named("motor position", "motor torque")  # the first column rises evenly
     assert guess_mapping(table).mapping.time == TimeColumn("", "samples", 1000.0)

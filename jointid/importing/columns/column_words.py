@@ -32,7 +32,7 @@ _LINES = {  # English, German, French, Italian, Spanish and others; without acce
     "error err fehler deviation abweichung schleppfehler deflection limit min max offset bias "
     "temperature temp temperatur pressure druck status flag success id phase model gain kp ki kd "
     "constant inertia valid std stddev friction fric gravity grav coriolis brake tcp euler electrical "
-    "commutation flux supply leakage",
+    "commutation flux supply leakage battery batterie zwischenkreis",
     "volt": "voltage spannung tension volt busvoltage",
     "other": "power leistung state mode digital output force kraft "
     "pwm ext external hat filtered gefiltert estimate estimated",
@@ -66,6 +66,10 @@ _COMPONENT = re.compile(
     rf"\b(?:{'|'.join(sorted((WORDS['position'] | WORDS['torque']) - _SOFT - WORDS['joint']))}) [xyz]$"
 )
 """Coordinates after a quantity: "pos_x", "torque_z"; axes of a machine stand before it."""
+_SUPPLY = re.compile(
+    rf"\bdc (?:link|bus|rail)\b|\b(?:bus|grid) (?:{'|'.join(sorted(_ELECTRIC))})\b|\b[uvi] (?:dc|bus)\b"
+)
+"""Electrical supply of a drive: "dcLinkCurrent", "bus voltage", "i_dc"; a bus may be one of data."""
 _COUNTED = WORDS["joint"] | WORDS["motor"] | {"axes", "servo", "a", "q"} - {"arm", "load", "output"}
 """Words before the number of a joint."""
 
@@ -91,9 +95,11 @@ _ALIASES = {
     "fpos": "actual pos", "rpos": "target pos", "qpos": "pos", "qvel": "vel", "qfrc": "torque",
     "pl": "pos", "il": "current", "vl": "vel", "tqd": "tqd velocity",
     "mp": "measured pos", "mt": "measured torque",
+    "dclink": "dc link", "dcbus": "dc bus", "vdc": "v dc", "udc": "u dc", "idc": "i dc",
+    "vbus": "v bus", "ibus": "i bus",
     "qm": "motor q", "ql": "link q", "thetam": "motor theta", "taum": "motor tau",
 }  # fmt: skip
-"""Signals of KUKA's interfaces, ACS' controllers, MuJoCo and Kollmorgen; symbols of papers."""
+"""Signals of KUKA's interfaces, ACS' controllers, MuJoCo and Kollmorgen; supplies; symbols of papers."""
 
 
 _LETTERS = {"θ": "theta", "τ": "tau", "φ": "phi", "ϑ": "theta", "ß": "ss"}
@@ -140,6 +146,8 @@ def described(column: LogColumn, targets: Set[str] = frozenset()) -> NamedColumn
     """Score a column as position and as torque from its name and unit, and identify its joint."""
     words = words_of(column.name)
     stated = _of_quantity(column.name) | _NOT_MEASURED & set(words)
+    if _SUPPLY.search(" ".join(words)):
+        stated = stated | {"supply"}
     if stated & targets:
         stated = stated - targets | {"target", "q"}
     current = stated & WORDS["current"]
