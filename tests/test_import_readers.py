@@ -36,6 +36,7 @@ from jointid.importing import (
     read_logs,
     study_from_logs,
 )
+from jointid.importing.read.formats import tidy
 from jointid.importing.read.readers import readers
 
 
@@ -265,6 +266,58 @@ def test_long_tables(separator: str, decimal: str, stamps: bool) -> None:
     tables = read_log(make.tidy(separator=separator, decimal=decimal, stamps=stamps), "long.csv")
     check_motion(tables[0], torque_digits=1e-6)
     assert [column.unit for column in tables[0].columns] == ["s" if stamps else "ms", "rad", "N·m"]
+
+
+@pytest.mark.parametrize("changed", ["", "missing", "infinite", "device", "blanks", "quotes"])
+def test_long_tables_are_read_alike_at_once_and_row_by_row(
+    changed: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = make.tidy(separator=";", decimal=".").decode().splitlines()
+    for k in (4, 11):
+        time, name, _, unit = lines[k].split(";")
+        if changed in ("missing", "infinite"):
+            lines[k] = ";".join([time, name, "" if changed == "missing" else "inf", unit])
+        elif changed:
+            name = {"device": "Speed 1", "blanks": f" {name} ", "quotes": f'"{name}"'}[changed]
+            lines[k] = ";".join([time, name, "1.5", unit])
+    data = "\n".join([*lines, ""]).encode()
+    fast = read_log(data, "long.csv")
+    read_fast = tidy._read_fast
+    layout = tidy._layout("\n".join(lines[:40]))
+    assert layout is not None
+    assert (read_fast(layout, lines) is None) == (changed == "blanks")
+    monkeypatch.setattr(tidy, "_read_fast", lambda *_: None)
+    for one, other in zip(fast, read_log(data, "long.csv"), strict=True):
+        assert one.notes == other.notes
+        for a, b in zip(one.columns, other.columns, strict=True):
+            assert (a.name, a.unit) == (b.name, b.unit)
+            np.testing.assert_array_equal(a.values, b.values)
+
+
+def test_times_of_day_in_a_long_parquet_table_are_seconds() -> None:
+    ticks = np.repeat((1.8e18 + 1e9 * TIME_S).astype(np.int64), 2)
+    values = np.column_stack([ANGLE, TORQUE]).ravel()
+    columns = {"time": pa.array(ticks, pa.timestamp("ns")), "signal": ["q", "tau"] * ROWS}
+    out = io.BytesIO()
+    pa_parquet.write_table(pa.table({**columns, "value": values}), out)
+    (table,) = read_log(out.getvalue(), "long.parquet")
+    assert table.column("time").values == pytest.approx(TIME_S - TIME_S[0], abs=1e-6)
+    assert table.column("time").unit == "s"
+    assert table.column("tau").values == pytest.approx(TORQUE)
+
+
+def test_a_labview_file_with_a_header_per_row_is_refused() -> None:
+    head = "LabVIEW Measurement\nSeparator\tTab\n***End_of_Header***\n"
+    data = head + "Channels\t1\n***End_of_Header***\nX_Value\tq\n0\t1\n" * 10_001
+    with pytest.raises(JointIdError, match=r"10001 segments .* the limit is 10000\. Export"):
+        read_log(data.encode(), "log.lvm")
+
+
+def test_empty_records_of_a_wpilog_are_passed_over() -> None:
+    data = make.wpilog()
+    empty = bytes([0, 1, 0, 9])  # of the position, at a stamp of 9 µs
+    one, other = read_log(data, "a.wpilog"), read_log(data + empty * 1000, "a.wpilog")
+    assert [table.rows for table in one] == [table.rows for table in other]
 
 
 @pytest.mark.parametrize("unit", ["", " sec"])

@@ -140,13 +140,16 @@ def parsed_columns(
     decimal: str = ".",
     nulls: Sequence[str] = (),
     integers: Collection[int] = (),
+    texts: Sequence[int] = (),
 ) -> list[Floats]:
     """Return the columns at some positions of regular rows, which have ``width`` cells.
 
-    Cells of ``nulls`` are NaN; in columns of ``integers``, which are int64, 0. Raises one of
-    ``ARROW_FAULTS`` when a row is irregular.
+    Cells of ``nulls`` are NaN; in columns of ``integers``, which are int64, 0. Columns of ``texts``
+    follow, as numbers that are equal for equal texts. Raises one of ``ARROW_FAULTS`` when a row is
+    irregular.
     """
     kinds = {str(k): pa.int64() if k in integers else pa.float64() for k in positions}
+    kinds |= {str(k): pa.dictionary(pa.int32(), pa.utf8()) for k in texts}
     table = pa_csv.read_csv(
         pa.BufferReader(data),
         read_options=pa_csv.ReadOptions(column_names=[str(k) for k in range(width)]),
@@ -155,9 +158,11 @@ def parsed_columns(
             include_columns=[*kinds], column_types=kinds, null_values=[*nulls], decimal_point=decimal
         ),
     )
-    filled = (c.fill_null(0 if pa.types.is_integer(c.type) else np.nan) for c in table.columns)
+    single = [table.column(name).combine_chunks() for name in kinds]
+    single = [c.indices if pa.types.is_dictionary(c.type) else c for c in single]
+    filled = (c.fill_null(0 if pa.types.is_integer(c.type) else np.nan) for c in single)
     # Arrow's own to_numpy imports pandas.
-    return [np.asarray(np.from_dlpack(column.combine_chunks())) for column in filled]
+    return [np.asarray(np.from_dlpack(column)) for column in filled]
 
 
 def _require_closed_quotes(file: str, data: bytes, body: int, rows: int) -> None:

@@ -122,8 +122,8 @@ def _long(file: str, table: Any) -> tuple[LogTable, ...] | None:
 def _as_text(table: Any) -> str:
     for place, field in enumerate(table.schema):
         column = table.column(place)
-        if pa.types.is_duration(field.type):
-            column = _values(column.cast(pa.int64())) / _PER_SECOND[field.type.unit]
+        if pa.types.is_timestamp(field.type) or pa.types.is_duration(field.type):
+            column = _seconds(column)
             table = table.set_column(place, f"{field.name} [s]", pa.array(column))
         elif pa.types.is_dictionary(field.type):
             table = table.set_column(place, field.name, column.cast(pa.utf8()))
@@ -151,11 +151,16 @@ def _arrow(file: str, source: Any) -> tuple[Any, list[str]]:
 
 def _column(name: str, column: Any, stated: str) -> LogColumn:
     if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
-        ticks = column.cast(pa.int64())
-        first = next((tick.as_py() for tick in ticks if tick.is_valid), 0)
-        since = pa_compute.subtract(ticks, first)  # as integers: a float64 of 1.8e18 ns lacks digits
-        return LogColumn(name, numbers(_values(since) / _PER_SECOND[column.type.unit]), "s")
+        return LogColumn(name, numbers(_seconds(column)), "s")
     return named_column(name, _values(column), stated)
+
+
+def _seconds(column: Any) -> Floats:
+    """Times in seconds from the first."""
+    ticks = column.cast(pa.int64())
+    first = next((tick.as_py() for tick in ticks if tick.is_valid), 0)
+    since = pa_compute.subtract(ticks, first)  # as integers: a float64 of 1.8e18 ns lacks digits
+    return _values(since) / _PER_SECOND[column.type.unit]
 
 
 def _values(column: Any) -> Floats:

@@ -17,6 +17,7 @@ from jointid.importing.read.text.tables import columns_of
 from jointid.wording import listed
 
 _END = "***End_of_Header***"
+_MOST_SEGMENTS = 10_000
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 
 
@@ -28,6 +29,11 @@ def read_lvm(file: str, path: str) -> tuple[LogTable, ...]:
     )
     if not ends:
         raise JointIdError(f"{file}: the header does not end: the file is cut off. Export it again.")
+    if len(starts) > _MOST_SEGMENTS:
+        raise JointIdError(
+            f"{file} has {len(starts)} segments with a header of their own; the limit is "
+            f"{_MOST_SEGMENTS}. Export it with one header only, or as TDMS."
+        )
     head = lines[: ends[0]]
     separator = next((line[9:10] for line in head if re.match(r"Separator[\t,;]", line)), "\t")
     main = dict(line.split(separator)[:2] for line in head if separator in line)

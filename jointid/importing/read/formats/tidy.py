@@ -2,11 +2,14 @@
 
 import csv
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import TypeAlias
 
 import numpy as np
 
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.columns.column_words import WORDS, words_of
 from jointid.importing.columns.log_table import MAX_COLUMNS, LogTable, require_few_values
@@ -16,6 +19,7 @@ from jointid.importing.read.reader import Reader, file_text, text_of
 from jointid.importing.read.text.clock_times import ClockCells, is_clock
 from jointid.importing.read.text.layout import is_missing
 from jointid.importing.read.text.numbers import is_number, value_of
+from jointid.importing.read.text.tables import regular_columns
 from jointid.wording import counted, listed
 
 _LINES = {
@@ -26,6 +30,10 @@ _LINES = {
 _WORDS = {kind: frozenset(line.split()) for kind, line in _LINES.items()}
 _JOINT = WORDS["joint"] | WORDS["motor"] | {"axes", "servo"}
 _OF_JOINT = _JOINT | {"id", "no", "nr", "number", "index", "idx", "name"}
+
+
+_MOST_KINDS = 1 << 22
+"""Products of the numbers of different names of devices, joints and signals that are read fast."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +53,12 @@ class _Layout:
     """Whether the times are times of day or durations with their unit."""
 
 
+_Found: TypeAlias = dict[str, tuple[Sequence[float] | Floats, Sequence[int] | np.ndarray, str]]
+"""By name of a signal, its values, the rows of its times, and its unit."""
+_Rows: TypeAlias = tuple[_Found, Floats, list[int]]
+"""Signals, the times of all rows, and the lines of those that hold no numbers."""
+
+
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read a long table; every signal keeps its own times."""
     tables = long_tables(file, file_text(path))
@@ -59,6 +73,66 @@ def long_tables(file: str, text: str) -> tuple[LogTable, ...] | None:
     if layout is None:
         return None
     require_few_values(file, (1 + len(layout.values)) * len(lines))
+    found, time_s, strange = _read_fast(layout, lines) or _read_slowly(file, layout, lines)
+    notes = []
+    if strange:
+        notes.append(
+            f"{counted(len(strange), 'row')} without a time or number left out; "
+            f"the first is line {strange[0]}."
+        )
+    bare, unit = split_unit(layout.header[layout.time])
+    signals = [
+        Signal(name, time_s[np.asarray(places)], np.asarray(values), unit_of(unit))
+        for name, (values, places, unit) in found.items()
+    ]
+    otherwise = f"{file} holds no rows with a time, a name and a number. Signals: {listed(found)}."
+    times_as = bare or "time", "s" if layout.clocked else unit
+    return tables_of_signals(file, signals, notes, times_as, otherwise)
+
+
+def _read_fast(layout: _Layout, lines: list[str]) -> _Rows | None:
+    """Read rows that are regular, of numbers and names; None if one is not."""
+    body, numeric = lines[layout.first :], (layout.time, *layout.values)
+    body = body[: len(body) - (body[-1:] == [""])]
+    texts = [*layout.names, *[layout.unit] * (layout.unit >= 0)]
+    data, width = "\n".join(body).encode("utf-8", "replace"), len(layout.header)
+    if layout.clocked or not body:
+        return None
+    columns = regular_columns(data, width, numeric, layout.separator, layout.decimal, texts)
+    if columns is None:
+        return None
+    time_s, *values = columns[: len(numeric)]
+    if time_s.size != len(body) or not np.isfinite(time_s).all():
+        return None
+    values = [np.where(np.isfinite(each), each, np.nan) for each in values]
+    used = np.flatnonzero(~np.isnan(values).all(axis=0))
+    codes, kinds = np.zeros(time_s.size, np.int64), 1
+    for each in columns[len(numeric) :][: len(layout.names)]:
+        codes += kinds * each.astype(np.int64)
+        kinds *= 1 + int(each.max())
+        if kinds > _MOST_KINDS:
+            return None
+    counts = np.bincount(codes[used], minlength=kinds)
+    if np.count_nonzero(counts) * len(values) >= MAX_COLUMNS:
+        return None
+    short = np.cumsum(counts > 0).astype(np.uint16) - 1  # numpy sorts short integers by their digits
+    order = used[np.argsort(short[codes[used]], kind="stable")]
+    of_group = np.split(order, np.cumsum(counts[counts > 0])[:-1])
+    found: _Found = {}
+    for rows in sorted(filter(len, of_group), key=lambda rows: int(rows[0])):
+        row = next(csv.reader([body[rows[0]]], delimiter=layout.separator))
+        cells = [cell.strip() for cell in row]
+        for name, value in zip(_names(layout, cells), values, strict=True):
+            if name[:200] in found:
+                return None  # blanks around names, or very long ones
+            unit = cells[layout.unit] if layout.unit >= 0 else ""
+            found[name[:200]] = (value[rows], rows, unit)
+    strange = np.flatnonzero(np.isnan(values).all(axis=0)) + layout.first + 1
+    return found, time_s, strange.tolist()
+
+
+def _read_slowly(file: str, layout: _Layout, lines: list[str]) -> _Rows:
+    """Read row by row; rows without a time or number are left out."""
     found: dict[str, tuple[array[float], array[int], str]] = {}
     strange: list[int] = []
     clock = ClockCells()
@@ -85,23 +159,8 @@ def long_tables(file: str, text: str) -> tuple[LogTable, ...] | None:
             kept.append(value if value is not None else np.nan)
         if len(found) >= MAX_COLUMNS:
             raise JointIdError(f"{file} names more than {MAX_COLUMNS} signals: log fewer of them.")
-    notes = []
-    if strange:
-        notes.append(
-            f"{counted(len(strange), 'row')} without a time or number left out; "
-            f"the first is line {strange[0]}."
-        )
-    bare, unit = split_unit(layout.header[layout.time])
     time_s = np.array(times)
-    if layout.clocked:
-        time_s = clock.seconds(time_s)
-    signals = [
-        Signal(name, time_s[np.array(places)], np.array(values), unit_of(unit))
-        for name, (values, places, unit) in found.items()
-    ]
-    otherwise = f"{file} holds no rows with a time, a name and a number. Signals: {listed(found)}."
-    times_as = bare or "time", "s" if layout.clocked else unit
-    return tables_of_signals(file, signals, notes, times_as, otherwise)
+    return {**found}, clock.seconds(time_s) if layout.clocked else time_s, strange
 
 
 def _names(layout: _Layout, cells: list[str]) -> list[str]:

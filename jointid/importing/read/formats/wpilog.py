@@ -19,14 +19,15 @@ _MOST_ENTRIES = 2000
 class _Entry:
     def __init__(self, name: str, kind: str) -> None:
         self.name, self.code, self.is_array = name, _TYPES.get(kind, ""), kind.endswith("[]")
-        self.width = 0
+        self.size, self.width = struct.calcsize(f"<{self.code}"), 0
         self.stamps, self.values = array("q"), array("d")
 
     def add(self, stamp: int, payload: bytes) -> None:
-        size = struct.calcsize(f"<{self.code}")
-        count, odd = divmod(len(payload), size)
+        count, odd = divmod(len(payload), self.size)
+        if odd:
+            return
         self.width = self.width or count
-        if odd or count != self.width or not count or (count > 1 and not self.is_array):
+        if count != self.width or (count > 1 and not self.is_array):
             return  # an array of varying length gives no columns
         self.stamps.append(stamp)
         self.values.extend(struct.unpack(f"<{count}{self.code}", payload))
@@ -36,25 +37,22 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read the numbers of a WPILib data log; every entry has its own clock."""
     data = Path(path).read_bytes()
     entries: dict[int, _Entry] = {}
-    place, held, notes = 12 + int.from_bytes(data[8:12], "little"), 0, []
+    from_bytes = int.from_bytes  # most of the time of logs with many records goes to their heads
+    place, held, notes = 12 + from_bytes(data[8:12], "little"), 0, []
     while place < len(data):
-        lengths = data[place]
-        start = place + 1
-        parts = []
-        for size in ((lengths & 3) + 1, (lengths >> 2 & 3) + 1, (lengths >> 4 & 7) + 1):
-            parts.append(int.from_bytes(data[start : start + size], "little"))
-            start += size
-        number, size, stamp = parts
-        payload = data[start : start + size]
-        if len(payload) < size or stamp >= 1 << 63:
+        lengths, a = data[place], place + 1
+        b = a + (lengths & 3) + 1
+        c = b + (lengths >> 2 & 3) + 1
+        start = c + (lengths >> 4 & 7) + 1
+        number, place = from_bytes(data[a:b], "little"), start + from_bytes(data[b:c], "little")
+        if place > len(data) or (start - c == 8 and data[start - 1] >= 0x80):
             notes.append("The log ends within a record: its last record is left out.")
             break
-        place = start + size
         if number == 0:
-            _control(payload, entries)
-        elif number in entries and entries[number].code:
-            entries[number].add(stamp, payload)
-            held += 1 + entries[number].width
+            _control(data[start:place], entries)
+        elif start < place and (entry := entries.get(number)) and entry.code:
+            entry.add(from_bytes(data[c:start], "little"), data[start:place])
+            held += 1 + entry.width
             if held & 0xFFFF == 0:
                 require_few_values(file, held)
     require_few_values(file, held)

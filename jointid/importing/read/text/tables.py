@@ -103,6 +103,21 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
     return columns if columns[0].size > 1 else None
 
 
+def regular_columns(
+    data: bytes,
+    width: int,
+    numeric: Sequence[int],
+    separator: str,
+    decimal: str,
+    texts: Sequence[int],
+) -> list[Floats] | None:
+    """Columns of numbers, then those of ``texts``, as ``parsed_columns``; None if a row is irregular."""
+    try:
+        return parsed_columns(data, width, numeric, separator, decimal, _NULLS, texts=texts)
+    except ARROW_FAULTS:
+        return None
+
+
 def _read_slowly(
     file: str, layout: TextLayout, body: str, wanted: list[int], notes: list[str]
 ) -> list[Floats]:
