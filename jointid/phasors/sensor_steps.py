@@ -69,7 +69,7 @@ def step_variance(record: SineRecord, fit: SineFit) -> Floats:
     variance = np.zeros((2, *each.shape))
     for channel, signal in enumerate((*record.theta_rad.T, *record.tau_Nm.T)):
         used = signal[record.start :]
-        step = quantum(used[:_EXAMINED])
+        step = quantum(_moving(used))
         if step > _LEAST_STEP:
             length, share = _runs(used, period, len(each))
             seen = float(each[0, channel]) / step**2
@@ -93,6 +93,12 @@ def step_variance(record: SineRecord, fit: SineFit) -> Floats:
             if moved < _FLICKERS and np.ptp(used) < _TWO_LEVELS * step:
                 variance[1, 0, channel] = max(variance[1, 0, channel], step**2 / 16)
     return variance
+
+
+def _moving(signal: Floats) -> Floats:
+    """Some samples from the first change of a signal on."""
+    first = int(np.argmax(signal != signal[0]))
+    return signal[max(first - 1, 0) :][:_EXAMINED]
 
 
 def sharing(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> Floats:
