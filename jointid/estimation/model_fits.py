@@ -31,6 +31,8 @@ _SAME_FILTER = 0.02
 """Relative difference between time constants below which friction keeps its waveforms. Beyond it they
 are renewed once: ``friction_advance`` follows the time constant to first order; the square of the
 difference is left."""
+_HELD = 0.1
+"""Share of the motors' motions within their noise from which several start values are tried."""
 _STIFFNESSES = 1.0, 3.0, 10.0, 0.3, 2.0, 5.0, 0.6, 0.1
 """How stiff regressions assume gears that records with held joints hardly show: four per joint beyond
 the second. A fit from one of them was near in 4 of 10 cases of two to four moving axes of six."""
@@ -150,7 +152,7 @@ def start_with_friction(
     """
     start, model = regression_start(phasors, prior), replace(base, reversal=0.03)
     exact = replace(prior, inertia_std=0.0) if 0 < prior.inertia_std < np.inf else prior
-    if friction_waveforms(phasors, None).stationary.any():
+    if friction_waveforms(phasors, None).stationary.mean() > _HELD:
         return _start_with_held(phasors, prior, exact, start, noise, model)
     if not prior.shared.any():
         return start if "coulomb" in start.layout else linear
