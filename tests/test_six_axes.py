@@ -25,6 +25,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.model_fits import fit_model
 from jointid.estimation.regression_start import regression_start
+from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors
 from tests.robots import SIX_AXES
 
@@ -87,6 +88,30 @@ def test_joints_that_others_move_and_friction_holds() -> None:
     errors = np.concatenate([fit.K - K, fit.D - ELASTICITY.D]) / fit.standard_error
     assert np.abs(errors).max() < 3
     np.testing.assert_allclose(fit.K[:3], K[:3], rtol=0.005)
+
+
+@pytest.mark.long
+def test_two_axes_move_while_friction_holds_the_others() -> None:
+    """Resonances with held joints make many local minima: no start came near the data.
+
+    Friction may take all torque of a joint that never moves.
+    """
+    pattern = np.zeros((2, 6), complex)
+    pattern[:, [1, 2]] = [[1, 1], [1, -1]]
+    records = simulate_records(
+        INERTIA,
+        ELASTICITY,
+        np.geomspace(3, 40, 14),
+        excitation=Excitation(pattern=pattern, velocity_rad_s=10.0, periods=12, settle_s=0.5),
+        friction=FRICTION,
+        measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=0.01),
+    )
+    phasors = extract_phasors(records)
+    assert friction_waveforms(phasors, None).stationary[:, [0, 3, 5]].all()
+    fit = identify_elasticity(phasors, INERTIA, inertia_std=0.0)
+    assert fit.misfit < 1.5
+    np.testing.assert_allclose(fit.K[1:3], K[1:3], rtol=0.002)
+    np.testing.assert_allclose(fit.D[1:3], ELASTICITY.D[1:3], rtol=0.005)
 
 
 def test_motions_start_near_k_and_the_payload_with_friction() -> None:

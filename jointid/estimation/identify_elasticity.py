@@ -21,6 +21,7 @@ from jointid.estimation.model_fits import evaluated
 from jointid.estimation.model_selection import choose_model
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.joints import Inertia
+from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import one_thread
 
@@ -172,8 +173,12 @@ class _Data:
                 fitted = evaluated(
                     self.phasors, self.prior, choice.model, estimate, noise, estimate.scale
                 )
+                rubs = choice.model.reversal is not None
+                rests = rubs & np.asarray(friction_waveforms(self.phasors, None).stationary.all(axis=0))
                 try:
-                    equations = spring_equations(estimate.phasors, list(estimate.inertias), noise=noise)
+                    equations = spring_equations(
+                        estimate.phasors, list(estimate.inertias), noise=noise, rests=rests
+                    )
                 except JointIdError as error:  # friction takes all torque of a joint
                     estimate = error
                 else:

@@ -33,7 +33,7 @@ are renewed once: ``friction_advance`` follows the time constant to first order;
 difference is left."""
 _HELD = 0.1
 """Share of the motors' motions within their noise from which several start values are tried."""
-_STIFFNESSES = 1.0, 3.0, 10.0, 0.3, 2.0, 5.0, 0.6, 0.1
+_STIFFNESSES = 1.0, 3.0, 10.0, 0.3, 2.0, 5.0, 0.6, 0.1, 20.0, 7.0, 1.5, 0.03
 """How stiff regressions assume gears that records with held joints hardly show: four per joint beyond
 the second. A fit from one of them was near in 4 of 10 cases of two to four moving axes of six."""
 _NEAR, _SAME = 1.25, 1.01
@@ -176,7 +176,7 @@ def _start_with_held(
     that are free from the start lead to more of them. Two starts with the same minimum are enough.
     """
     found: list[LikelihoodEstimate] = []
-    for stiff in (None, *_STIFFNESSES[: 4 * phasors.n - 8]):
+    for stiff in (None, *_STIFFNESSES[: 4 * max(phasors.n - 2, 0)]):
         near = start if stiff is None else regressed(phasors, exact, stiff=stiff)[0]
         with suppress(JointIdError):
             estimate = fit_model(phasors, exact, near, noise, model)

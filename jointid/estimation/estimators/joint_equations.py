@@ -111,7 +111,11 @@ class SpringEquations:
 
 
 def spring_equations(
-    phasors: Phasors, inertia: Inertia | Sequence[Inertia], *, noise: Noise | None = None
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    *,
+    noise: Noise | None = None,
+    rests: np.ndarray | bool = False,
 ) -> SpringEquations:
     """Form equations (9) and (11) for every record.
 
@@ -123,6 +127,8 @@ def spring_equations(
         One for all records, or one per record for records of several poses.
     noise : Noise, optional
         Noise of the phasors, where it is already known.
+    rests : ndarray of bool, shape (n,), optional
+        Joints that friction holds in all records; it may then take all of their torque.
 
     Returns
     -------
@@ -175,7 +181,7 @@ def spring_equations(
         leakage=phasors.covariance - phasors.harmonic_covariance[:, 0],
     )
     # Noise alone gives an excitation of 1 ± 1/√r; the threshold is three standard deviations above.
-    lost = equations.excitation < 1 + 3 / np.sqrt(phasors.omega.size)
+    lost = (equations.excitation < 1 + 3 / np.sqrt(phasors.omega.size)) & ~np.asarray(rests)
     if lost.any():
         raise _not_deflected(int(np.argmax(lost)))
     return equations
