@@ -190,7 +190,7 @@ def test_a_correction_is_applied_and_undone_on_the_page(
     folded = next(each for each in at.expander if each.label == "If this is not the cause")
     assert "Swap the columns of these torques on import" in folded.markdown[0].value
     assert "on import" not in at.error[0].value
-    way = "Import a log: 3 Drive data"
+    way = "Import a log: 2 Columns"
     assert way not in [link.proto.label for link in at.main.get("page_link")]  # no log is open
     at.session_state[OPEN_LOGS] = ["a log"]
     at = at.run()
