@@ -173,8 +173,9 @@ class _Data:
                 fitted = evaluated(
                     self.phasors, self.prior, choice.model, estimate, noise, estimate.scale
                 )
-                rubs = choice.model.reversal is not None
-                rests = rubs & np.asarray(friction_waveforms(self.phasors, None).stationary.all(axis=0))
+                rests: np.ndarray | bool = False
+                if choice.model.reversal is not None:
+                    rests = np.asarray(friction_waveforms(self.phasors, None).stationary.all(axis=0))
                 try:
                     equations = spring_equations(
                         estimate.phasors, list(estimate.inertias), noise=noise, rests=rests

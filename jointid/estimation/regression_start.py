@@ -237,6 +237,12 @@ class _ArmEquations:
         )
 
     @cached_property
+    def ends(self) -> Complexes:
+        """Polynomials in s for the ends of segments, (b, degree + 1)."""
+        powers = (self.s / np.abs(self.s).max())[:, None] ** np.arange(_DEGREE + 1)
+        return np.asarray(1j * powers * self.phasors.motion[self.row, None])
+
+    @cached_property
     def rotor(self) -> Complexes:
         """s²M, (b, n)."""
         return np.asarray(self.s[:, None] ** 2 * self.prior.M[self.prior.rotor[self.row]])
@@ -302,11 +308,8 @@ class _ArmEquations:
         J: Complexes = left @ white if self.eliminates else white
         normal, rows = np.zeros((J.shape[2],) * 2), 0
         edges = np.flatnonzero(np.diff(self.row)) + 1
-        unit = s / np.abs(s).max()
-        ends = 1j * unit[:, None] ** np.arange(_DEGREE + 1) * self.phasors.motion[self.row, None]
-        for part, part_ends, part_size in zip(
-            *(np.split(x, edges) for x in (J, ends, size[..., 0])), strict=True
-        ):
+        parts = (np.split(x, edges) for x in (J, self.ends, size[..., 0]))
+        for part, part_ends, part_size in zip(*parts, strict=True):
             data = _real(part.swapaxes(0, 1))
             if np.any(part_ends):
                 basis, _ = np.linalg.qr(_real(part_ends / np.sqrt(part_size.T)[..., None]))

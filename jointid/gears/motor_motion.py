@@ -20,7 +20,6 @@ _PAUSE_S = 1.0
 """Time between records in one array."""
 _LEAD = 0.25
 """Motion before a segment, over its length, in which an error of the state at the start decays."""
-
 _LOADED = 0.2
 """Torque over its largest from which a flank is in contact."""
 
