@@ -32,6 +32,7 @@ from jointid import (
 from jointid.estimation import motion_noise
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
@@ -766,3 +767,39 @@ def test_the_jacobian_behind_hardening_gears_in_motion(monkeypatch: pytest.Monke
         off = np.linalg.norm((J[..., k] - column)[-1])
         assert off < 0.02 * np.linalg.norm(column[-1]), layout.labels[k]
     assert len(balanced) == 4
+
+
+@pytest.mark.parametrize("effects", [(), ("position_filter",)])
+def test_the_gradient_is_that_of_the_cost_where_the_motors_travel_far(effects: tuple[str, ...]) -> None:
+    """Against central differences: unknown friction has the scale of the torque, the ends have not.
+
+    They were taken for friction. Where the motors end turns away from their start, the error of the
+    torque scale was several times too small, and the fit crept along it.
+    """
+    rubbing = records(replace(SHORT, kind="moves", records=1), coulomb=0.02)
+    turned = [
+        replace(each, theta_rad=each.theta_rad + 4 * np.arange(each.samples)[:, None] / each.samples)
+        for each in rubbing
+    ]
+    phasors = motion_phasors(turned, CELL.M[None])
+    prior = InertiaPrior.of(GIVEN, *phasors.q.shape, inertia_std=0.05, torque_std=0.05)
+    bounded = [each and replace(each, unknown_Nm=np.full(2, 0.01)) for each in phasors.segments]
+    phasors = replace(phasors, segments=tuple(bounded))
+    friction = friction_waveforms(phasors, 0.0)
+    layout = fitted_layout(prior, friction, delay=True, effects=effects)
+    start = ParameterLayout.of(2, friction=True, effects=effects)
+    lags = dict.fromkeys(effects, 1e-4)
+    given = start.named(start.pack(K=CELL.K, D=CELL.D, coulomb=0.05, viscous=1e-4, **lags))
+    problem = make_problem(phasors, prior, layout, given, friction, noise_of_rows(phasors, prior))
+    p = problem.start(given)
+    residual = WhitenedResidual.of(problem, p)
+    assert residual.projection.complement
+    _, gradient, normal = quadratic(residual, p)
+    for k, label in enumerate(layout.labels):
+        step = 0.03 / np.sqrt(normal[k, k]) * np.eye(p.size)[k]
+        ahead, behind = (
+            quadratic(WhitenedResidual.of(problem, at), at)[0] for at in (p + step, p - step)
+        )
+        unit = 1 / (4 * step[k])
+        close = 0.02 * np.sqrt(normal[k, k])
+        assert (ahead - behind) * unit == pytest.approx(gradient[k], rel=1e-3, abs=close), label

@@ -143,11 +143,22 @@ class Complement:
 
         That covariance contains the bounded waveforms; V times the result is the part by noise alone.
         """
+        return self._values(rows, of_bounded=False)
+
+    def bounded_friction(self, rows: Floats) -> Complexes:
+        """Most likely bounded friction (r, H, n, c) for the coordinates of a residual, (r, C, c).
+
+        Without its part in the free waveforms.
+        """
+        return self._values(rows, of_bounded=True)
+
+    def _values(self, rows: Floats, *, of_bounded: bool) -> Complexes:
         found = np.zeros((*self.V.shape[:3], rows.shape[2]), complex)
         for place, basis, U, own in zip(found, self.bases, self.roots, rows, strict=True):
             solved = solve_triangular(U, own[: basis.joint.size], check_finite=False)
-            for j, used in enumerate(basis.of_joints()):
-                place[: basis.torques.shape[1], j] = basis.torques[used].T @ solved[used]
+            for j, (used, bounded) in enumerate(zip(basis.of_joints(), basis.bounded, strict=True)):
+                size = bounded @ solved[used] if of_bounded else solved[used]
+                place[: basis.torques.shape[1], j] = basis.torques[used].T @ size
         return found
 
     def noise_left(self) -> Floats:

@@ -96,7 +96,7 @@ class WhitenedResidual:
         """∂r/∂p, shape (r, H, n, P), with the free friction that moves with a position filter."""
         J, layout = self.at.jacobian(signals), self.at.problem.layout
         if self.free.shapes and "position_filter" in layout:
-            moved = self.at.by_position_filter(self.free_friction())
+            moved = self.at.by_position_filter(self.free_friction() - self._ends())
             J[..., layout["position_filter"]] -= moved[..., None] * np.eye(moved.shape[2])
         if self.at.problem.ends is not None and "torque_scale" in layout:
             # Unknown friction is a part of the logged torque and has its scale.
@@ -104,10 +104,19 @@ class WhitenedResidual:
             J[..., layout["torque_scale"]] -= own[..., None] * np.eye(own.shape[2])
         return J
 
+    def _ends(self) -> Complexes:
+        """Torque of the ends of motions, shape (r, H, n), N·m."""
+        found = np.zeros(self.at.r.shape, complex)
+        if self.free.ends is not None:
+            records, columns = self.free.ends
+            sizes = self.projection.first_sizes(self.at.r[..., None], columns.shape[3])[records]
+            found[records] = (columns @ sizes[:, None, :, None])[..., 0]
+        return found
+
     def _bounded_friction(self) -> Complexes:
-        """Most likely friction of known size, shape (r, H, n), N·m; with a complement all free terms."""
-        if self.free.bases:
-            return self.free_friction()
+        """Most likely friction of known size, shape (r, H, n), N·m, without the free waveforms."""
+        if self.projection.complement:
+            return self.projection.complement.bounded_friction(self.rows[..., None])[..., 0]
         left = self.W.conj().swapaxes(2, 3) @ self.projection.whitened(self.rows[..., None])
         size = unknown_friction(self.at.problem, self.at.p) * self.weight[..., None]
         return np.asarray(size * left[..., 0])
