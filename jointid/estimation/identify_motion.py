@@ -207,17 +207,17 @@ def _are_many(phasors: Phasors) -> bool:
 
 
 def _few(phasors: Phasors, prior: InertiaPrior) -> np.ndarray:
-    """Rows of evenly spread segments of motions around one pose, of every joint's motion, and sines."""
+    """Rows of evenly spread segments of motions, of every joint's motion in every pose, and sines."""
     moves = np.flatnonzero(phasors.motion)
-    if moves.size <= _FEW or len(prior.M2) > 1:
+    if moves.size <= _FEW:
         return np.arange(phasors.omega.size)
     power = np.sum(np.abs(phasors.harmonics[moves, :, : phasors.n]) ** 2, axis=1)
     share = power / np.maximum(power.max(axis=0), np.finfo(float).tiny)
     in_turn = np.median(share.min(axis=1) / share.max(axis=1)) < _TOGETHER
-    joint = np.argmax(share, axis=1) * in_turn
-    each = max(2, _FEW // np.unique(joint).size)
-    of_joints = (moves[joint == j] for j in np.unique(joint))
-    chosen = [rows[:: -(-rows.size // each)] for rows in of_joints]
+    kind = np.argmax(share, axis=1) * in_turn + phasors.n * prior.pose[moves]
+    each = max(2, _FEW // np.unique(kind).size)
+    of_kinds = (moves[kind == k] for k in np.unique(kind))
+    chosen = [rows[:: -(-rows.size // each)] for rows in of_kinds]
     return np.sort(np.concatenate([np.flatnonzero(~phasors.motion), *chosen]))
 
 
