@@ -393,7 +393,7 @@ def test_without_a_sensor_there_is_nothing_to_evaluate() -> None:
 
 def test_gear_ratios_missing_in_the_model_are_those_of_the_study() -> None:
     unknown = replace(ROBOT, coupling=np.full((6, 6), np.nan))
-    found = analyse_arm_side(own_study(model=False), unknown)
+    found = analyse_arm_side(replace(own_study(model=False), robot_model=unknown)).fit
     np.testing.assert_allclose(found.K[:SENSORS], fit().K[:SENSORS], rtol=1e-9)
 
 
