@@ -21,6 +21,7 @@ from jointid.wording import (
     capitalised,
     decimal_place,
     enumerated,
+    joints_text,
     listed,
     percent,
     signed_percent,
@@ -258,8 +259,8 @@ def answer_sentence(
     """
     stiffness = [q for q in found if q.parameter == "K"]
     known = [q for q in stiffness if AGREEING * q.error < q.value]
-    unknown = [f"joint {q.joints[0]}" for q in stiffness if q not in known]
-    missing = [f"the stiffness of {enumerated(unknown)}"] if unknown else []
+    unknown = [q.joints[0] for q in stiffness if q not in known]
+    missing = [f"the stiffness of {joints_text(unknown)}"] if unknown else []
     if not known:
         return f"These records do not determine {missing[0]}: see the findings."
     condition = "" if torque_stated else ", if the torque scale is exact"

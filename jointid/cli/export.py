@@ -88,8 +88,8 @@ def export(
             "-o",
             help="File; repeatable. Its ending selects the format: .json, .toml, .mat (results), "
             ".K.csv (K and D by joint), .phasors.csv, .H.csv (transfer matrix), .torsion.csv (torsion "
-            "curves), .gears.csv (gear laws), .gears.txt (gear laws for Modelica), .st, .c, .m, .py (K and D as code), .zip (the "
-            "study), .xml, .urdf, .sdf (joints for MuJoCo, URDF, SDFormat).",
+            "curves), .gears.csv (gear laws), .gears.txt (gear laws for Modelica), .st, .c, .m, .py (K "
+            "and D as code), .zip (the study), .xml, .urdf, .sdf (joints for MuJoCo, URDF, SDFormat).",
         ),
     ],
     gear_ratio: Annotated[

@@ -20,7 +20,7 @@ from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limit
 from jointid.verdict.rules_outlier import AT_LIMIT, CUT_OFF, UNSIGNED, has_one_sign, is_clipped
 from jointid.verdict.rules_records import counted_twice
 from jointid.verdict.wrong_data import wrong_data
-from jointid.wording import counted, enumerated, percent, significant
+from jointid.wording import counted, joints_text, percent, significant
 
 _RESTS, _LOOSELY = 0.35, 0.01
 """Share of the time at rest and relative standard error of K from which a joint is reported."""
@@ -149,7 +149,7 @@ def arm_side_findings(
     known, found = np.isfinite(K), []
     for reason in dict.fromkeys(filter(None, reasons)):
         joints = np.flatnonzero([text == reason for text in reasons])
-        title = f"K of {enumerated([f'joint {j + 1}' for j in joints])} is not determined"
+        title = f"K of {joints_text(joints + 1)} is not determined"
         if sensed.any() and not sensed[joints].any():
             found.append(Finding("note", title, reason, "", 0.0))
         elif known.any():
@@ -168,7 +168,7 @@ def arm_side_findings(
                 " Records left out of the fit are predicted with an error of the deflection of "
                 f"{most} seconds of arc (rms)."
             )
-        which = enumerated([f"joint {j + 1}" for j in np.flatnonzero(known)])
+        which = joints_text(np.flatnonzero(known) + 1)
         found.append(good(f"The sensors behind the gears determine K of {which}", detail))
     return tuple(sorted(found, key=lambda finding: -finding.weight))
 
