@@ -27,6 +27,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "arm_side::jitter_of_the_clock_is_resampled": (),
     "arm_side::joints_whose_torque_hardly_varies_or_that_rest_are_refused": (),
     "arm_side::the_pages_show_stiffness_also_where_motor_data_give_none": (),
+    "arm_side::a_robot_model_given_on_a_page_stays_with_the_study": (),
     "arm_side::with_known_payload_and_a_quiet_gear_stiffness_is_within_one_per_cent": (),
     "arm_side::without_gravity_a_few_moves_do_not_show_stiffness": (),
     "background::a_call_whose_process_is_killed_is_repeated_in_another": (),

@@ -4,7 +4,7 @@ from textwrap import wrap
 
 import numpy as np
 
-from jointid.analysis import NOT_USABLE, Analysis, Answer
+from jointid.analysis import NOT_USABLE, Analysis, Answer, ArmSideAnalysis
 from jointid.answer import gear_text
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
@@ -77,6 +77,9 @@ def code_listing(analysis: Answer, language: str) -> str:
     width = _WIDTH - len(comment)
     lines = [comment + part for fact in facts for part in _wrapped(fact, width)]
     lines += [unusable + first for first in frame[:1]]
+    reasons = {}
+    if isinstance(analysis, ArmSideAnalysis):
+        reasons = {f"{j}": reason for j, reason in enumerate(analysis.fit.reasons, start=1)}
     for name, values in rows.items():
         joint = "".join(filter(str.isdigit, name))  # empty for a list of all joints
         what = name.replace(joint, "")
@@ -88,7 +91,8 @@ def code_listing(analysis: Answer, language: str) -> str:
             shown = shown if joint else opening + shown + closing
             lines.append(code.format(name=known_as, array=array, values=shown))
         else:
-            lines.append(f"{comment}{name}: not determined by the records")
+            reason = reasons.get(joint, "not determined by the records")
+            lines += [comment + part for part in _wrapped(f"{name}: {reason}", width)]
     lines += [unusable + last for last in frame[1:]]
     return "\n".join(lines) + "\n"
 

@@ -25,7 +25,8 @@ def ask_for_robot(page: Page) -> None:
         "joint, from any motion. The study with its model is added to the list."
     )
     kinds = "URDF, MJCF (.xml) or Denavit–Hartenberg TOML, with gear ratios."
-    file = st.file_uploader("Robot model", RobotModel.ENDINGS, help=kinds)
+    key = "robot_model_of_sensors"
+    file = st.file_uploader("Robot model", RobotModel.ENDINGS, key=key, help=kinds)
     if file is None:
         return
     try:

@@ -72,11 +72,13 @@ _MATLAB_HINT = (
 
 def show_identification_files(analysis: Answer, stem: str) -> None:
     """Offer K, D and their origin as CSV, JSON, TOML and MATLAB; of one answer where there are two."""
-    st.header("K, D and how they were obtained", anchor=False)
+    answers = {"Motors": analysis}
     if analysis.sensors:
-        answers = {"Motors": analysis, "Sensors behind the gears": analysis.sensors}
+        answers |= {"Sensors behind the gears": analysis.sensors}
         analysis = answers[choose_segment("K from", list(answers), "answer_of")]
     is_motor = isinstance(analysis, Analysis)
+    what = "K, D and how they were" if is_motor else "K and how it was"
+    st.header(f"{what} obtained", anchor=False)
     st.write(
         "With the state of the answer, covariance, friction, delay, and the inertias as given and as "
         "fitted. SI units, seen from the motors."

@@ -168,6 +168,12 @@ def show_headline(analysis: Answer, page: Page | None = None) -> None:
 
     With a page, the reason comes with its finding and the changes that may remedy it.
     """
+    _show_state(analysis, page)
+    if analysis.sensors:
+        show_note(f"Sensors behind the gears, {analysis.sensors.state}: {analysis.sensors.headline}")
+
+
+def _show_state(analysis: Answer, page: Page | None) -> None:
     if analysis.state == NOT_USABLE:
         lead = f"## {markdown_escape(analysis.headline)}"
         if page is None:
@@ -180,8 +186,6 @@ def show_headline(analysis: Answer, page: Page | None = None) -> None:
     st.header(unbroken(analysis.headline), anchor=False, help=hint)
     if analysis.state == WITH_CARE:
         show_note(f"{analysis.state_reason}.")
-    if analysis.sensors:
-        show_note(f"Sensors behind the gears, {analysis.sensors.state}: {analysis.sensors.headline}")
     if analysis.unit.is_default and str(st.session_state.get("unit")).endswith("joint"):
         st.caption("The study has no gear ratios: K and D are shown at the motor.")
 
