@@ -22,6 +22,7 @@ from jointid.importing.map.reasons import assumptions
 from jointid.importing.study import run_counts
 from jointid.ui.importing.entries import Asked
 from jointid.ui.importing.files import Log, choose_log, drop_logs, offer_new_import, once, show_raw
+from jointid.ui.importing.inertia import offer_gears_of_model
 from jointid.ui.importing.mapping import (
     entries_of,
     keep_mapping,
@@ -130,6 +131,7 @@ def _map_drives(steps: Steps, log: Log, columns: Mapping) -> Asked | None:
         offer_fresh_guess(log.key, log.table)
     try:
         asked = entries.ask_drives(columns)
+        offer_gears_of_model(columns.n)
     except JointIdError as error:
         show_error(error)
         steps.tell(DRIVES, False, "to correct")

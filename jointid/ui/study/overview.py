@@ -169,7 +169,7 @@ def show_headline(analysis: Answer, page: Page | None = None) -> None:
     With a page, the reason comes with its finding and the changes that may remedy it.
     """
     _show_state(analysis, page)
-    if analysis.sensors:
+    if analysis.sensors and page is not None:  # else the page shows them itself
         show_note(f"Sensors behind the gears, {analysis.sensors.state}: {analysis.sensors.headline}")
 
 
