@@ -533,6 +533,16 @@ def test_sensors_that_fail_do_not_spoil_the_answer_of_the_motors() -> None:
     assert found.findings[-1].detail == "Another unit."
 
 
+def test_motors_that_contradict_their_sensors_end_in_an_answer_or_a_message() -> None:
+    """With angles twice as large, one period of the slowest mode had more samples than an integer."""
+    wrong = motion_record(TRUTH, 1, seconds=20.0)
+    study = replace(own_study(model=True), records=[replace(wrong, theta_rad=2 * wrong.theta_rad)])
+    found = answer_of(study)
+    assert found.state == NOT_USABLE
+    assert found.sensors is not None
+    assert found.sensors.state == NOT_USABLE
+
+
 def test_two_studies_are_compared_at_the_joint(tmp_path: Path) -> None:
     soft = replace(fit(), K=fit().K * np.r_[1, 0.7, 1, 1, 1, 1])
     rows = compare(answer().quantities, replace(answer(), fit=soft).quantities)
