@@ -26,7 +26,7 @@ def ask_for_robot(page: Page) -> None:
     )
     kinds = "URDF, MJCF (.xml) or Denavit–Hartenberg TOML, with gear ratios."
     key = "robot_model_of_sensors"
-    file = st.file_uploader("Robot model", RobotModel.ENDINGS, key=key, help=kinds)
+    file = st.file_uploader("Robot model", RobotModel.ENDINGS, max_upload_size=1, key=key, help=kinds)
     if file is None:
         return
     try:
