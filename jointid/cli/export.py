@@ -51,7 +51,7 @@ def report(
 def _writers(gear_ratio: list[float] | None) -> dict[str, Callable[[Any], str | bytes]]:
     """Writer of a file by the ending of its name; those at the joint only with gear ratios.
 
-    Those in ``_OF_ANSWERS`` take any answer, the others that of the motors.
+    Code and the formats in ``_OF_ANSWERS`` take any answer, the others that of the motors.
     """
     from jointid.files.study_files import pack_study
 
@@ -75,7 +75,7 @@ def _writers(gear_ratio: list[float] | None) -> dict[str, Callable[[Any], str | 
     }
 
 
-_OF_ANSWERS = (".K.csv", ".json", ".toml", ".zip", *exporting.ENDINGS)
+_OF_ANSWERS = (".K.csv", ".json", ".toml", ".zip")
 _AT_JOINT = (".xml", ".urdf", ".sdf")
 
 
@@ -128,8 +128,9 @@ def export(
         if not analysis.study.sine_records:
             empty[".phasors.csv"] = "the study has no sine records."
     else:
-        reason = "sensors behind the gears give K only. Formats that hold it: " + ", ".join(_OF_ANSWERS)
-        empty = {ending: f"{reason}." for ending in writers if ending not in _OF_ANSWERS}
+        hold = (*_OF_ANSWERS, *exporting.ENDINGS)
+        reason = f"sensors behind the gears give K only. Formats that hold it: {', '.join(hold)}."
+        empty = {ending: reason for ending in writers if ending not in hold}
     for file in [file for file, ending in endings.items() if ending in empty]:
         print(f"{file.name} is not written: {empty[endings.pop(file)]}", file=sys.stderr)
     for file, ending in endings.items():
