@@ -520,6 +520,7 @@ def test_the_report_begins_with_the_answer_of_the_sensors(studies: dict[int, Stu
     document = json.loads(to_json(both))
     assert document["side"] == "motor"
     assert document["arm_side"]["K"][0] == fit().K[0]
+    assert document["arm_side"]["state"] == USABLE
 
 
 def test_sensors_that_fail_do_not_spoil_the_answer_of_the_motors() -> None:
@@ -641,3 +642,31 @@ def test_a_robot_model_given_on_a_page_stays_with_the_study() -> None:
     at = shown(uploader.set_value(("robot.toml", ROBOT.source[1], "")).run())
     assert answer().headline in [h.value.replace("\xa0", " ") for h in at.header]
     assert at.selectbox(key="study").options[0] == "arm.zip, with robot model"
+
+
+def test_the_pages_show_both_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of the motors are another study's here: those of this study give none."""
+    motors = analyse(load_study("sample_data/six_axes.zip"))
+    monkeypatch.setattr("jointid.ui.shared.page.Page.analysed", lambda _: motors)
+    at = upload(opened_app().run(), pack_study(own_study(model=True), record_format="parquet"))
+    said = f"Sensors behind the gears, {USABLE}: {answer().headline}"
+    assert said in [text.value.replace("\xa0", " ") for text in at.caption]
+    at = shown(at.switch_page(ELASTICITY).run())
+    headings = [h.value.replace("\xa0", " ") for h in at.header]
+    assert headings[:3] == ["Sensors behind the gears", answer().headline, motors.headline]
+    at = shown(at.switch_page("pages/7_Report.py").run())
+    choice = at.segmented_control(key="answer_of")
+    assert choice.options == ["Motors", "Sensors behind the gears"]
+    assert not any("K1 = 2" in code.value or "K1 = 3" in code.value for code in at.code)
+    at = shown(choice.set_value("Sensors behind the gears").run())
+    assert any(f"K1 = {fit().K[0]:.7g}" in code.value for code in at.code)
+
+
+def test_a_fleet_of_rows_without_damping_is_shown() -> None:
+    rows = [row_of(answer(), study=f"arm {k}") for k in range(3)]
+    at = shown(opened_app().switch_page("pages/10_Fleet.py").run())
+    given = ("results.parquet", to_parquet(rows), "")
+    at = shown(at.file_uploader(key="fleet_uploader").set_value(given).run())
+    assert any("**Stiffness K1**" in text.value for text in at.markdown)
+    at = shown(at.segmented_control(key="fleet_joint").set_value(5).run())
+    assert "No study determines K and D of joint 5." in [box.value for box in at.info]

@@ -66,15 +66,11 @@ def to_document(analysis: Answer) -> dict[str, Any]:
     "arm_side" is the answer of sensors behind the gears, where the motors also give one.
     """
     study = analysis.study
-    found = _of_motors(analysis) if isinstance(analysis, Analysis) else _of_sensors(analysis)
     document = {
         "format": 1,
         "kind": "jointid identification",
-        "side": "motor" if isinstance(analysis, Analysis) else "joint",
-        "state": analysis.state,
-        "answer": answer_text(analysis),
-        **found,
-        "arm_side": analysis.sensors and _of_sensors(analysis.sensors),
+        **_results(analysis),
+        "arm_side": analysis.sensors and _results(analysis.sensors),
     }
     document["obtained"] = _stated(
         {
@@ -96,6 +92,13 @@ def to_document(analysis: Answer) -> dict[str, Any]:
     }
     finite: dict[str, Any] = with_infinite_as(None, there)
     return finite
+
+
+def _results(analysis: Answer) -> dict[str, Any]:
+    is_motor = isinstance(analysis, Analysis)
+    head = {"side": "motor" if is_motor else "joint", "state": analysis.state}
+    of = _of_motors(analysis) if isinstance(analysis, Analysis) else _of_sensors(analysis)
+    return head | {"answer": answer_text(analysis)} | of
 
 
 def _of_sensors(analysis: Answer) -> dict[str, Any]:

@@ -26,7 +26,10 @@ Numbers: TypeAlias = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Row:
-    """The answer for one study of n joints, or the reason for its failure; motor side, SI units."""
+    """The answer for one study of n joints, or the reason for its failure; motor side, SI units.
+
+    Where only sensors behind the gears give K, it has no D, and K is NaN where it is refused.
+    """
 
     study: str
     """Path of the study, or the name of the file it came in."""
