@@ -129,9 +129,9 @@ def _map_drives(steps: Steps, log: Log, columns: Mapping) -> Asked | None:
     entries, again = entries_of(log.key, log.table)
     if again:
         offer_fresh_guess(log.key, log.table)
+    offer_gears_of_model(columns.n)
     try:
         asked = entries.ask_drives(columns)
-        offer_gears_of_model(columns.n)
     except JointIdError as error:
         show_error(error)
         steps.tell(DRIVES, False, "to correct")
