@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from types import MappingProxyType
-from typing import Any
+from typing import ClassVar, Self
 
 import numpy as np
 
-from jointid.answer import AT_MOTOR, StiffnessUnit, answer_sentence, elasticity_quantities
+from jointid.answer import AT_MOTOR, ERROR_BARS, StiffnessUnit, answer_sentence, elasticity_quantities
 from jointid.arm_side.fit import ArmSideFit
-from jointid.arm_side.identify import identify_arm_side
+from jointid.arm_side.identify import TORQUE_STD, identify_arm_side
+from jointid.arm_side.left_out import left_out_error
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
@@ -22,24 +23,19 @@ from jointid.estimation.identify_elasticity import identify_each, require_method
 from jointid.estimation.identify_motion import identify_motion
 from jointid.estimation.quantities import Quantity
 from jointid.joints import Inertia
-from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors, extract_phasors, no_phasors
-from jointid.records import MotionRecord, require_torques
-from jointid.robot_models.model import RobotModel
+from jointid.records import require_torques
 from jointid.small_matrices import one_thread
-from jointid.study import Study
-from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
-from jointid.uncertainty.answer_tables import PriorRow, largest_part, prior_rows
-from jointid.verdict.findings import Evidence, Finding, findings, is_wrong
-from jointid.verdict.motion_findings import motion_findings, wrong_motions
-from jointid.verdict.rules_model import MODEL_LIMITS
-from jointid.wording import plain, significant
+from jointid.study import Study, motion_matrices, motions_by_pose, sine_matrices
+from jointid.transfer_matrix import TransferMatrix
+from jointid.uncertainty.answer_tables import PriorRow, prior_rows
+from jointid.verdict.findings import Evidence, Finding, findings, is_wrong, limit_of_records
+from jointid.verdict.motion_findings import arm_side_findings, motion_findings, wrong_motions
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
+MOTORS_ALONE = "The motors alone give no K and D"
 BEHIND_THE_GEARS = " The sensors behind the gears give K: jointid arm-side STUDY --robot FILE."
 """Ends the error of motors that alone give no K and D."""
-_HARDLY_SMALLER = 0.9
-"""Share of the worst error that may remain after useful planned records."""
 STATES = (USABLE, WITH_CARE, NOT_USABLE)
 """States of an answer, best first."""
 
@@ -50,58 +46,41 @@ def answer_state(levels: Iterable[str]) -> str:
     return NOT_USABLE if "problem" in found else WITH_CARE if "warning" in found else USABLE
 
 
-@dataclass(frozen=True, eq=False)
-class Analysis:
-    """All results of a study."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Answer:
+    """An identification with its state and headline, whatever gave it: motors or arm-side sensors."""
 
     study: Study
-    phasors: Phasors
-    """Equations (2)-(4) of the sine records, in their order; no rows without any."""
-    transfer_matrices: Mapping[str, TransferMatrix]
-    """Equations (16)-(18) by pose, "" for records without one; poses without a solution are missing."""
-    compensated_transfer_matrices: Mapping[str, TransferMatrix]
-    """The same, friction-compensated: friction and delay of ``fit`` subtracted from the torque."""
-    transfer_problem: str
-    """Reason why a pose has no transfer matrix, with the remedy; empty otherwise."""
-    fit: ElasticityFit
-    """The chosen estimate of K and D, equations (8)-(15)."""
-    fits: Mapping[str, ElasticityFit]
-    """Fits of the chosen estimator and, of the sine records, of the linear ones, for comparison."""
     findings: tuple[Finding, ...]
     """Findings on the data and the answer, most important first."""
     unit: StiffnessUnit = AT_MOTOR
     """Unit and side of K and D."""
+    fit: ElasticityFit | ArmSideFit
+    """The chosen estimate."""
+    sensors: ArmSideAnalysis | None = None
+    """K from sensors behind the gears beside that of the motors; None without them."""
+    error_bars: ClassVar[str] = ERROR_BARS
+    """Causes that the standard errors include."""
 
-    def shown_in(self, name: str) -> Analysis:
-        """Return this analysis with K and D shown in a unit of ``jointid.answer.STIFFNESS_UNITS``.
+    @property
+    def torque_stated(self) -> bool:
+        """Whether the errors include that of the torque scale; the robot model's always is."""
+        return isinstance(self.fit, ArmSideFit) or self.study.torque_std is not None
 
-        Raises JointIdError when the unit is not known, or the study lacks the gear ratios for it.
-        """
-        return replace(self, unit=StiffnessUnit.named(name, self.study.gear_ratios))
+    def shown_in(self, name: str) -> Self:
+        """Return this answer in a unit of ``jointid.answer.STIFFNESS_UNITS``."""
+        raise NotImplementedError
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """K1 ... Kn and D1 ... Dn with their standard errors (all causes), in ``unit``; 2n values."""
-        return elasticity_quantities(self.fit, self.unit)
+        """K1 ... Kn, and D1 ... Dn where identified, with their standard errors in ``unit``."""
+        raise NotImplementedError
 
     @property
     def nominal(self) -> Floats | None:
         """Nominal K1 ... Kn and D1 ... Dn in ``unit``, shape (2n,); None if the study has no nominal."""
         of = self.study.nominal
         return None if of is None else self.unit.shown(np.concatenate([of.K, of.D]))
-
-    @property
-    def estimates(self) -> dict[str, list[str]]:
-        """Table of every estimator's K, D ± standard error in ``unit`` and residual, and of nominal."""
-        fits = {self.fit.method: self.fit} | dict(self.fits)
-        last = [] if self.nominal is None else ["nominal"]
-        columns = {"Estimator": [*fits, *last]}
-        found = [elasticity_quantities(fit, self.unit) for fit in fits.values()]
-        for k, same in enumerate(zip(*found, strict=True)):
-            given = [] if self.nominal is None else [plain(float(f"{self.nominal[k]:.5g}"))]
-            columns[same[0].heading] = [*(each.shown[0] for each in same), *given]
-        residuals = [significant(float(np.sqrt(fit.misfit)), 2) for fit in fits.values()]
-        return columns | {"Residual / noise": residuals + ["–" for _ in last]}
 
     @property
     def state(self) -> str:
@@ -119,8 +98,8 @@ class Analysis:
         """The answer as a sentence; the reason if it is not usable."""
         if self.state == NOT_USABLE:
             return f"Not usable: {self.state_reason}."
-        stated = self.study.torque_std is not None
-        return answer_sentence(self.fit, self.study.nominal, torque_stated=stated, unit=self.unit)
+        stated, side = self.torque_stated, self.unit.side
+        return answer_sentence(self.quantities, self.nominal, torque_stated=stated, side=side)
 
     def require_usable(self) -> None:
         """Raise JointIdError, with the reason, when the answer is not usable."""
@@ -132,17 +111,79 @@ class Analysis:
         """Limit of a usable answer, as a sentence; empty otherwise."""
         return f"Usable with care: {self.state_reason}." if self.state == WITH_CARE else ""
 
-    def limit_of_records(self, worst: Floats) -> str:
-        """Say that more records of the same kind do not help, and what does; empty otherwise.
 
-        ``worst`` is the predicted worst error before the first and after each planned record.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ArmSideAnalysis(Answer):
+    """K of joints with sensors behind their gears, at the joint, without D."""
+
+    fit: ArmSideFit
+    left_out_rad: Floats
+    """Root mean square error of the deflection predicted for a record left out of the fit, shape (n,);
+    NaN where K is refused or there is one record only."""
+    error_bars: ClassVar[str] = (
+        "± is one standard error from noise, payload, choice of terms and "
+        f"{100 * TORQUE_STD:g} % of the robot model's torque."
+    )
+
+    def shown_in(self, name: str) -> Self:
+        """Return this answer for the angle of a unit of ``STIFFNESS_UNITS``; it stays at the joint."""
+        angle = StiffnessUnit.named(name, self.unit.gear_ratio).angle
+        return replace(self, unit=replace(self.unit, angle=angle))
+
+    @property
+    def _unit_of_K(self) -> tuple[str, float]:
+        scale = StiffnessUnit(self.unit.angle).of_gear(0)
+        return scale.unit, scale.stiffness
+
+    @property
+    def table(self) -> dict[str, list[str]]:
+        """K, skew and reason of a refusal of every joint, as text."""
+        return self.fit.table_in(*self._unit_of_K)
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """K1 ... Kn with their standard errors, infinite where refused, in ``unit``."""
+        unit, factor = self._unit_of_K
+        errors = np.where(np.isfinite(self.fit.K), self.fit.standard_error, np.inf).tolist()
+        return tuple(
+            Quantity("K", f"K{j + 1}", unit, (j + 1,), factor * K, factor * error, j)
+            for j, (K, error) in enumerate(zip(self.fit.K.tolist(), errors, strict=True))
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Analysis(Answer):
+    """All results of a study from its motors; ``sensors`` has those from sensors behind the gears."""
+
+    phasors: Phasors
+    """Equations (2)-(4) of the sine records, in their order; no rows without any."""
+    transfer_matrices: Mapping[str, TransferMatrix]
+    """Equations (16)-(18) by pose, "" for records without one; poses without a solution are missing."""
+    compensated_transfer_matrices: Mapping[str, TransferMatrix]
+    """The same, friction-compensated: friction and delay of ``fit`` subtracted from the torque."""
+    transfer_problem: str
+    """Reason why a pose has no transfer matrix, with the remedy; empty otherwise."""
+    fit: ElasticityFit
+    """The chosen estimate of K and D, equations (8)-(15)."""
+    fits: Mapping[str, ElasticityFit]
+    """Fits of the chosen estimator and, of the sine records, of the linear ones, for comparison."""
+
+    def shown_in(self, name: str) -> Self:
+        """Return this analysis with K and D shown in a unit of ``jointid.answer.STIFFNESS_UNITS``.
+
+        Raises JointIdError when the unit is not known, or the study lacks the gear ratios for it.
         """
-        for finding in self.findings:
-            if finding.code == "model limits":
-                return f"{MODEL_LIMITS}: more records of the same kind do not help. {finding.remedy}"
-        if worst[-1] <= _HARDLY_SMALLER * worst[0]:
-            return ""
-        return f"These records hardly reduce the worst error. {largest_part(self.fit)}"
+        sensors = self.sensors and self.sensors.shown_in(name)
+        return replace(self, unit=StiffnessUnit.named(name, self.study.gear_ratios), sensors=sensors)
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """K1 ... Kn and D1 ... Dn with their standard errors (all causes), in ``unit``; 2n values."""
+        return elasticity_quantities(self.fit, self.unit)
+
+    def limit_of_records(self, worst: Floats) -> str:
+        """Say that more records of the same kind do not help, see ``limit_of_records``."""
+        return limit_of_records(self.findings, self.fit, worst)
 
     @property
     def priors(self) -> tuple[PriorRow, ...]:
@@ -202,14 +243,14 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         transfer_matrices = dict(known.transfer_matrices)
     else:
         phasors = extract_phasors(sines) if sines else no_phasors(study.inertia.n)
-        transfer_matrices, problem = _transfer_matrices(study, phasors)
+        transfer_matrices, problem = sine_matrices(study, phasors)
     if study.motion_records:
-        by_pose, problem = _motions_by_pose(study, transfer_matrices, problem)
-        of_motions, problem = _motion_matrices(by_pose, problem)
+        by_pose, problem = motions_by_pose(study, transfer_matrices, problem)
+        of_motions, problem = motion_matrices(by_pose, problem)
         transfer_matrices |= of_motions
         fits = _fits_with_motion(study, phasors, method, transfer_matrices)
         by_pose = {pose: by_pose[pose] for pose in of_motions}
-        freed, problem = _motion_matrices(by_pose, problem, fits[method])
+        freed, problem = motion_matrices(by_pose, problem, fits[method])
         found = motion_findings(study.records, study.inertias, phasors, fits, transfer_matrices)
     else:
         fits = {} if known is None else dict(known.fits)
@@ -227,7 +268,7 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
                 phasors, study.sine_prior, [method], gives_up=partial(is_wrong, evidence)
             )
         fits = {name: fits[name] for name in dict.fromkeys((method, *LINEAR))}
-        freed, _ = _transfer_matrices(study, fits[method].phasors)
+        freed, _ = sine_matrices(study, fits[method].phasors)
         found = findings(replace(evidence, fit=fits[method]))
     if study.assumed and found[0].level == "problem":
         assumed = f"First check what the import assumed: {'; '.join(study.assumed)}."
@@ -244,26 +285,44 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
     )
 
 
-def analyse_arm_side(study: Study, robot: RobotModel | None = None) -> ArmSideFit:
+def analyse_arm_side(study: Study) -> ArmSideAnalysis:
     """Identify K of the joints of a study with sensors behind their gears.
 
-    ``robot`` is by default that of the study; gear ratios that it lacks are those of the study. Raises
-    JointIdError when the study has no such sensor or no robot model, or see ``identify_arm_side``.
+    Raises JointIdError as ``Study.arm_side_robot`` and ``identify_arm_side``.
     """
-    records, robot = study.motion_records, study.robot_model if robot is None else robot
-    if all(record.arm_rad is None for record in records):
-        raise JointIdError(
-            "No record has a sensor behind a gear: give columns theta_a1_rad …, or identify K and "
-            "D from the motors alone with analyse (jointid identify)."
-        )
-    if robot is None:
-        raise JointIdError(
-            "Sensors behind the gears need the robot model: give a file .urdf, .xml (MJCF) or .toml "
-            "(Denavit–Hartenberg), or state [robot_model] in study.toml."
-        )
-    if study.gear_ratio is not None and not np.isfinite(robot.coupling).all():
-        robot = replace(robot, coupling=np.diag(1 / study.gear_ratio))
-    return identify_arm_side(records, robot)
+    records, robot = study.motion_records, study.arm_side_robot()
+    fit, left_out = identify_arm_side(records, robot), left_out_error(records, robot)
+    found = arm_side_findings(fit.K, fit.standard_error, fit.reasons, study.sensed_joints, left_out)
+    unit = StiffnessUnit(gear_ratio=np.where(robot.is_coupled, np.nan, robot.gear_ratio))
+    return ArmSideAnalysis(study=study, findings=found, unit=unit, fit=fit, left_out_rad=left_out)
+
+
+def answer_of(
+    study: Study,
+    motors: Callable[[Study], Analysis] = analyse,
+    sensors: Callable[[Study], ArmSideAnalysis] = analyse_arm_side,
+) -> Analysis | ArmSideAnalysis:
+    """Return the analysis of the motors with ``sensors`` or, if motors alone give no K, that of these.
+
+    Raises JointIdError when neither gives K.
+    """
+    sensed = study.has_sensors and study.robot_model is not None
+    try:
+        found = motors(study)
+    except JointIdError as error:
+        if not study.has_sensors:
+            raise
+        if not sensed:
+            raise JointIdError(f"{error}{BEHIND_THE_GEARS}") from error
+        alone, note = sensors(study), Finding("note", MOTORS_ALONE, str(error), "", 0.0)
+        return replace(alone, findings=(*alone.findings, note))
+    if not sensed:
+        return found
+    try:
+        return replace(found, sensors=sensors(study))
+    except JointIdError as error:
+        note = Finding("note", "The sensors behind the gears give no K", str(error), "", 0.0)
+        return replace(found, findings=(*found.findings, note))
 
 
 def _fits_with_motion(
@@ -277,66 +336,15 @@ def _fits_with_motion(
             'motions: choose "auto".'
         )
     inertia = study.inertias if study.poses else study.inertia
-    try:
-        fits = {
-            method: identify_motion(
-                study.records,
-                inertia,
-                inertia_std=study.inertia_std,
-                torque_std=study.torque_std,
-                gives_up=cache(lambda: bool(wrong_motions(study.records, study.inertias, matrices))),
-            )
-        }
-    except JointIdError as error:
-        if all(record.arm_rad is None for record in study.motion_records):
-            raise
-        raise JointIdError(f"{error}{BEHIND_THE_GEARS}") from error
+    fits = {
+        method: identify_motion(
+            study.records,
+            inertia,
+            inertia_std=study.inertia_std,
+            torque_std=study.torque_std,
+            gives_up=cache(lambda: bool(wrong_motions(study.records, study.inertias, matrices))),
+        )
+    }
     with suppress(JointIdError):  # a sine or two beside the motions need not determine K and D
         fits |= identify_each(phasors, study.sine_prior, LINEAR) if phasors.omega.size else {}
     return fits
-
-
-def _motions_by_pose(
-    study: Study, matrices: dict[str, TransferMatrix], problem: str
-) -> tuple[dict[str, list[MotionRecord]], str]:
-    """Motions, with their bands, of the poses that have no transfer matrix by sines."""
-    found: dict[str, list[MotionRecord]] = {}
-    motions = [record for record in study.motion_records if (record.pose or "") not in matrices]
-    for pose in dict.fromkeys(record.pose or "" for record in motions):
-        try:
-            found[pose] = [
-                replace(record, band_hz=record.band_hz or coherent_band(record))
-                for record in motions
-                if (record.pose or "") == pose
-            ]
-        except JointIdError as error:  # K and D do not need H
-            problem = str(error)
-    return found, problem
-
-
-def _motion_matrices(
-    by_pose: dict[str, list[MotionRecord]], problem: str, fit: ElasticityFit | None = None
-) -> tuple[dict[str, TransferMatrix], str]:
-    """Transfer matrices of motions, without the friction and the delay of a fit."""
-    without: dict[str, Any] = {}
-    if fit is not None:
-        without = {"delay": fit.delay or 0.0}
-        if fit.friction is not None:
-            without |= {"coulomb": fit.friction.coulomb, "viscous": fit.friction.viscous}
-    matrices = {}
-    for pose, records in by_pose.items():
-        try:
-            matrices[pose] = motion_transfer_matrix(records, **without)
-        except JointIdError as error:  # K and D do not need H
-            problem = str(error)
-    return matrices, problem
-
-
-def _transfer_matrices(study: Study, phasors: Phasors) -> tuple[dict[str, TransferMatrix], str]:
-    matrices, problem = {}, ""
-    for pose in dict.fromkeys(record.pose or "" for record in study.sine_records):
-        try:
-            matrices[pose] = estimate_transfer_matrix(phasors.select(study.of_pose(pose)))
-        except JointIdError as error:  # K and D do not need H
-            problem = str(error)
-    return matrices, problem

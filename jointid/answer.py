@@ -11,16 +11,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from jointid.arm_side.fit import ArmSideFit
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import AGREEING, ElasticityFit, undetermined
+from jointid.estimation.elasticity import AGREEING, ElasticityFit
 from jointid.estimation.estimators.parameters import EFFECTS
 from jointid.estimation.quantities import Quantity, quantities
-from jointid.joints import Elasticity
 from jointid.wording import (
     capitalised,
     decimal_place,
     enumerated,
+    joints_text,
     listed,
     percent,
     signed_percent,
@@ -219,8 +220,10 @@ def gear_text(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) ->
     return f"Joint {joint + 1}: {'; '.join(parts)}"
 
 
-def model_name(fit: ElasticityFit) -> str:
+def model_name(fit: ElasticityFit | ArmSideFit) -> str:
     """Return the fitted model: "elasticity", with " + friction", " + delay" and effects where fitted."""
+    if isinstance(fit, ArmSideFit):
+        return fit.model
     return " + ".join(["elasticity", *fitted_parts(fit)])
 
 
@@ -242,46 +245,47 @@ def fitted_parts(fit: ElasticityFit) -> list[str]:
 
 
 def answer_sentence(
-    fit: ElasticityFit,
-    nominal: Elasticity | None = None,
+    found: Sequence[Quantity],
+    nominal: Floats | None = None,
     *,
     torque_stated: bool = True,
-    unit: StiffnessUnit = AT_MOTOR,
+    side: str = AT_MOTOR.side,
 ) -> str:
     """State the identified stiffnesses, relative to the nominal ones if these are given.
 
-    ``nominal`` holds K and D in the controller at present; ``torque_stated`` is whether the uncertainty
-    of the torque scale is part of the errors. If not, the sentence says so.
+    ``found`` holds K1 ... Kn, and D1 ... Dn where they are identified; ``nominal`` the values in the
+    controller at present, in the same units. ``torque_stated`` is whether the uncertainty of the torque
+    scale is part of the errors. If not, the sentence says so.
     """
-    unknown = undetermined(fit)
-    missing = [f"the stiffness of joint {j + 1}" for j in np.flatnonzero(unknown)]
-    if unknown.all():
-        which = enumerated([f"joint {j + 1}" for j in range(fit.n)])
-        return f"These records do not determine the stiffness of {which}: see the findings."
+    stiffness = [q for q in found if q.parameter == "K"]
+    known = [q for q in stiffness if AGREEING * q.error < q.value]
+    unknown = [q.joints[0] for q in stiffness if q not in known]
+    missing = [f"the stiffness of {joints_text(unknown)}"] if unknown else []
+    if not known:
+        return f"These records do not determine {missing[0]}: see the findings."
     condition = "" if torque_stated else ", if the torque scale is exact"
-    missing += [f"D{j + 1}" for j in np.flatnonzero(np.isinf(fit.errors.D))]
+    missing += [q.name for q in found if q.parameter == "D" and np.isinf(q.error)]
     tail = f" These records do not determine {enumerated(missing)}." if missing else ""
-    return f"{_stiffnesses(fit, nominal, unit, np.flatnonzero(~unknown).tolist())}{condition}.{tail}"
+    return f"{_stiffnesses(known, nominal, side, is_all=not unknown)}{condition}.{tail}"
 
 
-def _stiffnesses(
-    fit: ElasticityFit, nominal: Elasticity | None, unit: StiffnessUnit, known: list[int]
-) -> str:
-    numbers, is_all = [str(j + 1) for j in known], len(known) == fit.n
+def _stiffnesses(known: Sequence[Quantity], nominal: Floats | None, side: str, *, is_all: bool) -> str:
+    numbers = [f"{q.joints[0]}" for q in known]
     if nominal is None:
-        every = elasticity_quantities(fit, unit)
-        found = [every[j].shown for j in known]
+        found = [q.shown for q in known]
         if len(known) > _FEW:
             values = enumerated([value for value, _ in found])
-            which = f"1 to {fit.n}" if is_all else enumerated(numbers)
-            return f"The stiffnesses of joints {which} are {values} {found[0][1]}, {unit.side}"
+            which = f"1 to {len(known)}" if is_all else enumerated(numbers)
+            return f"The stiffnesses of joints {which} are {values} {found[0][1]}, {side}"
         first, *others = (
             f"of joint {j} is {' '.join(shown)}" for j, shown in zip(numbers, found, strict=True)
         )
-        return f"The stiffness {first}{''.join(f', that {other}' for other in others)}, {unit.side}"
-    differences = {j: _difference(fit, nominal, k) for j, k in zip(numbers, known, strict=True)}
+        return f"The stiffness {first}{''.join(f', that {other}' for other in others)}, {side}"
+    differences = {
+        j: _difference(q, float(nominal[q.place])) for j, q in zip(numbers, known, strict=True)
+    }
     texts = [kind.format(size) for kind, size, _ in differences.values()]
-    if is_all and fit.n > 1 and len(set(texts)) == 1:
+    if is_all and len(known) > 1 and len(set(texts)) == 1:
         return f"Every joint {texts[0]}"
     if len(known) > _FEW:
         return _grouped(differences, is_all=is_all)
@@ -313,10 +317,9 @@ def _grouped(differences: Mapping[str, tuple[str, str, float]], *, is_all: bool)
     return capitalised("; ".join(parts))
 
 
-def _difference(fit: ElasticityFit, nominal: Elasticity, j: int) -> tuple[str, str, float]:
+def _difference(found: Quantity, nominal: float) -> tuple[str, str, float]:
     """Kind of the difference of a stiffness from the nominal one, its size in words, its size."""
-    ratio = float(fit.K[j] / nominal.K[j])
-    error = float(fit.errors.K[j] / nominal.K[j])
+    ratio, error = found.value / nominal, found.error / nominal
     if abs(ratio - 1) <= max(_AGREEMENT, AGREEING * error):
         return "has its nominal stiffness", "", 0.0
     if _PER_CENT[0] < ratio < _PER_CENT[1]:

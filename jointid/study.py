@@ -1,8 +1,8 @@
-"""A study: the records of one robot with its inertias."""
+"""A study: the records of one robot with its inertias, and its transfer matrices by pose."""
 
 import datetime
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -10,10 +10,14 @@ import numpy as np
 
 from jointid.arrays import Floats, finite_array, set_fields
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior, checked_std
 from jointid.joints import Elasticity, Inertia
+from jointid.phasors.coherence import coherent_band
+from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.robot_models.model import RobotModel
+from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
 from jointid.wording import counted, plain, significant
 
 INERTIA_STD = 0.05
@@ -105,6 +109,37 @@ class Study:
     def motion_records(self) -> tuple[MotionRecord, ...]:
         """The records of any other motion."""
         return tuple(record for record in self.records if isinstance(record, MotionRecord))
+
+    @property
+    def sensed_joints(self) -> np.ndarray:
+        """Mask of the joints with a sensor behind the gear in a record, shape (n,)."""
+        given = (r.arm_rad for r in self.motion_records if r.arm_rad is not None)
+        seen = [np.isfinite(angles).any(axis=0) for angles in given]
+        return np.asarray(np.any([np.zeros(self.inertia.n, bool), *seen], axis=0))
+
+    @property
+    def has_sensors(self) -> bool:
+        """Whether a record has a sensor behind a gear."""
+        return any(record.arm_rad is not None for record in self.motion_records)
+
+    def arm_side_robot(self) -> RobotModel:
+        """Robot model for sensors behind the gears; gear ratios that it lacks are those of the study.
+
+        Raises JointIdError when no record has such a sensor, or the study has no robot model.
+        """
+        if not self.has_sensors:
+            raise JointIdError(
+                "No record has a sensor behind a gear: give columns theta_a1_rad …, or identify K and "
+                "D from the motors alone with analyse (jointid identify)."
+            )
+        if (robot := self.robot_model) is None:
+            raise JointIdError(
+                "Sensors behind the gears need the robot model: give a file .urdf, .xml (MJCF) or .toml "
+                "(Denavit–Hartenberg), or state [robot_model] in study.toml."
+            )
+        if self.gear_ratio is None or np.isfinite(robot.coupling).all():
+            return robot
+        return replace(robot, coupling=np.diag(1 / self.gear_ratio))
 
     @property
     def facts(self) -> list[str]:
@@ -215,3 +250,50 @@ def _require_date(date: object) -> None:
     offset = date.utcoffset() if isinstance(date, datetime.datetime) else None
     if offset is not None and offset % datetime.timedelta(minutes=1):
         raise JointIdError(f"date = {date}: its offset from UTC must be of whole minutes.")
+
+
+def motions_by_pose(
+    study: Study, matrices: dict[str, TransferMatrix], problem: str
+) -> tuple[dict[str, list[MotionRecord]], str]:
+    """Motions, with their bands, of the poses that have no transfer matrix by sines."""
+    found: dict[str, list[MotionRecord]] = {}
+    motions = [record for record in study.motion_records if (record.pose or "") not in matrices]
+    for pose in dict.fromkeys(record.pose or "" for record in motions):
+        try:
+            found[pose] = [
+                replace(record, band_hz=record.band_hz or coherent_band(record))
+                for record in motions
+                if (record.pose or "") == pose
+            ]
+        except JointIdError as error:  # K and D do not need H
+            problem = str(error)
+    return found, problem
+
+
+def motion_matrices(
+    by_pose: dict[str, list[MotionRecord]], problem: str, fit: ElasticityFit | None = None
+) -> tuple[dict[str, TransferMatrix], str]:
+    """Transfer matrices of motions, without the friction and the delay of a fit."""
+    without: dict[str, Any] = {}
+    if fit is not None:
+        without = {"delay": fit.delay or 0.0}
+        if fit.friction is not None:
+            without |= {"coulomb": fit.friction.coulomb, "viscous": fit.friction.viscous}
+    matrices = {}
+    for pose, records in by_pose.items():
+        try:
+            matrices[pose] = motion_transfer_matrix(records, **without)
+        except JointIdError as error:  # K and D do not need H
+            problem = str(error)
+    return matrices, problem
+
+
+def sine_matrices(study: Study, phasors: Phasors) -> tuple[dict[str, TransferMatrix], str]:
+    """Transfer matrices of the sines by pose, and why one is missing; empty otherwise."""
+    matrices, problem = {}, ""
+    for pose in dict.fromkeys(record.pose or "" for record in study.sine_records):
+        try:
+            matrices[pose] = estimate_transfer_matrix(phasors.select(study.of_pose(pose)))
+        except JointIdError as error:  # K and D do not need H
+            problem = str(error)
+    return matrices, problem

@@ -55,6 +55,12 @@ def enumerated(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
+def joints_text(joints: Iterable[int]) -> str:
+    """Return "joint 1", "joints 1 and 2", "joints 1, 2 and 3"; they count from 1."""
+    numbers = [f"{j}" for j in joints]
+    return f"joint{'s' * (len(numbers) > 1)} {enumerated(numbers)}"
+
+
 def listed(words: Iterable[str], *, at_most: int = 20) -> str:
     """Return words as one line for a message, shortened when there are many."""
     words = list(words)

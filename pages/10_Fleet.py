@@ -25,13 +25,16 @@ if not rows:
 panels.show_headline(rows)
 if any(row.is_good for row in rows):
     joint, within_robot = panels.choose(rows)
-    spreads = [fleet_spread(rows, quantity, joint, within_robot=within_robot) for quantity in "KD"]
-    drifts = robots.drifts_of(spreads, joint)
-    robots.show_summary(spreads, drifts)
-    panels.show_spread(spreads, dark=is_dark())
-    robots.show_robots(spreads, drifts)
-    panels.show_outstanding(spreads, within_robot=within_robot)
-    robots.show_drift(spreads, drifts, dark=is_dark())
+    both = (fleet_spread(rows, quantity, joint, within_robot=within_robot) for quantity in "KD")
+    if spreads := [spread for spread in both if spread.value.size]:
+        drifts = robots.drifts_of(spreads, joint)
+        robots.show_summary(spreads, drifts)
+        panels.show_spread(spreads, dark=is_dark())
+        robots.show_robots(spreads, drifts)
+        panels.show_outstanding(spreads, within_robot=within_robot)
+        robots.show_drift(spreads, drifts, dark=is_dark())
+    else:
+        st.info(f"No study determines K and D of joint {joint}.")
 panels.show_failed(rows)
 panels.show_studies(fleet, rows)
 download(

@@ -2,12 +2,13 @@
 
 import streamlit as st
 
+from jointid.analysis import ArmSideAnalysis
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import uncertainty_panels
+from jointid.ui.study.arm_side import ask_for_robot, show_sensors
 from jointid.ui.study.elasticity_figures import (
     figures,
-    show_arm_side,
     show_model_holds,
     show_poses,
     show_prediction,
@@ -19,8 +20,13 @@ page = open_page(
     "The inertias and the motor data give the deflection of each gear and the torque through it. Their "
     "ratio is the dynamic stiffness K + iωD.",
 )
-show_arm_side(page)
-analysis = page.analysis(sensors=lambda: None)  # shown above
+ask_for_robot(page)
+analysis = page.answer(ask=lambda: None)  # asked above
+if sensors := analysis if isinstance(analysis, ArmSideAnalysis) else analysis.sensors:
+    st.header("Sensors behind the gears", anchor=False)
+    show_sensors(page, sensors)
+if isinstance(analysis, ArmSideAnalysis):
+    st.stop()
 show_headline(analysis)
 show_tiles(analysis)
 show_bands(analysis)

@@ -4,7 +4,7 @@ from functools import partial
 
 import streamlit as st
 
-from jointid.analysis import NOT_USABLE
+from jointid.analysis import NOT_USABLE, Analysis
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import downloads
@@ -18,7 +18,7 @@ page = open_page(
 )
 stem = file_stem(page.study.name)
 study_files = partial(downloads.show_study_files, page.study, stem)
-analysis = page.analysis(otherwise=study_files)
+analysis = page.answer(otherwise=study_files)
 if analysis.state == NOT_USABLE:
     show_error(f"{analysis.headline} The files with K and D state this first.")
 
@@ -27,6 +27,7 @@ st.write("Records, answer with error bars, verdict, figures and settings.")
 show_report(page, analysis, stem)
 
 downloads.show_identification_files(analysis, stem)
-downloads.show_tables(analysis, stem)
-downloads.show_simulator_files(analysis, stem)
+if isinstance(analysis, Analysis):
+    downloads.show_tables(analysis, stem)
+    downloads.show_simulator_files(analysis, stem)
 study_files()

@@ -49,7 +49,7 @@ from jointid.reporting.report import make_report
 from jointid.ui.study.data_quality import phasor_table as phasors_shown
 from jointid.ui.study.data_quality import quality_table
 from jointid.ui.study.elasticity_figures import harmonic_columns
-from jointid.uncertainty.answer_tables import error_table
+from jointid.uncertainty.answer_tables import error_table, estimates_table
 from jointid.uncertainty.information import prior_influence
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose
@@ -402,7 +402,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
     study, phasors, fit = analysis.study, analysis.phasors, analysis.fit
     given = (phasors, study.inertias, fit)
     n = fit.n
-    yield "answer", lambda: (answer_sentence(fit, study.nominal), without(fit))
+    yield "answer", lambda: (answer_sentence(analysis.quantities, analysis.nominal), without(fit))
     yield "headline", lambda: (analysis.headline, analysis.state, analysis.state_reason)
     yield "further", lambda: [quantity.shown for quantity in further_quantities(fit)]
     yield "error parts", lambda: error_table(fit)
@@ -425,7 +425,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
             [phasors_shown(phasors, joint) for joint in range(phasors.n)],
         ),
     )
-    yield "estimates", lambda: analysis.estimates
+    yield "estimates", lambda: estimates_table(analysis.fits.values(), analysis.nominal, analysis.unit)
     yield "fit", lambda: (fit.condition, fit.correlation, fit.misfit, fit.equations.matrix())
     yield from _pictures(analysis)
     yield "inertias", lambda: _inertias(analysis)

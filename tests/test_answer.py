@@ -30,6 +30,7 @@ from jointid.answer import (
     StiffnessUnit,
     answer_sentence,
     change_from,
+    elasticity_quantities,
     friction_note,
     further_quantities,
     model_name,
@@ -67,6 +68,15 @@ def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
     )
 
 
+def sentence(
+    found: SimpleNamespace, nominal: Elasticity | None = None, *, torque_stated: bool = True
+) -> str:
+    """The answer of a fit, motor side."""
+    known = None if nominal is None else np.concatenate([nominal.K, nominal.D])
+    shown = elasticity_quantities(found)  # type: ignore[arg-type]
+    return answer_sentence(shown, known, torque_stated=torque_stated)
+
+
 @pytest.mark.parametrize(
     ("K", "nominal", "said"),
     [
@@ -88,16 +98,16 @@ def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
     ],
 )
 def test_against_the_nominal_stiffness(K: list[float], nominal: list[float], said: str) -> None:
-    assert said in answer_sentence(fit(K), Elasticity(nominal, [0.1] * len(K)))
+    assert said in sentence(fit(K), Elasticity(nominal, [0.1] * len(K)))
 
 
 def test_a_difference_within_the_uncertainty_is_not_reported() -> None:
-    sentence = answer_sentence(fit([43.5], error=1.0), Elasticity([42.0], [0.1]))
-    assert sentence == "Joint 1 has its nominal stiffness."
+    said = sentence(fit([43.5], error=1.0), Elasticity([42.0], [0.1]))
+    assert said == "Joint 1 has its nominal stiffness."
 
 
 def test_without_a_nominal_stiffness() -> None:
-    assert answer_sentence(fit([43.0, 7.5])) == (
+    assert sentence(fit([43.0, 7.5])) == (
         "The stiffness of joint 1 is 43.000 ± 0.010 N·m/rad, that of joint 2 is 7.500 ± 0.010 N·m/rad, "
         "seen from the motor."
     )
@@ -105,16 +115,14 @@ def test_without_a_nominal_stiffness() -> None:
 
 @pytest.mark.parametrize("K", [-3.0, 0.015, float("nan")])
 def test_undetermined_values_are_left_out_of_the_answer(K: float) -> None:
-    assert answer_sentence(fit([43.0, K])) == (
+    assert sentence(fit([43.0, K])) == (
         "The stiffness of joint 1 is 43.000 ± 0.010 N·m/rad, seen from the motor. These records do not "
         "determine the stiffness of joint 2."
     )
-    three = answer_sentence(fit([84.0, K, 7.5]), Elasticity([42.0, 5.0, 7.5], [0.1, 0.1, 0.1]))
+    three = sentence(fit([84.0, K, 7.5]), Elasticity([42.0, 5.0, 7.5], [0.1, 0.1, 0.1]))
     assert three.startswith("Joint 1 is 2.0 times as stiff as nominal and joint 3 has its")
     assert three.endswith("nominal stiffness. These records do not determine the stiffness of joint 2.")
-    assert answer_sentence(fit([K])).startswith(
-        "These records do not determine the stiffness of joint 1:"
-    )
+    assert sentence(fit([K])).startswith("These records do not determine the stiffness of joint 1:")
 
 
 def test_a_value_near_zero_is_not_said_to_agree() -> None:
@@ -127,17 +135,17 @@ def test_a_value_near_zero_is_not_said_to_agree() -> None:
 def test_an_infinite_error_is_written_in_words() -> None:
     unknown = fit([43.0, 7.5])
     unknown.standard_error[3] = math.inf
-    assert answer_sentence(unknown).endswith("seen from the motor. These records do not determine D2.")
+    assert sentence(unknown).endswith("seen from the motor. These records do not determine D2.")
     unknown.standard_error[0] = math.inf
-    assert answer_sentence(unknown).startswith("The stiffness of joint 2 is 7.500")
-    assert answer_sentence(unknown).endswith("determine the stiffness of joint 1 and D2.")
+    assert sentence(unknown).startswith("The stiffness of joint 2 is 7.500")
+    assert sentence(unknown).endswith("determine the stiffness of joint 1 and D2.")
 
 
 def test_a_torque_scale_that_is_not_stated_is_a_condition() -> None:
     nominal = Elasticity([20.0, 3.5], [0.1, 0.1])
-    said = answer_sentence(fit([44.0, 7.5]), nominal, torque_stated=False)
+    said = sentence(fit([44.0, 7.5]), nominal, torque_stated=False)
     assert said.endswith("times as stiff, if the torque scale is exact.")
-    assert "torque scale" not in answer_sentence(fit([44.0, 7.5]), nominal)
+    assert "torque scale" not in sentence(fit([44.0, 7.5]), nominal)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +153,7 @@ def test_a_torque_scale_that_is_not_stated_is_a_condition() -> None:
     [(0.2, "is 2.2 times"), (2.0, "is 2.20 ± 0.10 times"), (8.0, "is 2.2 ± 0.4 times")],
 )
 def test_digits_follow_the_error(error: float, said: str) -> None:
-    assert said in answer_sentence(fit([44.0], error), Elasticity([20.0], [0.1]))
+    assert said in sentence(fit([44.0], error), Elasticity([20.0], [0.1]))
 
 
 @pytest.mark.parametrize(

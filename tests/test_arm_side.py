@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -16,25 +19,44 @@ from typer.testing import CliRunner
 
 from jointid import (
     ArmSideFit,
+    Elasticity,
     Inertia,
     JointIdError,
     MotionRecord,
     RobotModel,
     Study,
+    analyse,
     identify_arm_side,
     load_study,
     save_study,
 )
-from jointid.analysis import analyse_arm_side
+from jointid.analysis import (
+    MOTORS_ALONE,
+    NOT_USABLE,
+    USABLE,
+    WITH_CARE,
+    ArmSideAnalysis,
+    analyse_arm_side,
+    answer_of,
+)
 from jointid.arm_side.band_limited import GaussianFilter, band_limited
 from jointid.arm_side.candidates import clear_moves
+from jointid.arm_side.left_out import left_out_error
 from jointid.arm_side.mixed_model import Estimate
 from jointid.arm_side.position_map import position_map
 from jointid.arm_side.terms import Ripple, joint_torque
 from jointid.cli import app
+from jointid.exporting import answer_table, code_listing, to_json, to_toml
 from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
+from jointid.fleet.row import row_of
+from jointid.fleet.spread import fleet_spread
+from jointid.fleet.table import read_fleet, to_parquet
 from jointid.importing import apply_mapping, find_runs, guess_mapping, read_log, study_from_logs
+from jointid.reporting.blocks import Paragraph
+from jointid.reporting.report import make_report, to_html, to_pdf
+from jointid.uncertainty.comparison import compare, in_common_unit
+from jointid.verdict.motion_findings import arm_side_findings
 from tests.arm_side_robot import ARC_SECOND, ROBOT, SENSORS, Truth, motion_record
 
 TRUTH = Truth(K=np.array([3e6, 5e6, 4e6]), skew_s=np.full(SENSORS, 3e-3), payload_kg=150.0)
@@ -385,6 +407,190 @@ def test_the_command_prints_stiffness_and_skew(tmp_path: Path) -> None:
     assert fit().table["K at the joint (N·m/rad)"][0] in table.stdout
 
 
+@cache
+def answer() -> ArmSideAnalysis:
+    """The motors of this study give no K."""
+    found = answer_of(own_study(model=True))
+    assert isinstance(found, ArmSideAnalysis)
+    return found
+
+
+def with_reason(reason: str, *joints: int) -> ArmSideAnalysis:
+    """The answer with K of some joints, from 0, refused."""
+    known = fit()
+    K, error, reasons = known.K.copy(), known.standard_error.copy(), list(known.reasons)
+    for j in joints:
+        K[j], error[j], reasons[j] = np.nan, np.nan, reason
+    changed = replace(known, K=K, standard_error=error, reasons=tuple(reasons))
+    sensed, left_out = np.arange(6) < SENSORS, np.full(6, np.nan)
+    findings = arm_side_findings(K, error, reasons, sensed, left_out)
+    return replace(answer(), fit=changed, findings=findings)
+
+
+def test_the_answer_has_a_state_a_headline_and_reasons() -> None:
+    found = answer()
+    assert found.state == USABLE
+    assert found.headline.startswith("The stiffnesses of joints 1, 2 and 3 are ")
+    assert found.headline.endswith("These records do not determine the stiffness of joints 4, 5 and 6.")
+    assert [f.level for f in found.findings] == ["good", "note", "note"]
+    _, unsensed, motors = found.findings
+    assert unsensed.title == "K of joints 4, 5 and 6 is not determined"
+    assert unsensed.detail == "No sensor behind the gear in these records."
+    assert motors.title == MOTORS_ALONE
+    assert "arm-side" not in motors.detail
+    found.require_usable()
+    assert [q.value for q in found.quantities[:SENSORS]] == fit().K[:SENSORS].tolist()
+    assert found.quantities[3].shown == ("not determined", "N·m/rad")
+    per_arcmin = found.shown_in("N·m/arcmin at the motor")  # the angle only: K stays at the joint
+    assert per_arcmin.unit.side == "at the joint"
+    assert per_arcmin.quantities[0].value == pytest.approx(fit().K[0] * np.pi / 10800)
+
+
+def test_a_refused_joint_with_a_sensor_limits_the_answer() -> None:
+    doubtful = with_reason("It moves too little.", 1)
+    assert doubtful.state == WITH_CARE
+    assert doubtful.caution == "Usable with care: K of joint 2 is not determined."
+    assert doubtful.findings[0].detail == "It moves too little."
+    useless = with_reason("It moves too little.", 0, 1, 2)
+    assert useless.state == NOT_USABLE
+    assert useless.headline == "Not usable: K of joints 1, 2 and 3 is not determined."
+    with pytest.raises(JointIdError, match="K of joints 1, 2 and 3"):
+        useless.require_usable()
+
+
+def test_against_nominal_values_at_the_motor() -> None:
+    """They become N² times as large at the joint."""
+    K = fit().K / np.r_[1.25, 1.0, 1.0, 1.0, 1.0, 1.0]
+    nominal = Elasticity(np.where(np.isfinite(K), K, 1.0) / ROBOT.gear_ratio**2, np.ones(6))
+    found = answer_of(replace(own_study(model=True), nominal=nominal))
+    said = "Joint 1 is 25 % stiffer than nominal; joints 2 and 3 have their nominal stiffness."
+    assert found.headline.startswith(said)
+
+
+def test_a_record_left_out_of_the_fit_is_predicted() -> None:
+    records = [record(), motion_record(TRUTH, 4, seconds=10.0)]
+    error = left_out_error(records, ROBOT)
+    assert np.all(error[:SENSORS] < 15 * ARC_SECOND)
+    assert np.isnan(error[SENSORS:]).all()
+    assert np.isnan(left_out_error([record(), record()], ROBOT)).all()  # one record given twice
+
+
+def test_exports_hold_what_is_determined_and_the_reasons() -> None:
+    document = json.loads(to_json(answer()))
+    assert (document["side"], document["state"]) == ("joint", USABLE)
+    assert document["K"] == [*fit().K[:SENSORS].tolist(), None, None, None]
+    assert document["undetermined"] == {f"K{j}": fit().reasons[3] for j in (4, 5, 6)}
+    assert tomllib.loads(to_toml(answer()))["K"][:SENSORS] == fit().K[:SENSORS].tolist()
+    rows = list(csv.DictReader(StringIO(answer_table(answer()))))
+    assert [float(row["K_Nm_rad"]) for row in rows[:SENSORS]] == fit().K[:SENSORS].tolist()
+    assert {row["K_Nm_rad"] for row in rows[SENSORS:]} == {"nan"}
+    assert rows[3]["reason"] == fit().reasons[3]
+    values: dict[str, float] = {}
+    exec(code_listing(answer(), "Python"), values)
+    assert values["K2"] == pytest.approx(fit().K[1], rel=1e-6)
+    assert values["K2_std"] == pytest.approx(fit().standard_error[1], rel=1e-6)
+    assert not {"K", "K4"} & values.keys()  # no list with gaps
+    listing = code_listing(answer(), "Structured Text")
+    assert "    JointStiffness3 : LREAL := " in listing
+    assert "// K4: No sensor behind the gear in these records." in listing
+    assert "static const double K1 = " in code_listing(answer(), "C")
+    known = replace(fit(), K=fit().K[:3], standard_error=fit().standard_error[:3], reasons=("",) * 3)
+    three = replace(answer(), fit=known)
+    assert "static const double K[3] = {" in code_listing(three, "C")
+    useless = code_listing(with_reason("At rest.", 0, 1, 2), "C")
+    assert all(line.startswith("//") for line in useless.splitlines())
+    assert useless.startswith("// NOT USABLE: K of joints 1, 2 and 3 is not determined.")
+
+
+def test_the_report_begins_with_the_answer_of_the_sensors(studies: dict[int, Study]) -> None:
+    made = make_report(answer())
+    assert made.sections[0].title == "Answer"
+    assert Paragraph(answer().headline, "lead") in made.sections[0].blocks
+    text = to_html(made)
+    assert f"Figure {SENSORS}. Deflection of the gear of joint {SENSORS}" in text
+    assert f"Figure {SENSORS + 1}." not in text
+    assert fit().reasons[3] in text
+    assert repr(float(fit().K[0])) in text
+    assert to_pdf(made).startswith(b"%PDF")
+    both = answer_of(studies[2], sensors=lambda _: answer())
+    assert both.sensors is None  # no sensor in its records
+    both = replace(both, sensors=answer())
+    (section,) = (s for s in make_report(both, cut=False).sections if "Sensors" in s.title)
+    assert Paragraph(answer().headline, "lead") in section.blocks
+    document = json.loads(to_json(both))
+    assert document["side"] == "motor"
+    assert document["arm_side"]["K"][0] == fit().K[0]
+    assert document["arm_side"]["state"] == USABLE
+
+
+def test_sensors_that_fail_do_not_spoil_the_answer_of_the_motors() -> None:
+    def refused(_: Study) -> ArmSideAnalysis:
+        raise JointIdError("Another unit.")
+
+    motors = analyse(load_study("sample_data/single_joint"))
+    found = answer_of(own_study(model=True), motors=lambda _: motors, sensors=refused)
+    assert found.sensors is None
+    assert found.findings[:-1] == motors.findings
+    assert found.findings[-1].detail == "Another unit."
+
+
+def test_motors_that_contradict_their_sensors_end_in_an_answer_or_a_message() -> None:
+    """With angles twice as large, one period of the slowest mode had more samples than an integer."""
+    wrong = motion_record(TRUTH, 1, seconds=20.0)
+    study = replace(own_study(model=True), records=[replace(wrong, theta_rad=2 * wrong.theta_rad)])
+    found = answer_of(study)
+    assert found.state == NOT_USABLE
+    assert found.sensors is not None
+    assert found.sensors.state == NOT_USABLE
+
+
+def test_two_studies_are_compared_at_the_joint(tmp_path: Path) -> None:
+    soft = replace(fit(), K=fit().K * np.r_[1, 0.7, 1, 1, 1, 1])
+    rows = compare(answer().quantities, replace(answer(), fit=soft).quantities)
+    assert [row.first.name for row in rows if row.is_clear] == ["K2"]
+    assert rows[1].relative == pytest.approx(-0.3)
+    assert rows[4].significance == "–"
+    motors = replace(analyse(load_study("sample_data/single_joint")), sensors=None)
+    motors = replace(motors, study=replace(motors.study, gear_ratio=[100.0]))
+    first, second = in_common_unit(answer().shown_in("N·m/arcmin at the joint"), motors)
+    assert (first.unit.side, first.unit.angle) == (second.unit.side, second.unit.angle)
+    assert second.quantities[0].value == pytest.approx(1e4 * motors.fit.K[0])
+    with pytest.raises(JointIdError, match="gear ratios"):
+        in_common_unit(answer(), replace(motors, study=replace(motors.study, gear_ratio=None)))
+
+
+def test_a_batch_has_its_row_seen_from_the_motors(tmp_path: Path) -> None:
+    row = row_of(answer(), study="arm")
+    assert row.state == USABLE
+    np.testing.assert_allclose(row.K, fit().K / ROBOT.gear_ratio**2)
+    assert np.isinf(row.K_error[SENSORS:]).all()
+    (tmp_path / "table.parquet").write_bytes(to_parquet([row]))
+    (read,) = read_fleet(tmp_path / "table.parquet")
+    np.testing.assert_array_equal(read.K[:SENSORS], row.K[:SENSORS])
+    assert read.joints == 6
+    assert fleet_spread([read], "K", 2).median == row.K[1]
+    assert not fleet_spread([read], "K", 5).value.size
+
+
+def test_commands_give_the_answer_where_the_motors_give_none(tmp_path: Path) -> None:
+    path = tmp_path / "arm.zip"
+    save_study(own_study(model=True), path, record_format="parquet")
+    both = [CliRunner().invoke(app, [name, str(path)]) for name in ("identify", "arm-side")]
+    for found in both:
+        assert found.exit_code == 0
+        assert found.stdout.splitlines()[:2] == [f"arm.zip: {USABLE}", answer().headline]
+        assert "Note: K of joints 4, 5 and 6 is not determined. No sensor" in found.stdout
+    files = [str(tmp_path / name) for name in ("k.json", "k.K.csv", "k.c", "k.mat")]
+    options = [part for file in files for part in ("-o", file)]
+    found = CliRunner().invoke(app, ["export", str(path), *options])
+    assert found.exit_code == 0
+    assert "k.mat is not written: sensors behind the gears give K only." in found.stderr
+    assert json.loads(Path(files[0]).read_text("utf-8"))["side"] == "joint"
+    found = CliRunner().invoke(app, ["report", str(path), "-o", str(tmp_path / "r.html")])
+    assert found.exit_code == 0
+    assert "Measured and fitted deflection" in (tmp_path / "r.html").read_text("utf-8")
+
+
 def test_without_a_sensor_there_is_nothing_to_evaluate() -> None:
     study = replace(own_study(model=True), records=[replace(record(), arm_rad=None)])
     with pytest.raises(JointIdError, match="No record has a sensor"):
@@ -393,7 +599,7 @@ def test_without_a_sensor_there_is_nothing_to_evaluate() -> None:
 
 def test_gear_ratios_missing_in_the_model_are_those_of_the_study() -> None:
     unknown = replace(ROBOT, coupling=np.full((6, 6), np.nan))
-    found = analyse_arm_side(own_study(model=False), unknown)
+    found = analyse_arm_side(replace(own_study(model=False), robot_model=unknown)).fit
     np.testing.assert_allclose(found.K[:SENSORS], fit().K[:SENSORS], rtol=1e-9)
 
 
@@ -406,12 +612,61 @@ def test_the_pages_show_stiffness_also_where_motor_data_give_none() -> None:
         assert [k.replace("\xa0", " ") for k in shown_K] == fit().table["K at the joint (N·m/rad)"]
         assert len(at.get("plotly_chart")) == 1
         assert not at.error
-        said = "**K of joint 1, joint 2 and joint 3 is determined; the notes state why"
-        assert any(text.value.startswith(said) for text in at.markdown)
-        assert at.info[0].value.startswith("The motors alone give no K and D. ")
-        assert "jointid arm-side" not in at.info[0].value  # the page itself shows it
+        assert answer().headline in [h.value.replace("\xa0", " ") for h in at.header]
+        motors = next(box.value for box in at.info if box.value.startswith(f"**{MOTORS_ALONE}.** "))
+        assert "jointid arm-side" not in motors  # the page itself shows it
         assert not any(link.proto.label == "Elasticity" for link in at.main.get("page_link"))
     at = shown(at.selectbox(key="unit").set_value("N·m/arcmin at the joint").run())
     (table,) = (t.value for t in at.table if "Note" in t.value)
     value, _ = table["K at the joint (N·m/arcmin)"][0].split("±")
     assert float(value) == pytest.approx(fit().K[0] * np.pi / 10800, rel=0.01)
+    at = shown(at.switch_page("pages/7_Report.py").run())
+    assert any(f"K1 = {fit().K[0]:.7g}" in code.value for code in at.code)
+    assert any("K4: No sensor behind the gear in these records." in code.value for code in at.code)
+    again = replace(own_study(model=True), records=[motion_record(TRUTH, 2, seconds=10.0)])
+    at = upload(at, pack_study(again, record_format="parquet"), "again.zip")
+    at = shown(at.switch_page("pages/11_Compare.py").run())
+    assert "No stiffness of " in at.header[0].value
+    (table,) = (t.value for t in at.table if "Significant" in t.value)
+    assert [text.partition(",")[0] for text in table["Significant"]] == ["no"] * SENSORS + ["–"] * 3
+
+
+def test_a_robot_model_given_on_a_page_stays_with_the_study() -> None:
+    data = pack_study(own_study(model=False), record_format="parquet")
+    at = shown(upload(opened_app().run(), data, "arm.zip").switch_page(ELASTICITY).run())
+    assert any(box.value.startswith(f"{MOTORS_ALONE}. ") for box in at.info)
+    uploader = at.file_uploader(key="robot_model_of_sensors")
+    at = shown(uploader.set_value(("bad.toml", b"[[links]]", "")).run())
+    assert at.error
+    uploader = at.file_uploader(key="robot_model_of_sensors")
+    at = shown(uploader.set_value(("robot.toml", ROBOT.source[1], "")).run())
+    assert answer().headline in [h.value.replace("\xa0", " ") for h in at.header]
+    assert at.selectbox(key="study").options[0] == "arm.zip, with robot model"
+
+
+def test_the_pages_show_both_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of the motors are another study's here: those of this study give none."""
+    motors = analyse(load_study("sample_data/six_axes.zip"))
+    monkeypatch.setattr("jointid.ui.shared.page.Page.analysed", lambda _: motors)
+    at = upload(opened_app().run(), pack_study(own_study(model=True), record_format="parquet"))
+    said = f"Sensors behind the gears, {USABLE}: {answer().headline}"
+    assert said in [text.value.replace("\xa0", " ") for text in at.caption]
+    at = shown(at.switch_page(ELASTICITY).run())
+    headings = [h.value.replace("\xa0", " ") for h in at.header]
+    assert headings[:3] == ["Sensors behind the gears", answer().headline, motors.headline]
+    at = shown(at.switch_page("pages/7_Report.py").run())
+    choice = at.segmented_control(key="answer_of")
+    assert choice.options == ["Motors", "Sensors behind the gears"]
+    assert not any("K1 = 2" in code.value or "K1 = 3" in code.value for code in at.code)
+    at = shown(choice.set_value("Sensors behind the gears").run())
+    assert any(f"K1 = {fit().K[0]:.7g}" in code.value for code in at.code)
+
+
+def test_a_fleet_of_rows_without_damping_is_shown() -> None:
+    rows = [row_of(answer(), study=f"arm {k}") for k in range(3)]
+    at = shown(opened_app().switch_page("pages/10_Fleet.py").run())
+    given = ("results.parquet", to_parquet(rows), "")
+    at = shown(at.file_uploader(key="fleet_uploader").set_value(given).run())
+    assert any("**Stiffness K1**" in text.value for text in at.markdown)
+    at = shown(at.segmented_control(key="fleet_joint").set_value(5).run())
+    assert "No study determines K and D of joint 5." in [box.value for box in at.info]

@@ -28,11 +28,11 @@ def first(studies: dict[int, Study]) -> Analysis:
 
 
 def test_a_study_does_not_differ_from_itself(first: Analysis) -> None:
-    rows = compare(first.fit, first.fit)
+    rows = compare(first.quantities, first.quantities)
     assert [row.first.name for row in rows] == ["K1", "K2", "D1", "D2"]
     assert all(row.relative == row.sigmas == 0 for row in rows)
     assert all(re.fullmatch(r"0(\.0+)? ± 0\.\d+ %", row.change) for row in rows)  # no digit of noise
-    assert all(np.isnan(row.sigmas) for row in compare(first.fit, first.fit, same_records=True))
+    assert all(np.isnan(row.sigmas) for row in compare(*2 * [first.quantities], same_records=True))
 
 
 def test_a_stiffer_gear_is_found_with_its_standard_errors(first: Analysis) -> None:
@@ -42,18 +42,18 @@ def test_a_stiffer_gear_is_found_with_its_standard_errors(first: Analysis) -> No
         first.study.inertia, M=1.02 * first.study.inertia.M, M2=1.02 * first.study.inertia.M2
     )
     second = analyse(replace(first.study, records=records, inertia=inertia))
-    rows = compare(first.fit, second.fit)
+    rows = compare(first.quantities, second.quantities)
     for row in rows:
         assert row.relative == pytest.approx(0.02, rel=1e-4)
         error = np.hypot(row.first.error, row.second.error)
         assert row.sigmas == pytest.approx((row.second.value - row.first.value) / error)
-    swapped = compare(second.fit, first.fit)
+    swapped = compare(second.quantities, first.quantities)
     assert [row.sigmas for row in swapped] == pytest.approx([-row.sigmas for row in rows])
 
 
 def test_other_joints_are_refused(studies: dict[int, Study], first: Analysis) -> None:
     with pytest.raises(JointIdError, match="first study has 2 joints, the second 1 joint"):
-        compare(first.fit, analyse(studies[1]).fit)
+        compare(first.quantities, analyse(studies[1]).quantities)
 
 
 def test_the_command_states_which_robot_is_softer(
@@ -146,7 +146,7 @@ def test_the_headline_names_a_study_that_is_usable_with_care(app: AppTest, first
 
 def test_differences_are_shown_in_the_unit_and_on_the_side_of_the_answer(first: Analysis) -> None:
     units = StiffnessUnit.named("N·m/arcmin at the joint", np.array([100.0, -90.0]))
-    rows = compare(first.fit, first.fit, units=(units, units))
+    rows = compare(*2 * [replace(first, unit=units).quantities])
     scale = np.array([1e4, 8.1e3]) * np.pi / 10800
     assert [row.first.value for row in rows[:2]] == pytest.approx((scale * first.fit.K).tolist())
     assert {row.first.unit for row in rows} == {"N·m/arcmin", "N·m·s/rad"}

@@ -324,6 +324,30 @@ def test_a_robot_model_gives_the_inertia_of_the_pose(page: AppTest, taken: list[
     assert "arm.toml" in [caption.value for caption in at.caption]
 
 
+def test_gear_ratios_are_those_of_a_robot_model_given_in_their_step(page: AppTest) -> None:
+    time, theta, tau = _two_joints()
+    at = drop(page, ("two.csv", _csv(time, theta, tau)))
+    two = "[[link]]".join(SIX_AXES.split("[[link]]")[:3]).encode()
+    model = RobotModel.parse("arm.toml", two)
+
+    def given(at: AppTest, name: str, data: bytes) -> AppTest:
+        uploader = next(u for u in at.file_uploader if u.label.startswith("Robot model with gear"))
+        return shown(uploader.set_value((name, data, "")).run())
+
+    at = given(at, "six.toml", SIX_AXES.encode())
+    assert "The robot model has 6 joints, step 2 has 2." in [box.value for box in at.error]
+    at = given(at, "arm.toml", two)
+    ratios = widget(at, "text_input", "Gear ratios, one per joint")
+    assert [float(N) for N in ratios.value.split(",")] == model.gear_ratio.tolist()
+    assert not at.error
+    assert at.segmented_control(key="import inertia source").value == "Robot model"
+    assert at.text_input(key="import model pose").value == ""  # the angles of the log are still asked
+    at = given(shown(ratios.set_value("7, 8").run()), "again.toml", two)
+    assert (
+        widget(at, "text_input", "Gear ratios, one per joint").value == "7, 8"
+    )  # what was entered stays
+
+
 def _two_joints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     time = np.arange(0, 2, 2e-3)
     wave = np.sin(2 * np.pi * 5 * time)

@@ -1,6 +1,7 @@
 """Stiffness of each joint from its deflection, and the prediction for other records."""
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from jointid.arm_side.band_limited import band_limited, joint_angles
 from jointid.arm_side.position_map import PositionMap
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
 from jointid.arrays import Floats
+from jointid.errors import JointIdError
 from jointid.records import MotionRecord
 from jointid.robot_models.model import RobotModel
 from jointid.small_matrices import one_thread
@@ -60,6 +62,8 @@ class ArmSideFit:
     """Estimate of the payload's standardised parameters, shape (4,)."""
     payload_root: Floats
     """Square root of their covariance, shape (4, 4)."""
+    method: ClassVar[str] = "sensors behind the gears"
+    model: ClassVar[str] = "elasticity + friction + transmission error + skew + payload"
 
     @property
     def table(self) -> dict[str, list[str]]:
@@ -92,6 +96,16 @@ class ArmSideFit:
         """
         with one_thread():
             return self._predict(record)
+
+    def deflection(self, record: MotionRecord) -> tuple[Floats, Floats, Floats]:
+        """Times, (k,), s, measured deflection and that of ``predict``, (k, n), rad, of the samples used.
+
+        Raises JointIdError when the record has no sensor behind a gear.
+        """
+        if record.arm_rad is None:
+            raise JointIdError(f"The record {record.label!r} has no sensor behind a gear.")
+        measured, used = joint_angles(record, self.robot) - record.arm_rad, slice(record.start, None)
+        return record.time_s[used], measured[used], self.predict(record)[used]
 
     def _predict(self, record: MotionRecord) -> Floats:
         skew = np.array([joint.aligned_s if joint else 0.0 for joint in self.joints])

@@ -112,10 +112,10 @@ def identify_arm_side(
             "No record has a sensor behind a gear: give arm_rad, or use identify_motion with motor data."
         )
     with one_thread():
-        return _identified(_distinct(given), robot, band_hz, torque_std)
+        return _identified(distinct(given), robot, band_hz, torque_std)
 
 
-def _distinct(given: Sequence[MotionRecord]) -> list[MotionRecord]:
+def distinct(given: Sequence[MotionRecord]) -> list[MotionRecord]:
     """Drop repeated records: the same noise twice adds no evidence."""
     found: list[MotionRecord] = []
     for record in given:

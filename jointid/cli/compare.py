@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from jointid.analysis import NOT_USABLE, WITH_CARE, Analysis
-from jointid.cli.files import analyse_file
+from jointid.analysis import NOT_USABLE, WITH_CARE, Answer
+from jointid.cli.files import answer_file
 from jointid.cli.options import JSON, METHOD, STUDY, UNIT, named
 from jointid.cli.output import print_columns, print_json
 from jointid.errors import JointIdError
@@ -14,10 +14,10 @@ from jointid.files.digest import study_digest
 from jointid.uncertainty.comparison import (
     INDEPENDENT_ERRORS,
     Difference,
-    common_units,
     comparison_sentence,
+    in_common_unit,
 )
-from jointid.uncertainty.comparison import compare as compare_fits
+from jointid.uncertainty.comparison import compare as compare_quantities
 from jointid.wording import enumerated
 
 SECOND = typer.Argument(parser=named, help="Study to compare with it.", show_default=False)
@@ -36,14 +36,13 @@ def compare(
     answer is not usable.
     """
     files = study, second
-    found = [analyse_file(file, method) for file in files]
+    found: list[Answer] = [answer_file(file, method) for file in files]
     if len({study_digest(each.study) for each in found}) == 1:
         raise JointIdError(f"{study} and {second} are the same study: give two different studies.")
-    if unit:
-        found = [each.shown_in(unit) for each in found]
     names = [each.study.name or file.name for each, file in zip(found, files, strict=True)]
-    units = common_units(found[0].unit, found[1].unit)
-    rows = compare_fits(found[0].fit, found[1].fit, units=units)
+    found = [each.shown_in(unit) for each in found] if unit else found
+    found[:] = in_common_unit(*found)
+    rows = compare_quantities(found[0].quantities, found[1].quantities)
     usable = all(each.state != NOT_USABLE for each in found)
     if as_json:
         _print_json(names, found, rows, usable)
@@ -56,11 +55,11 @@ def compare(
         columns["difference"] = [row.change for row in rows]
         columns["significant"] = [row.significance for row in rows]
     print_columns(columns, right=(1, 2, 3))
-    print(f"K and D {units[0].side}." + usable * f" {INDEPENDENT_ERRORS}")
+    print(f"K and D {found[0].unit.side}." + usable * f" {INDEPENDENT_ERRORS}")
 
 
 def _print_heading(
-    names: list[str], found: list[Analysis], rows: tuple[Difference, ...], usable: bool
+    names: list[str], found: list[Answer], rows: tuple[Difference, ...], usable: bool
 ) -> None:
     for which, name, each in zip(("First", "Second"), names, found, strict=True):
         print(f'{which}: "{name}", {each.state}')
@@ -68,7 +67,7 @@ def _print_heading(
             print(each.headline)
     if not usable:
         return
-    unstated = any(each.study.torque_std is None for each in found)
+    unstated = any(not each.torque_stated for each in found)
     first, second = (f'"{name}"' for name in names)
     said = comparison_sentence(rows, first, second, exact_torque_scales=unstated)
     doubtful = [f'"{n}"' for n, each in zip(names, found, strict=True) if each.state == WITH_CARE]
@@ -80,7 +79,7 @@ def _print_heading(
 
 
 def _print_json(
-    names: list[str], found: list[Analysis], rows: tuple[Difference, ...], usable: bool
+    names: list[str], found: list[Answer], rows: tuple[Difference, ...], usable: bool
 ) -> None:
     studies = [
         {"name": name, "state": each.state, "answer": each.headline, "digest": study_digest(each.study)}

@@ -4,13 +4,13 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from jointid import exporting
-from jointid.analysis import Analysis
-from jointid.cli.files import analyse_file, require_new_output
+from jointid.analysis import Analysis, Answer
+from jointid.cli.files import answer_file, require_new_output
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, UNIT, numbers, require_ending
 from jointid.cli.output import print_written, progress, warn_if_unusable
 from jointid.files.atomic_write import write_file
@@ -35,7 +35,7 @@ def report(
     for file in files:
         require_ending("--output", file, ".html", ".htm", ".pdf")
         require_new_output(file, overwrite, [study])
-    analysis = analyse_file(study, method)
+    analysis = answer_file(study, method)
     analysis = analysis.shown_in(unit) if unit else analysis
     from jointid.reporting.report import make_report, to_html, to_pdf
 
@@ -48,8 +48,11 @@ def report(
     print_written(files, as_json)
 
 
-def _writers(gear_ratio: list[float] | None) -> dict[str, Callable[[Analysis], str | bytes]]:
-    """Writer of a file by the ending of its name; those at the joint only with gear ratios."""
+def _writers(gear_ratio: list[float] | None) -> dict[str, Callable[[Any], str | bytes]]:
+    """Writer of a file by the ending of its name; those at the joint only with gear ratios.
+
+    Code and the formats in ``_OF_ANSWERS`` take any answer, the others that of the motors.
+    """
     from jointid.files.study_files import pack_study
 
     snippets = exporting.mujoco_snippet, exporting.urdf_snippet, exporting.sdf_snippet
@@ -59,6 +62,7 @@ def _writers(gear_ratio: list[float] | None) -> dict[str, Callable[[Analysis], s
         ".torsion.csv": exporting.torsion_table,
         ".gears.csv": exporting.gear_table,
         ".gears.txt": exporting.modelica_table,
+        ".K.csv": exporting.answer_table,
         ".json": exporting.to_json,
         ".toml": exporting.to_toml,
         ".mat": exporting.to_mat,
@@ -71,6 +75,7 @@ def _writers(gear_ratio: list[float] | None) -> dict[str, Callable[[Analysis], s
     }
 
 
+_OF_ANSWERS = (".K.csv", ".json", ".toml", ".zip")
 _AT_JOINT = (".xml", ".urdf", ".sdf")
 
 
@@ -82,9 +87,9 @@ def export(
             "--output",
             "-o",
             help="File; repeatable. Its ending selects the format: .json, .toml, .mat (results), "
-            ".phasors.csv, .H.csv (transfer matrix), .torsion.csv (torsion curves), .gears.csv (gear "
-            "laws), .gears.txt (gear laws for Modelica), .st, .c, .m, .py (K and D as code), .zip (the "
-            "study), .xml, .urdf, .sdf (joints for MuJoCo, URDF, SDFormat).",
+            ".K.csv (K and D by joint), .phasors.csv, .H.csv (transfer matrix), .torsion.csv (torsion "
+            "curves), .gears.csv (gear laws), .gears.txt (gear laws for Modelica), .st, .c, .m, .py (K "
+            "and D as code), .zip (the study), .xml, .urdf, .sdf (joints for MuJoCo, URDF, SDFormat).",
         ),
     ],
     gear_ratio: Annotated[
@@ -95,6 +100,13 @@ def export(
             "Required for .xml, .urdf, .sdf unless the study states gear_ratio.",
         ),
     ] = "",
+    arm_side: Annotated[
+        bool,
+        typer.Option(
+            "--arm-side",
+            help="K from sensors behind the gears, at the joint; default: only if the motors give none.",
+        ),
+    ] = False,
     overwrite: Annotated[bool, OVERWRITE] = False,
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
@@ -104,16 +116,21 @@ def export(
     endings = {file: _ending(file) for file in output}
     for file in output:
         require_new_output(file, overwrite, [study])
-    analysis = analyse_file(study, method)
+    analysis: Answer = answer_file(study, method, arm_side=arm_side)
     known = analysis.study.gear_ratios
     ratio = ratio or (None if known is None else known.tolist())
     for file, ending in endings.items():
         if ending in _AT_JOINT and ratio is None:
             raise typer.BadParameter(f"{file.name} needs gear ratios, as in --gear-ratio 100,-90.")
     writers = _writers(ratio)
-    empty = {} if analysis.transfer_matrices else {".H.csv": analysis.transfer_problem}
-    if not analysis.study.sine_records:
-        empty[".phasors.csv"] = "the study has no sine records."
+    if isinstance(analysis, Analysis):
+        empty = {} if analysis.transfer_matrices else {".H.csv": analysis.transfer_problem}
+        if not analysis.study.sine_records:
+            empty[".phasors.csv"] = "the study has no sine records."
+    else:
+        hold = (*_OF_ANSWERS, *exporting.ENDINGS)
+        reason = f"sensors behind the gears give K only. Formats that hold it: {', '.join(hold)}."
+        empty = {ending: reason for ending in writers if ending not in hold}
     for file in [file for file, ending in endings.items() if ending in empty]:
         print(f"{file.name} is not written: {empty[endings.pop(file)]}", file=sys.stderr)
     for file, ending in endings.items():

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jointid.analysis import Analysis, analyse
+from jointid.analysis import Analysis, Answer, analyse, analyse_arm_side, answer_of
 from jointid.cli.output import progress
 from jointid.errors import JointIdError
 from jointid.files.application import sample_studies
@@ -48,6 +49,13 @@ def analyse_file(path: Path, method: str, **changes: Any) -> Analysis:
     study = replace(load_named(path), **changes)
     with progress("Analysing"):
         return analyse(study, method=method)
+
+
+def answer_file(path: Path, method: str, *, arm_side: bool = False, **changes: Any) -> Answer:
+    """Read a study and return all that it gives, see ``answer_of``; or of arm-side sensors only."""
+    study = replace(load_named(path), **changes)
+    with progress("Analysing"):
+        return analyse_arm_side(study) if arm_side else answer_of(study, partial(analyse, method=method))
 
 
 def robot_from(path: Path) -> KnownRobot:

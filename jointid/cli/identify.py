@@ -6,11 +6,11 @@ from typing import Annotated
 import typer
 
 from jointid import RobotModel
-from jointid.analysis import NOT_USABLE, Analysis, analyse_arm_side
+from jointid.analysis import NOT_USABLE, Analysis, Answer, ArmSideAnalysis
 from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, further_quantities, gear_text, model_name
-from jointid.cli.files import analyse_file, load_named
+from jointid.cli.files import answer_file
 from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, named, without_none
-from jointid.cli.output import print_columns, print_json, print_table, progress
+from jointid.cli.output import print_columns, print_json, print_table
 from jointid.uncertainty.answer_tables import error_table, prior_table
 from jointid.wording import plain
 
@@ -28,7 +28,11 @@ def identify(
     The first line states whether the answer is usable; findings follow, with remedies.
     """
     deviations = without_none(inertia_std=inertia_std, torque_std=torque_std)
-    analysis = analyse_file(study, method, **deviations)
+    _print(study, answer_file(study, method, **deviations), unit, as_json)
+
+
+def _print(study: Path, analysis: Answer, unit: str, as_json: bool) -> None:
+    """State, headline, values and findings; the findings first where the answer is not usable."""
     if as_json:
         from jointid.exporting.identification import to_document
 
@@ -43,15 +47,24 @@ def identify(
     parts = _print_tables, _print_findings
     for part in parts[::-1] if analysis.state == NOT_USABLE else parts:
         part(analysis)
+    if analysis.sensors:
+        print(f"\nSensors behind the gears: {analysis.sensors.state}\n{analysis.sensors.headline}")
+        _print_tables(analysis.sensors)
+        _print_findings(analysis.sensors)
 
 
-def _print_findings(analysis: Analysis) -> None:
+def _print_findings(analysis: Answer) -> None:
     for finding in analysis.findings:
         remedy = f" {finding.remedy}" if finding.remedy else ""
         print(f"\n{finding.level.capitalize()}: {finding.title}. {finding.detail}{remedy}")
 
 
-def _print_tables(analysis: Analysis) -> None:
+def _print_tables(analysis: Answer) -> None:
+    if isinstance(analysis, ArmSideAnalysis):
+        print_columns(analysis.table, right=(1, 2))
+        print(analysis.error_bars)
+        return
+    assert isinstance(analysis, Analysis)
     fit, nominal = analysis.fit, analysis.nominal
     known = [] if nominal is None else [plain(float(value)) for value in nominal]
     fitted = (*analysis.quantities, *further_quantities(fit))
@@ -84,18 +97,13 @@ def arm_side(
             "study, [robot_model].",
         ),
     ] = None,
+    unit: Annotated[str, UNIT] = "",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Identify K from sensors behind the gears.
+    """Identify K from sensors behind the gears, at the joint.
 
-    K is at the joint, N·m/rad; a joint without an estimate has a note with the reason.
+    The first line states whether the answer is usable; findings follow, with the reason of each joint
+    without an estimate.
     """
-    model = None if robot is None else RobotModel.load(robot)
-    with progress("Evaluating the sensors"):
-        fit = analyse_arm_side(load_named(study), model)
-    if as_json:
-        names = ("K", "standard_error", "skew_s", "skew_error_s", "residual_rad")
-        values = {name: getattr(fit, name).tolist() for name in names}
-        print_json(values | {"reasons": [*fit.reasons]})
-        return
-    print_columns(fit.table, right=(1, 2))
+    changes = {} if robot is None else {"robot_model": RobotModel.load(robot)}
+    _print(study, answer_file(study, "auto", arm_side=True, **changes), unit, as_json)

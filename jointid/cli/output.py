@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from jointid.analysis import NOT_USABLE, Analysis
+from jointid.analysis import NOT_USABLE, Answer
 from jointid.study import Study
 from jointid.wording import counted
 
@@ -41,7 +41,7 @@ def print_columns(columns: Mapping[str, Sequence[str]], *, right: tuple[int, ...
     print_table(list(columns), rows, right=right)
 
 
-def warn_if_unusable(analysis: Analysis) -> None:
+def warn_if_unusable(analysis: Answer) -> None:
     """State on standard error that an answer is not usable, and where the reason is."""
     if analysis.state == NOT_USABLE:
         print(f"{analysis.headline} See jointid identify.", file=sys.stderr)

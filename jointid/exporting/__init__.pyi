@@ -14,6 +14,7 @@ from .state_space import StateSpaceModel as StateSpaceModel
 from .state_space import control_frd as control_frd
 from .state_space import control_state_space as control_state_space
 from .state_space import state_space as state_space
+from .tables import answer_table as answer_table
 from .tables import gear_table as gear_table
 from .tables import modelica_table as modelica_table
 from .tables import phasor_table as phasor_table

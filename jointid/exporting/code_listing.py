@@ -4,10 +4,11 @@ from textwrap import wrap
 
 import numpy as np
 
-from jointid.analysis import NOT_USABLE, Analysis
+from jointid.analysis import NOT_USABLE, Analysis, Answer, ArmSideAnalysis
 from jointid.answer import gear_text
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.exporting.identification import answer_text, origin_text, warning_text
+from jointid.exporting.identification import answer_text, origin_text, stored, warning_text
 from jointid.wording import enumerated, unbroken
 
 _NAMES = {name: name for name in ("K", "K_std", "D", "D_std", "K_secant", "T_secant")}
@@ -18,13 +19,15 @@ _GLOBAL_NAMES = {
     "T_secant": "JointSecantTorque",
 }
 """Names in a global variable list, where K and D may have other meanings; errors are comments."""
-_GLOBAL = "    {name} : ARRAY [1..{n}] OF LREAL := {values};"
+_GLOBAL = "    {name} : {array}LREAL := {values};"
+_ARRAYS = {"C": "[{n}]", "Structured Text": "ARRAY [1..{n}] OF "}
+"""Declaration of a list, where it differs from that of a number."""
 LANGUAGES = {
     "Text": ("", "{name} = {values}", ("", "", ", "), _NAMES, ()),
     "TOML": ("# ", "{name} = {values}", ("[", "]", ", "), _NAMES, ()),
     "Python": ("# ", "{name} = {values}", ("[", "]", ", "), _NAMES, ()),
     "MATLAB": ("% ", "{name} = {values};", ("[", "]", " "), _NAMES, ()),
-    "C": ("// ", "static const double {name}[{n}] = {values};", ("{", "}", ", "), _NAMES, ()),
+    "C": ("// ", "static const double {name}{array} = {values};", ("{", "}", ", "), _NAMES, ()),
     "Structured Text": (
         *("// ", _GLOBAL, ("[", "]", ", "), _GLOBAL_NAMES),
         ("VAR_GLOBAL CONSTANT", "END_VAR"),
@@ -44,46 +47,75 @@ _WIDTH = 80
 """Width of a comment, characters."""
 
 
-def code_listing(analysis: Analysis, language: str) -> str:
+def code_listing(analysis: Answer, language: str) -> str:
     """Write K and D with their standard errors in a language of ``LANGUAGES``.
 
-    With nonlinear gears also their laws and secant stiffnesses. Of an answer that is not usable, every
-    line is a comment. Raises JointIdError when the language is not supported.
+    With nonlinear gears also their laws and secant stiffnesses. K of a joint alone where that of others
+    is refused: a list with gaps misleads. Of an answer that is not usable, every line is a comment.
+    Raises JointIdError when the language is not supported.
     """
     if language not in LANGUAGES:
         known = enumerated(list(LANGUAGES))
         raise JointIdError(f"The language {language!r} is not supported: choose one of {known}.")
-    comment, line, brackets, names, frame = LANGUAGES[language]
-    fit, study = analysis.fit, analysis.study
+    comment, line, (opening, closing, separator), names, frame = LANGUAGES[language]
+    study, rows = analysis.study, _rows(analysis)
     unusable = (comment or "# ") if analysis.state == NOT_USABLE else ""
     name = " ".join(study.name.split()) or "study without a name"
+    is_motor = isinstance(analysis, Analysis)
     facts = [
         warning_text(analysis, "The values are comments.") if unusable else f"{name}: {analysis.state}",
         name if unusable else " ".join(answer_text(analysis).split()),
         origin_text(analysis),
-        "Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error",
+        f"{'Motor' if is_motor else 'Joint'} side; K in N·m/rad{', D in N·m·s/rad' * is_motor}; _std: "
+        "one standard error",
     ]
-    gears = {j: gear for j, gear in enumerate(fit.gears) if gear.kind != "linear"}
-    if gears:
+    if isinstance(analysis, Analysis) and "K_secant" in rows:
+        fit = analysis.fit
+        gears = (j for j, gear in enumerate(fit.gears) if gear.kind != "linear")
         facts.append(_SECANT)
         facts += [f"Nonlinear gear of {gear_text(fit, j)}".replace("Joint", "joint", 1) for j in gears]
     width = _WIDTH - len(comment)
     lines = [comment + part for fact in facts for part in _wrapped(fact, width)]
     lines += [unusable + first for first in frame[:1]]
-    rows = {"K": fit.K, "K_std": fit.errors.K, "D": fit.D, "D_std": fit.errors.D}
-    if gears:
-        rows["K_secant"] = np.array([gear.secant_K for gear in fit.gears])
-        rows["T_secant"] = np.array([gear.tried_Nm for gear in fit.gears])
+    reasons = {}
+    if isinstance(analysis, ArmSideAnalysis):
+        reasons = {f"{j}": reason for j, reason in enumerate(analysis.fit.reasons, start=1)}
     for name, values in rows.items():
-        code = unusable + line if name in names else f"{comment}{{name}}: {{values}}"
+        joint = "".join(filter(str.isdigit, name))  # empty for a list of all joints
+        what = name.replace(joint, "")
+        code = unusable + line if what in names else f"{comment}{{name}}: {{values}}"
         if np.isfinite(values).all():
-            opening, closing, separator = brackets
-            shown = opening + separator.join(map(_real, values.tolist())) + closing
-            lines.append(code.format(name=names.get(name, name), n=fit.n, values=shown))
+            shown = separator.join(map(_real, np.ravel(values).tolist()))
+            array = "" if joint else _ARRAYS.get(language, "").format(n=values.size)
+            known_as = name if names.get(what, what) == what else names[what] + joint
+            shown = shown if joint else opening + shown + closing
+            lines.append(code.format(name=known_as, array=array, values=shown))
         else:
-            lines.append(f"{comment}{name}: not determined by the records")
+            reason = reasons.get(joint, "not determined by the records")
+            lines += [comment + part for part in _wrapped(f"{name}: {reason}", width)]
     lines += [unusable + last for last in frame[1:]]
     return "\n".join(lines) + "\n"
+
+
+def _rows(analysis: Answer) -> dict[str, Floats]:
+    """Values of all joints by their name, in the unit of files; of each joint where some are refused."""
+    rows: dict[str, Floats] = {}
+    found = stored(analysis).quantities
+    if any(np.isnan(quantity.value) for quantity in found):
+        for quantity in found:
+            rows[quantity.name] = np.array(quantity.value)
+            if np.isfinite(quantity.value):
+                rows[f"{quantity.name}_std"] = np.array(quantity.error)
+        return rows
+    for name in ("K", "D"):
+        if own := [quantity for quantity in found if quantity.parameter == name]:
+            rows[name] = np.array([quantity.value for quantity in own])
+            rows[f"{name}_std"] = np.array([quantity.error for quantity in own])
+    gears = analysis.fit.gears if isinstance(analysis, Analysis) else ()
+    if any(gear.kind != "linear" for gear in gears):
+        rows["K_secant"] = np.array([gear.secant_K for gear in gears])
+        rows["T_secant"] = np.array([gear.tried_Nm for gear in gears])
+    return rows
 
 
 def _wrapped(text: str, width: int) -> list[str]:

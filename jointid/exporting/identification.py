@@ -1,21 +1,21 @@
 """K and D with their covariance, model, inertias and origin: one document, as JSON or TOML.
 
-Motor side, SI units. Python's ``json`` and ``tomllib`` return every number to the last bit. An infinite
-error, of an undetermined parameter, is null in JSON and "not determined" in TOML; the infinite standard
-deviation of an unknown inertia is null and "unknown".
+Motor side, of sensors behind the gears joint side; SI units. Python's ``json`` and ``tomllib`` return
+every number to the last bit. An infinite error, of an undetermined parameter, is null in JSON and "not
+determined" in TOML; the infinite standard deviation of an unknown inertia is null and "unknown".
 """
 
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import tomli_w
 
-from jointid.analysis import Analysis
-from jointid.answer import AT_MOTOR, model_name
+from jointid.analysis import Analysis, Answer, ArmSideAnalysis
+from jointid.answer import STIFFNESS_UNITS, model_name
 from jointid.estimation.estimators.parameters import EFFECT_PARAMETERS, PARAMETERS, elasticity_labels
 from jointid.files.application import __version__
 from jointid.files.digest import study_digest
@@ -35,40 +35,94 @@ _TOML_WORDS = {"disagreement": "none"} | dict.fromkeys(
 """In place of null in TOML, where that is not "not determined"."""
 
 
-def answer_text(analysis: Analysis) -> str:
-    """Return the answer, at the motor, as a sentence with its limits; if not usable, the reason."""
-    headline = replace(analysis, unit=AT_MOTOR).headline
+def stored(analysis: Answer) -> Answer:
+    """Return an answer in the unit of files: N·m/rad; that of arm-side sensors stays at the joint."""
+    return analysis.shown_in(next(iter(STIFFNESS_UNITS)))
+
+
+def answer_text(analysis: Answer) -> str:
+    """Return the answer, in the unit of files, with its limits; if not usable, the reason."""
+    headline = stored(analysis).headline
     return " ".join(text for text in (headline, analysis.caution, *analysis.study.remarks) if text)
 
 
-def warning_text(analysis: Analysis, values: str) -> str:
+def warning_text(analysis: Answer, values: str) -> str:
     """Return on one line the reason why an answer is not usable, and the consequence for its values."""
     state, _, reason = " ".join(answer_text(analysis).split()).partition(":")
     return f"{state.upper()}:{reason} {values}"
 
 
-def origin_text(analysis: Analysis) -> str:
+def origin_text(analysis: Answer) -> str:
     """Return software, study, estimator, model and number of records on one line."""
     fit, study = analysis.fit, analysis.study
     made = f"jointid {__version__}; study {study_digest(study)}; estimator {fit.method}"
     return f"{made}; model: {model_name(fit)}; {counted(len(study.records), 'record')}"
 
 
-def to_document(analysis: Analysis) -> dict[str, Any]:
+def to_document(analysis: Answer) -> dict[str, Any]:
     """Return the document that JSON and TOML hold, of plain lists, numbers, texts and None.
 
     Gears and priors are tables of one list per column; what was not fitted or stated is left out.
+    "arm_side" is the answer of sensors behind the gears, where the motors also give one.
     """
+    study = analysis.study
+    document = {
+        "format": 1,
+        "kind": "jointid identification",
+        **_results(analysis),
+        "arm_side": analysis.sensors and _results(analysis.sensors),
+    }
+    document["obtained"] = _stated(
+        {
+            "version": __version__,
+            "digest": study_digest(study),
+            "study": study.name,
+            "origin": study.origin,
+            "method": analysis.fit.method,
+            "model": model_name(analysis.fit),
+            "records": len(study.records),
+            **document.pop("obtained", {}),
+            "changes": study.changes or None,
+        }
+    )
+    there = {
+        key: value
+        for key, value in _stated(document).items()
+        if isinstance(value, np.ndarray) or value not in ({}, ())
+    }
+    finite: dict[str, Any] = with_infinite_as(None, there)
+    return finite
+
+
+def _results(analysis: Answer) -> dict[str, Any]:
+    is_motor = isinstance(analysis, Analysis)
+    head = {"side": "motor" if is_motor else "joint", "state": analysis.state}
+    of = _of_motors(analysis) if isinstance(analysis, Analysis) else _of_sensors(analysis)
+    return head | {"answer": answer_text(analysis)} | of
+
+
+def _of_sensors(analysis: Answer) -> dict[str, Any]:
+    """K at the joint, with the other results of the fit; NaN where it is refused, with the reasons."""
+    assert isinstance(analysis, ArmSideAnalysis)
+    fit, nominal = analysis.fit, stored(analysis).nominal
+    names = "K", "standard_error", "skew_s", "skew_error_s", "residual_rad", "reasons"
+    return _stated(
+        {name: getattr(fit, name) for name in names}
+        | {
+            "left_out_rad": analysis.left_out_rad,
+            "units": {"K": _UNITS["K"]},
+            "undetermined": {f"K{j}": text for j, text in enumerate(fit.reasons, start=1) if text},
+            "nominal": None if nominal is None else {"K": nominal[: fit.K.size]},
+        }
+    )
+
+
+def _of_motors(analysis: Analysis) -> dict[str, Any]:
     fit, study = analysis.fit, analysis.study
     known = np.isfinite(fit.standard_error)
     names = np.array(elasticity_labels(fit.n))[~known].tolist()
     delay = {"seconds": fit.delay, "standard_error": fit.delay_error}
-    document: dict[str, Any] = {
-        "format": 1,
-        "kind": "jointid identification",
-        "side": "motor",
-        "state": analysis.state,
-        "answer": answer_text(analysis),
+    return {
         "K": fit.K,
         "D": fit.D,
         "standard_error": fit.standard_error,
@@ -91,32 +145,14 @@ def to_document(analysis: Analysis) -> dict[str, Any]:
         "poses": {pose: inertia_table(analysis.inertia(pose)) for pose in study.poses},
         "priors": _columns(analysis.priors, [*(f.name for f in fields(PriorRow)), "disagreement"]),
         "nominal": study.nominal and vars(study.nominal),
-        "obtained": _stated(
-            {
-                "version": __version__,
-                "digest": study_digest(study),
-                "study": study.name,
-                "origin": study.origin,
-                "method": fit.method,
-                "model": model_name(fit),
-                "free_reversal": next((c.model.reversal for c in fit.candidates if c.chosen), None)
-                or 0.0,
-                "records": len(study.records),
-                "frequencies_hz": sorted({record.frequency_hz for record in study.sine_records}),
-                "misfit": fit.misfit,
-                "inertia_std": study.inertia_std,
-                "torque_std": study.torque_std,
-                "changes": study.changes or None,
-            }
-        ),
+        "obtained": {
+            "free_reversal": next((c.model.reversal for c in fit.candidates if c.chosen), None) or 0.0,
+            "frequencies_hz": sorted({record.frequency_hz for record in study.sine_records}),
+            "misfit": fit.misfit,
+            "inertia_std": study.inertia_std,
+            "torque_std": study.torque_std,
+        },
     }
-    there = {
-        key: value
-        for key, value in _stated(document).items()
-        if isinstance(value, np.ndarray) or value not in ({}, ())
-    }
-    finite: dict[str, Any] = with_infinite_as(None, there)
-    return finite
 
 
 def _stated(table: dict[str, Any]) -> dict[str, Any]:
@@ -142,11 +178,11 @@ def with_infinite_as(word: str | None, value: Any) -> Any:
     return word if infinite else value
 
 
-def to_json(analysis: Analysis) -> str:
+def to_json(analysis: Answer) -> str:
     """Write the document of an analysis as JSON."""
     return json.dumps(to_document(analysis), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def to_toml(analysis: Analysis) -> str:
+def to_toml(analysis: Answer) -> str:
     """Write the document of an analysis as TOML."""
     return tomli_w.dumps(with_infinite_as(UNDETERMINED, to_document(analysis)))

@@ -1,4 +1,4 @@
-"""Phasors and transfer matrix as CSV tables; numbers are exact."""
+"""The answer, phasors and transfer matrix as CSV tables; numbers are exact."""
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
@@ -6,10 +6,10 @@ from io import StringIO
 
 import numpy as np
 
-from jointid.analysis import NOT_USABLE, Analysis
+from jointid.analysis import NOT_USABLE, Analysis, Answer, ArmSideAnalysis
 from jointid.answer import without
 from jointid.arrays import Floats
-from jointid.exporting.identification import warning_text
+from jointid.exporting.identification import stored, warning_text
 from jointid.gears.gear import knees
 from jointid.phasors.extract import Phasors
 from jointid.records import SineRecord
@@ -23,6 +23,32 @@ _NOT_TRIED_RAD = 1e-3
 """Its range for a gear without a torsion curve."""
 _FORMULA = ("=", "+", "-", "@", "\t")
 """First characters by which a spreadsheet takes a text for a formula, and runs it."""
+
+
+def answer_table(analysis: Answer) -> str:
+    """One row per joint: K, and D where identified, with standard errors; NaN where not determined.
+
+    CSV with a header row; ``side`` is that of the gear. With sensors behind the gears also their skew,
+    the errors of the fitted deflection and of that predicted for records left out, and the reason of a
+    refusal. Of an answer that is not usable, K and D are NaN.
+    """
+    header, sensed = ["joint", "side", "state"], isinstance(analysis, ArmSideAnalysis)
+    rows: list[list[object]] = [
+        [j + 1, "joint" if sensed else "motor", analysis.state] for j in range(analysis.study.inertia.n)
+    ]
+    for name, unit in (("K", "Nm_rad"), ("D", "Nms_rad")):
+        own = [found for found in stored(analysis).quantities if found.parameter == name]
+        header += [f"{name}_{unit}", f"{name}_std_{unit}"] if own else []
+        for row, found in zip(rows, own, strict=False):
+            known = np.isfinite(found.error) and analysis.state != NOT_USABLE
+            row += [found.value, found.error] if known else [np.nan, np.nan]
+    if isinstance(analysis, ArmSideAnalysis):
+        fit = analysis.fit
+        more = fit.skew_s, fit.skew_error_s, fit.residual_rad, analysis.left_out_rad
+        header += ["skew_s", "skew_std_s", "residual_rad", "left_out_rad", "reason"]
+        for row, values, reason in zip(rows, np.transpose(more).tolist(), fit.reasons, strict=True):
+            row += [*values, reason]
+    return csv_text(header, rows)
 
 
 def phasor_table(analysis: Analysis) -> str:

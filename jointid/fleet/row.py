@@ -5,7 +5,9 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
-from jointid.analysis import Analysis, answer_state
+import numpy as np
+
+from jointid.analysis import Analysis, ArmSideAnalysis, answer_state
 from jointid.answer import model_name
 from jointid.files.application import __version__
 from jointid.files.digest import study_digest
@@ -24,7 +26,10 @@ Numbers: TypeAlias = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Row:
-    """The answer for one study of n joints, or the reason for its failure; motor side, SI units."""
+    """The answer for one study of n joints, or the reason for its failure; motor side, SI units.
+
+    Where only sensors behind the gears give K, it has no D, and K is NaN where it is refused.
+    """
 
     study: str
     """Path of the study, or the name of the file it came in."""
@@ -93,15 +98,20 @@ class Row:
 
 
 def row_of(
-    analysis: Analysis, *, study: str, content: str = "", method: str = "auto", time_s: float = 0.0
+    analysis: Analysis | ArmSideAnalysis,
+    *,
+    study: str,
+    content: str = "",
+    method: str = "auto",
+    time_s: float = 0.0,
 ) -> Row:
     """Return the row of an analysis, its numbers to the last bit.
 
     ``study`` is its path or the name of its file, ``content`` the digest of its files, ``method`` the
     requested estimator and ``time_s`` the time of reading and analysis.
     """
-    fit, known = analysis.fit, analysis.study
-    friction, nominal = fit.friction, known.nominal
+    known, nominal = analysis.study, analysis.study.nominal
+    of_fit = _of_motors(analysis) if isinstance(analysis, Analysis) else _of_sensors(analysis)
     return Row(
         study=study,
         content=content,
@@ -113,23 +123,37 @@ def row_of(
         robot=known.robot,
         date="" if known.date is None else known.date.isoformat(),
         origin=known.origin,
-        joints=fit.n,
+        joints=known.inertia.n,
         records=len(known.records),
-        K=_numbers(fit.K),
-        D=_numbers(fit.D),
-        K_error=_numbers(fit.errors.K),
-        D_error=_numbers(fit.errors.D),
         K_nominal=() if nominal is None else _numbers(nominal.K),
         D_nominal=() if nominal is None else _numbers(nominal.D),
-        coulomb=() if friction is None else _numbers(friction.coulomb),
-        viscous=() if friction is None else _numbers(friction.viscous),
-        delay_s=fit.delay,
-        delay_error_s=fit.delay_error,
-        model=model_name(fit),
-        misfit=float(fit.misfit),
+        model=model_name(analysis.fit),
         verdict=analysis.findings[0].level,
         findings=tuple(f"{f.level}: {f.title}" for f in analysis.findings),
+        **of_fit,
     )
+
+
+def _of_motors(analysis: Analysis) -> dict[str, Any]:
+    fit, friction = analysis.fit, analysis.fit.friction
+    return {
+        "K": _numbers(fit.K),
+        "D": _numbers(fit.D),
+        "K_error": _numbers(fit.errors.K),
+        "D_error": _numbers(fit.errors.D),
+        "coulomb": () if friction is None else _numbers(friction.coulomb),
+        "viscous": () if friction is None else _numbers(friction.viscous),
+        "delay_s": fit.delay,
+        "delay_error_s": fit.delay_error,
+        "misfit": float(fit.misfit),
+    }
+
+
+def _of_sensors(analysis: ArmSideAnalysis) -> dict[str, Any]:
+    """K seen from the motors, as in every row; NaN with an infinite error where it is refused."""
+    at_motor = analysis.fit.robot.gear_ratio**-2.0
+    error = np.where(np.isfinite(analysis.fit.K), at_motor * analysis.fit.standard_error, np.inf)
+    return {"K": _numbers(at_motor * analysis.fit.K), "K_error": _numbers(error)}
 
 
 def failed_row(

@@ -2,10 +2,11 @@
 
 import json
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from jointid.analysis import analyse
+from jointid.analysis import analyse, answer_of
 from jointid.background.serving import Progress, serve_here
 from jointid.errors import JointIdError
 from jointid.files.study_files import load_study
@@ -27,7 +28,7 @@ def study_row(
         content = content or content_digest(source)
         if content == known:
             return None
-        analysis = analyse(load_study(source), method=method)
+        analysis = answer_of(load_study(source), partial(analyse, method=method))
         took = time.perf_counter() - begin
         return row_of(analysis, study=study, content=content, method=method, time_s=took)
     except Exception as error:

@@ -108,7 +108,7 @@ class DrivenGears:
         begins, spans = np.flatnonzero(self.motors.starts)[::2], []
         for at, end in zip(begins, [*begins[1:], delta.shape[1]], strict=True):
             count = max(period / self.motors.step_s[at], 4 * _FIRST)
-            spans.append(np.arange(at, min(at + int(count), end)))
+            spans.append(np.arange(at, int(min(at + count, end))))
         edges = np.cumsum([0, *map(len, spans)])
         part = self._part(np.concatenate(spans), delta, self.loop)
         unit, places = np.zeros((2, n, *part._shape)), edges[:-1]

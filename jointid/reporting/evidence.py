@@ -1,10 +1,11 @@
 """Figures of a report with their explanations: frequency responses and cut."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from jointid.analysis import NOT_USABLE, Analysis
+from jointid.analysis import NOT_USABLE, Analysis, ArmSideAnalysis
 from jointid.answer import gear_text, without_curve
 from jointid.cut.outcome import (
     TYPICAL_SERVO,
@@ -26,6 +27,7 @@ from jointid.reporting.blocks import Block, Figure, Paragraph, Table
 from jointid.reporting.figures import (
     PAGE_WIDTH,
     cut_figure,
+    deflection_figure,
     element_figure,
     single_record_figure,
     torsion_figure,
@@ -70,6 +72,30 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
             yield Figure(
                 tuple(element_figure(analysis, j, pose=pose, width=width) for j in joints),
                 f"{next(numbers)} {names}{suffix}{paper.get(joints[0], '')}.",
+            )
+
+
+def sensor_blocks(found: ArmSideAnalysis, numbers: Iterator[str]) -> Iterator[Block]:
+    """K of every joint from its sensor, with measured and fitted deflection."""
+    fit, motions = found.fit, found.study.motion_records
+    caption = f"{found.error_bars} Skew: age of the sample behind the gear relative to the motor's."
+    yield replace(Table.of(found.table, caption, "lrrl"), kind="answer")
+    which, record = next(
+        (record.label or f"motion record {k}", record)
+        for k, record in enumerate(motions, start=1)
+        if record.arm_rad is not None
+    )
+    yield Paragraph(
+        "The difference between the two encoders of a joint is the deflection of its gear. Black: "
+        "measured; blue: fitted from the torque of the robot model. A constant offset is removed."
+    )
+    time_s, measured, fitted = fit.deflection(record)
+    for j in (j for j, joint in enumerate(fit.joints) if joint is not None):
+        if np.isfinite(measured[:, j]).all():
+            yield Figure(
+                (deflection_figure(time_s, measured[:, j], fitted[:, j], j),),
+                f"{next(numbers)} Deflection of the gear of joint {j + 1}, {which}."
+                + " K is refused." * bool(fit.reasons[j]),
             )
 
 

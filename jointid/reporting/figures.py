@@ -27,13 +27,15 @@ from jointid.figures.response_curves import (
 from jointid.figures.stiffness import drawn_records
 from jointid.figures.style import LIGHT
 from jointid.reporting.drawing import Drawing, Line, Marks, Symbol, Text
-from jointid.wording import minus
+from jointid.wording import minus, significant
 
 PAGE_WIDTH = 482.0
 """Width of a figure over the whole page, points: A4 less 20 mm on either side."""
 
 _GRID, _INK, _REFERENCE = "#DDDDDD", "#31333F", "#9A9A9A"
 _CUT_COLOURS = (LIGHT.nominal, LIGHT.identified)
+_MOST_POINTS = 1000
+"""Points of a curve over time."""
 _STRIDE = 4
 """Every fourth sample of a cut is drawn, one per millisecond."""
 _MARKS: dict[str, tuple[Symbol, float]] = {
@@ -111,6 +113,36 @@ def torsion_figure(analysis: Analysis, joint: int, *, width: float = PAGE_WIDTH 
     return Drawing(
         width, 160, tuple(shapes), f"Torsion curve of joint {joint + 1}. {terms}.", least=0.75
     )
+
+
+def deflection_figure(time_s: Floats, measured_rad: Floats, fitted_rad: Floats, joint: int) -> Drawing:
+    """Deflection of one gear between its two encoders over time, above measured minus fitted.
+
+    All shape (N,), the joint from 0; the constant offset is removed.
+    """
+    stride = -(-time_s.size // _MOST_POINTS)
+    time = (time_s - time_s[0])[::stride]
+    measured, fitted = (1e3 * (y - measured_rad.mean())[::stride] for y in (measured_rad, fitted_rad))
+    shapes: list[Line | Marks | Text] = []
+    top = 6.0
+    for name, curves, height in (
+        ("Deflection", ((measured, LIGHT.measured, 0.5), (fitted, LIGHT.identified, 1.2)), 90.0),
+        ("Difference", ((measured - fitted, LIGHT.measured, 0.5),), 46.0),
+    ):
+        y = 1.08 * max(float(np.abs(values).max()) for values, *_ in curves) or 1.0
+        box = _Frame(42.0, top, PAGE_WIDTH - 48.0, height, (0.0, float(time[-1])), (-y, y))
+        ticks = _linear_ticks(float(time[-1]))
+        shapes += _frame(
+            box, ticks if name == "Difference" else dict.fromkeys(ticks, ""), _linear_ticks(y)
+        )
+        for values, colour, width in curves:
+            shapes.append(Line(box.place(time, values), colour, width))
+        shapes.append(Text(8, top + height / 2, f"{name} (mrad)", 7, "middle", turned=True))
+        top += height + 10.0
+    shapes.append(Text(PAGE_WIDTH / 2 + 18, top + 12, "Time (s)", 7, "middle"))
+    rms = significant(float(np.std(measured - fitted)), 2)
+    description = f"Deflection of the gear of joint {joint + 1} over time. Difference: {rms} mrad (rms)."
+    return Drawing(PAGE_WIDTH, top + 16, tuple(shapes), description, least=0.75)
 
 
 def _linear_ticks(limit: float) -> _Ticks:

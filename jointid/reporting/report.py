@@ -10,12 +10,12 @@ from math import isfinite
 
 import numpy as np
 
-from jointid.analysis import NOT_USABLE, Analysis
+from jointid.analysis import NOT_USABLE, Analysis, Answer, ArmSideAnalysis
 from jointid.answer import (
     ERROR_BARS,
+    STIFFNESS_UNITS,
     UNSTATED_TORQUE_SCALE,
     change_from,
-    elasticity_quantities,
     friction_note,
     further_quantities,
     model_name,
@@ -33,6 +33,7 @@ from jointid.reporting.evidence import (
     outcome_of,
     own_path_blocks,
     response_blocks,
+    sensor_blocks,
     torsion_blocks,
 )
 from jointid.reporting.html import to_html
@@ -42,6 +43,7 @@ from jointid.uncertainty.answer_tables import (
     COMPARED_MODELS,
     compared_models,
     error_table,
+    estimates_table,
     parts_meaning,
     prior_table,
 )
@@ -55,7 +57,7 @@ _INERTIA_DEFAULT = f"{plain(100 * INERTIA_STD)} % is assumed where a study state
 
 
 def make_report(
-    analysis: Analysis,
+    analysis: Answer,
     *,
     cut: bool = True,
     progress: Callable[[float, str], object] | None = None,
@@ -68,22 +70,12 @@ def make_report(
     study = analysis.study
     tell = progress or (lambda done, what: None)
     tell(0.0, "Simulating the cut before and after")
-    outcome, problem = outcome_of(analysis) if cut else (None, "")
     numbers = (f"Figure {k}." for k in count(1))
-    tell(0.4, "Drawing the transfer matrix")
-    sections = [
-        Section("Answer", tuple(_answer(analysis, outcome))),
-        Section("Verdict", (Verdict(analysis.findings),)),
-        Section("Torsion curves of the gears", tuple(torsion_blocks(analysis, numbers))),
-        Section("Model and measurement", tuple(response_blocks(analysis, numbers))),
-    ]
-    tell(0.5, "Simulating the three corner zones")
-    if outcome is not None or problem:
-        cut_section = tuple(cut_blocks(outcome, problem, numbers))
-        sections.append(Section("Path error before and after", cut_section))
-    if cut and has_own_path(analysis):
-        deflections = tuple(own_path_blocks(analysis))
-        sections.append(Section("Uncompensated deflection of the tool", deflections))
+    sections = list(
+        _sections(analysis, numbers, cut, tell)
+        if isinstance(analysis, Analysis)
+        else _sections_of_sensors(analysis, numbers)
+    )
     tell(0.9, "Writing data and settings")
     sections += [
         Section("Data and settings", tuple(_settings(analysis))),
@@ -98,16 +90,54 @@ def make_report(
     )
 
 
-def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
-    study, fit = analysis.study, analysis.fit
+def _sections(
+    analysis: Analysis, numbers: Iterator[str], cut: bool, tell: Callable[[float, str], object]
+) -> Iterator[Section]:
+    """The answer of the motors with its evidence, and that of sensors behind the gears beside it."""
+    outcome, problem = outcome_of(analysis) if cut else (None, "")
+    tell(0.4, "Drawing the transfer matrix")
+    yield Section("Answer", (*_headline(analysis), *_answer(analysis, outcome)))
+    yield Section("Verdict", (Verdict(analysis.findings),))
+    if found := analysis.sensors:
+        blocks = *_state(found), Verdict(found.findings), *sensor_blocks(found, numbers)
+        yield Section("Sensors behind the gears", blocks)
+    yield Section("Torsion curves of the gears", tuple(torsion_blocks(analysis, numbers)))
+    yield Section("Model and measurement", tuple(response_blocks(analysis, numbers)))
+    tell(0.5, "Simulating the three corner zones")
+    if outcome is not None or problem:
+        yield Section("Path error before and after", tuple(cut_blocks(outcome, problem, numbers)))
+    if cut and has_own_path(analysis):
+        yield Section("Uncompensated deflection of the tool", tuple(own_path_blocks(analysis)))
+
+
+def _sections_of_sensors(analysis: Answer, numbers: Iterator[str]) -> Iterator[Section]:
+    """The answer of sensors behind the gears where the motors alone give none."""
+    assert isinstance(analysis, ArmSideAnalysis)
+    table, *evidence = sensor_blocks(analysis, numbers)
+    yield Section("Answer", (*_headline(analysis), table))
+    yield Section("Verdict", (Verdict(analysis.findings),))
+    yield Section("Measured and fitted deflection", tuple(evidence))
+
+
+def _state(analysis: Answer) -> Iterator[Block]:
     if analysis.state != NOT_USABLE:  # else the headline says so
         yield Paragraph(analysis.caution or "Usable.")
     yield Paragraph(analysis.headline, "lead")
+
+
+def _headline(analysis: Answer) -> Iterator[Block]:
+    """State and answer, and what the study says about itself."""
+    study = analysis.study
+    yield from _state(analysis)
     for text in (study.description, *study.remarks):
         if text:
             yield Paragraph(text, "quiet")
     if study.changes:
         yield Paragraph(f"Changed from the data as logged: {' '.join(study.changes)}")
+
+
+def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
+    study, fit = analysis.study, analysis.fit
     caption = f"{capitalised(analysis.unit.side)}. {ERROR_BARS}"
     columns = {
         "": [f"{q.name}, {q.meaning}" for q in analysis.quantities],
@@ -177,19 +207,26 @@ def _entered(study: Study) -> Table:
     return Table((), facts, caption, kind="facts")
 
 
-def _settings(analysis: Analysis) -> Iterator[Block]:
+def _settings(analysis: Answer) -> Iterator[Block]:
     """Software, study, estimator and model; results of other estimators."""
     study, fit = analysis.study, analysis.fit
     yield _entered(study)
+    facts = [
+        ("Software", f"jointid {__version__}"),
+        ("Paper", "Identification of Joint Elasticity of Industrial Robots"),
+        ("Study digest", f"{study_digest(study)}, a checksum of data and settings"),
+    ]
+    if not isinstance(analysis, Analysis):
+        facts[1:2] = [("Estimator", fit.method), ("Fitted model", model_name(fit))]
+        yield Table((), tuple(facts), kind="facts")
+        return
+    fit = analysis.fit
     holds = {record.torque_hold for record in study.records}
     delays = sorted({record.torque_delay_s for record in study.records})
     hold = "held until the next sample" if True in holds else "instantaneous"
     hold = hold if len(holds) == 1 else "differs by record"
     harmonics = [("Harmonics fitted", str(analysis.phasors.harmonics.shape[1]))]
-    facts = [
-        ("Software", f"jointid {__version__}"),
-        ("Paper", "Identification of Joint Elasticity of Industrial Robots"),
-        ("Study digest", f"{study_digest(study)}, a checksum of data and settings"),
+    facts += [
         ("Estimator", f"{fit.method}: {METHODS[fit.method]}"),
         ("Fitted model", _model(analysis)),
         ("Residual / noise", f"{significant(float(np.sqrt(fit.misfit)), 3)}; 1 is ideal"),
@@ -200,7 +237,10 @@ def _settings(analysis: Analysis) -> Iterator[Block]:
     if len(fit.candidates) > 1:
         yield Table.of(compared_models(fit), COMPARED_MODELS)
     names = elasticity_labels(fit.n)
-    header, *rows = [(name, *cells) for name, cells in analysis.estimates.items()]
+    fits = (fit, *analysis.fits.values())
+    header, *rows = [
+        (name, *cells) for name, cells in estimates_table(fits, analysis.nominal, analysis.unit).items()
+    ]
     caption = (
         f"Estimators, {analysis.unit.side}. The linear ones keep the given inertias and ignore friction "
         "and delay: the paper's least squares (13)–(14), its explicit solution (15), and weighted least "
@@ -243,18 +283,22 @@ def _records(study: Study) -> Table:
     return Table(table[0], rows, f"And {more} more rows, see the study." if more > 0 else "")
 
 
-def _digits(analysis: Analysis) -> Iterator[Block]:
+def _digits(analysis: Answer) -> Iterator[Block]:
     """All digits of every number, and the command to reproduce them."""
-    fit = analysis.fit
-    found = (*elasticity_quantities(fit), *further_quantities(fit))
+    found, side = analysis.shown_in(next(iter(STIFFNESS_UNITS))).quantities, "joint"
+    command = "arm-side STUDY"
+    if isinstance(analysis, Analysis):
+        fit = analysis.fit
+        found, side = (*found, *further_quantities(fit)), "motor"
+        command = "identify STUDY" + (f" --method {fit.method}" if fit.method != "auto" else "")
     rows = [
-        (q.name, repr(q.value), repr(q.error) if isfinite(q.error) else UNDETERMINED, q.unit)
+        (q.name, repr(q.value), repr(q.error), q.unit)
+        if isfinite(q.error)
+        else (q.name, repr(q.value) if isfinite(q.value) else "–", UNDETERMINED, q.unit)
         for q in found
     ]
     yield Paragraph(
-        "To reproduce these numbers (motor side, SI units), use this study, version and estimator; "
-        "another processor may round the last digits differently. Command: jointid identify STUDY"
-        + (f" --method {fit.method}" if fit.method != "auto" else "")
-        + " --json"
+        f"To reproduce these numbers ({side} side, SI units), use this study, version and estimator; "
+        f"another processor may round the last digits differently. Command: jointid {command} --json"
     )
     yield Table(("", "value", "standard error", "unit"), tuple(rows), align="lrrl")

@@ -203,3 +203,18 @@ def _suffix(prior: InertiaPrior, block: str, index: int, poses: Sequence[str]) -
     used = np.flatnonzero(of_record == index).tolist()
     names = dict.fromkeys(poses[r] for r in used) if poses else {f"{index + 1}": None}
     return f"{rest}, pose " + enumerated([name or "of [inertia]" for name in names])
+
+
+def estimates_table(
+    fits: Iterable[ElasticityFit], nominal: Floats | None, unit: StiffnessUnit
+) -> dict[str, list[str]]:
+    """Return K, D ± standard error in ``unit`` and residual of each estimator, and nominal, (2n,)."""
+    by_method = {fit.method: fit for fit in fits}
+    last = [] if nominal is None else ["nominal"]
+    columns = {"Estimator": [*by_method, *last]}
+    found = [elasticity_quantities(fit, unit) for fit in by_method.values()]
+    for k, same in enumerate(zip(*found, strict=True)):
+        given = [] if nominal is None else [plain(float(f"{nominal[k]:.5g}"))]
+        columns[same[0].heading] = [*(each.shown[0] for each in same), *given]
+    residuals = [significant(float(np.sqrt(fit.misfit)), 2) for fit in by_method.values()]
+    return columns | {"Residual / noise": residuals + ["–" for _ in last]}

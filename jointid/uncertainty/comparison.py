@@ -2,15 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 
-from jointid.answer import AT_MOTOR, StiffnessUnit, elasticity_quantities
+from jointid.answer import StiffnessUnit
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.quantities import Quantity
 from jointid.wording import counted, enumerated, signed_percent, significant, with_error
 
+_AT_MOTOR, _AT_JOINT = "N·m/rad at the motor", "N·m/rad at the joint"
 CLEAR_SIGMAS = 3.0
 """Standard errors beyond which a difference is significant."""
 INDEPENDENT_ERRORS = (
@@ -54,28 +55,23 @@ class Difference:
 
 
 def compare(
-    first: ElasticityFit,
-    second: ElasticityFit,
-    *,
-    same_records: bool = False,
-    units: tuple[StiffnessUnit, StiffnessUnit] = (AT_MOTOR, AT_MOTOR),
+    first: Sequence[Quantity], second: Sequence[Quantity], *, same_records: bool = False
 ) -> tuple[Difference, ...]:
-    """Compare K and D of two identifications.
+    """Compare K and D of two identifications in the same unit, those that both have.
 
     The standard error of a difference takes both errors as independent. A common cause, such as the
     torque constant of the same robot, moves both alike and makes the stated number of standard errors
     too small. With ``same_records`` the noise is common, and no number of standard errors is stated.
-    ``units`` are those of either study, of one side and angle, each with its own gear ratios. Returns
-    K1 ... Kn, D1 ... Dn. Raises JointIdError when the numbers of joints differ.
+    Returns K1 ... Kn, D1 ... Dn. Raises JointIdError when the numbers of joints differ.
     """
-    if first.n != second.n:
+    joints = [sum(q.parameter == "K" for q in found) for found in (first, second)]
+    if joints[0] != joints[1]:
         raise JointIdError(
-            f"The first study has {counted(first.n, 'joint')}, the second {counted(second.n, 'joint')}: "
-            "choose studies of the same joints."
+            f"The first study has {counted(joints[0], 'joint')}, the second "
+            f"{counted(joints[1], 'joint')}: choose studies of the same joints."
         )
-    shown = map(elasticity_quantities, (first, second), units)
-    found = []
-    for one, other in zip(*shown, strict=True):
+    found, others = [], {other.name: other for other in second}
+    for one, other in ((one, others[one.name]) for one in first if one.name in others):
         error = float(np.hypot(one.error, other.error))
         change = other.value - one.value
         sigmas = np.nan if same_records or error == 0 else change / error
@@ -84,10 +80,31 @@ def compare(
     return tuple(found)
 
 
-def common_units(first: StiffnessUnit, second: StiffnessUnit) -> tuple[StiffnessUnit, StiffnessUnit]:
-    """Return both units if they have the same side and angle, else N·m/rad at the motor for both."""
-    same = (first.side, first.angle) == (second.side, second.angle)
-    return (first, second) if same else (AT_MOTOR, AT_MOTOR)
+class Shown(Protocol):
+    """An answer, of motors or of sensors behind the gears."""
+
+    @property
+    def unit(self) -> StiffnessUnit:
+        """Unit and side of K and D."""
+
+    def shown_in(self, name: str) -> Self:
+        """Return the answer in a unit of ``STIFFNESS_UNITS``."""
+
+
+Answers = TypeVar("Answers", bound=Shown)
+
+
+def in_common_unit(first: Answers, second: Answers) -> tuple[Answers, Answers]:
+    """Return both answers in one unit: that of both, else N·m/rad at the motor, else at the joint.
+
+    Raises JointIdError when one is at the joint only and the other has no gear ratios.
+    """
+    if (first.unit.side, first.unit.angle) == (second.unit.side, second.unit.angle):
+        return first, second
+    shown = first.shown_in(_AT_MOTOR), second.shown_in(_AT_MOTOR)
+    if shown[0].unit.side == shown[1].unit.side:
+        return shown
+    return first.shown_in(_AT_JOINT), second.shown_in(_AT_JOINT)
 
 
 def comparison_sentence(
@@ -97,7 +114,7 @@ def comparison_sentence(
 
     ``exact_torque_scales``: a study does not state the uncertainty of its torque constants.
     """
-    clear = [row for row in rows[: len(rows) // 2] if row.is_clear]
+    clear = [row for row in rows if row.first.parameter == "K" and row.is_clear]
     if not clear:
         return f"No stiffness of {second} differs significantly from {first}"
     changes = enumerated([f"joint {row.first.name[1:]} is {_change(row)}" for row in clear])

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointid.answer import fitted_parts
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
@@ -24,6 +25,7 @@ from jointid.verdict.rules_causes import (
 from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import axes_exchanged, inertias_look_wrong
 from jointid.verdict.rules_model import (
+    MODEL_LIMITS,
     hardly_known,
     hardly_tested,
     link_in_series,
@@ -52,6 +54,8 @@ from jointid.wording import enumerated, percent
 __all__ = ["Evidence", "Finding", "findings"]
 
 
+_HARDLY_SMALLER = 0.9
+"""Share of the worst error that may remain after useful planned records."""
 _WIDE = 0.03
 """Relative standard error of K or D from which its main cause is stated."""
 _FAR = 4.0
@@ -191,3 +195,16 @@ def _all_well(fit: ElasticityFit) -> Finding:
         "The model explains the data",
         f"Residual of the model{parts}: {times_noise(fit.misfit)}. One standard error: {errors}.{cause}",
     )
+
+
+def limit_of_records(findings: Sequence[Finding], fit: ElasticityFit, worst: Floats) -> str:
+    """Say that more records of the same kind do not help, and what does; empty otherwise.
+
+    ``worst`` is the predicted worst error before the first and after each planned record.
+    """
+    for finding in findings:
+        if finding.code == "model limits":
+            return f"{MODEL_LIMITS}: more records of the same kind do not help. {finding.remedy}"
+    if worst[-1] <= _HARDLY_SMALLER * worst[0]:
+        return ""
+    return f"These records hardly reduce the worst error. {largest_part(fit)}"

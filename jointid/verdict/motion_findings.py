@@ -11,7 +11,7 @@ from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.transfer_matrix import TransferMatrix
-from jointid.verdict.evidence import Evidence, Finding, problem, some, warning
+from jointid.verdict.evidence import Evidence, Finding, good, problem, some, warning
 from jointid.verdict.findings import may_be_wrong, of_records, ranked
 from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_effects import effects_found
@@ -20,7 +20,7 @@ from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limit
 from jointid.verdict.rules_outlier import AT_LIMIT, CUT_OFF, UNSIGNED, has_one_sign, is_clipped
 from jointid.verdict.rules_records import counted_twice
 from jointid.verdict.wrong_data import wrong_data
-from jointid.wording import counted, percent
+from jointid.wording import counted, joints_text, percent, significant
 
 _RESTS, _LOOSELY = 0.35, 0.01
 """Share of the time at rest and relative standard error of K from which a joint is reported."""
@@ -29,6 +29,7 @@ _SURE = 1e4
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
 """Interval of a move, s; quantile of the moves that counts as fast; largest move at rest, relative to
 it."""
+_ARC_SECONDS = 180 / np.pi * 3600
 
 
 def motion_findings(
@@ -135,6 +136,41 @@ def _responses(
         parts.append(motions)
         of_rows += [inertias[poses.index(pose)]] * rows
     return Phasors.joined(parts), of_rows
+
+
+def arm_side_findings(
+    K: Floats, error: Floats, reasons: Sequence[str], sensed: np.ndarray, left_out_rad: Floats
+) -> tuple[Finding, ...]:
+    """Findings on K from sensors behind the gears: joints refused by reason, most important first.
+
+    All shape (n,): K and its error, NaN where refused; the reasons; whether the joint has a sensor; the
+    error of the deflection predicted for a record left out, NaN where not known.
+    """
+    known, found = np.isfinite(K), []
+    for reason in dict.fromkeys(filter(None, reasons)):
+        joints = np.flatnonzero([text == reason for text in reasons])
+        title = f"K of {joints_text(joints + 1)} is not determined"
+        if sensed.any() and not sensed[joints].any():
+            found.append(Finding("note", title, reason, "", 0.0))
+        elif known.any():
+            found.append(warning(title, reason, "", float(joints.size)))
+        else:
+            found.append(problem(title, reason, "", float(joints.size)))
+    if known.any():
+        worst = int(np.nanargmax(np.where(known, error / K, np.nan)))
+        detail = (
+            f"Its largest relative error is {percent(error[worst] / K[worst])}, of joint {worst + 1}."
+        )
+        if np.isfinite(left_out_rad).any():
+            ends = [end(left_out_rad) * _ARC_SECONDS for end in (np.nanmin, np.nanmax)]
+            most = " to ".join(dict.fromkeys(significant(float(end), 2) for end in ends))
+            detail += (
+                " Records left out of the fit are predicted with an error of the deflection of "
+                f"{most} seconds of arc (rms)."
+            )
+        which = joints_text(np.flatnonzero(known) + 1)
+        found.append(good(f"The sensors behind the gears determine K of {which}", detail))
+    return tuple(sorted(found, key=lambda finding: -finding.weight))
 
 
 def _rests(motions: Sequence[MotionRecord]) -> Floats:

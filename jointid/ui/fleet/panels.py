@@ -217,6 +217,6 @@ def label(row: Row) -> str:
 
 
 def _value(row: Row, quantity: str, j: int) -> str:
-    if row.joints <= j:
+    if len(getattr(row, quantity)) <= j:
         return ""
     return with_error(getattr(row, quantity)[j], getattr(row, f"{quantity}_error")[j])

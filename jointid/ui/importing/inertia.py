@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 import streamlit as st
@@ -22,7 +23,7 @@ from jointid.ui.shared.entries import (
     numbers_in,
     numbers_out,
 )
-from jointid.ui.shared.messages import markdown_escape, show_note
+from jointid.ui.shared.messages import markdown_escape, show_error, show_note
 from jointid.wording import counted
 
 _MOTOR, _JOINT = "motor side", "joint side"
@@ -83,6 +84,19 @@ def missing_inertia() -> tuple[str, str]:
         "Inertias are missing: enter those of all joints in step 5. K and D cannot be identified "
         "without them."
     )
+
+
+def offer_gears_of_model(joints: int) -> None:
+    """Offer to take the gear ratios from a robot model, which step 5 then uses for the inertias."""
+    with st.popover("Gear ratios from a robot model"):
+        _ask_model("Robot model with gear ratios", "import_model_of_gears")
+    try:
+        model = _given_model()
+    except JointIdError as error:
+        show_error(error)
+        return
+    if model is not None and model.n != joints:
+        show_error(f"The robot model has {counted(model.n, 'joint')}, step 2 has {joints}.")
 
 
 def ask_nominal(joints: int) -> Elasticity | None:
@@ -198,23 +212,14 @@ def _taken(key: str) -> tuple[str, str] | None:
 
 def _by_model(ratios: Sequence[float]) -> KnownRobot | None:
     left, right = st.columns(2)
-    left.file_uploader(
-        "Robot model (Denavit–Hartenberg .toml, .urdf or MJCF .xml)",
-        RobotModel.ENDINGS,
-        max_upload_size=1,
-        key=f"import_model_file {st.session_state.get(_UPLOADS, 0)}",
-        on_change=_take_model,
-    )
+    with left:
+        _ask_model("Robot model", "import_model_file")
     example = ", ".join(["0", "-90", "90", "0", "45", "0"][: len(ratios)])
     label = "Joint angles of the logs' pose (°)"
     angles = enter_text(right, "import model pose", label, "", "As the model counts them.", example)
-    name, text = (st.session_state.get(f"import model {what}", "") for what in ("name", "text"))
-    if not text:
+    if _given_model() is None or not angles.strip():  # its problem, before the angles are entered
         return None
-    RobotModel.parse(name, text.encode())  # its problem, before the angles are entered
-    left.caption(markdown_escape(name))
-    if not angles.strip():
-        return None
+    name, text = _model_file()
     at = list(numbers_in(label, angles))
     return robot_from_toml(
         f"[robot_model]\nfile = {json.dumps(name)}\n[inertia]\nangles_deg = {at}",
@@ -222,9 +227,45 @@ def _by_model(ratios: Sequence[float]) -> KnownRobot | None:
     )
 
 
-def _take_model() -> None:
-    if (file := _taken("import_model_file")) is not None:
-        st.session_state["import model name"], st.session_state["import model text"] = file
+def _ask_model(label: str, key: str) -> None:
+    """Ask for the robot model of both steps, and name the one given."""
+    st.file_uploader(
+        f"{label} (Denavit–Hartenberg .toml, .urdf or MJCF .xml)",
+        RobotModel.ENDINGS,
+        max_upload_size=1,
+        key=f"{key} {st.session_state.get(_UPLOADS, 0)}",
+        on_change=_take_model,
+        args=(key,),
+    )
+    if name := _model_file()[0]:
+        st.caption(markdown_escape(name))
+
+
+def _model_file() -> tuple[str, str]:
+    """Name and text of the robot model given; empty without one."""
+    name, text = (st.session_state.get(f"import model {what}", "") for what in ("name", "text"))
+    return name, text
+
+
+def _given_model() -> RobotModel | None:
+    name, text = _model_file()
+    return RobotModel.parse(name, text.encode()) if text else None
+
+
+def _take_model(key: str) -> None:
+    """Keep the model for both steps; enter its gear ratios in step 3 where there are none yet."""
+    if (file := _taken(key)) is None:
+        return
+    st.session_state["import model name"], st.session_state["import model text"] = file
+    st.session_state["import inertia source"] = "Robot model"
+    with suppress(JointIdError):  # shown where the model was given
+        if (model := _given_model()) is not None:
+            known = np.isfinite(model.gear_ratio) & ~model.is_coupled
+            pairs = zip(model.gear_ratio.tolist(), known, strict=True)
+            ratios = ", ".join(f"{ratio:.10g}" if sure else "?" for ratio, sure in pairs)
+            for entry in [str(name) for name in st.session_state]:
+                if entry.startswith(f"import gear ratio  {model.n} ") and not st.session_state[entry]:
+                    st.session_state[entry] = ratios
 
 
 def _by_links(ratios: Sequence[float]) -> KnownRobot | None:

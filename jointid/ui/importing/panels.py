@@ -22,6 +22,7 @@ from jointid.importing.map.reasons import assumptions
 from jointid.importing.study import run_counts
 from jointid.ui.importing.entries import Asked
 from jointid.ui.importing.files import Log, choose_log, drop_logs, offer_new_import, once, show_raw
+from jointid.ui.importing.inertia import offer_gears_of_model
 from jointid.ui.importing.mapping import (
     entries_of,
     keep_mapping,
@@ -128,6 +129,7 @@ def _map_drives(steps: Steps, log: Log, columns: Mapping) -> Asked | None:
     entries, again = entries_of(log.key, log.table)
     if again:
         offer_fresh_guess(log.key, log.table)
+    offer_gears_of_model(columns.n)
     try:
         asked = entries.ask_drives(columns)
     except JointIdError as error:

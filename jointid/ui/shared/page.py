@@ -11,7 +11,15 @@ import pandas  # noqa: F401 - before any figure: plotly uses it half imported in
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
-from jointid.analysis import BEHIND_THE_GEARS, reanalysed
+from jointid.analysis import (
+    BEHIND_THE_GEARS,
+    MOTORS_ALONE,
+    Answer,
+    ArmSideAnalysis,
+    analyse_arm_side,
+    answer_of,
+    reanalysed,
+)
 from jointid.background.pool import StoppedError
 from jointid.figures.style import colours
 from jointid.ui.shared.charts import FEW_JOINTS, choose_joint, introduce, is_dark, plot, side_by_side
@@ -25,6 +33,7 @@ from jointid.ui.shared.workspace import Refused, label, link_to, open_sample, op
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
+Shown = TypeVar("Shown", bound=Answer)
 _ABOUT_MOTIONS = (
     "What can be done with motions:\n"
     "- State the band in which the motor moves: `band_hz` of the record in study.toml.\n"
@@ -59,28 +68,42 @@ class Page:
         """The study's name as the list shows it."""
         return label(self.key)
 
-    def analysis(
+    def answer(
         self,
         *,
         otherwise: Callable[[], object] | None = None,
-        sensors: Callable[[], object] | None = None,
-    ) -> Analysis:
-        """Return the result of the whole method; without one, show the reason and end the page.
+        ask: Callable[[], object] | None = None,
+    ) -> Analysis | ArmSideAnalysis:
+        """Return all that the study gives, see ``answer_of``; without an answer as ``analysis``.
 
-        ``otherwise`` shows what the page has without a result, ``sensors`` K from sensors behind the
-        gears; by default the page refers to them.
+        ``ask`` asks for what sensors behind the gears lack.
+        """
+        return self._shown(self.answered, otherwise, ask)
+
+    def analysis(self) -> Analysis:
+        """Return the result of the whole method; without one, show the reason and end the page."""
+        return self._shown(self.analysed)
+
+    def _shown(
+        self,
+        compute: Callable[[], Shown],
+        otherwise: Callable[[], object] | None = None,
+        ask: Callable[[], object] | None = None,
+    ) -> Shown:
+        """A result in the unit of choice; without one, show the reason and end the page.
+
+        ``otherwise`` shows what the page has without a result.
         """
         try:
-            found = self.analysed()
+            found = compute()
         except JointIdError as error:
-            if any(record.arm_rad is not None for record in self.study.motion_records):
-                if sensors is None:
+            if self.study.has_sensors:
+                if ask is None:
                     st.write("The sensors behind the gears give K of the joints:")
                     link_to(ELASTICITY)
                 else:
-                    sensors()
-                reason = str(error).removesuffix(BEHIND_THE_GEARS)
-                show_info(f"The motors alone give no K and D. {reason}")
+                    ask()
+                show_info(f"{MOTORS_ALONE}. {str(error).removesuffix(BEHIND_THE_GEARS)}")
             else:
                 show_error(error)
             _point_to_records()
@@ -94,7 +117,16 @@ class Page:
                 otherwise()
             st.stop()
         at_motor = self.study.gear_ratios is None and self.unit.endswith("joint")
-        return found if at_motor else found.shown_in(self.unit)
+        return found if at_motor and isinstance(found, Analysis) else found.shown_in(self.unit)
+
+    def answered(self) -> Analysis | ArmSideAnalysis:
+        """Return all that the study gives, not in the unit of choice. Raises JointIdError without."""
+        return answer_of(self.study, lambda _: self.analysed(), lambda _: self.sensors())
+
+    def sensors(self) -> ArmSideAnalysis:
+        """Return K from sensors behind the gears. Raises JointIdError as ``analyse_arm_side``."""
+        doing = "Evaluating the sensors behind the gears"
+        return self.computed("arm side", doing, analyse_arm_side, self.study)
 
     def analysed(self) -> Analysis:
         """Return the result of the whole method, motor side. Raises JointIdError as ``analyse``."""

@@ -8,7 +8,7 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Study
-from jointid.analysis import NOT_USABLE, WITH_CARE
+from jointid.analysis import NOT_USABLE, WITH_CARE, Answer
 from jointid.figures import compared_responses
 from jointid.ui.shared.entries import choose_from
 from jointid.ui.shared.messages import markdown_escape, show_error, show_info, show_note, show_text_table
@@ -19,9 +19,9 @@ from jointid.ui.shared.workspace import label, link_to, names_by_address, open_s
 from jointid.uncertainty.comparison import (
     INDEPENDENT_ERRORS,
     Difference,
-    common_units,
     compare,
     comparison_sentence,
+    in_common_unit,
 )
 from jointid.wording import enumerated, significant, unbroken
 
@@ -81,25 +81,26 @@ def _same_robot(one: Study, other: Study) -> bool:
     return np.allclose(one.inertia.M, other.inertia.M, rtol=0.02, atol=0.0)
 
 
-def analysis_of(other: Page) -> Analysis:
+def answer_of_second(other: Page) -> Answer:
     """Return the result of the second study; without one, show whose it is and why, and end the page."""
     try:
-        other.analysed()
+        other.answered()
     except JointIdError as error:
         show_error(f"Second study, {other.label}: {error}")
         st.stop()
-    return other.analysis()
+    return other.answer()
 
 
-def show_differences(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
+def show_differences(page: Page, first: Answer, other: Page, second: Answer) -> None:
     """The answer in a sentence, and K and D of both with their differences."""
     same = page.digest == other.digest
     if same and page.method == other.method:
         show_info("Both sides show the same study and estimator: choose another study or estimator.")
         st.stop()
-    units = common_units(first.unit, second.unit)
+    units = first.unit, second.unit
     try:
-        rows = compare(first.fit, second.fit, same_records=same, units=units)
+        first, second = in_common_unit(first, second)
+        rows = compare(first.quantities, second.quantities, same_records=same)
     except JointIdError as error:
         show_error(error)
         st.stop()
@@ -109,7 +110,9 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         names = [p.method if same else _quoted(p) for p, _ in pairs]
         states = zip(names, (each.state for _, each in pairs), strict=True)
         doubts = [f"{name} is usable with care only" for name, state in states if state == WITH_CARE]
-        said = [_sentence(rows, page, other), *([enumerated(doubts)] if doubts else [])]
+        unstated = not (first.torque_stated and second.torque_stated)
+        sentence = _sentence(rows, page, other, exact_torque_scales=unstated)
+        said = [sentence, *([enumerated(doubts)] if doubts else [])]
         st.header(unbroken(", but ".join(said)), anchor=False)
     for whose, each in unusable:
         show_error(f'"{whose.label}": {each.headline[0].lower()}{each.headline[1:]}')
@@ -132,16 +135,18 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     columns[names[0]] = [row.first.shown[0] for row in rows]
     columns[names[1]] = [row.second.shown[0] for row in rows]
     show_text_table(columns)
-    other_unit = "" if units == (first.unit, second.unit) else ": one of the studies has no gear ratios"
-    caption = f"K and D {units[0].side}{other_unit}."
+    other_unit = "" if units == (first.unit, second.unit) else ", the side that both studies have"
+    caption = f"K and D {first.unit.side}{other_unit}."
     if not unusable:
         caption += " Difference: second study minus first. "
         caption += _SHARED if same else INDEPENDENT_ERRORS
     st.caption(caption)
 
 
-def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
-    """Both identified models over both measurements, per joint."""
+def show_models(page: Page, first: Answer, other: Page, second: Answer) -> None:
+    """Both identified models over both measurements, per joint; those of motors only."""
+    if not (isinstance(first, Analysis) and isinstance(second, Analysis)):
+        return
     if not (first.transfer_matrices and second.transfer_matrices):
         show_info(first.transfer_problem or second.transfer_problem)
         return
@@ -158,13 +163,15 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
     )
 
 
-def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
+def _sentence(
+    rows: tuple[Difference, ...], page: Page, other: Page, *, exact_torque_scales: bool
+) -> str:
     if page.digest == other.digest:
-        largest = max(abs(row.relative) for row in rows[: len(rows) // 2])
+        largest = max(abs(row.relative) for row in rows if row.first.parameter == "K")
         between = f"between {page.method} and {other.method}"
         return f"The stiffnesses differ by up to {significant(100 * largest, 2)} % {between}"
-    unstated = any(each.study.torque_std is None for each in (page, other))
-    return comparison_sentence(rows, _quoted(page), _quoted(other), exact_torque_scales=unstated)
+    names = _quoted(page), _quoted(other)
+    return comparison_sentence(rows, *names, exact_torque_scales=exact_torque_scales)
 
 
 def _quoted(page: Page) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Study, exporting
+from jointid.analysis import Answer
 from jointid.answer import without
 from jointid.exporting.tables import without_friction_and_delay
 from jointid.files.study_files import pack_study
@@ -19,7 +20,7 @@ from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Show, computed_on_click, run_in_background
 
 
-def show_report(page: Page, analysis: Analysis, stem: str) -> None:
+def show_report(page: Page, analysis: Answer, stem: str) -> None:
     """Offer to make the report; once made, offer it as files and for a look."""
     made = computed_on_click(
         ("report", page.digest, page.method, page.unit),
@@ -42,7 +43,7 @@ def show_report(page: Page, analysis: Analysis, stem: str) -> None:
         st.iframe(f'<body style="margin:0">{frame}</body>', height=700)
 
 
-def _write(analysis: Analysis, progress: Show) -> tuple[str, bytes]:
+def _write(analysis: Answer, progress: Show) -> tuple[str, bytes]:
     report = run_in_background(
         make_report, analysis, progress=lambda done, what: progress(0.6 * done, what)
     )
@@ -69,18 +70,29 @@ _MATLAB_HINT = (
 )
 
 
-def show_identification_files(analysis: Analysis, stem: str) -> None:
-    """Offer K, D and their origin as JSON, TOML and MATLAB."""
-    st.header("K, D and how they were obtained", anchor=False)
+def show_identification_files(analysis: Answer, stem: str) -> None:
+    """Offer K, D and their origin as CSV, JSON, TOML and MATLAB; of one answer where there are two."""
+    answers = {"Motors": analysis}
+    if analysis.sensors:
+        answers |= {"Sensors behind the gears": analysis.sensors}
+        analysis = answers[choose_segment("K from", list(answers), "answer_of")]
+    is_motor = isinstance(analysis, Analysis)
+    what = "K, D and how they were" if is_motor else "K and how it was"
+    st.header(f"{what} obtained", anchor=False)
     st.write(
         "With the state of the answer, covariance, friction, delay, and the inertias as given and as "
         "fitted. SI units, seen from the motors."
+        if is_motor
+        else "With the state of the answer, skew and reasons of refusals. SI units, at the joint."
     )
     with st.container(horizontal=True):
+        download("CSV", partial(exporting.answer_table, analysis), f"{stem}_K.csv")
         download("JSON", partial(exporting.to_json, analysis), f"{stem}.json")
         download("TOML", partial(exporting.to_toml, analysis), f"{stem}.toml")
-        download("MATLAB (.mat)", partial(exporting.to_mat, analysis), f"{stem}.mat", hint=_MATLAB_HINT)
-    language = choose_segment("K and D as", list(exporting.LANGUAGES), "copy_as")
+        if isinstance(analysis, Analysis):
+            mat = partial(exporting.to_mat, analysis)
+            download("MATLAB (.mat)", mat, f"{stem}.mat", hint=_MATLAB_HINT)
+    language = choose_segment("K and D as" if is_motor else "K as", list(exporting.LANGUAGES), "copy_as")
     st.code(exporting.code_listing(analysis, language), language=None, wrap_lines=language == "Text")
     for ending in (ending for ending, of in exporting.ENDINGS.items() if of == language):
         listing = partial(exporting.code_listing, analysis, language)

@@ -1,29 +1,27 @@
-"""Figures of the page Elasticity, the checks of its model, and K from sensors behind the gears."""
+"""Figures of the page Elasticity, and the checks of its model."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from hashlib import sha256
 from typing import Any, get_args
 
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, JointIdError, RobotModel
-from jointid.analysis import NOT_USABLE, analyse_arm_side
-from jointid.answer import STIFFNESS_UNITS, StiffnessUnit, gear_terms, without_curve
+from jointid import Analysis, JointIdError
+from jointid.analysis import NOT_USABLE
+from jointid.answer import gear_terms, without_curve
 from jointid.exporting import torsion_table
 from jointid.figures import (
     dynamic_stiffness,
     element_response,
-    gear_deflection,
     stiffness_over_amplitude,
     torsion_curve,
 )
 from jointid.figures.response_curves import removed_effects
 from jointid.figures.stiffness import ColourBy, drawn_records
 from jointid.figures.uncertainty import left_out_prediction, normalised_residuals
-from jointid.ui.shared.charts import NO_POSE, choose_joint, choose_segment, download, plot, table
-from jointid.ui.shared.messages import show_error, show_info, show_note, show_text_table
+from jointid.ui.shared.charts import NO_POSE, choose_joint, choose_segment, download, table
+from jointid.ui.shared.messages import show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.data_quality import HARMONICS
 from jointid.ui.study.overview import freed_note
@@ -37,7 +35,7 @@ from jointid.uncertainty.validation import (
     second_amplitude,
 )
 from jointid.verdict.rules_model import EXPLAINED
-from jointid.wording import enumerated, file_stem, significant, with_error
+from jointid.wording import file_stem, significant, with_error
 
 _SIGNIFICANT = 4.0
 """Root mean square of a record's harmonics, in units of their noise, that is not by chance."""
@@ -155,61 +153,6 @@ def _show_gear_terms(analysis: Analysis, joints: Sequence[int]) -> None:
             f"Joint {j + 1}": [terms.get(name, "–") for name in names]
             for j, terms in zip(joints, each, strict=True)
         }
-    )
-
-
-def show_arm_side(page: Page) -> None:
-    """K of every joint with a sensor behind its gear; nothing for studies without one."""
-    study = page.study
-    measured = [k for k, record in enumerate(study.motion_records) if record.arm_rad is not None]
-    if not measured:
-        return
-    st.header("Sensors behind the gears", anchor=False)
-    st.write(
-        "The difference between the two encoders of a joint is the deflection of its gear. With the "
-        "torque of the robot model it gives K at the joint, from any motion."
-    )
-    robot, model, file = study.robot_model, "", None
-    if robot is None:
-        kinds = "URDF, MJCF (.xml) or Denavit–Hartenberg TOML, with gear ratios."
-        file = st.file_uploader("Robot model", RobotModel.ENDINGS, help=kinds)
-        if file is None:
-            return
-    try:
-        if file is not None:
-            model = sha256(file.getvalue()).hexdigest()
-            robot = RobotModel.parse(file.name, file.getvalue())
-        doing = "Evaluating the sensors behind the gears"
-        fit = page.computed(("arm side", model), doing, analyse_arm_side, study, robot)
-    except JointIdError as error:
-        show_error(error)
-        return
-    found = [f"joint {j + 1}" for j, K in enumerate(fit.K) if np.isfinite(K)]
-    others = "" if len(found) == fit.K.size else "; the notes state why that of the others is not"
-    st.markdown(f"**K of {enumerated(found or ['no joint'])} is determined{others}.**")
-    angle = StiffnessUnit(STIFFNESS_UNITS[page.unit][1])
-    show_text_table(fit.table_in(f"N·m/{angle.angle}", float(angle.shown(np.ones(2))[0])))
-    st.caption(
-        "± one standard error: noise, choice of model, payload, and 3\N{NO-BREAK SPACE}% of the robot "
-        "model's torque. Skew: age of the sample behind the gear relative to that of the motor."
-    )
-    joints = [j for j in range(fit.robot.n) if fit.joints[j] is not None]
-    if not joints:
-        return
-    j = choose_joint(joints, "arm_side_joint")
-    k = measured[0]
-    if len(measured) > 1:
-        names = {k: study.motion_records[k].label or f"Motion {k + 1}" for k in measured}
-        k = choose_segment("Record", measured, "arm_side_record", format_func=names.__getitem__)
-    record = study.motion_records[k]
-    assert record.arm_rad is not None
-    predicted = page.computed(("followed", model, k), "Predicting the deflection", fit.predict, record)
-    used = slice(record.start, None)
-    deflection = (record.theta_rad @ fit.robot.coupling.T - record.arm_rad)[used, j]
-    plot(
-        gear_deflection(record.time_s[used], deflection, predicted[used, j], dark=page.dark),
-        f"Deflection of the gear of joint {j + 1} over time, measured and fitted",
-        key="gear_deflection",
     )
 
 

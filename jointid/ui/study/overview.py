@@ -7,7 +7,7 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, Finding, JointIdError, Study
-from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
+from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE, Answer
 from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, change_from
 from jointid.corrections.changes import corrected, label
 from jointid.estimation.quantities import Quantity
@@ -45,10 +45,12 @@ def show_changes(page: Page) -> None:
             st.button("Undo the last change", key="undo_change", on_click=_undo, args=(before,))
 
 
-def offer_changes(page: Page, analysis: Analysis, finding: Finding) -> None:
+def offer_changes(page: Page, analysis: Answer, finding: Finding) -> None:
     """Offer the changes that may remedy a finding, and the answer with the one being looked at."""
     fault = _is_fault(finding)
-    if not finding.changes or (analysis.state == NOT_USABLE and not fault):
+    if not isinstance(analysis, Analysis) or not finding.changes:
+        return
+    if analysis.state == NOT_USABLE and not fault:
         return
     texts = [label(page.study, change) for change in finding.changes]
     kind = "Fix it" if fault else "Optional"
@@ -161,11 +163,17 @@ def show_heading(page: Page) -> None:
             st.caption(markdown_escape(text))
 
 
-def show_headline(analysis: Analysis, page: Page | None = None) -> None:
+def show_headline(analysis: Answer, page: Page | None = None) -> None:
     """The answer as a sentence, or why it is not usable; what limits it.
 
     With a page, the reason comes with its finding and the changes that may remedy it.
     """
+    _show_state(analysis, page)
+    if analysis.sensors and page is not None:  # else the page shows them itself
+        show_note(f"Sensors behind the gears, {analysis.sensors.state}: {analysis.sensors.headline}")
+
+
+def _show_state(analysis: Answer, page: Page | None) -> None:
     if analysis.state == NOT_USABLE:
         lead = f"## {markdown_escape(analysis.headline)}"
         if page is None:
@@ -174,8 +182,7 @@ def show_headline(analysis: Analysis, page: Page | None = None) -> None:
             _finding(page, analysis, analysis.findings[0], lead)
         return
     st.markdown(f":{_STATE_COLOURS[analysis.state]}-badge[{analysis.state.capitalize()}]")
-    unstated = analysis.study.torque_std is None
-    hint = UNSTATED_TORQUE_SCALE if unstated else None
+    hint = None if analysis.torque_stated else UNSTATED_TORQUE_SCALE
     st.header(unbroken(analysis.headline), anchor=False, help=hint)
     if analysis.state == WITH_CARE:
         show_note(f"{analysis.state_reason}.")
@@ -183,7 +190,7 @@ def show_headline(analysis: Analysis, page: Page | None = None) -> None:
         st.caption("The study has no gear ratios: K and D are shown at the motor.")
 
 
-def warn_if_unusable(analysis: Analysis) -> None:
+def warn_if_unusable(analysis: Answer) -> None:
     """Say on another page that the answer is not usable, with the way to its reason."""
     if analysis.state == NOT_USABLE:
         show_error(analysis.headline)
@@ -261,7 +268,7 @@ def _tile(analysis: Analysis, found: Quantity) -> None:
     )
 
 
-def show_findings(page: Page, analysis: Analysis) -> None:
+def show_findings(page: Page, analysis: Answer) -> None:
     """At most three findings, most important first; the others on demand.
 
     That of an unusable answer is in the headline.
@@ -280,7 +287,7 @@ def _is_fault(finding: Finding) -> bool:
     return finding.level in ("problem", "warning")
 
 
-def _finding(page: Page, analysis: Analysis, finding: Finding, lead: str = "") -> None:
+def _finding(page: Page, analysis: Answer, finding: Finding, lead: str = "") -> None:
     box = _BOXES[finding.level]
     advice = f"*{markdown_escape(finding.remedy)}*  \n" if finding.remedy else ""
     lead = f"{lead}\n\n" if lead else f"**{markdown_escape(finding.title)}.** "

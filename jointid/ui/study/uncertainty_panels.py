@@ -22,6 +22,7 @@ from jointid.uncertainty.answer_tables import (
     COMPARED_MODELS,
     compared_models,
     error_table,
+    estimates_table,
     parts_meaning,
     prior_table,
 )
@@ -32,7 +33,9 @@ from jointid.wording import UNDETERMINED, capitalised, minus, signed_percent, si
 
 def show_estimates(analysis: Analysis) -> None:
     """One column per estimator, the chosen one first, and the nominal values."""
-    names, *values = ((name, *cells) for name, cells in analysis.estimates.items())
+    fits = (analysis.fit, *analysis.fits.values())
+    estimates = estimates_table(fits, analysis.nominal, analysis.unit)
+    names, *values = ((name, *cells) for name, cells in estimates.items())
     columns: dict[str, list[str]] = {"": [name for name, *_ in values]}
     columns |= {name: [row[k] for row in values] for k, name in enumerate(names) if k}
     show_text_table(columns)
