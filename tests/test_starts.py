@@ -385,3 +385,4 @@ def test_a_search_that_gives_up_fits_the_first_models_from_the_first_start_that_
     choice = _given_up(search)
     assert tried == ["a", "b"]
     assert (choice.model, choice.estimate) == (model, "estimate")
+    np.testing.assert_array_equal(choice.spread, np.zeros((2, 2)))
