@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +13,10 @@ from jointid import JointIdError
 from jointid.estimation import model_selection, motion_noise
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.score_tests import _RIDGE, _further_step
+from jointid.estimation.model_average import _squares_by_orders
+from jointid.estimation.model_growth import _clear_parts
 from jointid.estimation.motion_noise import _fit_from
+from jointid.motion.per_turn import PerTurn
 
 RIGID, SLIDING = Model(None, delay=False), Model(0.0, delay=False)
 STEPS = (
@@ -192,3 +196,65 @@ def test_a_parameter_like_the_others_takes_a_finite_step() -> None:
     normal = np.ones((2, 2))
     *_, left = _further_step(np.ones(2), normal, normal[:1, :1], np.array([0]), np.array([1]))
     np.testing.assert_allclose(left, [[_RIDGE]])
+
+
+def estimate_of(cost: float, shift: float, misfit: float = 1.0) -> Any:
+    return SimpleNamespace(cost=cost, misfit=misfit, elasticity=np.array([1.0 + shift, 2.0]))
+
+
+def test_other_orders_that_fit_as_well_are_part_of_the_error() -> None:
+    """The largest change of K and D by models that differ by nothing but the orders."""
+
+    def model(order: int, **more: Any) -> Model:
+        of = PerTurn("ripple", (order,), (0.0,))
+        return Model(0.0, delay=False, effects=("ripple",), per_turn=(of,), **more)
+
+    best, found = model(6), estimate_of(10.0, 0.0)
+    near, worse = estimate_of(10.0, 0.3), estimate_of(1e3, 5.0)
+    tried = {
+        best: found,
+        model(5): near,
+        model(7): worse,
+        replace(model(5), delay=True): estimate_of(10.0, 9.0),
+    }
+    fits: Any = SimpleNamespace(tried=tried, estimate=tried.get)
+    np.testing.assert_allclose(_squares_by_orders(fits, best, found), [0.09, 0.0])
+    np.testing.assert_allclose(_squares_by_orders(fits, SLIDING, found), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("gains", "misfit", "beside", "clear"),
+    [
+        ({"delay": 50.0, "gravity": 40.0, "cubic": 1.0}, 1.0, {}, ["delay", "gravity"]),
+        ({"delay": 50.0, "gravity": 14.0}, 1.0, {}, ["delay"]),  # far below the highest
+        ({"delay": 50.0, "gravity": 40.0}, 1.0, {"delay": 0.1, "gravity": 50.0}, ["gravity"]),
+        ({"delay": 50.0, "gravity": 40.0}, 1.0, {"delay": 0.1}, ["gravity"]),
+        ({"delay": 50.0, "gravity": 40.0}, 1.2, {"delay": 0.1}, ["delay", "gravity"]),  # not explained
+        ({"delay": 9.5, "gravity": 8.0}, 1.2, {}, []),  # less than a tenth of what is left
+        ({"delay": 12.0, "gravity": 8.0}, 1.2, {}, ["delay"]),
+    ],
+)
+def test_clear_parts_are_significant_also_beside_free_reversals(
+    gains: dict[str, float], misfit: float, beside: dict[str, float], clear: list[str]
+) -> None:
+    """100 above the expected cost; free reversals are tried where friction explains the data."""
+    free, fitted = replace(SLIDING, reversal=0.03), list[Model]()
+
+    def scores(model: Model) -> dict[str, Any]:
+        own = beside if model == free else gains
+        return {
+            name: SimpleNamespace(gain=gain, count=1, penalised=lambda _, gain=gain: gain)
+            for name, gain in own.items()
+        }
+
+    fits = SimpleNamespace(optional=("delay", "gravity"), rows=100, tried={}, misfit=lambda _: 1.0)
+    search: Any = SimpleNamespace(
+        fits=fits, scores=scores, is_full=lambda _: False, has_motions=False,
+        fit=lambda model, _: fitted.append(model),
+    )  # fmt: skip
+    found: Any = SimpleNamespace(cost=110.0, expected_cost=10.0, misfit=misfit, named=None)
+    assert _clear_parts(search, SLIDING, found) == clear
+    assert fitted == ([free] if misfit < 1.1 and gains else [])
+    fitted.clear()
+    _clear_parts(search, RIGID, found)  # without friction
+    assert not fitted

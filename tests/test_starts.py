@@ -386,3 +386,13 @@ def test_a_search_that_gives_up_fits_the_first_models_from_the_first_start_that_
     assert tried == ["a", "b"]
     assert (choice.model, choice.estimate) == (model, "estimate")
     np.testing.assert_array_equal(choice.spread, np.zeros((2, 2)))
+
+
+def test_a_joint_without_damping_starts_with_a_little() -> None:
+    """Half a per cent of the stiffness at the highest frequency: a fit from zero would stay there."""
+    inertia, elasticity = ROBOTS[2]
+    undamped = Elasticity(elasticity.K, [1e-9, 1e-9])
+    phasors = plant_phasors(inertia, undamped, *campaign(BAND_HZ, 2))
+    start = without_inertias(phasors, InertiaPrior.of(inertia, *phasors.q.shape))
+    assert start is not None
+    np.testing.assert_allclose(start.D, 0.005 * start.K / phasors.omega.max(), rtol=1e-9)
