@@ -35,6 +35,7 @@ from jointid.motion.friction import (
 from jointid.motion.noise import _non_negative, repeated_variances
 from jointid.motion.reversals import _polynomials, _stretches, _transforms
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
+from jointid.motion.spectra import motion_phasors
 from jointid.motion.spectral_lines import SpectralLines, _continued, _gain, _rounding
 from jointid.motion.velocity import smooth_velocity
 from jointid.phasors.periods import phasors_of, samples_of
@@ -820,3 +821,19 @@ def test_polynomials_of_a_joint_do_not_depend_on_the_other_joints() -> None:
             assert found[j].shape[1] > 0 or not alone[0].shape[1]
             np.testing.assert_allclose(found[j], alone[0], atol=1e-12)
             assert not found[j][:2].any()
+
+
+@pytest.mark.parametrize(("joints", "highest_hz", "count"), [(2, 200.0, 4), (3, 200.0, 8), (3, 60.0, 4)])
+def test_segments_of_more_than_two_joints_are_shorter_in_wide_bands(
+    joints: int, highest_hz: float, count: int
+) -> None:
+    """2.5 s, or as many as hold 1600 equations: in ten seconds up to 200 Hz, eight of three joints."""
+    rng, time = np.random.default_rng(3), np.arange(10_000) / 1000
+    lines = np.zeros((5001, joints), complex)
+    inside = slice(100, int(10 * highest_hz))
+    lines[inside] = complex_noise(rng, inside.stop - 100, joints) / np.arange(100, inside.stop)[:, None]
+    theta = 1e4 * np.fft.irfft(lines, axis=0)
+    tau = np.gradient(np.gradient(theta, time, axis=0), time, axis=0)
+    record = MotionRecord(time, theta, tau, torque_hold=False, band_hz=(10.0, highest_hz))
+    phasors = motion_phasors([record], np.ones((1, joints)))
+    assert len([each for each in phasors.segments if each is not None]) == count
